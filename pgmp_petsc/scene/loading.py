@@ -156,7 +156,11 @@ def _text_of(name: str, entry: str, directory: Path) -> str:
     """Return the text of a file of numbers."""
     try:
         path = directory / name
-        if path.is_file() and path.stat().st_size > MOST_BYTES:
+        kind = path.stat()
+        if not stat.S_ISREG(kind.st_mode):
+            what = "a directory" if stat.S_ISDIR(kind.st_mode) else "a device or a pipe"
+            raise InputError(problem(entry, f"this is {what}; a file of numbers is needed", name))
+        if kind.st_size > MOST_BYTES:
             raise InputError(problem(entry, f"the file has more than {MOST_BYTES:,} bytes; take fewer values", name))
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -24,8 +24,10 @@ from pathlib import Path
 from typing import Any
 
 import tomli_w
+from coupled_scenes import CAM, RACK, SCREW
 from machine_scenes import EVERYTHING, cart
 from mpi4py import MPI
+from offset_scenes import clamped_beam, offset
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.capabilities import Purpose
@@ -48,7 +50,7 @@ TEXTS = (
         "nothing.msh",
     "pipe.msh", "directory.msh", "words.msh", "half.msh", "words.off", "words.ply", "words.vtu", "norm", "GPa", "mm",
         "K",
-    "m**9**9", "-", "%", "N" * 200 + "/x.msh", "1e400", "true",
+    "m**9**9", "5 mm", "30 deg", "1 kg", "9 mmm", "-", "%", "N" * 200 + "/x.msh", "1e400", "true",
 )  # fmt: skip
 STRUCTURES: tuple[Any, ...] = (
     True,
@@ -94,11 +96,14 @@ def prepare(folder: Path) -> Path:
 
 
 def bases() -> list[dict[str, Any]]:
-    """Return the tables of the shipped scenes, and of a machine with all that slides, with short ranges, so that
-    assembling takes no time."""
+    """Return the tables of the shipped scenes, and of machines with all that slides, with couplings, with joints that
+    are off, and in mm, with short ranges, so that assembling takes no time."""
     found = []
     texts = [path.read_text(encoding="utf-8") for path in sorted((ROOT / "scenes").glob("*.toml"))]
-    for data in map(tomllib.loads, (*texts, scene_to_toml(cart(*EVERYTHING)))):
+    off = clamped_beam(offset("right", place=[1e-5, "d"], turn=[1e-4]), "parameters.d={nominal=1e-5}")
+    texts += [scene_to_toml(cart(*EVERYTHING)), RACK, SCREW, CAM, scene_to_toml(off)]
+    texts.append(RACK.replace("[scene]", '[scene]\nunits = "mm"'))
+    for data in map(tomllib.loads, texts):
         for name, coordinate in data["coordinates"].items():
             start = data.get("simulation", {}).get("initial", {}).get(name, {}).get("position", 0.5)
             coordinate.update(range=[start - 0.05, start + 0.05], periodic=False)

@@ -69,7 +69,8 @@ NAMED = {
     '{file="push.csv",columns=2}': "needed are rows, the name of a CSV file",
     "{file=1}": "needed are rows, the name of a CSV file",
     '"pull.csv"': 'effects.e.table = "pull.csv": the file cannot be read (No such file or directory); it is sought in',
-    '"."': 'effects.e.table = ".": the file cannot be read (Is a directory)',
+    '"."': 'effects.e.table = ".": this is a directory; a file of numbers is needed',
+    '"/dev/zero"': 'effects.e.table = "/dev/zero": this is a device or a pipe; a file of numbers is needed',
 }
 
 
