@@ -45,9 +45,13 @@ def unit_system(scene: Scene) -> UnitSystem:
 
 def material_units(scene: Scene) -> UnitSystem | None:
     """Return SI where all materials of bodies exist in it, else the system in which they are nearest to common ones;
-    None where they are near to none in any."""
+    None where they are near to none in any. Materials that name no parameter there is tell nothing."""
     used = {material for body in scene.bodies.values() for material in (body.material, *body.regions.values())}
-    materials = [material for name, material in scene.materials.items() if name in used]
+    materials = [
+        material
+        for name, material in scene.materials.items()
+        if name in used and all(not isinstance(one, str) or one in scene.values for one in (material.rho, material.E))
+    ]
     if all(exists(*in_si(scene, material, SI)) for material in materials):
         return SI
     apart = {one: max(_apart(*in_si(scene, material, one)) for material in materials) for one in OTHERS}

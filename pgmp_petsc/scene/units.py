@@ -263,7 +263,8 @@ def _converted_law(law: Mapping[str, Any], number: Callable[[object], object]) -
     """Return a raw distribution with the numbers that are in the parameter's unit converted."""
     converted = dict(law)
     # scipy's default for scale is 1, of the unit
-    scaled = {} if law.get("name") in OWN else {"scale": 1.0}
+    name = law.get("name")
+    scaled = {} if isinstance(name, str) and name in OWN else {"scale": 1.0}
     scaled |= {key: law[key] for key in ("loc", "scale") if key in law}
     converted |= {key: number(value) for key, value in scaled.items()}
     if isinstance(law.get("values"), list):

@@ -194,3 +194,17 @@ def test_a_setting_may_have_its_unit() -> None:
 def test_a_unit_that_does_not_fit_is_refused(entry: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         load_scene(SLIDER_CRANK, [entry])
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ('materials.steel.E="stiff"', 'materials.steel.E = "stiff": there is no such parameter'),
+        ("parameters.r1.distribution={name=[1]}", "parameters.r1.distribution.name = [1]"),
+        ("parameters.r1.distribution={name={a=1}}", "parameters.r1.distribution.name"),
+    ],
+)
+def test_units_are_looked_for_in_scenes_with_something_wrong(override: str, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_scene(SLIDER_CRANK, [override])
+    assert said in str(caught.value)
