@@ -56,9 +56,9 @@ class LineMesh(Counted):
         if name.isascii() and name.isdecimal():
             if int(name) < self.n_nodes:
                 return int(name)
-            raise InputError(f'{entry} = "{name}": there is no such node; allowed: 0 to {self.n_nodes - 1}')
+            raise InputError(f'{entry} = "{shortened(name)}": there is no such node; allowed: 0 to {self.n_nodes - 1}')
         raise InputError(
-            f'{entry} = "{name}": the mesh has no point of this name{nearest_name(name, self.points)}'
+            f'{entry} = "{shortened(name)}": the mesh has no point of this name{nearest_name(name, self.points)}'
             f" (or a node's index, 0 to {self.n_nodes - 1})"
         )
 
