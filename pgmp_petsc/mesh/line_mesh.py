@@ -23,6 +23,8 @@ from pgmp_petsc.mesh.reading import FARTHEST, RELATIVE_TOLERANCE, Counted, read_
 if TYPE_CHECKING:
     import meshio
 
+MOST_DIGITS = 18  # of a node's index
+
 
 @dataclass(frozen=True, eq=False)
 class LineMesh(Counted):
@@ -54,7 +56,7 @@ class LineMesh(Counted):
                 "holds exactly one"
             )
         if name.isascii() and name.isdecimal():
-            if int(name) < self.n_nodes:
+            if len(name) <= MOST_DIGITS and int(name) < self.n_nodes:
                 return int(name)
             raise InputError(f'{entry} = "{shortened(name)}": there is no such node; allowed: 0 to {self.n_nodes - 1}')
         raise InputError(

@@ -124,6 +124,7 @@ def test_points_by_name_and_index(mesh: LineMesh, name: str, node: int) -> None:
         ("xyz", r"known: 7, hinge, tip \(or a node's index, 0 to 2\)"),
         ("3", r'joints.a.connect = "3": there is no such node; allowed: 0 to 2'),
         ("-1", "no point of this name"),
+        ("9" * 5000, r"9999 \.\.\.\": there is no such node; allowed: 0 to"),
         ("²", "no point of this name"),
     ],
 )
