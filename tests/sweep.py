@@ -43,6 +43,8 @@ def refusal(scene: Path, command: str) -> str | None:
         return "none has a distribution"
     if command in ("check --effects", "build", "modes") and len(tables["coordinates"]) > MOST_COORDINATES:
         return f"at most {MOST_COORDINATES} are taken"
+    if command == "check --effects" and any("elastic" in joint for joint in tables["joints"].values()):
+        return "sizes of effects are those on rigid joints"
     return None
 
 
