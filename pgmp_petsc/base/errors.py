@@ -9,6 +9,7 @@ info``: what was not computed, not estimated, not converged or left out is said 
 from __future__ import annotations
 
 import json
+import stat
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from difflib import get_close_matches
@@ -82,6 +83,13 @@ def shortened(text: str, most: int = LONGEST_QUOTE) -> str:
     """Return a text for a message, cut if it is long, on one line."""
     text = text.encode("utf-8", "backslashreplace").decode().replace("\0", "\\0")
     return text if len(text) <= most else text[: most - 4] + " ..."
+
+
+def irregular(mode: int) -> str:
+    """Return what something with a mode, as `os.stat` has it, is if it is no regular file; empty if it is one."""
+    if stat.S_ISREG(mode):
+        return ""
+    return "a directory" if stat.S_ISDIR(mode) else "a device or a pipe"
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ space for one, is refused with the scene (`scene.references`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -92,6 +92,11 @@ def _elastic(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.elastic" for name, joint in scene.joints.items() if joint.elastic is not None)
 
 
+def _with_elastic(which: Callable[[Scene], Iterable[str]]) -> Callable[[Scene], Iterator[str]]:
+    """Return what finds entries of a scene beside its elastic joints."""
+    return lambda scene: (f"{one} with {entry}" for one in which(scene) for entry in _elastic(scene))
+
+
 def _off(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset is not None)
 
@@ -152,7 +157,7 @@ FEATURES = (
     ),
     Feature(
         "choice of effects with elastic joints",
-        lambda scene: (f"{one} with {entry}" for one in _automatic(scene) for entry in _elastic(scene)),
+        _with_elastic(_automatic),
         OF_THE_REDUCTION,
         why_not="effects are chosen for rigid joints",
         cure="name them in [effects]",
@@ -166,7 +171,7 @@ FEATURES = (
     ),
     Feature(
         "lengths and places with elastic joints",
-        lambda scene: (f"{one} with {entry}" for one in _lengths(scene) for entry in _elastic(scene)),
+        _with_elastic(_lengths),
         OF_THE_REDUCTION,
         why_not="models at several lengths do not part what joints release from what bends",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
@@ -187,9 +192,7 @@ FEATURES = (
     ),
     Feature(
         "preload with elastic joints",
-        lambda scene: (
-            f"reduction.preload = true with {entry}" for entry in _elastic(scene) if scene.reduction.preload
-        ),
+        _with_elastic(lambda scene: ["reduction.preload = true"] if scene.reduction.preload else []),
         frozenset({Purpose.MODES}),
         why_not="the work of loads on motions of second order is not known of what elastic joints release",
     ),

@@ -82,12 +82,13 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
         statements = tuple(holds(in_a, in_b))
         rows = slice(row, row + len(statements))
         turning = in_a, in_b if space is SPATIAL else in_a
-        held, released, elastic = statements, (), scene.joints[name].elastic if name in scene.joints else None
+        entry = scene.joints.get(name)  # none of welds
+        elastic, offset = (None, None) if entry is None else (entry.elastic, entry.offset)
+        held, released, moved = statements, (), sides[0]
         if elastic is not None:
             first, second = (0.0 if s.on_ground else poses[s.body, -1] for s in sides)
             rest = second - first if space is not SPATIAL else 0.0
             held, released = parted(statements, (in_a, in_b), turn, rest, elastic, f"joints.{name}.elastic")
-        moved, offset = sides[0], scene.joints[name].offset if name in scene.joints else None
         if offset is not None:
             place, turned = _off(scene, offset)
             moved = replace(moved, point=moved.point + place, arm=moved.arm + (0.0 if moved.on_ground else place))

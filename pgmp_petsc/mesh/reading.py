@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import io
 import pickle
-import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pgmp_petsc.base.errors import InputError, PgmpError
+from pgmp_petsc.base.errors import InputError, PgmpError, irregular
 
 if TYPE_CHECKING:
     import meshio
@@ -132,6 +131,5 @@ def check_file(path: Path, received: str, needed: str) -> None:
     except (OSError, ValueError) as error:  # no permission, a name too long, a loop of links
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{received}: cannot be read ({reason}); {needed}") from error
-    if not stat.S_ISREG(mode):
-        kind = "a directory" if stat.S_ISDIR(mode) else "a device or a pipe"
-        raise InputError(f"{received}: this is {kind}; {needed}")
+    if irregular(mode):
+        raise InputError(f"{received}: this is {irregular(mode)}; {needed}")

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import math
 import os
-import stat
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
@@ -25,7 +24,7 @@ from typing import Any
 import tomli_w
 from pydantic import ValidationError
 
-from pgmp_petsc.base.errors import InputError, nearest_name, shortened
+from pgmp_petsc.base.errors import InputError, irregular, nearest_name, shortened
 from pgmp_petsc.base.unit_systems import SI, UnitSystem
 from pgmp_petsc.files.hdf5 import replacing
 from pgmp_petsc.scene.dimensions import UnknownUnit
@@ -47,10 +46,8 @@ def read_text(path: Path) -> str:
     """
     try:
         kind = path.stat()
-        if stat.S_ISDIR(kind.st_mode):
-            raise InputError(f"{path}: this is a directory; a scene is a TOML file")
-        if not stat.S_ISREG(kind.st_mode):
-            raise InputError(f"{path}: this is a device or a pipe; a scene is a TOML file")
+        if irregular(kind.st_mode):
+            raise InputError(f"{path}: this is {irregular(kind.st_mode)}; a scene is a TOML file")
         if kind.st_size > MOST_BYTES:
             raise InputError(
                 f"{path}: has {kind.st_size:,} bytes; a scene is a TOML file of at most {MOST_BYTES:,} bytes"
@@ -157,9 +154,8 @@ def _text_of(name: str, entry: str, directory: Path) -> str:
     try:
         path = directory / name
         kind = path.stat()
-        if not stat.S_ISREG(kind.st_mode):
-            what = "a directory" if stat.S_ISDIR(kind.st_mode) else "a device or a pipe"
-            raise InputError(problem(entry, f"this is {what}; a file of numbers is needed", name))
+        if irregular(kind.st_mode):
+            raise InputError(problem(entry, f"this is {irregular(kind.st_mode)}; a file of numbers is needed", name))
         if kind.st_size > MOST_BYTES:
             raise InputError(problem(entry, f"the file has more than {MOST_BYTES:,} bytes; take fewer values", name))
         return path.read_bytes().decode("utf-8-sig")
