@@ -31,14 +31,12 @@ from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cache
 from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, Union, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, NamedTuple, Self, Union, get_args, get_origin, get_type_hints
 
+import h5py
 import numpy as np
 
 from pgmp_petsc.files.hdf5 import RunRecord, open_file, put, shapes_of, take, write_file
-
-if TYPE_CHECKING:
-    import h5py
 
 NEEDED = object()  # what an absent field is without which a file is damaged
 JSON = (json.dumps, json.loads)  # code of attributes that are no number, text or texts

@@ -54,7 +54,7 @@ import numpy as np
 from pgmp_petsc import __version__
 from pgmp_petsc.base.errors import InputError, Remark, RunError, from_json, shortened, to_json
 from pgmp_petsc.base.plugins import check_plugins, plugins_of
-from pgmp_petsc.base.unit_systems import SAID, SI, UnitSystem
+from pgmp_petsc.base.units import SAID, SI, UnitSystem
 from pgmp_petsc.files.claims import KINDS, check_output, named, partial_path
 from pgmp_petsc.files.seal import MAGIC, SIZE, BrokenSeal, check_seal, seal
 

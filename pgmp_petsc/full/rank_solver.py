@@ -10,18 +10,14 @@ Options prefix: ``pgmp_full_`` (e.g. ``-pgmp_full_mat_mumps_icntl_4 2``).
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.base.errors import RunError
-from pgmp_petsc.base.surroundings import needs_petsc
+from pgmp_petsc.base.surroundings import Comm, needs_petsc
 from pgmp_petsc.full.batched_ldl import Symbolic
 from pgmp_petsc.full.kernel import Pattern
 from pgmp_petsc.ranks.petsc import petsc_solver
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 PREFIX = "pgmp_full_"
 SPARE_MEMORY, MOST_SPARE_MEMORY = 20, 5000  # per cent of what MUMPS foresees, its ICNTL(14): its default, and the most
@@ -113,7 +109,7 @@ class RankSolver:
         Ranks that share the system.
     """
 
-    def __init__(self, layout: RankLayout, own: np.ndarray, rows: np.ndarray, comm: MPI.Comm) -> None:
+    def __init__(self, layout: RankLayout, own: np.ndarray, rows: np.ndarray, comm: Comm) -> None:
         needs_petsc("full-order runs of large meshes, of solids in space, from equilibrium or on several ranks")
         from petsc4py import PETSc
 
