@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 #: Exponents of kilogram, metre and second; an angle counts as a number.
 Dimension = tuple[float, float, float]
-STANDARD_GRAVITY = 9.81  # m/s2
+STANDARD_GRAVITY = 9.80665  # m/s2, exact by definition (BIPM, The International System of Units)
 
 
 @dataclass(frozen=True)
