@@ -133,8 +133,6 @@ def _contents(path: Path) -> Contents:
 
 
 def _all_datasets(file: h5py.File) -> dict[str, DataSet]:
-    import h5py
-
     found = {}
 
     def visit(name: str, item: object) -> None:

@@ -417,8 +417,6 @@ def _put_arrays(group: h5py.Group, leaf: Leaf) -> None:
 
 
 def _put_array(group: h5py.Group, place: str, entry: Entry, value: Any, context: Context) -> None:
-    import h5py
-
     value = encoded(entry, value)
     if isinstance(value, tuple) or getattr(value, "dtype", None) == object:
         value = np.array(list(value), dtype=h5py.string_dtype())
@@ -434,8 +432,6 @@ def _put_array(group: h5py.Group, place: str, entry: Entry, value: Any, context:
 
 
 def _put_attribute(group: h5py.Group, leaf: Leaf) -> None:
-    import h5py
-
     path, _, key = leaf.place.partition("@")
     target, entry = group[path] if path else group, leaf.one.entry
     value = encoded(entry, leaf.value)
@@ -550,8 +546,6 @@ class _Reader(NamedTuple):
     def _dataset(self, one: Holding, group: h5py.Group, place: str, name: str, n_less: int = 0) -> np.ndarray:
         entry, texts = one.entry, one.value is tuple
         if one.value is Any and place in group:  # numbers or texts
-            import h5py
-
             texts = h5py.check_string_dtype(group[place].dtype) is not None
         data = take(group, place, _n_dimensions(entry.sizes, group, place, n_less), texts)
         if not (entry.gaps(name) if callable(entry.gaps) else entry.gaps):
@@ -594,8 +588,6 @@ class _Reader(NamedTuple):
 
 def _decoded(one: Holding, value: Any) -> Any:
     """Return an attribute, or an entry of a column, as the field has it."""
-    import h5py
-
     if one.entry.code is not None:
         return one.entry.code[1](value)
     if isinstance(value, h5py.Empty):
@@ -607,8 +599,6 @@ def _decoded(one: Holding, value: Any) -> Any:
 
 def group_at(group: h5py.Group, place: str) -> h5py.Group:
     """Return a group; raises `TypeError` where there is a dataset, which would be gone through number by number."""
-    import h5py
-
     if place and place not in group:
         raise KeyError(f"'/{place}' is missing")
     found = group[place] if place else group
