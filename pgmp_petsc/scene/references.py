@@ -39,7 +39,7 @@ from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import MEASURED, CouplingEntry, JointEntry, joints_with
-from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.messages import COMPONENTS, problem
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry
 from pgmp_petsc.scene.uses import Use, ordered_ends, slides, uses_of
 
@@ -79,7 +79,8 @@ def effect_problems(scene: Scene) -> Iterator[str]:
 def joint_problems(scene: Scene, entry: str, joint: str, allowed: tuple[type, ...]) -> Iterator[str]:
     """Yield a line if there is no such joint, or it is of a kind that is not allowed."""
     fitting = [name for name, candidate in scene.joints.items() if isinstance(candidate, allowed)]
-    named = " or ".join(kind.model_fields["type"].annotation.__args__[0] for kind in allowed)
+    *others, last = (kind.model_fields["type"].annotation.__args__[0] for kind in allowed)
+    named = f"{', '.join(others)} or {last}" if others else last
     if joint not in scene.joints:
         yield problem(entry, f"there is no such {named} joint{nearest_name(joint, fitting)}", joint)
     elif joint not in fitting:
@@ -587,12 +588,7 @@ def _vectors(scene: Scene) -> Iterator[str]:
                 entries[f"{table}.{name}.direction"] = direction
     for entry, value in entries.items():
         if len(value) != n:
-            words = (
-                "two numbers (x, y) are needed in the plane"
-                if n == 2
-                else "three numbers (x, y, z) are needed in space"
-            )
-            yield problem(entry, words, list(value))
+            yield problem(entry, COMPONENTS[n], list(value))
 
 
 def _in_the_plane(scene: Scene) -> Iterator[str]:
