@@ -29,6 +29,7 @@ from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.simulate import simulate
 from scenes import HEADER, straight, tables
 
@@ -147,6 +148,16 @@ MODELS: dict[str, Callable[..., Model]] = {
 def trajectory(model: Model | str, scene: Scene | None = None, meshes: Meshes | None = None) -> Trajectory:
     """Run a model on this process, or the model of a kind of a scene, with all that belongs to a run."""
     return simulate(MODELS[model](scene, meshes) if isinstance(model, str) else model, MPI.COMM_SELF)
+
+
+def motion(model: Model | str, scene: Scene | None = None, meshes: Meshes | None = None) -> Trajectory:
+    """Do the same for the motion, the outputs and the energies alone, in a fraction of the time: no errors are
+    estimated, and no frames kept. It reaches its end."""
+    model = MODELS[model](scene, meshes) if isinstance(model, str) else model
+    alone = model.scene.simulation.model_copy(update={"error_indicator": False, "frames": 0})
+    found = trajectory(model.with_loads(model.scene.model_copy(update={"simulation": alone})))
+    assert found.status == Status.FINE, found.record.remarks
+    return found
 
 
 def paper_rom() -> ReducedOrderModel:

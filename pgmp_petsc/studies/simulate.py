@@ -356,8 +356,7 @@ def _described(
     remarks: Sequence[Remark],
 ) -> dict[str, Any]:
     """Return what trajectories of both models have in common, by the names of `Trajectory`."""
-    stored = shape_frames(model.kinematics.mechanism, frames, part.time[part.shown])
-    scene = model.scene
+    scene, instants = model.scene, part.time[part.shown]
     said = (*remarks, *model.kinematics.remarks, *scene.remarks)
     return {
         "model": model.name,
@@ -366,7 +365,7 @@ def _described(
         "outputs": part.outputs,
         "units": model.outputs.units,
         "coordinate_units": {c.name: c.unit for c in model.kinematics.coordinates},
-        "frames": stored if part.shown else None,
+        "frames": shape_frames(model.kinematics.mechanism, frames, instants) if part.shown else None,
         "status": int(part.run.status[0]),
         "steps_divided": part.attempt.divisor,
     }
