@@ -173,8 +173,6 @@ class Reconstruction:
         from scipy.spatial.transform import Rotation  # takes a noticeable time, and the plane has no use for it
 
         n = len(theta)
-        if n == 0:  # SciPy refuses an empty stack of rotations
-            return
         moved = local.reshape(n, self._nodes.size, SPATIAL.n_dofs)
         for node, (body, point) in enumerate(zip(self._bodies, self._points)):
             axes = poses[body, 3:].reshape(3, 3, n)

@@ -292,7 +292,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
     eta, n_theta = part.recorded["eta"], model.kinematics.n_coordinates
     watched, validity, status = part.recorded["watched"], part.recorded["validity"], part.run.status
     with timings.phase("projection"):
-        frames = np.moveaxis(model.frames_of(eta[part.shown]), 2, 0)
+        frames = np.moveaxis(model.frames_of(eta[part.shown]), 2, 0) if part.shown else np.empty(0)
         fields = model.fields()
         seen = fields_over(fields, eta[part.shown], model.scene.values)
     remarks, errors = [], None

@@ -13,6 +13,7 @@ import pyvista
 from runs import MODELS, built_rom, full_model, reduced_model, trajectory
 from solids import rectangle_mesh
 from spatial import slider_crank_in_space
+from two_coordinates import double_pendulum
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import evaluate_weights
@@ -244,7 +245,7 @@ def test_large_fields_are_left_out_and_said(monkeypatch: pytest.MonkeyPatch, tmp
     assert ReducedOrderModel.read(tmp_path / "rom.h5").meshes["bar"].recovery is None
 
 
-@pytest.mark.parametrize("make", [slider_crank, slider_crank_in_space])
+@pytest.mark.parametrize("make", [slider_crank, slider_crank_in_space, double_pendulum])
 @pytest.mark.parametrize("name", MODELS)
 def test_no_frames_no_fields(make: Callable, name: str, tmp_path: Path) -> None:
     run = trajectory(name, make("simulation={duration=2e-3,step=1e-3,frames=0}", "reduction.angles=6"))
