@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,9 +19,6 @@ from pgmp_petsc.mechanism.statements import (
     perpendicular,
     within,
 )
-
-if TYPE_CHECKING:
-    from pgmp_petsc.mechanism.releases import Release
 
 
 def meeting(dimension: int) -> list[Statement]:
@@ -70,6 +66,16 @@ def triad(axis: np.ndarray, second: np.ndarray | None = None) -> np.ndarray:
     second = second - first * (first @ second)
     second = second / np.linalg.norm(second)
     return np.column_stack([first, second, np.cross(first, second)])
+
+
+@dataclass(frozen=True, eq=False)
+class Release:
+    """A direction that a joint holds in the configuration, and releases in the motion."""
+
+    statement: Statement  # what is measured along or about it
+    key: str  # the entry of its stiffness, ``stiffness`` or ``turning_stiffness``
+    axis: int  # the number of its axis
+    rest: float = 0.0  # the statement in the configuration, rad; along axes and of cosines it is zero
 
 
 @dataclass(frozen=True, eq=False)
