@@ -29,7 +29,7 @@ from pgmp_petsc.scene.fields import (
     refusal,
 )
 from pgmp_petsc.scene.unit_systems import unit_system
-from pgmp_petsc.scene.uses import Use, slides
+from pgmp_petsc.scene.uses import Use, motion_over
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.messages import Finding
@@ -233,7 +233,7 @@ class OverTime(EffectEntry):
 
     @property
     def is_over_time(self) -> bool:
-        """Whether its table is not over the motion of its joint."""
+        """Whether its table is not over the motion of a joint."""
         return getattr(self, "over", None) is None
 
     @property
@@ -262,8 +262,8 @@ class OverTime(EffectEntry):
             yield Use(f"{entry}.{key}", value, "any", (self.unit_of_values,))
 
     def measured(self, scene: Scene, entry: str) -> Iterator[Use]:
-        """Yield the times of a table, or where its rows are along the motion of its joint."""
-        unit = "s" if self.is_over_time else "m" if slides(scene, self) else "rad"
+        """Yield the times of a table, or where its rows are along the motion of a joint."""
+        unit = "s" if self.is_over_time else "m" if motion_over(scene, self) == "sliding" else "rad"
         for row in range(len(self.table or ())):
             yield Use(f"{entry}.table[{row}][0]", 0.0, "any", (unit,))
 
@@ -276,6 +276,21 @@ class OverTime(EffectEntry):
                 "affine in their parameters; give these values numbers, or leave the scale out",
                 "scale",
             )
+        return self
+
+
+class OverJoint(EffectEntry):
+    """What may hang on the motion of a joint, of the one that it acts on or of another one."""
+
+    over: str | None = Field(None, description="name of a joint that turns or slides, whose motion it hangs on")
+    over_motion: Literal["turning", "sliding"] | None = Field(
+        None, description="which motion of the joint in `over`, if that has both"
+    )
+
+    @model_validator(mode="after")
+    def _over_a_joint(self) -> Self:
+        if self.over is None and self.over_motion is not None:
+            raise refusal("is of the joint in `over`, which is missing", "over_motion")
         return self
 
 

@@ -41,7 +41,7 @@ from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import MEASURED, CouplingEntry, JointEntry, joints_with
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry
-from pgmp_petsc.scene.uses import Use, ordered_ends, slides, uses_of
+from pgmp_petsc.scene.uses import Use, motion_over, ordered_ends, slides, uses_of
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.bodies import Body, Rigid
@@ -89,6 +89,21 @@ def joint_problems(scene: Scene, entry: str, joint: str, allowed: tuple[type, ..
             f" (allowed: {', '.join(fitting) or 'none is defined'})",
             joint,
         )
+
+
+def over_problems(scene: Scene, entry: str, effect: Any) -> Iterator[str]:
+    """Yield a line if there is no such joint as an effect hangs on, or it does not say which motion of it."""
+    known = list(joint_problems(scene, f"{entry}.over", effect.over, joints_with(*MEASURED, dimension=scene.dimension)))
+    yield from known
+    if known:
+        return
+    joint = scene.joints[effect.over]
+    free = [one for one in joint.motions_in(scene.dimension) if one in MEASURED]
+    meant, needed = motion_over(scene, effect), " or ".join(f'"{one}"' for one in free)
+    if meant is None:
+        yield problem(f"{entry}.over_motion", f"missing; {effect.over} is {joint.type}: {needed} is needed")
+    elif meant not in free:
+        yield problem(f"{entry}.over_motion", f"{effect.over} is {joint.type}: allowed is {needed}", meant)
 
 
 def motion_problems(

@@ -143,6 +143,17 @@ def slides(scene: Scene, entry: Any) -> bool:
     return joint.motion_of(getattr(entry, "motion", None), allowed, scene.dimension) == "sliding"
 
 
+def motion_over(scene: Scene, entry: Any) -> str | None:
+    """Return the motion that an effect is over, of the joint that it names for that; None where it has to say which.
+
+    Of the joint that it acts on it is the one that it acts on.
+    """
+    joint, said = scene.joints.get(entry.over), entry.over_motion
+    if said is None and entry.over == entry.joint:
+        said = "sliding" if slides(scene, entry) else "turning"
+    return said if joint is None else joint.motion_of(said, MEASURED, scene.dimension)
+
+
 MOST_BUILDS = 64  # of all lengths together: each has the price of a build, and as much in the file
 
 
