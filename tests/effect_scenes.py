@@ -18,7 +18,7 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.energies import joined
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
-from pgmp_petsc.studies.balance import balance_of
+from pgmp_petsc.studies.records import balance_of
 from scenes import tables
 
 G = 9.80665  # m/s2

@@ -12,8 +12,8 @@ from runs import full_model, reduced_model
 from two_coordinates import DOUBLE_PENDULUM
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan
-from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.models import FullModel, ReducedModel, reduced_statics
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
