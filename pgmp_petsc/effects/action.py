@@ -23,7 +23,6 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.law import Law, Laws
-from pgmp_petsc.effects.laws import NOTHING
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.node_statements import NodeStatements
@@ -31,6 +30,7 @@ from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.scene.effects import LawMismatch
 
 ALONE, LEADS, LED = range(3)  # whose measure a law is of: see `Action.role`
+NOTHING = Law("nothing", (), force="0")  # of an action that leads
 
 
 @dataclass(frozen=True, eq=False)

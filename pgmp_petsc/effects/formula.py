@@ -30,7 +30,7 @@ from pgmp_petsc.effects.over_joint import led_over
 from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import OnJoint, OverJoint
+from pgmp_petsc.scene.effects import OnJoint
 from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Unit, exactly_one, refusal
 from pgmp_petsc.scene.references import over_problems
 from pgmp_petsc.scene.uses import Use
@@ -196,7 +196,7 @@ def law_of(force: str, constants: tuple[str, ...]) -> Formula:
     return Formula(f"formula_{mark}", tuple(map(constant, constants)), force=force, left_out=left_out)
 
 
-class FormulaEffect(OnJoint, OverJoint):
+class FormulaEffect(OnJoint):
     """A torque or force by a formula of the motion in a joint, or of the distance of two points, and of the time; or of
     the motion in another joint.
     """

@@ -8,9 +8,6 @@ from __future__ import annotations
 
 from pgmp_petsc.effects.law import Law
 
-#: Of an action that is nothing but the measure of the law of the action behind it.
-NOTHING = Law("nothing", (), force="0")
-
 SOURCE = Law("source", ("scale",), force="amplitude * scale")
 
 SPRING_DAMPER = Law(

@@ -33,7 +33,7 @@ from pgmp_petsc.mechanism.joints import Connection
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.statements import along, distance, following
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import EffectEntry, OverJoint, OverTime
+from pgmp_petsc.scene.effects import EffectEntry, OverTime
 from pgmp_petsc.scene.fields import Direction, NumberOrParameter, Point, Unit, exactly_one, refusal
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.references import apart_problems, load_problems
@@ -45,7 +45,7 @@ OVER = (
 )
 
 
-class Torque(OverTime, OverJoint):
+class Torque(OverTime):
     """A torque (Nm) over time on a joint that turns: it acts on the second body, and its reaction on the first."""
 
     type: Literal["torque"]
@@ -66,7 +66,7 @@ class Torque(OverTime, OverJoint):
         return Couples(name, self, mechanism)
 
 
-class Force(OverTime, OverJoint):
+class Force(OverTime):
     """A force (N) over time on a point of a body: along a direction of the ground or of the body, or towards a point;
     or along a joint that slides.
 

@@ -15,17 +15,16 @@ from functools import cache
 from typing import Any
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.action import NOTHING, Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.joint_effects import measure_of
 from pgmp_petsc.effects.law import Law
-from pgmp_petsc.effects.laws import NOTHING
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import OverJoint, OverTime
+from pgmp_petsc.scene.effects import OverTime
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.references import over_problems
-from pgmp_petsc.scene.uses import motion_over, slides
+from pgmp_petsc.scene.uses import motion_over
 
 Rows = tuple[tuple[float, float | str], ...]
 TURN = 2.0 * math.pi
@@ -43,21 +42,14 @@ SLOPES = np.array([{slopes}])
 
 
 def evaluate(p, amplitude, s, rate, about, depths):
-    x = s - {period} * floor((s - {first}) / {turn})
-    low, high = 0, {n}
-    while high - low > 1:
-        middle = (low + high) // 2
-        if x >= PLACES[middle]:
-            low = middle
-        else:
-            high = middle
-    slope = SLOPES[low]
-    force = VALUES[low] + slope * (x - PLACES[low])
-    return float(p[0] * force), float(-p[0] * slope), 0.0, 0.0, 0.0, float(rate)
+{find}
+    force = VALUES[low] + SLOPES[low] * (x - PLACES[low])
+    return float(p[0] * force), float(-p[0] * SLOPES[low]), 0.0, 0.0, 0.0, float(rate)
 
 
 def slopes(p, amplitude, s, rate, found):
-    found[0] = evaluate((1.0,), amplitude, s, rate, rate, found)[0]
+{find}
+    found[0] = VALUES[low] + SLOPES[low] * (x - PLACES[low])
     found[1] = 0.0
     return 0.0
 
@@ -87,6 +79,14 @@ C = """static void law_{name}(const double p[], double amplitude, double s, doub
 
 COMPLETE = True
 '''
+FIND = """    x = s - {period} * floor((s - {first}) / {turn})
+    low, high = 0, {n}
+    while high - low > 1:
+        middle = (low + high) // 2
+        if x >= PLACES[middle]:
+            low = middle
+        else:
+            high = middle"""
 
 
 def closes(rows: Rows) -> bool | None:
@@ -114,7 +114,7 @@ class TableLaw(Law):
 @cache
 def table_law(rows: Rows, periodic: bool) -> TableLaw:
     """Return the law of a table; one for all effects with the same."""
-    name = f"table_{hashlib.sha256(repr((rows, periodic)).encode()).hexdigest()[:12]}"
+    name = f"table_{hashlib.sha256(repr((rows, periodic, PYTHON, FIND)).encode()).hexdigest()[:12]}"
     law = TableLaw(name, ("scale",), force="scale", left_out="it is a table over a joint, not linear")
     places, values = [x for x, _ in rows], [y for _, y in rows]
     slopes = [(b - a) / (x - w) for a, b, w, x in zip(values, values[1:], places, places[1:])]
@@ -124,19 +124,16 @@ def table_law(rows: Rows, periodic: bool) -> TableLaw:
         places, values = places[:-1], values[:-1]
     numbers = (", ".join(map(repr, part)) for part in (places, values, slopes))
     turn = dict(period=TURN if periodic else 0.0, first=rows[0][0], turn=TURN, n=len(slopes), name=name)
-    text = PYTHON.format(**dict(zip(("places", "values", "slopes"), numbers)), **turn)
+    text = PYTHON.format(find=FIND.format(**turn), **dict(zip(("places", "values", "slopes"), numbers)), **turn)
     object.__setattr__(law, "text", text)
     return law
 
 
-def led_over(entry: OverJoint, mechanism: Mechanism, action: Action) -> list[Action]:
-    """Return an action, behind the one that leads it if it is over another motion than it acts on."""
-    if entry.over is None:
+def led_over(entry: Any, mechanism: Mechanism, action: Action) -> list[Action]:
+    """Return the action of an effect, behind the one that leads it if it is over another joint than it acts on."""
+    if entry.over in (None, entry.joint):
         return [action]
-    motion = motion_over(mechanism.scene, entry)
-    if entry.over == entry.joint and (motion == "sliding") == slides(mechanism.scene, entry):
-        return [action]
-    leading = measure_of(mechanism, entry.over, motion)
+    leading = measure_of(mechanism, entry.over, motion_over(mechanism.scene, entry))
     return [Action(action.effect, law=NOTHING, parameters=(), **leading), replace(action, led=True)]
 
 

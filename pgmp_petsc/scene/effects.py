@@ -278,21 +278,6 @@ class OverTime(EffectEntry):
         return self
 
 
-class OverJoint(EffectEntry):
-    """What may hang on the motion of a joint, of the one that it acts on or of another one."""
-
-    over: str | None = Field(None, description="name of a joint that turns or slides, whose motion it hangs on")
-    over_motion: Literal["turning", "sliding"] | None = Field(
-        None, description="which motion of the joint in `over`, if that has both"
-    )
-
-    @model_validator(mode="after")
-    def _over_a_joint(self) -> Self:
-        if self.over is None and self.over_motion is not None:
-            raise refusal("is of the joint in `over`, which is missing", "over_motion")
-        return self
-
-
 class OnJoint(EffectEntry):
     """What acts on the motion in a joint."""
 

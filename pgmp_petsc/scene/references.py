@@ -92,18 +92,12 @@ def joint_problems(scene: Scene, entry: str, joint: str, allowed: tuple[type, ..
 
 
 def over_problems(scene: Scene, entry: str, effect: Any) -> Iterator[str]:
-    """Yield a line if there is no such joint as an effect hangs on, or it does not say which motion of it."""
+    """Yield a line if there is no such joint as an effect hangs on, or that joint has two motions."""
     known = list(joint_problems(scene, f"{entry}.over", effect.over, joints_with(*MEASURED, dimension=scene.dimension)))
     yield from known
-    if known:
-        return
-    joint = scene.joints[effect.over]
-    free = [one for one in joint.motions_in(scene.dimension) if one in MEASURED]
-    meant, needed = motion_over(scene, effect), " or ".join(f'"{one}"' for one in free)
-    if meant is None:
-        yield problem(f"{entry}.over_motion", f"missing; {effect.over} is {joint.type}: {needed} is needed")
-    elif meant not in free:
-        yield problem(f"{entry}.over_motion", f"{effect.over} is {joint.type}: allowed is {needed}", meant)
+    if not known and motion_over(scene, effect) is None:
+        words = f"is {scene.joints[effect.over].type}, which turns and slides; take a joint that has one motion"
+        yield problem(f"{entry}.over", words, effect.over)
 
 
 def motion_problems(

@@ -144,14 +144,14 @@ def slides(scene: Scene, entry: Any) -> bool:
 
 
 def motion_over(scene: Scene, entry: Any) -> str | None:
-    """Return the motion that an effect is over, of the joint that it names for that; None where it has to say which.
+    """Return the motion of a joint that an effect is over, ``turning`` or ``sliding``; None where the joint has both.
 
     Of the joint that it acts on it is the one that it acts on.
     """
-    joint, said = scene.joints.get(entry.over), entry.over_motion
-    if said is None and entry.over == entry.joint:
-        said = "sliding" if slides(scene, entry) else "turning"
-    return said if joint is None else joint.motion_of(said, MEASURED, scene.dimension)
+    if entry.over == entry.joint:
+        return "sliding" if slides(scene, entry) else "turning"
+    joint = scene.joints.get(entry.over)
+    return None if joint is None else joint.motion_of(None, MEASURED, scene.dimension)
 
 
 MOST_BUILDS = 64  # of all lengths together: each has the price of a build, and as much in the file
