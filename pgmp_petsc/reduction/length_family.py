@@ -15,7 +15,7 @@ The build of a family of reduced models over lengths: a model at each point of t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import TYPE_CHECKING, TypeVar
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
-from pgmp_petsc.base.errors import InputError, Remark, RunError, note, warning
+from pgmp_petsc.base.errors import InputError, Remark, RunError, gathered, note, warning
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import evaluate_weights
@@ -387,7 +387,8 @@ def _check(
     return LengthCheck(dict(values), float(np.max(np.abs(found / exact - 1.0))), float(np.max(inertia)))
 
 
-def _remarks(family: LengthFamily, n_builds: int, cosine: float, indefinite: str) -> list[Remark]:
+@gathered
+def _remarks(family: LengthFamily, n_builds: int, cosine: float, indefinite: str) -> Iterator[Remark]:
     grid, check = family.grid, family.check
     metre = family.members[0].record.system.unit("m")
     ranges = ", ".join(f"{name} from {low:g} to {high:g} {metre}" for name, (low, high) in zip(grid.names, grid.ranges))
@@ -397,14 +398,11 @@ def _remarks(family: LengthFamily, n_builds: int, cosine: float, indefinite: str
         f"rigid inertia of ensembles within {check.inertia:.2g} of a model built there"
     )
     poor = max(check.frequencies, check.inertia) > LARGE
-    found = [warning(f"{said}; {MORE}") if poor else note(said)]
+    yield warning(f"{said}; {MORE}") if poor else note(said)
     if cosine < POOR_COSINE:
-        found.append(
-            warning(
-                f"the space of modes turns away between lengths (least cosine {cosine:.2g} to that of the nominal "
-                "ones); take another number of reduction.modes, or a narrower range"
-            )
+        yield warning(
+            f"the space of modes turns away between lengths (least cosine {cosine:.2g} to that of the nominal "
+            "ones); take another number of reduction.modes, or a narrower range"
         )
     if indefinite:
-        found.append(warning(f"between lengths: {indefinite}"))
-    return found
+        yield warning(f"between lengths: {indefinite}")

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, Remark, warning
+from pgmp_petsc.base.errors import InputError, Remark, gathered, warning
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.files.hdf5 import BUILD_AGAIN, RunRecord, open_file, shapes_of
 from pgmp_petsc.files.seal import identity
@@ -305,7 +305,8 @@ def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray]
             )
 
 
-def outside_of(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> tuple[Remark, ...]:
+@gathered
+def outside_of(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> Iterator[Remark]:
     """Return a warning that counts samples outside what is served; nothing where all are inside.
 
     Parameters
@@ -321,14 +322,12 @@ def outside_of(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], w
         if which.any():
             lines.append(f"{int(which.sum())} in {name} ([{known[name].low:.6g}, {known[name].high:.6g}])")
     if not lines:
-        return ()
+        return
     n = int(np.any(list(outside.values()), axis=0).sum())
     count = len(next(iter(outside.values())))
-    return (
-        warning(
-            f"{where}: {n} of {count} samples are outside the range that the reduced model was built for, "
-            f"{', '.join(lines)}; look at their estimated errors, or {CURE}"
-        ),
+    yield warning(
+        f"{where}: {n} of {count} samples are outside the range that the reduced model was built for, "
+        f"{', '.join(lines)}; look at their estimated errors, or {CURE}"
     )
 
 
