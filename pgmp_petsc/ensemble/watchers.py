@@ -24,8 +24,8 @@ from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY
 from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
 from pgmp_petsc.stepping.energies import Energies, RunningBalance
-from pgmp_petsc.stepping.generalised_alpha import Observer, Run, count_steps
-from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.stepping.generalised_alpha import Run, count_steps
+from pgmp_petsc.stepping.second_order_system import Observer, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 
 TOGETHER = 512  # states of reduced samples whose energies are evaluated together, about as many as stay in a cache

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
@@ -18,6 +18,7 @@ from pydantic_core import CoreSchema
 from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.declare.ideas import JOINTS, Found, refuse
 from pgmp_petsc.scene.fields import (
+    AnyScene,
     Connection,
     Direction,
     Interval,
@@ -34,9 +35,6 @@ from pgmp_petsc.scene.fields import (
     refusal,
 )
 from pgmp_petsc.scene.messages import problem
-
-if TYPE_CHECKING:
-    from pgmp_petsc.scene.schema import Scene
 
 ORIGIN = "origin"
 MEASURED = ("turning", "sliding")
@@ -208,7 +206,7 @@ class JointTable(Table):
         """Return the number of statements in the plane or in space."""
         raise NotImplementedError
 
-    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+    def problems(self, scene: AnyScene, name: str) -> Iterator[str]:
         """Yield a line for each entry that does not fit the rest of the scene."""
         yield from ()
 
@@ -325,7 +323,7 @@ class CouplingEntry(JointTable):
         """Return what is added; `motion` gives that of a joint by its name, of several the one that is said."""
         raise NotImplementedError
 
-    def shares_in(self, scene: Scene) -> list[Share]:
+    def shares_in(self, scene: AnyScene) -> list[Share]:
         """Return what is added in a scene whose joints it has."""
 
         def motion(joint: str, said: str | None = None) -> str | None:
@@ -334,7 +332,7 @@ class CouplingEntry(JointTable):
 
         return self.shares(motion)
 
-    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+    def problems(self, scene: AnyScene, name: str) -> Iterator[str]:
         """Yield a line for each joint that there is not, or that does not move as is needed."""
         found = self.shares_in(scene)
         for share in found:
@@ -360,7 +358,7 @@ class CouplingEntry(JointTable):
             if moved[k] in moved[:k]:
                 yield problem(f"joints.{name}.{share.entry}", "the same joint is named twice", share.joint)
 
-    def _turns_unknown(self, scene: Scene, name: str, found: Sequence[Share]) -> Iterator[str]:
+    def _turns_unknown(self, scene: AnyScene, name: str, found: Sequence[Share]) -> Iterator[str]:
         """Yield a line if turns of more than one angle are not known: directors tell angles up to turns."""
         known = {one.joint for one in scene.coordinates.values() if one.motion != "sliding"}
         turning = [share for share in found if share.motion == "turning" and not share.table]

@@ -6,13 +6,14 @@ An ensemble: many runs with drawn parameters, and which figures of them are aske
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.scene.fields import (
     AngleOrPlace,
+    AnyScene,
     Integer,
     Name,
     Number,
@@ -27,9 +28,6 @@ from pgmp_petsc.scene.fields import (
     refusal,
 )
 from pgmp_petsc.scene.messages import problem
-
-if TYPE_CHECKING:
-    from pgmp_petsc.scene.schema import Scene
 
 Share = Annotated[Number, Field(gt=0.0, lt=1.0)]
 
@@ -316,7 +314,7 @@ class Ensemble(Table):
         return self
 
 
-def ensemble_problems(scene: Scene) -> Iterator[str]:
+def ensemble_problems(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each event that does not fit the scene's outputs."""
     for label, event in scene.ensemble.probabilities.items():
         entry = f"ensemble.probabilities.{label}"

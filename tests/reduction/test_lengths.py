@@ -22,8 +22,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import LengthLanes, ReducedModel, SeparateLengths, of_samples
 from pgmp_petsc.reduction import length_family
-from pgmp_petsc.reduction.length_family import LengthCheck
-from pgmp_petsc.reduction.rom import ReducedOrderModel, check_served, refuse_beyond, served_ranges
+from pgmp_petsc.reduction.rom import LengthCheck, ReducedOrderModel, check_served, refuse_beyond, served_ranges
 from pgmp_petsc.reduction.sample_grid import LengthGrid
 from pgmp_petsc.scene.uses import length_names, length_range
 from pgmp_petsc.studies.inputs import with_meshes

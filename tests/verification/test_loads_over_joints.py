@@ -178,7 +178,7 @@ effects.e={type="torque",joint="pivot",over="crank",table=[[0,1],[1,2]]} -> \
     effects.e.over = "crank": there is no such
 effects.e={type="law",joint="pivot",over="raill",force="s"} -> effects.e.over = "raill": there is no such
 effects.e={type="law",joint="pivot",over="clamp",force="s"} -> \
-    effects.e.over = "clamp": there is no such point_on_line or revolute joint; known: pivot, rail, rail2
+    effects.e.over = "clamp": there is no such | known: pivot, rail, rail2
 effects.e={type="force",point="pole:tip",direction=[1,0],over="rail",harmonic={amplitude=1,frequency_hz=1}} -> \
     effects.e.over = "rail": needs a table; a harmonic is over time
 effects.e={type="torque",joint="pivot",over="pivot",harmonic={amplitude=1,frequency_hz=1}} -> \
