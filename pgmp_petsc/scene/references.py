@@ -569,6 +569,8 @@ def _sign(use: Use, entry: str, number: float) -> Iterator[str]:
         yield problem(entry, f"must be positive, because {use.entry} uses it", number)
     elif use.sign == "not negative" and number < 0.0:
         yield problem(entry, f"must not be negative, because {use.entry} uses it", number)
+    elif use.sign == "not zero" and number == 0.0:
+        yield problem(entry, f"must not be 0, because {use.entry} uses it", number)
 
 
 def space_problems(scene: AnyScene) -> Iterator[str]:
