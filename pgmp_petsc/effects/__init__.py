@@ -13,7 +13,7 @@ from pgmp_petsc.effects.load import Load
 from pgmp_petsc.effects.loads import HoldingTorque
 from pgmp_petsc.effects.motion import Held, Motion, driven
 from pgmp_petsc.effects.patterns import Patterns
-from pgmp_petsc.effects.springs import elastic_joint
+from pgmp_petsc.effects.springs import elastic_coupling, elastic_joint
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.schema import Scene
@@ -27,6 +27,7 @@ def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
     """
     named = [entry.forces(name, mechanism) for name, entry in scene.plain_effects.items() if entry.acts == "forces"]
     named += [elastic_joint(c.name, scene, mechanism) for c in mechanism.connections if c.released]
+    named += [elastic_coupling(c, scene, mechanism) for c in mechanism.couplings if c.elastic]
     held = scene.initial.equilibrium and scene.initial.coordinates == "held"
     return (*named, *(HoldingTorque(c) for c in mechanism.coordinates if held and not c.prescribed))
 

@@ -1,4 +1,4 @@
-"""Local effects: a force law on a statement about two frames.
+"""Local effects: a force law on a statement about two frames, or on a combination of statements.
 
 Torques and forces that keep their direction are loads (`load`); what depends on the state acts locally, on the frames
 of two attachments, and is described once for the full-order and the reduced model, in the plane and in space: an
@@ -26,7 +26,7 @@ from pgmp_petsc.effects.law import Law, Laws
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.node_statements import NodeStatements
-from pgmp_petsc.mechanism.statements import Statement
+from pgmp_petsc.mechanism.statements import Combination, Statement
 from pgmp_petsc.scene.effects import LawMismatch
 
 ALONE, LEADS, LED = range(3)  # whose measure a law is of: see `Action.role`
@@ -44,14 +44,15 @@ class Action:
     """
 
     effect: str  # name of the effect that it belongs to
-    statement: Statement  # what is measured
-    #: a, b: the attachments whose frames are measured
+    statement: Statement | Combination  # what is measured
+    #: a, b: the attachments whose frames are measured, by a combination those of its first term
     a: Attachment
     b: Attachment
     law: Law  # the law
     parameters: tuple[Quantity, ...]  # of the law, in its order
     amplitude: TimeFunction | None = None  # of a source over time, s; None for other laws
     coordinate: int = -1  # number of the coordinate that an angle is, -1 where it is none
+    further: tuple[Attachment, ...] = ()  # a pair for each further term of a combination
     led: bool = False  # whether its law is of the measure of the action before it
 
     def __post_init__(self) -> None:
@@ -64,9 +65,9 @@ class Action:
             )
 
     @property
-    def sides(self) -> tuple[Attachment, Attachment]:
-        """Both attachments."""
-        return self.a, self.b
+    def sides(self) -> tuple[Attachment, ...]:
+        """Both attachments, of a combination a pair for each term."""
+        return self.a, self.b, *self.further
 
     @property
     def leads(self) -> bool:
@@ -89,7 +90,7 @@ class Action:
 class Actions(NamedTuple):
     """Local effects of a batch of samples, as compiled functions take them."""
 
-    statements: NodeStatements  # what they measure
+    statements: NodeStatements  # what they measure, term after term
     laws: Laws  # the laws
     parameters: np.ndarray  # of the laws, shape (n_actions, n_samples, n_parameters), those of the law that has most
     roles: np.ndarray  # `Action.role` of each, shape (n_actions,)
@@ -104,8 +105,10 @@ def compile_actions(
     for action, table in zip(actions, parameters):
         for k, quantity in enumerate(action.parameters):
             table[:, k] = quantity.coefficient * np.asarray(quantity.monomial.evaluate(values))
+    parts, functions = zip(*(term for action in actions for term in action.statement.terms)) if actions else ((), ())
+    every = [side for action in actions for side in action.sides]
     return Actions(
-        NodeStatements.of([action.statement for action in actions], [action.sides for action in actions], dimension),
+        NodeStatements.of(parts, list(zip(every[::2], every[1::2])), dimension, functions),
         Laws.of([action.law for action in actions]),
         parameters,
         np.array([action.role for action in actions], dtype=np.int64),

@@ -34,7 +34,7 @@ from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect, Effect
 from pgmp_petsc.effects.joint_effects import place_of
 from pgmp_petsc.effects.laws import SPRING_DAMPER
-from pgmp_petsc.mechanism.joints import triad
+from pgmp_petsc.mechanism.joints import Coupling, triad
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.releases import sines
 from pgmp_petsc.mechanism.space import directors
@@ -97,14 +97,16 @@ def spring_remarks(effects: Sequence[Effect], reduction: Reduction | None = None
 
 
 def moving_dofs(action: Action) -> np.ndarray:
-    """Return the unknowns of the nodes that an action holds at, shape (n,)."""
-    return np.concatenate([np.zeros(0, dtype=int), *(side.dofs for side in action.sides if not side.on_ground)])
+    """Return the unknowns of the nodes that an action holds at, none of them twice, shape (n,)."""
+    dofs = np.concatenate([np.zeros(0, dtype=int), *(side.dofs for side in action.sides if not side.on_ground)])
+    return dofs if len(action.statement.terms) == 1 else np.unique(dofs)  # terms may be about one node
 
 
 def spring_force(
     spring: Action, mechanism: Mechanism, poses: np.ndarray, theta: np.ndarray, values: Mapping[str, float]
 ) -> float:
-    """Return the force ``-k (s - rest)`` of a spring on the rigid mechanism, N or N m.
+    """Return the force ``-k (s - rest)`` of a spring on the rigid mechanism, N or N m: none in a coupling, which that
+    keeps.
 
     Parameters
     ----------
@@ -112,6 +114,8 @@ def spring_force(
         One configuration, shapes (n_bodies, n_pose) and (n_theta,), rad. Angles that are no coordinates are in (-pi,
         pi] in space, and as the bodies are turned in the plane.
     """
+    if len(spring.statement.terms) > 1:
+        return 0.0
     frames = [side.frame_of_pose(poses) for side in spring.sides]
     if spring.coordinate >= 0:
         measure = theta[spring.coordinate]
@@ -123,27 +127,33 @@ def spring_force(
 
 
 def spring_block(
-    spring: Action, mechanism: Mechanism, poses: np.ndarray, values: Mapping[str, float], force: float = 0.0
+    spring: Action,
+    gradient: np.ndarray,
+    mechanism: Mechanism,
+    poses: np.ndarray,
+    values: Mapping[str, float],
+    force: float = 0.0,
 ) -> Block:
     """Return the stiffness of a spring on the rigid mechanism at poses (n_bodies, n_pose), in body frames.
 
     Parameters
     ----------
+    gradient
+        That of its statement in the unknowns of `moving_dofs` there, shape (n,).
     values
         Parameter values.
     force
         That it has already (`spring_force`), N or N m; 0 leaves the second term of the module's equation out.
     """
-    space = mechanism.space
-    sides = [(number, side) for number, side in enumerate(spring.sides) if not side.on_ground]
-    frames = [space.natural(side.frame_of_pose(poses)) for side in spring.sides]
-    n = frames[0].size
-    chosen = np.concatenate([n * number + np.arange(n) for number, _ in sides])
-    turn = block_diag(*(space.natural_gradient(poses[side.body], side.arm) for _, side in sides))
-    in_frames = spring.statement.gradient(*frames)
-    gradient = in_frames[chosen] @ turn
     matrix = spring.stiffness.at(values) * np.outer(gradient, gradient)
     if force:
+        space = mechanism.space
+        sides = [(number, side) for number, side in enumerate(spring.sides) if not side.on_ground]
+        frames = [space.natural(side.frame_of_pose(poses)) for side in spring.sides]
+        n = frames[0].size
+        chosen = np.concatenate([n * number + np.arange(n) for number, _ in sides])
+        turn = block_diag(*(space.natural_gradient(poses[side.body], side.arm) for _, side in sides))
+        in_frames = spring.statement.gradient(*frames)
         bent = turn.T @ spring.statement.hessian(*frames)[np.ix_(chosen, chosen)] @ turn
         halves = np.split(in_frames, 2)
         parts = [_turning_part(side.arm, space.rotation(poses[side.body]), halves[k]) for k, side in sides]
@@ -297,6 +307,14 @@ class Bushing(EffectEntry):
             ],
             mechanism,
         )
+
+
+def elastic_coupling(coupling: Coupling, scene: Scene, mechanism: Mechanism) -> ActionEffect:
+    """Return the spring and damper on what an elastic coupling is off."""
+    elastic, (a, b, *further) = scene.joints[coupling.name].elastic, coupling.sides
+    parameters = Quantity.of(elastic.stiffness), Quantity.of(elastic.damping), Quantity(coupling.value)
+    action = Action(coupling.name, coupling.combination, a, b, SPRING_DAMPER, parameters, further=tuple(further))
+    return ActionEffect(coupling.name, [action], mechanism)
 
 
 def elastic_joint(name: str, scene: Scene, mechanism: Mechanism) -> ActionEffect:

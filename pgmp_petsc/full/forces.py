@@ -23,7 +23,7 @@ from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, sta
 
 @njit(cache=True, apart=True, error_model="numpy")
 def evaluate_actions(
-    actions, entries, amplitudes, y, rates, known, turned, gain_v, with_tangents, about, forces, tangents, powers,
+    actions, firsts, entries, amplitudes, y, rates, known, gain_v, with_tangents, about, forces, tangents, powers,
     stored, depths
 ):  # fmt: skip
     """Evaluate all actions for all samples.
@@ -32,14 +32,16 @@ def evaluate_actions(
     ----------
     actions, amplitudes
         As from `compile_actions`, `amplitudes_over`.
+    firsts
+        First term of each action, shape (n_actions + 1,): its measure is the sum of its terms.
     entries
         Which entries of the tangents are wanted: first one of each action (n_actions + 1,), rows and columns among the
-        unknowns of its two nodes, each (n_entries,).
+        unknowns of the nodes of its terms, each (n_entries,).
     y, rates
-        Unknowns of both nodes and their rates, zero on the ground, shape (n_actions, 2 m, n_samples), m = 3 in the
-        plane or 12.
-    known, turned
-        What angles are nearest to, and as a result what they are, rad, shape (n_actions, n_samples).
+        Unknowns of both nodes and their rates, zero on the ground, shape (n_terms, 2 m, n_samples), m = 3 in the plane
+        or 12.
+    known
+        What angles are nearest to, rad, shape (n_terms, n_samples).
     gain_v
         Derivative of velocities with positions in the iteration, 1/s.
     with_tangents
@@ -49,7 +51,7 @@ def evaluate_actions(
         first, and where one is limited (`Law.about_zero`); brought up to date. None, (0, n_samples), where laws are
         to be taken as they are.
     forces, tangents
-        Results: force on the unknowns, shape (n_actions, 2 m, n_samples), and minus its derivative, the mean of each
+        Results: force on the unknowns, shape (n_terms, 2 m, n_samples), and minus its derivative, the mean of each
         entry and its mirror, shape (n_entries, n_samples). Derivatives of forces that are led with what leads them are
         left out: they are not symmetric, and between other nodes.
     powers, stored
@@ -58,19 +60,25 @@ def evaluate_actions(
         Result: how far each edge of a law is crossed, negative where it is not, shape (n_samples, n_edges).
     """
     starts, rows, columns = entries
-    statements, m = actions.statements, y.shape[1] // 2
-    scratch, own, g, h = scratch_of(statements, m), np.zeros(2 * m), np.zeros(2 * m), np.zeros((2 * m, 2 * m))
+    statements, width, most = actions.statements, y.shape[1], 1
+    for k in range(firsts.size - 1):
+        most = max(most, firsts[k + 1] - firsts[k])
+    scratch, own = scratch_of(statements, width // 2), np.zeros(width)
+    g, h = np.zeros((most, width)), np.zeros((most, width, width))
     leading = np.zeros((2, y.shape[2]))  # measures of the actions that lead, and their rates
     for k in range(actions.laws.addresses.size):
+        first = firsts[k]
+        n_terms = firsts[k + 1] - first
         for sample in range(y.shape[2]):
             p = actions.parameters[k, sample]
-            for i in range(2 * m):
-                own[i] = y[k, i, sample]
-            s = state(statements, k, own, known[k, sample], with_tangents, scratch, g, h)
-            turned[k, sample] = s if np.isfinite(s) else known[k, sample]
-            rate = 0.0
-            for i in range(2 * m):
-                rate += g[i] * rates[k, i, sample]
+            s = rate = 0.0
+            for term in range(n_terms):
+                for i in range(width):
+                    own[i] = y[first + term, i, sample]
+                near = known[first + term, sample]
+                s += state(statements, first + term, own, near, with_tangents, scratch, g[term], h[term])
+                for i in range(width):
+                    rate += g[term, i] * rates[first + term, i, sample]
             led = actions.roles[k] == LED
             if actions.roles[k] == LEADS:
                 leading[0, sample], leading[1, sample] = s, rate
@@ -82,14 +90,16 @@ def evaluate_actions(
                 about[k, sample] = found.about
             powers[k, sample] = (found.force - (0.0 if led else found.elastic)) * rate
             stored[k, sample] = 0.0 if led else found.stored
-            for i in range(2 * m):
-                forces[k, i, sample] = found.force * g[i]
+            for term in range(n_terms):
+                for i in range(width):
+                    forces[first + term, i, sample] = found.force * g[term, i]
             stiffness = 0.0 if led else found.stiffness + gain_v * found.damping
             for entry in range(starts[k], starts[k + 1] if with_tangents else starts[k]):
-                i, j = rows[entry], columns[entry]
+                one, other = rows[entry] // width, columns[entry] // width
+                i, j = rows[entry] - one * width, columns[entry] - other * width
                 # a force that turns with its body has no symmetric tangent; its mean serves the factorisation
-                bent = 0.5 * found.force * (h[i, j] + h[j, i])
-                tangents[entry, sample] = stiffness * g[i] * g[j] - bent
+                bent = 0.5 * found.force * (h[one, i, j] + h[one, j, i]) if one == other else 0.0
+                tangents[entry, sample] = stiffness * g[one, i] * g[other, j] - bent
 
 
 class Loads(NamedTuple):
@@ -109,7 +119,8 @@ class BlockActions(NamedTuple):
     laws: Laws
     parameters: np.ndarray  # of the laws, shape (n_blocks, n_actions, n_lanes, n_parameters)
     roles: np.ndarray  # as in `Actions`
-    dofs: np.ndarray  # unknowns of both nodes, -1 on the ground, shape (n_actions, 2 m)
+    firsts: np.ndarray  # first term of each, shape (n_actions + 1,)
+    dofs: np.ndarray  # unknowns of both nodes of every term, -1 on the ground, shape (n_terms, 2 m)
     entries: tuple[np.ndarray, np.ndarray, np.ndarray]  # as for `evaluate_actions`
     positions: np.ndarray  # where the matrix stores these entries, shape (n_entries,)
     counted: np.ndarray  # whether an action is counted here, in sums over all ranks, shape (n_actions,)
@@ -144,27 +155,26 @@ def add_loads(loads, width, block, amplitudes, share, x, place):
 def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents, iterating=False):
     """Evaluate the actions of a block at q and v (n_dofs, n_lanes), for an iteration in time or as they are.
 
-    Angles are those nearest to `turns`, shape (n_actions, n_lanes), rad, or (0, n_lanes) in the plane, where they count
+    Angles are those nearest to `turns`, shape (n_terms, n_lanes), rad, or (0, n_lanes) in the plane, where they count
     turns by themselves.
     """
-    n, m = actions.dofs.shape
-    n_lanes = q.shape[1]
-    y, rates, forces = np.zeros((n, m, n_lanes)), np.zeros((n, m, n_lanes)), np.empty((n, m, n_lanes))
+    (n_terms, m), n, n_lanes = actions.dofs.shape, actions.firsts.size - 1, q.shape[1]
+    y, rates, forces = np.zeros((n_terms, m, n_lanes)), np.zeros((n_terms, m, n_lanes)), np.empty((n_terms, m, n_lanes))
     powers, stored = np.empty((n, n_lanes)), np.empty((n, n_lanes))
     laws = loaded(actions.laws)
     depths = np.empty((n_lanes, laws.edges[n]))
     tangents = np.empty((actions.positions.size, n_lanes))
-    for k in range(n):
+    for k in range(n_terms):
         for i in range(m):
             dof = actions.dofs[k, i]
             for lane in range(n_lanes if dof >= 0 else 0):
                 y[k, i, lane], rates[k, i, lane] = q[dof, lane], v[dof, lane]
-    known = turns if turns.shape[0] else np.zeros((n, n_lanes))
+    known = turns if turns.shape[0] else np.zeros((n_terms, n_lanes))
     about = actions.about[block][: n if iterating else 0]
     evaluate_actions(
-        Actions(loaded(actions.statements), laws, actions.parameters[block], actions.roles), actions.entries,
-        amplitudes, y, rates, known, np.empty((n, n_lanes)), gain_v, with_tangents, about, forces, tangents, powers,
-        stored, depths,
+        Actions(loaded(actions.statements), laws, actions.parameters[block], actions.roles), actions.firsts,
+        actions.entries, amplitudes, y, rates, known, gain_v, with_tangents, about, forces, tangents, powers, stored,
+        depths,
     )  # fmt: skip
     return Acted(forces, tangents, powers, stored, depths)
 

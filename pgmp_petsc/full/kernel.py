@@ -274,7 +274,7 @@ def count_turns(problem, q, turns):
 
 @njit(cache=True, apart=True, error_model="numpy")
 def _count(statements, dofs, q, turns):
-    """Put statements near `turns`, (n, n_lanes), there."""
+    """Put statements near `turns`, (n, n_lanes), there; of functions of them, but for splines, what they are of."""
     statements = loaded(statements)
     n, m = dofs.shape
     scratch, y, g, h = scratch_of(statements, m // 2), np.zeros(m), np.zeros(m), np.zeros((1, 1))
@@ -284,7 +284,7 @@ def _count(statements, dofs, q, turns):
                 y[i] = q[dofs[k, i], lane] if dofs[k, i] >= 0 else 0.0
             angle = statement(statements, k, y, turns[k, lane], np.bool_(False), scratch, g, h)
             if np.isfinite(angle):
-                turns[k, lane] = angle
+                turns[k, lane] = angle / statements.factors[k]
 
 
 @njit(cache=True, entry=True, error_model="numpy")

@@ -349,7 +349,7 @@ class FullBatch(FullSystem):
         amplitudes, found = self._sources.at(np.array([time])).actions[0], []
         actions = Reference(self._equations.problem.actions)
         for block in range(self._blocks.n_blocks):
-            turns = state.turns[block, len(state.turns[block]) - len(amplitudes) :]
+            turns = state.turns[block, len(state.turns[block]) - len(self._equations.problem.actions.dofs) :]
             now = act(actions, block, amplitudes, state.q[block], state.v[block], turns, 0.0, False)
             found.append(now.depths.T)
         return self._blocks.unpack(np.array(found))
@@ -509,7 +509,7 @@ class FullDistributed(FullSystem):
         own = np.zeros(0)
         if self._equations.actions:
             amplitudes = self._sources.at(np.array([time])).actions[0]
-            turns = state.turns[state.turns.size - amplitudes.size :, None]
+            turns = state.turns[state.turns.size - len(self._problem.actions.dofs) :, None]
             own = act(Reference(self._problem.actions), 0, amplitudes, q, v, turns, 0.0, False).depths[0]
         return np.concatenate(self.comm.allgather(own[self._counted_edges]))[:, None]
 

@@ -17,6 +17,7 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.joints import CouplingEntry
 from pgmp_petsc.scene.uses import length_uses
 
 BYTES = 8
@@ -90,6 +91,10 @@ def _lengths(scene: Scene) -> Iterator[str]:
 
 def _elastic(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.elastic" for name, joint in scene.joints.items() if joint.elastic is not None)
+
+
+def _elastic_couplings(scene: Scene) -> Iterator[str]:
+    return (entry for entry in _elastic(scene) if isinstance(scene.joints[entry.split(".")[1]], CouplingEntry))
 
 
 def _with_elastic(which: Callable[[Scene], Iterable[str]]) -> Callable[[Scene], Iterator[str]]:
@@ -175,6 +180,13 @@ FEATURES = (
         OF_THE_REDUCTION,
         why_not="models at several lengths do not part what joints release from what bends",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
+    ),
+    Feature(
+        "elastic couplings in reduced models",
+        _elastic_couplings,
+        OF_THE_REDUCTION - {Purpose.CHECK},
+        why_not="no part of reduced models",
+        cure="take pgmp simulate SCENE --full or --components, or leave it out: the coupling is then rigid",
     ),
     Feature(
         "joints that are off in what goes over configurations",

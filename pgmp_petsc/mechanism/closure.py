@@ -431,6 +431,7 @@ class ReleasedClosure:
         parts = mechanism.holding(frames, moving=True)[0] + [(c.statement, c.sides) for c in mechanism.coordinates]
         self._n_held = len(parts)
         parts += [(part.statement, c.sides) for c in mechanism.connections for part in c.released]
+        parts += [(c.combination, c.sides) for c in mechanism.couplings if c.elastic]
         sides = [tuple(side.on_pose() for side in pair) for _, pair in parts]
         statements = [part for part, _ in parts]
         self._rows = StatementRows(statements, sides, closure.pose_dofs, mechanism.space.dimension)

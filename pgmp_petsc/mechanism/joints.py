@@ -134,14 +134,15 @@ class Connection:
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
-    """A named joint that couples the motions of others: a combination of what measures these, which is to be zero."""
+    """A named joint that couples the motions of others: a combination of what measures these, which keeps a value."""
 
     name: str
     combination: Combination
     sides: tuple[Attachment, ...]  # of the statements, a pair for each
     value: float  # that the combination keeps
     rows: slice
+    elastic: bool  # whether it does so in the configuration alone
 
     def holding(self, moving: bool = False) -> list[tuple[Combination, tuple[Attachment, ...]]]:
-        """Return what has its value, in the motion too, with its sides."""
-        return [(self.combination, self.sides)]
+        """Return what has its value in the configuration, or in the motion too, with its sides."""
+        return [] if moving and self.elastic else [(self.combination, self.sides)]

@@ -192,8 +192,8 @@ class Mechanism:
         where they are.
         """
         held = [part for one in self.holders for part in one.holding(moving)]
-        values = np.zeros(len(held))
-        values[len(held) - len(self.couplings) :] = [coupling.value for coupling in self.couplings]
+        wanted = [coupling.value for coupling in self.couplings for _ in coupling.holding(moving)]
+        values = np.concatenate([np.zeros(len(held) - len(wanted)), wanted])
         if self.space is SPATIAL:
             ground, (parts, rigid) = Attachment.on_ground_at(np.zeros(3)), orthonormality()
             held += [(part, (ground, frame)) for frame in frames for part in parts]

@@ -79,6 +79,11 @@ class Combination:
         """Whether it is measured in m, as its first term is."""
         return self.terms[0][0].is_length
 
+    @property
+    def fixed_in_bodies(self) -> bool:
+        """Whether its gradient keeps its direction in the frames of all its terms, however they stand."""
+        return all(part.fixed_in_bodies and not function.breaks.size for part, function in self.terms)
+
 
 @dataclass(frozen=True, eq=False)
 class Statement:

@@ -228,9 +228,10 @@ class SpringStiffness:
             spring_force(spring, self._mechanism, poses, theta, self._values) if loaded else 0.0
             for spring in self._springs
         ]
+        gradients = self._forces.at(poses)
         blocks = [
-            spring_block(spring, self._mechanism, poses, self._values, force)
-            for spring, force in zip(self._springs, forces)
+            spring_block(spring, gradient[dofs], self._mechanism, poses, self._values, force)
+            for spring, gradient, dofs, force in zip(self._springs, gradients.T, self.dofs, forces)
         ]
         if loaded and self.free.size:
             dofs = self.dofs[-1]

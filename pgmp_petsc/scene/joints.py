@@ -26,6 +26,7 @@ from pgmp_petsc.scene.fields import (
     NotNegativeOrParameter,
     NumberOrParameter,
     Place,
+    PositiveOrParameter,
     Sign,
     StiffnessOrParameter,
     Table,
@@ -282,6 +283,22 @@ class JointEntry(JointTable):
         return ""
 
 
+class ElasticCoupling(Table):
+    """A table ``elastic`` of a coupling: how stiff it is, as teeth in mesh or a belt are.
+
+    The rigid mechanism closes with the coupling rigid, and has as many coordinates. In the motion a spring and a damper
+    act on what the sum is off, in units of the motion of its first share.
+    """
+
+    stiffness: Annotated[PositiveOrParameter, Unit("N m/rad", "N/m")] = Field(
+        description="of what the coupled motion is off, of the second joint of two, the first of terms (N m/rad where "
+        "it turns, N/m where it slides), or a parameter's name"
+    )
+    damping: Annotated[NotNegativeOrParameter, Unit("N m s/rad", "N s/m")] = Field(
+        0.0, description="N m s/rad or N s/m, or a parameter's name"
+    )
+
+
 @dataclass(frozen=True)
 class Share:
     """What the motion of one joint has in a coupling: a factor, a number or a parameter's name, times a number, and the
@@ -303,8 +320,8 @@ class CouplingEntry(JointTable):
 
     #: Whether the sum keeps the value that it has as the bodies are placed; it is zero otherwise.
     from_placements: ClassVar[bool] = True
-    elastic: ClassVar[None] = None
     offset: ClassVar[None] = None
+    elastic: ElasticCoupling | None = Field(None, description="how it gives way in the motion")
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
@@ -332,6 +349,12 @@ class CouplingEntry(JointTable):
                 yield from ((f"{key}.{name}", value, sign, units) for name, value in given.items())
             else:
                 yield from ((key, value, sign, units) for value in (given if isinstance(given, tuple) else (given,)))
+
+    def elastic_uses(self, scene: AnyScene) -> Iterator[tuple[str, float | str, Sign, tuple[str, ...]]]:
+        """Yield key, value, sign and units of numbers of ``elastic`` that may name a parameter."""
+        slid = self.shares_in(scene)[0].motion == "sliding"
+        for key, (sign, unit) in quantities_of(ElasticCoupling).items() if self.elastic is not None else ():
+            yield key, getattr(self.elastic, key), sign, unit.sliding if slid else unit.turning
 
     def with_numbers(self, values: Mapping[str, float]) -> Self:
         """Return the coupling with numbers in place of parameters, by their names."""

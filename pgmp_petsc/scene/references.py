@@ -455,11 +455,11 @@ def _joints(scene: AnyScene) -> Iterator[str]:
             yield from joint.problems(scene, name)
             if joint.offset is not None:
                 yield from joint.offset.problems(scene.dimension, f"joints.{name}.offset")
-            if joint.elastic is not None:
+            if joint.elastic is not None and isinstance(joint, JointEntry):
                 yield from joint.elastic.problems(scene.dimension, f"joints.{name}.elastic")
-                if name in scene.effects:
-                    words = f"joints.{name} is elastic, and its springs have this name; give the effect another one"
-                    yield problem(f"effects.{name}", words)
+            if joint.elastic is not None and name in scene.effects:
+                words = f"joints.{name} is elastic, and its springs have this name; give the effect another one"
+                yield problem(f"effects.{name}", words)
 
 
 def _coordinates(scene: AnyScene) -> Iterator[str]:

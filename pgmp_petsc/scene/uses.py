@@ -92,6 +92,10 @@ def uses_of(scene: AnyScene) -> Iterator[Use]:
         unit = "m/s" if of is not None and slides(scene, of) else "rad/s"
         yield Use(f"simulation.initial.{coordinate}.velocity", name, "any", (unit,))
     for name, joint in scene.joints.items():
+        if isinstance(joint, CouplingEntry):
+            for key, *use in joint.elastic_uses(scene):
+                yield Use(f"joints.{name}.elastic.{key}", *use)
+            continue
         for table in ("elastic", "offset"):
             for key, *use in getattr(joint, table).uses() if getattr(joint, table) is not None else ():
                 yield Use(f"joints.{name}.{table}.{key}", *use)

@@ -168,6 +168,7 @@ def _joints(mechanism: Mechanism, n_redundant: int, n_rigid: int) -> list[str]:
             lines.append(
                 f"  elastic       {connection.name}: {n} of {len(connection.statements)} give way in the motion"
             )
+    lines += [f"  elastic       {one.name}: gives way in the motion" for one in mechanism.couplings if one.elastic]
     return lines
 
 

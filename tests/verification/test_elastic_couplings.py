@@ -1,0 +1,261 @@
+"""Couplings that are elastic: against closed forms, independent integrations, the rigid limit, and what they refuse."""
+
+import numpy as np
+import pytest
+from coupled_scenes import CAM, CAM_TABLE, GEARED, RACK, ROTORS, ROTORS_IN_SPACE, SHAFTS
+from machine_scenes import MODELS, run
+from mpi4py import MPI
+from refusals import cases, check_said
+from runs import history, read_meshes, samples
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
+from pgmp_petsc.scene import scene_from_toml
+from pgmp_petsc.studies.modes_table import springs_of
+from pgmp_petsc.studies.simulate import simulate_full
+from scenes import HEADER, tables
+
+RATIO, TORQUE, FIRST, SECOND = -0.37, 0.7, 0.02, 0.5  # of the rotors: N m, kg m2
+
+
+def rotors(times: np.ndarray, stiffness: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the angles (n_t,) of two rotors from rest, ``e'' = -k (1 / I_2 + r^2 / I_1) e - r T / I_1`` of what the
+    second is off, while ``I_1 s_1'' + r I_2 s_2'' = T``."""
+    rate = np.sqrt(stiffness * (1.0 / SECOND + RATIO**2 / FIRST))
+    off = -RATIO * TORQUE / FIRST / rate**2 * (1.0 - np.cos(rate * times))
+    one = (0.5 * TORQUE * times**2 - RATIO * SECOND * off) / (FIRST + RATIO**2 * SECOND)
+    return one, RATIO * one + off
+
+
+@pytest.mark.parametrize("model", ["full", "components"])
+@pytest.mark.parametrize("text", [ROTORS, ROTORS_IN_SPACE], ids=["plane", "space"])
+def test_two_rotors_on_an_elastic_mesh_vibrate_as_their_closed_form(text: str, model: str) -> None:
+    errors = []
+    for step in (1e-3, 5e-4):
+        own = ("joints.mesh.elastic={stiffness=200.0}", "simulation.duration=0.4", f"simulation.step={step}")
+        times, found = run(scene_from_toml(text, ".", own), model)
+        one, two = rotors(times, 200.0)
+        errors.append(np.abs(found["one"] - one).max() + np.abs(found["two"] - found["two"][0] - two).max())
+    assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.1)
+    assert errors[1] < 2e-5 * one[-1]
+
+
+def test_samples_have_their_own_stiffness_and_many_turns() -> None:
+    """Over several turns in space, from a start that is a turn away."""
+    own = (
+        "joints.mesh.elastic={stiffness='k'}",
+        "parameters.k={nominal=200.0, unit='N m/rad'}",
+        "simulation.initial={phi={position=7.0}}",
+        "simulation.duration=1.5",
+    )
+    scene = scene_from_toml(ROTORS_IN_SPACE, ".", own)
+    times, found = history(MODELS["full"](scene), samples(scene, 2, k=[100.0, 400.0]), 2)
+    for number, stiffness in enumerate((100.0, 400.0)):
+        one, two = rotors(times, stiffness)
+        assert one[-1] > 2.0 * np.pi
+        # (rate step)^2 / 24 of what the first one vibrates by, and as much of the path
+        np.testing.assert_allclose(found["one"][:, number], 7.0 + one, rtol=0, atol=1e-3 * one[-1])
+        np.testing.assert_allclose(found["two"][:, number], RATIO * 7.0 + two, rtol=0, atol=1e-3 * one[-1])
+
+
+@pytest.mark.parametrize("model", ["full", "components"])
+def test_a_stiff_mesh_is_a_rigid_gear_to_the_first_order_of_its_compliance(model: str) -> None:
+    """What flexible linkages are off by falls with one over the stiffness, to the rigid coupling."""
+    smooth = (
+        "effects.motor.table=[[0.0,0.0],[0.1,0.3],[0.2,0.3]]", "simulation.duration=0.1", "simulation.step=5e-4",
+    )  # fmt: skip
+    _, rigid = run(scene_from_toml(GEARED, ".", smooth), model)
+    off = []
+    for stiffness in (1e4, 1e5, 1e6):
+        mesh = f"joints.mesh.elastic={{stiffness={stiffness},damping={stiffness * 1e-3}}}"
+        _, found = run(scene_from_toml(GEARED, ".", (*smooth, mesh)), model)
+        off.append([np.abs(found[name] - rigid[name]).max() for name in ("output", "x")])
+    ratios = np.array(off[:-1]) / off[1:]
+    np.testing.assert_allclose(ratios, 10.0, rtol=0.1)
+
+
+def linear(mass: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, force: np.ndarray, times: np.ndarray, start):
+    """Return the path (n, n_t) of ``M q'' + C q' + K q = f`` from a start, positions and velocities."""
+    n = len(force)
+
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
+        return np.concatenate([y[n:], np.linalg.solve(mass, force - stiffness @ y[:n] - damping @ y[n:])])
+
+    return solve_ivp(rates, (0.0, times[-1]), start, t_eval=times, rtol=1e-10, atol=1e-12).y[:n]
+
+
+def test_an_elastic_rack_and_its_pinion_are_two_masses_on_springs() -> None:
+    own = ("joints.teeth.elastic={stiffness=2000.0,damping=3.0}", "simulation.duration=0.3")
+    times, found = run(scene_from_toml(RACK, ".", own), "full")
+    teeth = np.outer([-0.05, 1.0], [-0.05, 1.0])  # of phi and x
+    start = (0.0, 0.0, 40.0, 0.05 * 40.0)
+    path = linear(np.diag([0.02, 3.0]), 2000.0 * teeth + np.diag([0.0, 200.0]), 3.0 * teeth, np.zeros(2), times, start)
+    for name, exact in zip(("phi", "x"), path):
+        # (rate step)^2 / 12 of a vibration at 26 rad/s
+        np.testing.assert_allclose(found[name], exact, rtol=0, atol=1e-4 * np.abs(exact).max())
+
+
+def test_an_elastic_cam_lifts_its_follower_through_its_spring() -> None:
+    """``I phi'' = k e f'``, ``m x'' + s x = -k e`` with ``e = x - f(phi)``: the force turns with the cam's slope."""
+    lift = CubicSpline(*np.array(CAM_TABLE).T, bc_type="periodic")
+
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
+        off = y[1] - lift(y[0])
+        return np.array([*y[2:], 3e4 * off * lift(y[0], 1) / 0.02, -(300.0 * y[1] + 3e4 * off) / 2.0])
+
+    errors = []
+    for step in (1e-3, 5e-4):
+        own = ("joints.lift.elastic={stiffness=3e4}", "simulation.duration=0.4", f"simulation.step={step}")
+        times, found = run(scene_from_toml(CAM, ".", (*own, "simulation.spectral_radius=1.0")), "full")
+        start = (0.3, float(lift(0.3)), 20.0, 20.0 * float(lift(0.3, 1)))
+        exact = solve_ivp(rates, (0.0, times[-1]), start, t_eval=times, rtol=1e-11, atol=1e-13).y
+        errors.append([np.abs(found[name] - one).max() for name, one in zip(("phi", "x"), exact)])
+    np.testing.assert_allclose(np.array(errors[0]) / errors[1], 4.0, atol=0.6)
+
+
+# two wheels in mesh on an arm that turns: both joints are on the arm
+PLANETS = HEADER + tables("""
+bodies.arm: rigid = { mass = 1.0, inertia = 0.05, points = { hub = [0.0, 0.0], near = [0.1, 0.0], far = [0.3, 0.0] } }
+bodies.one: rigid = { mass = 0.5, inertia = 0.01, points = { hub = [0.0, 0.0] } }; placement = { origin = [0.1, 0.0] }
+bodies.two: rigid = { mass = 0.8, inertia = 0.03, points = { hub = [0.0, 0.0] } }; placement = { origin = [0.3, 0.0] }
+joints.pivot: type = "revolute"; connect = ["ground:origin", "arm:hub"]
+joints.input: type = "revolute"; connect = ["arm:near", "one:hub"]
+joints.output: type = "revolute"; connect = ["arm:far", "two:hub"]
+joints.mesh: type = "gear"; joints = ["input", "output"]; ratio = -0.5; elastic = { stiffness = 80.0, damping = 0.02 }
+coordinates.swing: joint = "pivot"; range = [-3.0, 3.0]
+coordinates.phi: joint = "input"; range = [-29.0, 29.0]
+effects.motor: type = "torque"; joint = "input"; table = [[0.0, 0.5], [2.0, 0.5]]
+simulation: duration = 0.4; step = 5e-4
+outputs.swing: type = "angle"; joint = "pivot"
+outputs.one: type = "angle"; joint = "input"
+outputs.two: type = "angle"; joint = "output"
+""")
+
+
+@pytest.mark.parametrize("model", ["full", "components"])
+def test_wheels_in_an_elastic_mesh_turn_their_arm(model: str) -> None:
+    """A linear system of the angles of the arm and of both wheels, whose masses go round with the arm."""
+    times, found = run(scene_from_toml(PLANETS, "."), model)
+    mesh = np.array([-1.5, 0.5, 1.0])  # s_2 + s_1 / 2 in the angles
+    mass = np.diag([0.05 + 0.5 * 0.1**2 + 0.8 * 0.3**2, 0.01, 0.03])
+    force = np.array([-0.5, 0.5, 0.0])
+    path = linear(mass, 80.0 * np.outer(mesh, mesh), 0.02 * np.outer(mesh, mesh), force, times, np.zeros(6))
+    exact = {"swing": path[0], "one": path[1] - path[0], "two": path[2] - path[0]}
+    for name, values in exact.items():
+        # (rate step)^2 / 12 of a vibration at 80 rad/s
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=3e-4 * np.abs(values).max(), err_msg=name)
+
+
+# two shafts, each a spring between its disc and its wheel; the wheels are in mesh
+TORSION = HEADER + tables("""
+ground.points: right = [0.3, 0.0]
+bodies.wheel: rigid = { mass = 1.0, inertia = 0.004, points = { hub = [0.0, 0.0] } }
+bodies.disc: rigid = { mass = 1.0, inertia = 0.02, points = { hub = [0.0, 0.0] } }
+bodies.pinion: rigid = { mass = 1.0, inertia = 0.001, points = { hub = [0.0, 0.0] } };
+    placement = { origin = [0.3, 0.0] }
+bodies.drum: rigid = { mass = 1.0, inertia = 0.03, points = { hub = [0.0, 0.0] } }; placement = { origin = [0.3, 0.0] }
+joints.input: type = "revolute"; connect = ["ground:origin", "wheel:hub"]
+joints.first: type = "revolute"; connect = ["wheel:hub", "disc:hub"]
+joints.output: type = "revolute"; connect = ["ground:right", "pinion:hub"]
+joints.second: type = "revolute"; connect = ["pinion:hub", "drum:hub"]
+joints.mesh: type = "gear"; joints = ["input", "output"]; ratio = -2.0; elastic = { stiffness = 400.0 }
+coordinates.phi: joint = "input"; range = [-9.0, 9.0]
+coordinates.twist: joint = "first"; range = [-3.0, 3.0]
+coordinates.twist2: joint = "second"; range = [-3.0, 3.0]
+effects.shaft: type = "spring_damper"; joint = "first"; stiffness = 300.0
+effects.shaft2: type = "spring_damper"; joint = "second"; stiffness = 120.0
+simulation: duration = 0.8; step = 1e-4; spectral_radius = 1.0
+outputs.wheel: type = "angle"; joint = "input"
+""")
+
+
+def test_two_geared_shafts_in_torsion_vibrate_as_their_matrices_do() -> None:
+    """Wheel, disc, pinion and drum, with ``k (phi_p + 2 phi_w)^2 / 2`` in the mesh: a sum of modes ``sin(rate t) /
+    rate``, from velocities as with the mesh locked."""
+    mass = np.diag([0.004, 0.02, 0.001, 0.03])
+    springs = ((300.0, [-1.0, 1.0, 0.0, 0.0]), (120.0, [0.0, 0.0, -1.0, 1.0]), (400.0, [2.0, 0.0, 1.0, 0.0]))
+    rates, shapes = np.linalg.eig(np.linalg.solve(mass, sum(k * np.outer(v, v) for k, v in springs)))
+    rates, start = np.sqrt(np.abs(rates)), np.array([1.0, 0.0, -2.0, 0.0])
+    weights, errors = np.linalg.solve(shapes, start) * shapes[0], []
+    for step in (2e-4, 1e-4):
+        given = "simulation.initial={phi={velocity=1.0}, twist={velocity=-1.0}, twist2={velocity=2.0}}"
+        times, found = run(scene_from_toml(TORSION, ".", (given, f"simulation.step={step}")), "full")
+        # one of the four is the motion as a rigid mechanism
+        exact = sum(w * (np.sin(r * times) / r if r > 1.0 else times) for w, r in zip(weights, rates))
+        errors.append(np.abs(found["wheel"] - exact).max() / np.abs(exact).max())
+    assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.2)
+    assert errors[1] < 3e-3  # phases of the fastest, (rate step)^2 / 12 of rate times duration
+
+
+@pytest.mark.parametrize("stiffness", [200.0, 2e5])
+def test_a_flexible_shaft_geared_by_an_elastic_mesh_has_the_frequencies_of_its_closed_form(stiffness: float) -> None:
+    """A rod in torsion, phi = cos b x + A sin b x, with I of the disc at its end, and at its beginning ``r^2 I k / (k -
+    rate^2 I)`` of a wheel on a spring; of the stiff mesh, the wheel itself."""
+    shear, area_moment = 210e9 / 2.6, 0.5 * np.pi * 0.005**4
+    wave, rod = np.sqrt(shear / 7800.0), shear * area_moment
+
+    def gap(rate: float) -> float:
+        b, wheel = rate / wave, 4.0 * 0.02 * stiffness / (stiffness - rate**2 * 0.02)
+        a = -(rate**2) * wheel / (rod * b)
+        end, slope = np.cos(0.5 * b) + a * np.sin(0.5 * b), b * (a * np.cos(0.5 * b) - np.sin(0.5 * b))
+        return (rod * slope - rate**2 * 0.01 * end) * (stiffness - rate**2 * 0.02)
+
+    trials = np.linspace(20.0, 600.0, 400)
+    gaps = [gap(rate) for rate in trials]
+    ends = [k for k in range(len(gaps) - 1) if gaps[k] * gaps[k + 1] < 0.0]
+    exact = np.array([brentq(gap, trials[k], trials[k + 1]) for k in ends]) / (2.0 * np.pi)
+    assert len(exact) == 1
+    scene = scene_from_toml(SHAFTS, ".", (f"joints.mesh.elastic={{stiffness={stiffness}}}",))
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
+    springs, _ = springs_of(scene, kinematics)
+    with VibrationProblem(springs, scene.nominal, 8, MPI.COMM_SELF) as problem:
+        found = frequencies_of(problem.eigenvalues(np.array([0.7])))
+    for one in exact:
+        # eight elements of modes that are almost linear
+        assert np.abs(found - one).min() < 1e-5 * one
+
+
+def test_what_a_mesh_stores_and_loses_is_in_the_balance() -> None:
+    own = (
+        "joints.mesh.elastic={stiffness=3e3,damping=1.0}", "simulation.duration=0.2", "simulation.step=2.5e-4",
+        "simulation.spectral_radius=1.0",
+    )  # fmt: skip
+    scene = scene_from_toml(GEARED, ".", own)
+    balance = simulate_full(MODELS["full"](scene), MPI.COMM_SELF).balance
+    # the square of the step
+    assert np.abs(balance.residual).max() < 1e-3 * balance.kinetic.max()
+
+
+REFUSED = """
+joints.mesh.elastic={} -> joints.mesh.elastic.stiffness: missing
+joints.mesh.elastic={stiffness=0.0} -> joints.mesh.elastic.stiffness = 0.0: a positive number or the name of a parameter
+joints.mesh.elastic={stiffness=inf} -> joints.mesh.elastic.stiffness
+joints.mesh.elastic={stiffness=-5.0} -> joints.mesh.elastic.stiffness = -5.0: a positive number
+joints.mesh.elastic={stiffness=5.0, damping=-1.0} -> joints.mesh.elastic.damping = -1.0: a number that is not negative
+joints.mesh.elastic={stiffness="k"} -> joints.mesh.elastic.stiffness = "k": there is no such parameter
+joints.mesh.elastic={stiffness="5 N/mm"} -> joints.mesh.elastic.stiffness = "5 N/mm":
+joints.mesh.elastic={stiffness=5.0, reference=[[1.0, 0.0]]} -> joints.mesh.elastic.reference | unknown key
+joints.mesh.elastic={stiffness=5.0} & effects.mesh={type="gravity"} -> effects.mesh: joints.mesh is elastic, and its
+"""
+
+
+@pytest.mark.parametrize(("override", "said"), cases(REFUSED))
+def test_an_elastic_coupling_is_refused(override: str, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        scene_from_toml(ROTORS, ".", override.split(" & "))
+    check_said(str(caught.value), said, override)
+
+
+def test_reduced_models_refuse_it_by_name() -> None:
+    scene = scene_from_toml(GEARED, ".", ("joints.mesh.elastic={stiffness=3e3}", "reduction.second_order=false"))
+    for purpose in (Purpose.BUILD, Purpose.REDUCED, Purpose.SIZES, Purpose.TRADEOFF):
+        with pytest.raises(InputError, match="joints.mesh.elastic: "):
+            check_capabilities(scene, purpose)
+    for purpose in (Purpose.CHECK, Purpose.MODES, Purpose.FULL, Purpose.COMPONENTS):
+        check_capabilities(scene, purpose)
