@@ -29,15 +29,15 @@ def statement(kind: str, d: int) -> statements.Statement:
 
 
 class LocalForces:
-    """One action on two nodes, and its angle at the instant before."""
+    """One action on two nodes or more, and its angles at the instant before."""
 
     def __init__(self, action: Action, d: int) -> None:
         n = 3 if d == 2 else 12
-        dofs, entries, self.pattern = pairs_of([action], lambda node: n * node + np.arange(n))
+        firsts, self._dofs, entries, self.pattern = pairs_of([action], lambda node: n * node + np.arange(n))
         compiled = compile_actions([action], {}, 1, d)
-        self._dofs, self.turns = dofs[0], np.zeros((1, 1))
+        self.turns = np.zeros((len(self._dofs), 1))
         self._actions = BlockActions(
-            compiled.statements, compiled.laws, compiled.parameters[None], compiled.roles, dofs, entries,
+            compiled.statements, compiled.laws, compiled.parameters[None], compiled.roles, firsts, self._dofs, entries,
             self.pattern[0], np.ones(1, dtype=bool),
         )  # fmt: skip
 
@@ -48,7 +48,7 @@ class LocalForces:
     def add_forces(self, now: Acted, total: np.ndarray) -> None:
         """Add the forces to those on all unknowns."""
         moving = self._dofs >= 0
-        total[self._dofs[moving]] += now.forces[0, moving]
+        np.add.at(total, self._dofs[moving], now.forces[moving])
 
 
 def forces_of(kind: str, law: str, sides: str, d: int) -> LocalForces:
@@ -59,6 +59,30 @@ def forces_of(kind: str, law: str, sides: str, d: int) -> LocalForces:
     action = Action("effect", statement(kind, d), a, Attachment(1, 1, np.zeros(d), arms[1]), which,
                     tuple(map(Quantity, numbers)), lambda time: 1.5)  # fmt: skip
     return LocalForces(action, d)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_tangent_of_a_force_on_a_sum_is_minus_its_derivative(d: int) -> None:
+    """Of two statements about three nodes, one of which is in both: pairs of its unknowns are there twice."""
+    parts = (statement("angle", d), statements.Function(1.7)), (statement("along", d), statements.Function(-0.6))
+    sides = [Attachment(k, k, np.zeros(d), 0.4 * RANDOM.normal(size=d)) for k in (0, 1, 1, 2)]
+    spring, numbers = LAWS["spring"]
+    action = Action("effect", statements.Combination(parts), *sides[:2], spring, tuple(map(Quantity, numbers)),
+                    further=tuple(sides[2:]))  # fmt: skip
+    local, q = LocalForces(action, d), RANDOM.normal(size=(9 if d == 2 else 36, 1))
+
+    def total(q: np.ndarray) -> np.ndarray:
+        found = np.zeros_like(q)
+        local.add_forces(local.evaluate(q, np.zeros_like(q), 0.0), found)
+        return found[:, 0]
+
+    expected = np.array([-(total(q + h) - total(q - h)) / (2 * STEP) for h in STEP * np.eye(q.size)[..., None]])
+    found, now = np.zeros((q.size, q.size)), local.evaluate(q, np.zeros_like(q), 0.0)
+    (rows, columns), values = local.pattern, now.tangents[:, 0]
+    np.add.at(found, (rows, columns), values)
+    apart = rows != columns
+    np.add.at(found, (columns[apart], rows[apart]), values[apart])
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=10 * ATOL)
 
 
 def state(d: int) -> tuple[np.ndarray, np.ndarray]:
