@@ -15,8 +15,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.c_export.constants import Along, Constants
 from pgmp_petsc.c_export.statements import ActionInC, Output, Side, StatementInC, TermInC
 from pgmp_petsc.effects.time_function import Piece
-from pgmp_petsc.files.claims import check_output, locked
-from pgmp_petsc.files.hdf5 import replacing
+from pgmp_petsc.files.claims import check_output, locked, replacing
 from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.statements import KINDS
 from pgmp_petsc.reduced import lagrangian_terms

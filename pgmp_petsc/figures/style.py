@@ -20,7 +20,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter
 
 from pgmp_petsc import __version__
-from pgmp_petsc.files.hdf5 import RunRecord, replacing
+from pgmp_petsc.files.claims import replacing
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results.numbers import axis_unit
 
 Arguments = ParamSpec("Arguments")

@@ -25,8 +25,8 @@ from pgmp_petsc import __version__
 from pgmp_petsc.base.errors import InputError, counted, visible
 from pgmp_petsc.figures.style import MODELS, axis_unit, quantity, scene_of
 from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired
-from pgmp_petsc.files.claims import check_output
-from pgmp_petsc.files.hdf5 import KINDS, replacing
+from pgmp_petsc.files.claims import check_output, replacing
+from pgmp_petsc.files.hdf5 import KINDS
 from pgmp_petsc.report import charts
 from pgmp_petsc.report.budget import Line, error_budget, model_error, verdict
 from pgmp_petsc.report.charts import Chart, Curve

@@ -20,6 +20,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, note
 from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.effects import start_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -28,7 +29,6 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.body_fields import Fields, ReducedFields, joined, placed, undeformed
 from pgmp_petsc.models.field_points import FieldPoints, FieldSet
-from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.readings import RigidReference
 from pgmp_petsc.results.selection import Assembly
 from pgmp_petsc.results.trajectory import BodyField, Frames, Trajectory
