@@ -9,8 +9,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.matrices import AffineMatrices, MassesOnDemand
 from pgmp_petsc.effects.action import Action
-from pgmp_petsc.effects.effect import Effect
-from pgmp_petsc.effects.load import Load
+from pgmp_petsc.effects.effect import Effect, Load
 from pgmp_petsc.effects.loads import HoldingTorque
 from pgmp_petsc.effects.motion import Held, Motion, driven
 from pgmp_petsc.effects.patterns import Patterns
