@@ -5,11 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from frames import to_inertial
 from solid_scenes import solid_meshes, solid_slider_crank
 from solids import mesh_of
 
 from pgmp_petsc.bodies.face_frame import FaceFrame
-from pgmp_petsc.mechanism.body_frames import to_body, to_inertial
+from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.frame_ties import FrameTies
