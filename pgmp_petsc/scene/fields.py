@@ -33,7 +33,7 @@ from pgmp_petsc.base.units import QUANTITY, SI, UnitSystem, UnknownUnit, number_
 
 GROUND = "ground"
 #: Which numbers make sense in an entry. A spring may be negative: a magnet, or one past its dead point.
-Sign = Literal["positive", "not negative", "any"]
+Sign = Literal["positive", "not negative", "not zero", "any"]
 #: Largest magnitude of a number, and smallest other than 0: fourth powers of lengths and products of a few numbers stay
 #: far within what a float can hold (1e-308 to 1e308).
 LARGEST, SMALLEST = 1e30, 1e-30
@@ -342,6 +342,16 @@ NumberOrParameter = Annotated[
     _needed("a finite number or the name of a parameter is needed", _is_number_or_name),
     AfterValidator(_sensible_numbers),
     Quantified("any"),
+]
+#: A number other than 0, or the name of a parameter.
+NotZeroOrParameter = Annotated[
+    float | str,
+    _needed(
+        "a number other than 0 or the name of a parameter is needed",
+        lambda value: _is_number_or_name(value) and value != 0,
+    ),
+    AfterValidator(_sensible_numbers),
+    Quantified("not zero"),
 ]
 #: A positive number, or the name of a parameter.
 PositiveOrParameter = Annotated[

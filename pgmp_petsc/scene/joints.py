@@ -6,7 +6,7 @@ A joint is one class: its entries, what it holds, and what it leaves free. The j
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -284,13 +284,14 @@ class JointEntry(JointTable):
 
 @dataclass(frozen=True)
 class Share:
-    """What the motion of one joint has in a coupling: a factor, and the points of a spline (rad, and rad or m) that
-    the factor is of, where it is not of the motion itself."""
+    """What the motion of one joint has in a coupling: a factor, a number or a parameter's name, times a number, and the
+    points of a spline (rad, and rad or m) that both are of, where they are not of the motion itself."""
 
     joint: str
     motion: str | None  # turning or sliding; None where the joint has both and the scene says neither
     entry: str  # that names the joint, behind the coupling's own name
-    factor: float
+    factor: float | str = 1.0
+    times: float = 1.0
     table: tuple[tuple[float, float], ...] = ()
 
 
@@ -322,6 +323,22 @@ class CouplingEntry(JointTable):
     def shares(self, motion: Callable[[str, str | None], str | None]) -> list[Share]:
         """Return what is added; `motion` gives that of a joint by its name, of several the one that is said."""
         raise NotImplementedError
+
+    def uses(self) -> Iterator[tuple[str, float | str, Sign, tuple[str, ...]]]:
+        """Yield key, value, sign and units of what may name a parameter."""
+        for key, (sign, unit) in quantities_of(type(self)).items():
+            given, units = getattr(self, key), tuple(filter(None, unit.turning))
+            named = {f"{key}.{name}": one for name, one in given.items()} if isinstance(given, dict) else {key: given}
+            yield from ((entry, value, sign, units) for entry, value in named.items())
+
+    def with_numbers(self, values: Mapping[str, float]) -> Self:
+        """Return the coupling with numbers in place of parameters, by their names."""
+        given = {key: getattr(self, key) for key in quantities_of(type(self))}
+        numbers = {
+            key: {name: values.get(x, x) for name, x in one.items()} if isinstance(one, dict) else values.get(one, one)
+            for key, one in given.items()
+        }
+        return self.model_copy(update=numbers)
 
     def shares_in(self, scene: AnyScene) -> list[Share]:
         """Return what is added in a scene whose joints it has."""
