@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path
 
-from pgmp_petsc import __version__
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command
 from pgmp_petsc.api.ensembles import montecarlo
@@ -17,6 +16,7 @@ from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks, untold
 from pgmp_petsc.api.runs import simulate
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import keeping, settled
+from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.plugins import in_use
 from pgmp_petsc.base.progress import doing

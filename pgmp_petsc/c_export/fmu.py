@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from pgmp_petsc import __version__
+from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.c_export.constants import Constants
 from pgmp_petsc.c_export.description import build_description, description

@@ -51,7 +51,7 @@ from typing import Any, TextIO
 import h5py
 import numpy as np
 
-from pgmp_petsc import __version__
+from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, Remark, from_json, shortened, to_json
 from pgmp_petsc.base.plugins import check_plugins, plugins_of
 from pgmp_petsc.base.units import SAID, SI, UnitSystem

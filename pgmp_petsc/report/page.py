@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from pgmp_petsc import __version__
+from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, counted, visible
 from pgmp_petsc.figures.style import MODELS, axis_unit, quantity, scene_of
 from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired

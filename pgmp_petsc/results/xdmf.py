@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import h5py
 import numpy as np
 
-from pgmp_petsc import __version__
+from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.records import number_name
 from pgmp_petsc.files.claims import check_output, replacing
