@@ -36,11 +36,16 @@ def aligned(in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
     return [perpendicular(in_a[:, k], in_b[:, 0]) for k in (1, 2)]
 
 
+def parallel(in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
+    """Return that triads (d, d) in a and in b have the same directions."""
+    if len(in_a) == 2:
+        return [perpendicular(in_a[:, 0], in_b[:, 1])]
+    return [*aligned(in_a, in_b), perpendicular(in_a[:, 1], in_b[:, 2])]
+
+
 def weld(in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
     """Return that two points share their position, and triads (d, d) in a and in b their directions."""
-    if len(in_a) == 2:
-        return [*meeting(2), perpendicular(in_a[:, 0], in_b[:, 1])]
-    return [*meeting(3), *aligned(in_a, in_b), perpendicular(in_a[:, 1], in_b[:, 2])]
+    return [*meeting(len(in_a)), *parallel(in_a, in_b)]
 
 
 def share_position(statements: Sequence[Statement]) -> bool:

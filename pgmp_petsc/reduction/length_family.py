@@ -54,7 +54,7 @@ def build_over_lengths(
     Parameters
     ----------
     scene, meshes
-        The scene, with parameters that are lengths or places, and the mesh of every body at any lengths.
+        The scene, with parameters that are lengths, places or ratios, and the mesh of every body at any lengths.
     build
         Builds the model of a scene whose lengths are those of its run, at given configurations and with vectors from
         given parameter values, or those that the scene asks for; collective, None on all ranks but the first.

@@ -7,7 +7,7 @@ deviations, or bounds): at these its matrices were looked at, and bases by toler
 served without a word; six standard deviations cost 1.6 % of the deformation where three cost 0.3 %
 (`tests/hard_cases/test_far_from_nominal.py`). What lies outside is counted and warned of. Three times as far away as
 the span it is refused: values of single runs, samples of a file, and distributions of which the greater part lies
-there. Lengths and places are not served beyond the points of their polynomials at all. Of parameters that no
+there. Lengths, places and ratios are not served beyond the points of their polynomials at all. Of parameters that no
 distribution and no bounds of the build's scene say anything of, 30 % around the nominal value are taken for the span.
 What tables do not depend on, loads and local effects, may be anything.
 """
@@ -94,7 +94,7 @@ class ReducedOrderModel:
     #: what the basis misses of the forces in bodies with stress outputs away from the nominal parameters; None where no
     #: parameter changes them, or lengths are parameters
     missed: MissedAnswers | None = None
-    #: models at other lengths, where parameters are lengths or places; the model itself is that at the nominal ones
+    #: models at other lengths, where parameters are lengths, places or ratios; the model itself has the nominal ones
     family: LengthFamily | None = field(default=None, repr=False)
     _displacements: dict[str, Interpolant] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -476,7 +476,7 @@ def _of_parameter(name: str, served: Served, scene: Scene) -> Iterator[str]:
         f"parameters.{name}.distribution: {100 * share:.2g} % of it lie outside [{served.low:.6g}, {served.high:.6g}]"
     )
     if served.is_sharp and beyond > ROUND_OFF:
-        raise InputError(f"{what}, beyond which the reduced model serves no length and no place; {CURE}")
+        raise InputError(f"{what}, beyond which the reduced model serves no length, place or ratio; {CURE}")
     if beyond > 0.5:
         raise InputError(
             f"{what}, the range that the reduced model was built for, and the greater part beyond what it serves, "

@@ -33,7 +33,7 @@ from pgmp_petsc.base.units import QUANTITY, SI, UnitSystem, UnknownUnit, number_
 
 GROUND = "ground"
 #: Which numbers make sense in an entry. A spring may be negative: a magnet, or one past its dead point.
-Sign = Literal["positive", "not negative", "any"]
+Sign = Literal["positive", "not negative", "not zero", "any"]
 #: Largest magnitude of a number, and smallest other than 0: fourth powers of lengths and products of a few numbers stay
 #: far within what a float can hold (1e-308 to 1e308).
 LARGEST, SMALLEST = 1e30, 1e-30
@@ -344,6 +344,16 @@ NumberOrParameter = Annotated[
     AfterValidator(_sensible_numbers),
     Quantified("any"),
 ]
+#: A number other than 0, or the name of a parameter.
+NotZeroOrParameter = Annotated[
+    float | str,
+    _needed(
+        "a number other than 0 or the name of a parameter is needed",
+        lambda value: _is_number_or_name(value) and value != 0,
+    ),
+    AfterValidator(_sensible_numbers),
+    Quantified("not zero"),
+]
 #: A positive number, or the name of a parameter.
 PositiveOrParameter = Annotated[
     float | str,
@@ -353,6 +363,19 @@ PositiveOrParameter = Annotated[
     ),
     AfterValidator(_sensible_numbers),
     _either(exclusiveMinimum=0),
+    Quantified("positive"),
+]
+#: Two positive numbers, or names of parameters.
+PositivePair = Annotated[
+    tuple[float | str, float | str],
+    _needed(
+        "two positive numbers in brackets are needed, such as [0.05, 0.1], each a number or a parameter's name",
+        lambda value: (
+            _is_list(value, 2) and all(_is_number_or_name(x) and (isinstance(x, str) or x > 0) for x in value)
+        ),
+    ),
+    AfterValidator(_sensible_numbers),
+    WithJsonSchema({"type": "array", "items": _either(exclusiveMinimum=0).json_schema, "minItems": 2, "maxItems": 2}),
     Quantified("positive"),
 ]
 #: A number that is not negative, or the name of a parameter.

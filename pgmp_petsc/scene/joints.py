@@ -6,7 +6,7 @@ A joint is one class: its entries, what it holds, and what it leaves free. The j
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -284,13 +284,14 @@ class JointEntry(JointTable):
 
 @dataclass(frozen=True)
 class Share:
-    """What the motion of one joint has in a coupling: a factor, and the points of a spline (rad, and rad or m) that
-    the factor is of, where it is not of the motion itself."""
+    """What the motion of one joint has in a coupling: a factor, a number or a parameter's name, times a number, and the
+    points of a spline (rad, and rad or m) that both are of, where they are not of the motion itself."""
 
     joint: str
     motion: str | None  # turning or sliding; None where the joint has both and the scene says neither
     entry: str  # that names the joint, behind the coupling's own name
-    factor: float
+    factor: float | str = 1.0
+    times: float = 1.0
     table: tuple[tuple[float, float], ...] = ()
 
 
@@ -322,6 +323,27 @@ class CouplingEntry(JointTable):
     def shares(self, motion: Callable[[str, str | None], str | None]) -> list[Share]:
         """Return what is added; `motion` gives that of a joint by its name, of several the one that is said."""
         raise NotImplementedError
+
+    def uses(self) -> Iterator[tuple[str, float | str, Sign, tuple[str, ...]]]:
+        """Yield key, value, sign and units of what may name a parameter."""
+        for key, (sign, unit) in quantities_of(type(self)).items():
+            given, units = getattr(self, key), tuple(filter(None, unit.turning))
+            if isinstance(given, dict):
+                yield from ((f"{key}.{name}", value, sign, units) for name, value in given.items())
+            else:
+                yield from ((key, value, sign, units) for value in (given if isinstance(given, tuple) else (given,)))
+
+    def with_numbers(self, values: Mapping[str, float]) -> Self:
+        """Return the coupling with numbers in place of parameters, by their names."""
+        numbers = {}
+        for key in quantities_of(type(self)):
+            given = getattr(self, key)
+            if isinstance(given, dict):
+                numbers[key] = {name: values.get(one, one) for name, one in given.items()}
+            else:
+                found = tuple(values.get(one, one) for one in (given if isinstance(given, tuple) else (given,)))
+                numbers[key] = found if isinstance(given, tuple) else found[0]
+        return self.model_copy(update=numbers)
 
     def shares_in(self, scene: AnyScene) -> list[Share]:
         """Return what is added in a scene whose joints it has."""

@@ -41,6 +41,8 @@ ALLOWED = {
     "less_than": "must be less than {lt}",
     "less_than_equal": "must be at most {le}",
 }
+#: What a place or direction needs, by the dimension of the scene.
+COMPONENTS = {2: "two numbers (x, y) are needed in the plane", 3: "three numbers (x, y, z) are needed in space"}
 #: What pydantic appends to the location of a refused key of a table.
 KEY_MARK = "[key]"
 _NOTHING = object()

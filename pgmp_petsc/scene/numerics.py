@@ -53,8 +53,8 @@ class Reduction(Table):
     length_points: Annotated[Integer, at_most(8, "polynomials of degree 7 are as good as the eigensolvers")] = Field(
         5,
         ge=2,
-        description="Chebyshev points of every parameter that is a length or a place, over its bounds; the modes of "
-        "all angles are built at each, and once more at the nominal lengths",
+        description="Chebyshev points of every parameter that is a length, a place or a ratio, over its bounds; the "
+        "modes of all angles are built at each, and once more at the nominal lengths",
     )
     sampling_tolerance: Number | None = Field(
         None,

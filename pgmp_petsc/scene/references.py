@@ -39,9 +39,9 @@ from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.fields import GROUND, AnyScene, split_point
 from pgmp_petsc.scene.joints import MEASURED, CouplingEntry, JointEntry, joints_with
-from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.messages import COMPONENTS, problem
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry
-from pgmp_petsc.scene.uses import Use, ordered_ends, slides, uses_of
+from pgmp_petsc.scene.uses import Use, motion_over, ordered_ends, slides, uses_of
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.bodies import Body, Rigid
@@ -78,7 +78,8 @@ def effect_problems(scene: AnyScene) -> Iterator[str]:
 def joint_problems(scene: AnyScene, entry: str, joint: str, allowed: tuple[type, ...]) -> Iterator[str]:
     """Yield a line if there is no such joint, or it is of a kind that is not allowed."""
     fitting = [name for name, candidate in scene.joints.items() if isinstance(candidate, allowed)]
-    named = " or ".join(kind.model_fields["type"].annotation.__args__[0] for kind in allowed)
+    *others, last = (kind.model_fields["type"].annotation.__args__[0] for kind in allowed)
+    named = f"{', '.join(others)} or {last}" if others else last
     if joint not in scene.joints:
         yield problem(entry, f"there is no such {named} joint{nearest_name(joint, fitting)}", joint)
     elif joint not in fitting:
@@ -88,6 +89,15 @@ def joint_problems(scene: AnyScene, entry: str, joint: str, allowed: tuple[type,
             f" (allowed: {', '.join(fitting) or 'none is defined'})",
             joint,
         )
+
+
+def over_problems(scene: AnyScene, entry: str, effect: Any) -> Iterator[str]:
+    """Yield a line if there is no such joint as an effect hangs on, or that joint has two motions."""
+    known = list(joint_problems(scene, f"{entry}.over", effect.over, joints_with(*MEASURED, dimension=scene.dimension)))
+    yield from known
+    if not known and motion_over(scene, effect) is None:
+        words = f"is {scene.joints[effect.over].type}, which turns and slides; take a joint that has one motion"
+        yield problem(f"{entry}.over", words, effect.over)
 
 
 def motion_problems(
@@ -559,6 +569,8 @@ def _sign(use: Use, entry: str, number: float) -> Iterator[str]:
         yield problem(entry, f"must be positive, because {use.entry} uses it", number)
     elif use.sign == "not negative" and number < 0.0:
         yield problem(entry, f"must not be negative, because {use.entry} uses it", number)
+    elif use.sign == "not zero" and number == 0.0:
+        yield problem(entry, f"must not be 0, because {use.entry} uses it", number)
 
 
 def space_problems(scene: AnyScene) -> Iterator[str]:
@@ -586,12 +598,7 @@ def _vectors(scene: AnyScene) -> Iterator[str]:
                 entries[f"{table}.{name}.direction"] = direction
     for entry, value in entries.items():
         if len(value) != n:
-            words = (
-                "two numbers (x, y) are needed in the plane"
-                if n == 2
-                else "three numbers (x, y, z) are needed in space"
-            )
-            yield problem(entry, words, list(value))
+            yield problem(entry, COMPONENTS[n], list(value))
 
 
 def _in_the_plane(scene: AnyScene) -> Iterator[str]:

@@ -2,7 +2,8 @@
 
 What an effect on a joint, or between points, acts on: a rotation, or a displacement along a line.
 
-Parameters that are lengths or places: the length of a straight body, the place of a joint on the ground.
+Parameters that are lengths, places or ratios: the length of a straight body, the place of a joint on the ground, a
+factor of a coupling.
 
 They change the rigid motion, and nothing is affine in them: a reduced model is built at some of their values and
 interpolates between these (`reduction.length_family`), so that each needs a range: its bounds, within what its
@@ -19,7 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pgmp_petsc.scene.fields import AnyScene, Sign, quantities_of
-from pgmp_petsc.scene.joints import MEASURED
+from pgmp_petsc.scene.joints import MEASURED, CouplingEntry
 from pgmp_petsc.scene.messages import problem
 
 SomeScene = TypeVar("SomeScene", bound=AnyScene)
@@ -44,13 +45,17 @@ class Use:
 
 
 def length_uses(scene: AnyScene) -> Iterator[Use]:
-    """Yield the entries of lengths and places: of straight lines, and of points of the ground."""
+    """Yield the entries of lengths, places and ratios: of straight lines, of points of the ground, and of couplings."""
     for name, body in scene.bodies.items():
         if body.line is not None:
             yield Use(f"bodies.{name}.line.length", body.line.length, "positive", ("m",))
     for name, place in scene.ground.points.items():
         for axis, value in zip("xyz", place):
             yield Use(f"ground.points.{name}.{axis}", value, "any", ("m",))
+    for name, joint in scene.joints.items():
+        if isinstance(joint, CouplingEntry):
+            for key, *use in joint.uses():
+                yield Use(f"joints.{name}.{key}", *use)
 
 
 def velocity_names(scene: AnyScene) -> dict[str, str]:
@@ -140,16 +145,27 @@ def slides(scene: AnyScene, entry: Any) -> bool:
     return joint.motion_of(getattr(entry, "motion", None), allowed, scene.dimension) == "sliding"
 
 
+def motion_over(scene: AnyScene, entry: Any) -> str | None:
+    """Return the motion of a joint that an effect is over, ``turning`` or ``sliding``; None where the joint has both.
+
+    Of the joint that it acts on it is the one that it acts on.
+    """
+    if entry.over == entry.joint:
+        return "sliding" if slides(scene, entry) else "turning"
+    joint = scene.joints.get(entry.over)
+    return None if joint is None else joint.motion_of(None, MEASURED, scene.dimension)
+
+
 MOST_BUILDS = 64  # of all lengths together: each has the price of a build, and as much in the file
 
 
 def length_names(scene: AnyScene) -> tuple[str, ...]:
-    """Return the parameters that are lengths or places, sorted."""
+    """Return the parameters that are lengths, places or ratios, sorted."""
     return tuple(sorted({use.parameter for use in length_uses(scene) if use.parameter is not None}))
 
 
 def length_range(scene: AnyScene, name: str) -> tuple[float, float]:
-    """Return the smallest and largest value (m) of a parameter; infinite where nothing says an end."""
+    """Return the smallest and largest value (m or 1) of a parameter; infinite where nothing says an end."""
     parameter, (low, high) = scene.parameters[name], (-np.inf, np.inf)
     if parameter.bounds is not None:
         low, high = parameter.bounds
@@ -181,7 +197,7 @@ def held(scene: SomeScene, values: Mapping[str, float]) -> SomeScene:
 
 
 def with_numbers(scene: SomeScene, values: Mapping[str, float]) -> SomeScene:
-    """Return a scene in which lengths and places are numbers, by the name of the parameter that each was."""
+    """Return a scene in which lengths, places and ratios are numbers, by the name of the parameter that each was."""
     bodies = dict(scene.bodies)
     for name, body in bodies.items():
         if body.line is not None and body.line.length in values:
@@ -192,11 +208,15 @@ def with_numbers(scene: SomeScene, values: Mapping[str, float]) -> SomeScene:
         for name, place in scene.ground.points.items()
     }
     ground = scene.ground.model_copy(update={"points": points})
-    return held(scene, values).model_copy(update={"bodies": bodies, "ground": ground})
+    joints = {
+        name: joint.with_numbers(values) if isinstance(joint, CouplingEntry) else joint
+        for name, joint in scene.joints.items()
+    }
+    return held(scene, values).model_copy(update={"bodies": bodies, "ground": ground, "joints": joints})
 
 
 def length_problems(scene: AnyScene) -> Iterator[str]:
-    """Yield one line for each length or place that a parameter cannot be as it is given."""
+    """Yield one line for each length, place or ratio that a parameter cannot be as it is given."""
     names = [name for name in length_names(scene) if name in scene.parameters]
     first = {use.parameter: use for use in reversed(list(length_uses(scene)))}
     others = {use.parameter: use for use in uses_of(scene) if use.entry not in _entries(scene)}
@@ -206,8 +226,8 @@ def length_problems(scene: AnyScene) -> Iterator[str]:
     if count > MOST_BUILDS:
         yield problem(
             "reduction.length_points",
-            f"of {len(names)} lengths and places ({', '.join(names)}) make {count} builds; at most {MOST_BUILDS} are "
-            "made. Take fewer points, or numbers in place of some parameters",
+            f"of {len(names)} lengths, places and ratios ({', '.join(names)}) make {count} builds; at most "
+            f"{MOST_BUILDS} are made. Take fewer points, or numbers in place of some parameters",
             scene.reduction.length_points,
         )
     for name, field in scene.fields.items():
@@ -230,18 +250,21 @@ def _of_parameter(scene: AnyScene, name: str, use: Use, other: Use | None) -> It
     if other is not None:
         yield problem(
             entry,
-            f"{use.entry} and {other.entry} use it; what is a length or a place cannot be anything else, so take a "
-            "parameter for each",
+            f"{use.entry} and {other.entry} use it; what is a length, a place or a ratio cannot be anything else, so "
+            "take a parameter for each",
         )
     low, high = length_range(scene, name)
     if not (math.isfinite(low) and math.isfinite(high)):
         yield problem(
             f"{entry}.bounds",
-            f"missing; {use.entry} uses it, and the reduced model is built between its ends: give bounds = [low, high] "
-            "(m), or a distribution that has both, such as uniform",
+            f"missing; {use.entry} uses it, and the reduced model is built between its ends: give bounds = [low, high]"
+            f"{' (m)' if use.units == ('m',) else ''}, or a distribution that has both, such as uniform",
         )
     elif use.sign == "positive" and low <= 0.0:
         yield problem(f"{entry}.bounds", f"must be positive, because {use.entry} uses it", [low, high])
+    elif use.sign == "not zero" and low <= 0.0 <= high:
+        words = f"must be on one side of 0, because {use.entry} uses it, and with 0 nothing is coupled"
+        yield problem(f"{entry}.bounds", words, [low, high])
     else:
         for key in ("nominal", "value"):
             number = getattr(parameter, key)
