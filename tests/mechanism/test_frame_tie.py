@@ -38,7 +38,9 @@ def tie_of(places: np.ndarray, frame: FaceFrame) -> FrameTies:
     faces = {"faces": frame}
     body = SimpleNamespace(face_frames=faces, first_node=0, first_internal=N_TIES, blocks=lambda kind: ())
     n_dofs = N_TIES + places.size
-    return FrameTies(SimpleNamespace(dimension=2, n_dofs=n_dofs, bodies=(body,), frame=lambda node: np.arange(N_TIES)))
+    return FrameTies.of(
+        SimpleNamespace(dimension=2, n_dofs=n_dofs, bodies=(body,), frame=lambda node: np.arange(N_TIES))
+    )
 
 
 def jacobian_of(tie: FrameTies, q: np.ndarray) -> np.ndarray:
