@@ -23,8 +23,8 @@ from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bench.step_choice import settle_step
 from pgmp_petsc.bodies.assembled import Assembled
 from pgmp_petsc.bodies.shape import shape_in_scene
+from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan
-from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mesh.line_mesh import straight_beam

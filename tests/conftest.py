@@ -78,6 +78,7 @@ THOROUGH = (
     "verification/test_interpolation_order.py::test_the_order_in_the_angle_spacing[overhauser-3.0]",
     "verification/test_scenes.py::test_the_reduced_model_follows_the_full_order_one[spatial_mixed]",
 )
+LONG = ("parallel/", "verification/", "commands/", "hard_cases/")
 # Random cases are the same in every run, and none has a limit of time: neither luck nor load decides about a test.
 hypothesis.settings.register_profile("suite", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("suite")
@@ -87,8 +88,8 @@ def run_mpi(n: int, *command: object, check_status: int | None = 0) -> subproces
     """Run Python with the arguments ``command`` on ``n`` ranks and return what it printed."""
     paths = [str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")]
     environment = os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
-    if n == 1:  # mpirun waits two seconds for what else it could have to kill after a status other than zero
-        environment["OMPI_MCA_odls_base_sigkill_timeout"] = "0"
+    # mpirun waits this long, and two seconds unless told, for ranks that write their last words before it kills them
+    environment["OMPI_MCA_odls_base_sigkill_timeout"] = "0" if n == 1 else "1"
     arguments = ["mpirun", "-n", str(n), *warm_start.python(environment), *(str(word) for word in command)]
     process = subprocess.Popen(
         arguments,
@@ -113,7 +114,9 @@ def run_mpi(n: int, *command: object, check_status: int | None = 0) -> subproces
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what `THOROUGH` names; setup.cfg leaves it out."""
+    """Mark what `THOROUGH` names; setup.cfg leaves it out. Folders whose files take longest come first, so that no
+    process is left with one of these when the others have done."""
+    items.sort(key=lambda item: not item.nodeid.removeprefix("tests/").startswith(LONG))
     for item in items:
         if item.nodeid.removeprefix("tests/").startswith(THOROUGH):
             item.add_marker("thorough")

@@ -18,10 +18,10 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.energies import joined
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
-from pgmp_petsc.studies.balance import balance_of
+from pgmp_petsc.studies.records import balance_of
 from scenes import tables
 
-G = 9.81  # m/s2
+G = 9.80665  # m/s2
 STEP = 2e-3  # s
 
 # a uniform bar of 1 kg and 1 m that turns about its end: J = 1/3 kg m2

@@ -79,7 +79,7 @@ class CartAndPole:
 
     def motion(
         self, times: np.ndarray, start: tuple[float, ...], force: Callable[..., float] = lambda *_: 0.0,
-        torque: Callable[..., float] = lambda *_: 0.0, gravity: float = 9.81,
+        torque: Callable[..., float] = lambda *_: 0.0, gravity: float = 9.80665,
     ) -> np.ndarray:  # fmt: skip
         """Return x and the angle, shape (2, n), for a force along the rail and a torque, of (t, x, phi, x', phi')."""
 

@@ -11,8 +11,7 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel
 
-from pgmp_petsc.base.unit_systems import MM
-from pgmp_petsc.scene.dimensions import measure, times
+from pgmp_petsc.base.units import MM, measure, times
 from pgmp_petsc.scene.fields import Unit, _notes
 from pgmp_petsc.scene.loading import load_scene
 from pgmp_petsc.scene.uses import measured_uses, uses_of

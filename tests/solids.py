@@ -16,8 +16,7 @@ from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.solid import Region, Solid
 from pgmp_petsc.mesh import SolidMesh
-from pgmp_petsc.mesh.reference_element import Quadrature, _element, _tabulated, reference_element
-from pgmp_petsc.mesh.solid_mesh import cell_faces
+from pgmp_petsc.mesh.solid_mesh import Quadrature, _element, _tabulated, cell_faces, reference_element
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 
 SIDES = {2: (("left", "right"), ("bottom", "top")), 3: (("left", "right"), ("front", "back"), ("bottom", "top"))}

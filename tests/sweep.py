@@ -22,6 +22,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT
 
 SCENES = sorted((ROOT / "scenes").glob("*.toml"))
@@ -133,7 +134,8 @@ def sweep(scene: Path, ranks: int, folder: Path, whole: bool = False) -> list[En
     environment = os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
     launch = [] if ranks == 1 else ["mpirun", "-n", str(ranks)]
     report = folder / f"{scene.stem}.json"
-    words = [sys.executable, __file__, "--worker", str(scene), str(folder), str(report), str(int(whole))]
+    asked = ["--worker", str(scene), str(folder), str(report), str(int(whole))]
+    words = [*warm_start.python(environment), __file__, *asked]
     done = subprocess.run([*launch, *words], env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     if not report.exists():
         return [Ending(scene.stem, "all", (done.returncode,), done.stdout, done.stderr, 0.0)]

@@ -16,7 +16,7 @@ FREE = ("base", "lanes", "ranks", "files")  # what every package may import
 ORDER = (
     *FREE, "declare", "scene", "mesh", "bodies", "solvers", "components", "mechanism", "joints", "effects", "modes", "outputs",
     "reduction", "stepping", "full", "reduced", "models", "gradients", "results", "estimates", "ensemble",
-    "bench", "design", "studies", "figures", "export", "c_export", "report", "texts", "api", "cli",
+    "bench", "design", "studies", "figures", "c_export", "report", "texts", "api", "cli",
 )  # fmt: skip
 # packages that keep to fewer than their place allows
 NEEDS = {
@@ -35,11 +35,10 @@ NEEDS = {
     "effects": {"declare", "scene", "bodies", "mechanism"},
     "outputs": {"scene", "mesh", "bodies", "mechanism"},
     "figures": {"mesh", "results"},
-    "export": {"declare", "results"},
     "report": {"declare", "results", "figures"},
     "texts": {"results", "reduction", "studies"},  # the latter two for types
 }
-WITHOUT_PETSC = ("scene", "mesh", "figures", "export", "report", "results", "declare", "texts")
+WITHOUT_PETSC = ("scene", "mesh", "figures", "report", "results", "declare", "texts")
 
 
 def imports_of(path: Path, for_types: bool = True) -> set[str]:

@@ -13,6 +13,9 @@ from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of, tell, tell_remarks
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import SCENE, scene_and_meshes
 from pgmp_petsc.base.errors import InputError, counted
+from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.components.condensing import Trial
 from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.ranks.agreement import on_root
@@ -20,10 +23,6 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.check import describe_scene, describe_trial, summary_of_scene
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
-
-    from pgmp_petsc.bodies.shape import BodyShape
-    from pgmp_petsc.components.condensing import Trial
     from pgmp_petsc.results.selection import EffectSizes
 
 
@@ -91,7 +90,7 @@ def check(
     picture: str | PathLike[str] | None = None,
     parameters: Parameters | None = None,
     overrides: Overrides = (),
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Checked:
     """Validate `scene` and print its bodies, unknowns, active effects and estimated memory; solve nothing.
 
@@ -128,18 +127,18 @@ def _draw(scene: Scene, meshes: Mapping[str, BodyShape], picture: Path) -> Path:
     """Draw the assembled mechanism, and return the picture's path; by one process only."""
     from pgmp_petsc.figures.mechanism import assembly  # matplotlib takes a noticeable time
     from pgmp_petsc.figures.style import save
-    from pgmp_petsc.studies.assembly import assembly_of
+    from pgmp_petsc.studies.field_frames import assembly_of
 
     return save(assembly(assembly_of(scene, meshes)), picture)
 
 
-def _tried(scene: Scene, meshes: Mapping[str, BodyShape], comm: MPI.Comm) -> Trial | None:
+def _tried(scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm) -> Trial | None:
     from pgmp_petsc.components.condensing import try_largest
 
     return try_largest(scene, meshes, comm)
 
 
-def _sizes(scene: Scene, meshes: Mapping[str, BodyShape], comm: MPI.Comm) -> EffectSizes:
+def _sizes(scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm) -> EffectSizes:
     """Return the sizes of effects, bodies of continuum cells condensed as in a build. Collective on `comm`."""
     from pgmp_petsc.components.condensing import condensed
     from pgmp_petsc.ranks.groups import RankGroup

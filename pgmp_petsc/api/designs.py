@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import OPTIONAL_OUTPUT, Argument, command, numbers_by_name
@@ -15,6 +14,7 @@ from pgmp_petsc.api.result import Result, Rom
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import Origin, keeping
 from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.design.design_figures import Question
 from pgmp_petsc.design.fitting import fit as fitted
 from pgmp_petsc.design.goals import read_constraint, read_goal
@@ -23,13 +23,9 @@ from pgmp_petsc.design.optimization import designed_parameters
 from pgmp_petsc.design.optimization import optimize as designed
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.ranks.agreement import agreed, on_root
+from pgmp_petsc.results.gradients import Design, Fit
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.texts.gradient_tables import report_of_design, report_of_fit
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
-    from pgmp_petsc.results.gradients import Design, Fit
+from pgmp_petsc.texts.studies import report_of_design, report_of_fit
 
 
 @dataclass(frozen=True)
@@ -80,7 +76,7 @@ def fit(
     output: str | PathLike[str] | None = None,
     plot: str | PathLike[str] | None = None,
     on_all_ranks: bool = True,
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Result:
     """Fit parameters of the reduced model `rom` to the history in `measured` by least squares.
 
@@ -143,7 +139,7 @@ def optimize(
     output: str | PathLike[str] | None = None,
     plot: str | PathLike[str] | None = None,
     on_all_ranks: bool = True,
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Result:
     """Find the parameters of the reduced model `rom` that meet `goal` best.
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,13 +14,11 @@ from pgmp_petsc.api.files import read
 from pgmp_petsc.api.ranks import ranks_of
 from pgmp_petsc.api.result import Result
 from pgmp_petsc.base.errors import InputError, counted
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.files.claims import named
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.numbers import axis_unit, share_text
 from pgmp_petsc.results.summary import plain
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 
 @dataclass(frozen=True)
@@ -85,7 +82,7 @@ def diff(
     second: Result | str | PathLike[str],
     *,
     tolerance: float | None = None,
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Differences:
     """Compare the outputs of `first` and `second`: two runs over time, or two ensembles of the same samples.
 

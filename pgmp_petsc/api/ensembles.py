@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,12 +22,14 @@ from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import REDUCED, SOURCE, AnySource, Keeper, Origin, keeping
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.progress import announce
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.failures import read_earlier
+from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, Shard
-from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.ensemble.sample_file import Columns
 from pgmp_petsc.ensemble.sampling import refuse_drawn
+from pgmp_petsc.models import FullModel
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.results.ensemble import Ensemble, ShardSamples, read_shard
@@ -35,12 +37,6 @@ from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.texts.ensemble_table import report as report_of_ensemble
 from pgmp_petsc.texts.ensemble_table import report_of_rare_event, report_of_shard
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
-    from pgmp_petsc.models import FullModel
-
 
 PER_SAMPLE = Argument(
     "With --full: ranks that share one sample, for large meshes; groups of ranks have samples of their own.",
@@ -90,7 +86,7 @@ def retry_failed(
     output: str | PathLike[str] | None = None,
     resume: bool = False,
     on_all_ranks: bool = True,
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Result:
     """Try the failed samples of an ensemble's file further, with smaller steps, and take the others from it.
 
@@ -138,7 +134,7 @@ def rare_event(
     overrides: Overrides = (),
     output: str | PathLike[str] | None = None,
     on_all_ranks: bool = True,
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Result:
     """Find the probability of a rare event with at most `n` samples."""
     from pgmp_petsc.ensemble.rare_run import event_of, run_rare_event  # a noticeable time, and few ask for one
@@ -157,7 +153,7 @@ def rare_event(
         return keeper.result(found, origin.directory, prepared.scene.remarks)
 
 
-def choose(given: Mapping[str, Any], comm: MPI.Comm) -> Callable[..., Result]:
+def choose(given: Mapping[str, Any], comm: Comm) -> Callable[..., Result]:
     """Return which function samples are integrated by; refuse what has no part in it."""
     if "event" in given:
         for name in _WITHOUT:
@@ -252,7 +248,7 @@ def montecarlo(
     output: str | PathLike[str] | None = None,
     resume: bool = False,
     on_all_ranks: bool = True,
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Result:
     """Integrate samples of a reduced model (or with `model` of a scene) and describe their distributions.
 
@@ -299,7 +295,7 @@ def merge(
     *,
     output: str | PathLike[str] | None = None,
     on_all_ranks: bool = True,
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Result:
     """Join all shards of an ensemble (pgmp montecarlo --shard) to the file that one run would have written.
 
@@ -328,7 +324,7 @@ def _check_sharing(ranks_per_sample: int, model: str) -> None:
         raise InputError(f"--ranks-per-sample = {ranks_per_sample}: samples of {what} are small; leave it out")
 
 
-def _say_if_small(model: FullModel, ranks_per_sample: int, comm: MPI.Comm) -> None:
+def _say_if_small(model: FullModel, ranks_per_sample: int, comm: Comm) -> None:
     """Say that samples are too small to be shared among ranks, which wait for each other in every step."""
     if ranks_per_sample == 1:
         return

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command, interface
@@ -15,6 +15,7 @@ from pgmp_petsc.api.result import Result, Rom, file_of
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import Origin
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.c_export.constants import CORRECTIONS, MOST_CORRECTIONS, checked_scene, constants_of, left_out, tunable
 from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
 from pgmp_petsc.c_export.source import write_sources
@@ -22,11 +23,6 @@ from pgmp_petsc.files.claims import KINDS, TABLE, TABULAR, check_output, is_tabl
 from pgmp_petsc.files.seal import BrokenSeal, seal_of
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.unit_systems import unit_system
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
 
 FMU, XDMF = ".fmu", (".xdmf", ".xmf")
 LEFT_OUT = "note: elastic strain, change of stiffness, error estimates and energies are not in it; see pgmp simulate"
@@ -49,7 +45,7 @@ def export_model(
     fmi: int | None = None,
     parameters: Parameters | None = None,
     overrides: Overrides = (),
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Path:
     """Write the reduced model `rom` for other programs, and return where.
 
@@ -84,7 +80,7 @@ def export_model(
     steps = f"steps of {model.scene.simulation.step:g} s, {corrections}"
     scene, variable = model.scene, tunable(model.scene)
     tell(comm, f"  {steps}; tunable: {', '.join(variable) or 'no parameters'}")
-    metre = unit_system(scene).unit("m")
+    metre = scene.system.unit("m")
     fixed = ", ".join(f"{name} = {scene.values[name]:.6g} {metre}" for name in scene.values if name not in variable)
     if fixed:
         tell(comm, f"  note: {fixed}: its mechanism is made with it; export once more with another --set")
@@ -107,7 +103,7 @@ def _check(output: str | PathLike[str], fmi: int | None) -> None:
         raise InputError(f"--fmi {fmi} is for FMUs, and '{target}' is none; name an FMU, -o NAME{FMU}, or leave it out")
 
 
-def _chosen(given: Mapping[str, Any], comm: MPI.Comm) -> Callable[..., Path]:
+def _chosen(given: Mapping[str, Any], comm: Comm) -> Callable[..., Path]:
     """Return which of the two functions writes; refuse options of the other. Collective on `comm`."""
     output = given["output"]
     suffix = output.suffix.lower()
@@ -133,7 +129,7 @@ def _is_rom(file: Path) -> bool:
     gives="What was written.",
 )  # fmt: skip
 def export_result(
-    result: Result | str | PathLike[str], output: str | PathLike[str], *, comm: MPI.Comm | None = None
+    result: Result | str | PathLike[str], output: str | PathLike[str], *, comm: Comm | None = None
 ) -> Path:
     """Write the frames of trajectory `result` as XDMF, which ParaView opens; a result's columns as CSV (-o FILE.csv);
     or a reduced model `result` for other programs.
@@ -159,8 +155,8 @@ def export_result(
 
 def _write_frames(file: Path, output: Path) -> int:
     """Describe the frames of a trajectory for ParaView; return their number. By one process."""
-    from pgmp_petsc.export.xdmf import write_xdmf
     from pgmp_petsc.files.hdf5 import open_file
+    from pgmp_petsc.results.xdmf import write_xdmf
 
     with open_file(file, KINDS) as opened:
         kind = str(opened.attrs["kind"])

@@ -9,24 +9,21 @@ from dataclasses import dataclass
 from datetime import datetime
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+import h5py
 
 from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of
 from pgmp_petsc.api.result import Result, Rom, in_memory
-from pgmp_petsc.files.hdf5 import KINDS, shapes_of
+from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.files.hdf5 import KINDS, RunRecord, shapes_of
 from pgmp_petsc.ranks.agreement import on_root
-
-if TYPE_CHECKING:
-    import h5py
-    from mpi4py import MPI
-
-    from pgmp_petsc.files.hdf5 import RunRecord
-    from pgmp_petsc.results import EffectSizes, Selection
+from pgmp_petsc.results import EffectSizes, Selection
 
 
 @interface(path=Argument("File of a result of any kind but a shard."))
-def read(path: str | PathLike[str], *, comm: MPI.Comm | None = None) -> Result:
+def read(path: str | PathLike[str], *, comm: Comm | None = None) -> Result:
     """Read a result file: a `Rom`, or a `Result`; raises `InputError` if it is no whole result of this program."""
     comm, path = ranks_of(comm), Path(path)
     kind = on_root(comm, _kind_of, path)
@@ -136,8 +133,6 @@ def _contents(path: Path) -> Contents:
 
 
 def _all_datasets(file: h5py.File) -> dict[str, DataSet]:
-    import h5py
-
     found = {}
 
     def visit(name: str, item: object) -> None:
@@ -204,7 +199,7 @@ def _estimates(found: Contents) -> list[str]:
 
         return ensemble_table.lines_of_rare_event(RareEvent.read(path))
     if found.kind in ("sensitivities", "fit", "design"):
-        from pgmp_petsc.texts.gradient_tables import lines_of_file
+        from pgmp_petsc.texts.studies import lines_of_file
 
         return lines_of_file(path, found.kind)
     known = ("/validity/", "/errors/")
@@ -216,7 +211,7 @@ def _estimates(found: Contents) -> list[str]:
 def _tradeoff(path: Path) -> str:
     """Return the table and the advice of a trade-off study."""
     from pgmp_petsc.results.tradeoff import Tradeoff
-    from pgmp_petsc.texts.tradeoff_table import summary
+    from pgmp_petsc.texts.studies import summary
 
     return summary(Tradeoff.read(path))
 
@@ -268,6 +263,6 @@ def _figures(found: Contents, scene: bool) -> Mapping[str, object]:
     path=Argument("Result file of any kind.", word="FILE"),
     shell={"scene": Argument("Print the scene that the file was made from, as TOML.")},
 )  # fmt: skip
-def contents(path: str | PathLike[str], *, comm: MPI.Comm | None = None) -> Contents:
+def contents(path: str | PathLike[str], *, comm: Comm | None = None) -> Contents:
     """Say what `path` holds: its origin, parameters, timings and datasets."""
     return on_root(ranks_of(comm), _contents, Path(path))

@@ -14,13 +14,12 @@ from pgmp_petsc.api.files import stopped_runs
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of, tell
 from pgmp_petsc.api.result import Result, file_of
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.files.hdf5 import open_file
 from pgmp_petsc.ranks.agreement import agreed, on_root
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
-
     from pgmp_petsc.figures.motion import Motion
     from pgmp_petsc.results.trajectory import ModeShape
 
@@ -69,7 +68,7 @@ def animate(
     scale: float | None = None,
     seconds: float | None = None,
     fps: float = RATE,
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Path:
     """Make a film of `result`: of a trajectory's frames or, with `mode`, of a mode of a reduced model.
 
@@ -115,7 +114,7 @@ def _check(file: Path, output: Path, mode: int | None, at: Mapping[str, float]) 
         raise InputError("--at: for modes (--mode K); a film of a trajectory shows all of its frames")
 
 
-def _shape(file: Path, mode: int, at: Mapping[str, float], comm: MPI.Comm) -> ModeShape:
+def _shape(file: Path, mode: int, at: Mapping[str, float], comm: Comm) -> ModeShape:
     """Return a mode of a reduced model. Collective on `comm`."""
     from pgmp_petsc.models import ReducedModel  # takes a noticeable time
     from pgmp_petsc.studies.inputs import read_rom
@@ -175,7 +174,7 @@ def plot(
     *,
     exaggerate: float = 1.0,
     at: float | None = None,
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Path:
     """Draw result FILEs: what belongs together goes into one picture.
 
@@ -214,7 +213,7 @@ def plot(
     gives="The page.",
 )  # fmt: skip
 def write_report(
-    results: Sequence[Result | str | PathLike[str]], path: str | PathLike[str], *, comm: MPI.Comm | None = None
+    results: Sequence[Result | str | PathLike[str]], path: str | PathLike[str], *, comm: Comm | None = None
 ) -> Path:
     """Write result FILEs as one page that needs no network: for the screen, the phone and the printer.
 
@@ -245,7 +244,7 @@ def write_report(
     return path
 
 
-def _tell_of_files(comm: MPI.Comm, lines: Sequence[str], files: Sequence[Path]) -> None:
+def _tell_of_files(comm: Comm, lines: Sequence[str], files: Sequence[Path]) -> None:
     """Tell what was made, and of which files only a part could be shown. Collective on `comm`."""
     for line in (*lines, *on_root(comm, stopped_runs, *files)):
         tell(comm, line)

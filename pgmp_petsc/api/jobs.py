@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pgmp_petsc import __version__
 from pgmp_petsc.api.arguments import Range
@@ -21,6 +20,7 @@ from pgmp_petsc.api.sources import keeping
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.plugins import in_use
 from pgmp_petsc.base.progress import doing
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.finished import Price, step_seconds
 from pgmp_petsc.bench.reference import Demand, Reference, choose_reference, component_model
 from pgmp_petsc.bodies.shape import BodyShape
@@ -37,9 +37,6 @@ from pgmp_petsc.report.budget import headline_of_build, headline_of_comparison, 
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.studies.inputs import read_scene, settled
 from pgmp_petsc.studies.simulate import simulate_full
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 PAGE = "report.html"
 ROM, RUN, BETTER, MANY = "rom.h5", "run.h5", "better.h5", "samples.h5"
@@ -85,7 +82,7 @@ def run(
     force: bool = False,
     parameters: Parameters | None = None,
     overrides: Overrides = (),
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Done:
     """Check `scene`, build its reduced model, simulate, compare with a better model, draw samples, and write a report.
 
@@ -137,7 +134,7 @@ def _checked(scene: Scene, mechanism: Mechanism) -> str:
 class _Job:
     """The steps of one run; each is collective on the call's ranks."""
 
-    comm: MPI.Comm
+    comm: Comm
     path: Path
     scene: Scene
     meshes: Mapping[str, BodyShape]

@@ -1,10 +1,9 @@
-"""Eigenfrequencies over the configurations of a scene, and reduced models."""
+"""Eigenfrequencies over the configurations of a scene, reduced models, and the cost of their accuracy in time."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from os import PathLike, fspath
-from typing import TYPE_CHECKING
 
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command
@@ -12,15 +11,19 @@ from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import SCENE, directory_of, keeping, model_of_rom, scene_and_meshes
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.bench.candidates import FULL, QUICK
+from pgmp_petsc.bench.finished import Finished
+from pgmp_petsc.bench.tradeoff import measure_tradeoff
+from pgmp_petsc.ensemble.plan import MOST_SAMPLES
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.building import build as build_model
 from pgmp_petsc.studies.modes_table import tabulate_modes
 from pgmp_petsc.texts.models import report_of_build, report_of_modes
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
+from pgmp_petsc.texts.studies import report_of_tradeoff
 
 
 @command(
@@ -39,7 +42,7 @@ def frequencies(
     ranks_per_angle: int = 1,
     output: str | PathLike[str] | None = None,
     on_all_ranks: bool = True,
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Result:
     """Compute eigenfrequencies of `scene` over its configurations, full-order and (with `rom`) reduced."""
     comm = solving_ranks_of(comm)
@@ -70,7 +73,7 @@ def build(
     output: str | PathLike[str] | None = None,
     resume: bool = False,
     on_all_ranks: bool = True,
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Rom:
     """Compute modes at the sampled configurations of `scene` and write the reduced model (ROM.h5).
 
@@ -92,4 +95,53 @@ def build(
         made = keeper.result(replace(built, checkpoint=None), directory_of(scene), loaded.remarks)
         if built.checkpoint is not None:
             built.checkpoint.remove()
+        return made
+
+
+@command(
+    "tradeoff", "What accuracy costs in time, and which setting to take.", 90, report=report_of_tradeoff, scene=SCENE,
+    quick=Argument("Measure fewer settings: within a minute for a small scene."),
+    n=Argument("Number of samples that the advice is for.", "-n", "N", Range(1, MOST_SAMPLES)),
+    gives="With the attributes of `results.tradeoff.Tradeoff`.",
+)  # fmt: skip
+def tradeoff(
+    scene: Scene | str | PathLike[str],
+    *,
+    quick: bool = False,
+    n: int = 10_000,
+    parameters: Parameters | None = None,
+    overrides: Overrides = (),
+    output: str | PathLike[str] | None = None,
+    resume: bool = False,
+    on_all_ranks: bool = True,
+    comm: Comm | None = None,
+) -> Result:
+    """Measure what accuracy costs in time for `scene`, and say which setting to take.
+
+    Settings of the reduced model (modes, static modes, angles, interpolation, second-order terms, time step), of the
+    component model, the full-order model and response surfaces are compared with a converged reference at quantiles of
+    the uncertain parameters: the full-order model, or the component model where that is too dear (reference.budget).
+    Refined meshes of lines tell the discretisation error. A setting that fails is listed with its reason.
+
+    Finished settings are kept in FILE.partial until the file is written; `resume` takes them up, with any number of
+    ranks.
+    """
+    comm = solving_ranks_of(comm)
+    inputs = () if isinstance(scene, Scene) else (fspath(scene),)
+    with keeping("tradeoff", comm, output, on_all_ranks, inputs) as keeper:
+        loaded, meshes = scene_and_meshes(scene, Purpose.TRADEOFF, overrides, parameters, comm)
+        kind, finished = {"command": "tradeoff", "quick": quick}, None
+        if keeper.output is not None:
+            finished = Finished(keeper.output, kind, loaded, meshes, comm, resume)
+        try:
+            sweep = QUICK if quick else FULL
+            study = measure_tradeoff(loaded, meshes, sweep, n, quick, comm, finished, lambda text: tell(comm, text))
+        except InputError:
+            if finished is not None:
+                finished.forget()
+            raise
+        tell_remarks(comm, loaded.remarks)
+        made = keeper.result(study, directory_of(scene), loaded.remarks)
+        if finished is not None:
+            finished.remove()
         return made

@@ -11,17 +11,11 @@ import atexit
 import logging
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
-from pgmp_petsc.base.errors import InputError, visible
-from pgmp_petsc.base.surroundings import alone, has_petsc, is_communicator
+from pgmp_petsc.base.errors import InputError, Remark, visible
+from pgmp_petsc.base.surroundings import Comm, alone, has_petsc, is_communicator
 from pgmp_petsc.ranks.ending import release_petsc
 from pgmp_petsc.ranks.petsc import petsc_runs, start_mpi, start_petsc
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
-    from pgmp_petsc.base.errors import Remark
 
 #: Gets what commands print on the way: what was chosen, and why (level INFO); remarks on results (level WARNING).
 #: The attribute `ABOUT` of its records says what they are about, `REMARK` is the remark where there is one.
@@ -31,7 +25,7 @@ ABOUT, WAY, SCENE, RESULT, REMARK = "pgmp_about", "way", "scene", "result", "pgm
 _seen_to: list[str] = []
 
 
-def ranks_of(comm: MPI.Comm | None) -> MPI.Comm:
+def ranks_of(comm: Comm | None) -> Comm:
     """Return the ranks of a call: those that are given, else COMM_WORLD where it has several, else COMM_SELF.
 
     Raises `InputError` if it is no communicator of mpi4py.
@@ -44,7 +38,7 @@ def ranks_of(comm: MPI.Comm | None) -> MPI.Comm:
     return comm
 
 
-def solving_ranks_of(comm: MPI.Comm | None) -> MPI.Comm:
+def solving_ranks_of(comm: Comm | None) -> Comm:
     """Return the same, with PETSc and SLEPc started on them where they are installed. Collective on these ranks."""
     own = ranks_of(comm)
     if has_petsc():
@@ -57,7 +51,7 @@ def petsc_is_seen_to() -> None:
     _seen_to.append("by the caller")
 
 
-def _start(comm: MPI.Comm) -> None:
+def _start(comm: Comm) -> None:
     """Start PETSc where it does not run; a program that started it has given its own options. Collective on `comm`."""
     own = petsc_runs(), bool(_seen_to)
     states = {own} if comm.size == 1 else set(comm.allgather(own))
@@ -84,13 +78,13 @@ def untold() -> Iterator[None]:
         LOGGER.disabled = before
 
 
-def tell(comm: MPI.Comm, text: str) -> None:
+def tell(comm: Comm, text: str) -> None:
     """Log what a command would print, on the first rank; not collective."""
     if comm.rank == 0 and text:
         LOGGER.info("%s", visible(text), extra={ABOUT: WAY})
 
 
-def tell_remarks(comm: MPI.Comm, remarks: Iterable[Remark], about: str = SCENE) -> None:
+def tell_remarks(comm: Comm, remarks: Iterable[Remark], about: str = SCENE) -> None:
     """Log remarks on a scene or a result on the first rank: warnings are seen unless a program says otherwise."""
     if comm.rank == 0:
         for remark in remarks:

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.ensemble.plan import MOST_SAMPLES, Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.sample_file import Columns, called, read_samples
 from pgmp_petsc.ensemble.stopping import Stop, read_rule
@@ -25,10 +27,8 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_scene, with_meshes
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
-
-    from pgmp_petsc.bodies.shape import BodyShape
     from pgmp_petsc.ensemble.correction import Better
+
 
 MODELS = ("reduced", "components", "full")  # from worse to better
 PURPOSES = {"components": Purpose.COMPONENTS, "full": Purpose.FULL}
@@ -118,7 +118,7 @@ def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> l
     return found
 
 
-def better_models(wanted: Sequence[Correction], own: Model, source: object, comm: MPI.Comm) -> list[Better]:
+def better_models(wanted: Sequence[Correction], own: Model, source: object, comm: Comm) -> list[Better]:
     """Return the models that are asked for. Collective on `comm`.
 
     Raises `InputError` if meshes are not at hand, or a model cannot have what the scene has.
@@ -137,7 +137,7 @@ def better_models(wanted: Sequence[Correction], own: Model, source: object, comm
     return [Better(one.name, _model(one, own, source, comm), one.n) for one in wanted]
 
 
-def _model(one: Correction, own: Model, source: object, comm: MPI.Comm) -> Model:
+def _model(one: Correction, own: Model, source: object, comm: Comm) -> Model:
     scene = _scene_of(own.scene, one.divisor)
     if one.model == "reduced":
         with agreed(comm, "preparing the reduced model"):
@@ -163,7 +163,7 @@ def _scene_of(scene: Scene, divisor: int) -> Scene:
     return scene.model_copy(update={"simulation": simulation, "ensemble": ensemble})
 
 
-def _meshes(one: Correction, own: Model, source: object, comm: MPI.Comm) -> Mapping[str, BodyShape]:
+def _meshes(one: Correction, own: Model, source: object, comm: Comm) -> Mapping[str, BodyShape]:
     """Return the meshes of a model: those of its scene, or that the ensemble's model came with."""
     purpose = PURPOSES[one.model]
     if one.scene is not None:

@@ -14,17 +14,17 @@ from pgmp_petsc import __version__
 from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.ranks import ranks_of
 from pgmp_petsc.base.errors import InputError, Remark, RunError
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.declare.records import Record
 from pgmp_petsc.declare.views import variables
 from pgmp_petsc.files.claims import claimed, form_of, is_table, named
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.ranks.agreement import on_root
 from pgmp_petsc.results.summary import origin_of
 
 if TYPE_CHECKING:
     import xarray
-    from mpi4py import MPI
 
-    from pgmp_petsc.files.hdf5 import RunRecord
     from pgmp_petsc.scene import Scene
 
 
@@ -38,7 +38,7 @@ class Result:
     data
         A dataclass of `pgmp_petsc.results`, or `studies.building.Built`: arrays of numpy in the scene's units. None on
         a rank that was not given it.
-    comm : mpi4py.MPI.Comm
+    comm : mpi4py.Comm
         The ranks that made it.
     directory : Path
         Folder that paths of the scene are relative to.
@@ -46,7 +46,7 @@ class Result:
         The file that it was read from or last written to.
     """
 
-    def __init__(self, kind: str, data: Any, comm: MPI.Comm, directory: Path, path: Path | None = None) -> None:
+    def __init__(self, kind: str, data: Any, comm: Comm, directory: Path, path: Path | None = None) -> None:
         self.kind, self.data, self.comm, self.directory, self.path = kind, data, comm, directory, path
 
     def __getstate__(self) -> dict[str, Any]:

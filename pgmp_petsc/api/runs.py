@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import TYPE_CHECKING
 
 from pgmp_petsc.api.arguments import settings_of, wrong
 from pgmp_petsc.api.declared import OPTIONAL_OUTPUT, Argument, command, interface
@@ -12,16 +11,13 @@ from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.result import Result, Rom, StoppedRun
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import SOURCE, AnySource, Origin, keeping
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.design.sensitivities import sensitivities as differentiated
 from pgmp_petsc.ranks.agreement import agreed, on_root
+from pgmp_petsc.results.trajectory import BodyField
 from pgmp_petsc.studies.simulate import simulate as simulated
-from pgmp_petsc.texts.gradient_tables import report as report_of_derivatives
 from pgmp_petsc.texts.models import report_of_run
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
-    from pgmp_petsc.results.trajectory import BodyField
+from pgmp_petsc.texts.studies import report_of_derivatives
 
 
 @command(
@@ -40,7 +36,7 @@ def simulate(
     overrides: Overrides = (),
     output: str | PathLike[str] | None = None,
     on_all_ranks: bool = True,
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Result:
     """Run a reduced model, or with `model` the full-order or the component model of a scene.
 
@@ -85,7 +81,7 @@ def sensitivities(
     output: str | PathLike[str] | None = None,
     plot: str | PathLike[str] | None = None,
     on_all_ranks: bool = True,
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Result:
     """Say what a change of each parameter does to the outputs of a run of the reduced model `rom`.
 
@@ -107,7 +103,7 @@ def sensitivities(
     run=Argument("A run of it, as from `simulate` or `read`."),
     times=Argument("Instants within the run, s."),
 )
-def fields(rom: Rom, run: Result, times: Sequence[float], *, comm: MPI.Comm | None = None) -> dict[str, BodyField]:
+def fields(rom: Rom, run: Result, times: Sequence[float], *, comm: Comm | None = None) -> dict[str, BodyField]:
     """Return bodies as they are at any instants of a run of a reduced model.
 
     Between steps the reduced coordinates are interpolated linearly: bodies keep their shape.

@@ -6,21 +6,19 @@ import os
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pgmp_petsc.api.arguments import plain
 from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.declare.plugins import take
+from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.declare.ideas import take
 from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.files.hdf5 import replacing
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
 from pgmp_petsc.scene.loading import describe_template, template_names, write_template
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 Overrides = Mapping[str, object] | Sequence[str] | None
 Parameters = Mapping[str, float] | Sequence[str]
@@ -28,7 +26,7 @@ PAGES = (".md", ".markdown")
 
 
 @interface(path=Argument("A file as docs/extending.md shows it."))
-def use(path: str | PathLike[str], *, comm: MPI.Comm | None = None) -> None:
+def use(path: str | PathLike[str], *, comm: Comm | None = None) -> None:
     """Take the ideas that a Python file declares, which scenes may name from then on. Collective on `comm`.
 
     Every rank runs the file. One that is in use already is left as it is; one that has changed is read again.
@@ -49,7 +47,7 @@ def load(
     overrides: Overrides = (),
     parameters: Parameters | None = None,
     *,
-    comm: MPI.Comm | None = None,
+    comm: Comm | None = None,
 ) -> Scene:
     """Return the scene of a TOML file.
 
@@ -65,7 +63,7 @@ def load(
     tables=Argument('``{"scene": {"name": ...}, "bodies": {...}, ...}``, with plain numbers or numpy\'s.'),
     directory=Argument("Folder that paths of meshes are relative to."),
 )
-def compose(tables: Mapping[str, Any], directory: str | PathLike[str] = ".", *, comm: MPI.Comm | None = None) -> Scene:
+def compose(tables: Mapping[str, Any], directory: str | PathLike[str] = ".", *, comm: Comm | None = None) -> Scene:
     """Return the scene of tables as a TOML file has them; those of the first rank count, and are left as they are."""
     comm = ranks_of(comm)
 
@@ -88,7 +86,7 @@ def _templates() -> dict[str, str]:
     force=Argument("Replace files that exist."),
     gives="What was written.",
 )  # fmt: skip
-def new(template: str, file: str | PathLike[str], *, force: bool = False, comm: MPI.Comm | None = None) -> list[Path]:
+def new(template: str, file: str | PathLike[str], *, force: bool = False, comm: Comm | None = None) -> list[Path]:
     """Write the commented scene `template` to `file`, and its mesh beside it where it has one.
 
     It runs as it is: pgmp run `file`
@@ -113,7 +111,7 @@ def _shown(text: str, path: Path | None, said: object) -> str:
     ),
     gives="The text; the JSON schema where there is no file.",
 )  # fmt: skip
-def schema(output: str | PathLike[str] | None = None, *, comm: MPI.Comm | None = None) -> str:
+def schema(output: str | PathLike[str] | None = None, *, comm: Comm | None = None) -> str:
     """Write the JSON schema of scenes for editors (FILE.json), or all entries of a scene as a page (FILE.md).
 
     An editor with a TOML language server (Even Better TOML, taplo) completes and checks a scene whose first line is

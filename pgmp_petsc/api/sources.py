@@ -10,16 +10,20 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pgmp_petsc.api.declared import Argument
 from pgmp_petsc.api.ranks import RESULT, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom, in_memory
 from pgmp_petsc.api.scenes import changed
 from pgmp_petsc.base.errors import InputError, Remark
+from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.files.claims import check_folder, claimed, form_of, is_table
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import Model
 from pgmp_petsc.ranks.agreement import agreed, on_root
+from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import (
     PURPOSES,
@@ -31,14 +35,6 @@ from pgmp_petsc.studies.inputs import (
     settled,
     with_meshes,
 )
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
-    from pgmp_petsc.bodies.shape import BodyShape
-    from pgmp_petsc.mechanism.capabilities import Purpose
-    from pgmp_petsc.reduction.rom import ReducedOrderModel
-
 
 Named = str | PathLike[str]
 AnySource = Rom | Scene | str | PathLike[str]
@@ -81,7 +77,7 @@ class Origin:
         return directory_of(self.source)
 
     def prepared(
-        self, comm: MPI.Comm, check: Callable[[Scene], Scene | None] = lambda scene: None, told: bool = True
+        self, comm: Comm, check: Callable[[Scene], Scene | None] = lambda scene: None, told: bool = True
     ) -> Model:
         """Return the model, with the step of its scene. Collective on `comm`.
 
@@ -102,7 +98,7 @@ class Origin:
         tell_remarks(comm, scene.remarks if told else ())
         return reduced_model(scene, rom, comm) if rom is not None else mesh_model(scene, meshes, self.model, comm)
 
-    def settled(self, comm: MPI.Comm, check: Callable[[Scene], None] = lambda scene: None, many: bool = False) -> Model:
+    def settled(self, comm: Comm, check: Callable[[Scene], None] = lambda scene: None, many: bool = False) -> Model:
         """Return the model with the step that its tolerance asks for, of one run or of many. Collective on `comm`."""
         model, remark = settled(self.prepared(comm, check), comm, many)
         tell(comm, remark)
@@ -113,7 +109,7 @@ class Origin:
 
 
 def scene_and_meshes(
-    source: Scene | Named, purpose: Purpose, overrides: Sequence[str], settings: Sequence[str], comm: MPI.Comm
+    source: Scene | Named, purpose: Purpose, overrides: Sequence[str], settings: Sequence[str], comm: Comm
 ) -> tuple[Scene, dict[str, BodyShape]]:
     """Return a scene, of a file or of a program, with other entries, and its meshes. Collective on `comm`.
 
@@ -128,7 +124,7 @@ def scene_and_meshes(
     return on_root(comm, preparing_the_scene)
 
 
-def model_of_rom(rom: Rom | Named, comm: MPI.Comm) -> ReducedOrderModel:
+def model_of_rom(rom: Rom | Named, comm: Comm) -> ReducedOrderModel:
     """Return the tables of a reduced model, or of its file. Collective on `comm`."""
     return rom.data.rom if isinstance(rom, Rom) else read_rom(Path(rom), (), (), comm)[1]
 
@@ -162,7 +158,7 @@ class Keeper:
     """Destination of a result: its file, its picture, and the ranks that get it."""
 
     kind: str  # of the result
-    comm: MPI.Comm  # the ranks that make it
+    comm: Comm  # the ranks that make it
     #: output, target: its file as it was named, and with its full path; None where there is none
     output: Path | None
     target: Path | None
@@ -208,7 +204,7 @@ class Keeper:
 @contextmanager
 def keeping(
     kind: str,
-    comm: MPI.Comm,
+    comm: Comm,
     output: str | PathLike[str] | None,
     on_all_ranks: bool,
     inputs: Iterable[str | PathLike[str] | None] = (),

@@ -23,10 +23,11 @@ from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any, TextIO
 
 from pgmp_petsc.base.errors import visible
+from pgmp_petsc.base.surroundings import Comm
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
     from tqdm import tqdm
+
 
 EVERY = 5.0  # s, before the first line, and between lines
 RECENT = 0.5  # of the time, the last part, whose rate tells what is left; EVERY at least
@@ -180,7 +181,7 @@ class Lines(Progress, _Watched):
             self._next = float("inf")
 
 
-def progress(total: int | None, description: str, comm: MPI.Comm, initial: int = 0) -> Progress:
+def progress(total: int | None, description: str, comm: Comm, initial: int = 0) -> Progress:
     """Return a count over ``total`` units of work, of which ``initial`` are done already; not collective.
 
     Where the total is not known before (None), it says what is done, and not how much is left.
@@ -277,7 +278,7 @@ class Beat(_Watched):
             self._stream.flush()
 
 
-def beating(comm: MPI.Comm, quiet: bool) -> AbstractContextManager[object]:
+def beating(comm: Comm, quiet: bool) -> AbstractContextManager[object]:
     """Return what shows that a command goes on, on rank 0; not collective."""
     if comm.rank > 0 or quiet or sys.stderr is None:
         return nullcontext()
@@ -325,7 +326,7 @@ def _now() -> float:
     return time.monotonic()
 
 
-def announce(text: str, comm: MPI.Comm) -> None:
+def announce(text: str, comm: Comm) -> None:
     """Say on stderr what a computation has decided; by the first rank of `comm`, not collective."""
     if comm.rank > 0 or _quiet.get():
         return

@@ -7,12 +7,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 from pgmp_petsc.base.progress import doing
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
+from pgmp_petsc.base.surroundings import Comm
 
 
 class Timings:
@@ -43,7 +40,7 @@ class Timings:
         """Return the seconds of every phase, in the order of their first end."""
         return dict(self._seconds)
 
-    def maximum(self, comm: MPI.Comm) -> Timings:
+    def maximum(self, comm: Comm) -> Timings:
         """Return the maximum over the ranks of every phase that any rank has. Collective on ``comm``."""
         if comm.size == 1:
             return Timings(self._seconds)
@@ -63,7 +60,7 @@ MEMINFO = Path("/proc/meminfo")
 GROUP = Path("/sys/fs/cgroup")  # where a batch system or a container says what a job may take
 
 
-def free_share(comm: MPI.Comm) -> float | None:
+def free_share(comm: Comm) -> float | None:
     """Return the free memory of this rank's node over the ranks of `comm` there, bytes. Collective on `comm`.
 
     None where the system does not tell.
@@ -73,7 +70,7 @@ def free_share(comm: MPI.Comm) -> float | None:
     return None if free is None else free / n_ranks
 
 
-def _ranks_of_node(comm: MPI.Comm) -> int:
+def _ranks_of_node(comm: Comm) -> int:
     """Return how many ranks of `comm` are on this rank's node. Collective on `comm`."""
     from mpi4py import MPI
 

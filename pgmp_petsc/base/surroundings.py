@@ -25,6 +25,9 @@ from pgmp_petsc.base.errors import InputError, shortened
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+    from mpi4py.MPI import Comm as Comm
+else:
+    Comm = Any  # of mpi4py, or `OneRank`, in annotations: neither is imported for them
 
 STREAMS = ("stdin", "stdout", "stderr")
 COMPILED_FOR = {"NUMBA_CPU_NAME": "processor", "NUMBA_CPU_FEATURES": "feature"}

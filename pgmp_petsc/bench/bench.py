@@ -21,12 +21,13 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from time import perf_counter, process_time
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.base.progress import Progress, without_progress
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.candidates import ResponseSurface
 from pgmp_petsc.bench.cases import OWN, Case, Setting, Training, at_values, node_values
 from pgmp_petsc.bench.finished import Arrays, Finished, duration_text, step_seconds
@@ -58,9 +59,6 @@ from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.stepping.alpha_step import n_first_steps
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.status import Status
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 SMALL = 2.5e-4  # s of a step of a sample of the reference, for runs that are not needed for the choice itself
 BATCH = 256  # samples, for processor times
@@ -134,7 +132,7 @@ class Bench:
         self,
         reference: Reference,
         training: Training,
-        comm: MPI.Comm,
+        comm: Comm,
         subject: Subject | None = None,
         group: RankGroup | None = None,
         bar: Progress | None = None,

@@ -21,8 +21,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import h5py
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, RunError
@@ -54,9 +54,6 @@ from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.numerics import Reduction, Simulation
 from pgmp_petsc.scene.uses import extremes, length_names, with_numbers
 from pgmp_petsc.stepping.generalised_alpha import count_steps
-
-if TYPE_CHECKING:
-    import h5py
 
 MORE_MODES = 1.5  # of the component model as a reference, for each that bodies of a basis are condensed for
 PAYS = 0.8  # of the processor time of a reference sample, from which on a reduced one is no cheaper to speak of

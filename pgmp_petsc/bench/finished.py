@@ -28,19 +28,15 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.files.checkpoint_folder import SharedCheckpoint
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene, scene_to_toml
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
 
 FORMAT = 1
 Arrays = dict[str, np.ndarray]
@@ -56,7 +52,7 @@ class Finished(SharedCheckpoint):
         kind: Mapping[str, object],
         scene: Scene,
         meshes: Mapping[str, BodyShape],
-        comm: MPI.Comm,
+        comm: Comm,
         resume: bool,
     ) -> None:
         run = {"format": FORMAT, **kind, "scene": identity(scene_to_toml(scene)), "meshes": identity(meshes)}

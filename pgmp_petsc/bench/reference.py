@@ -21,12 +21,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 from scipy.linalg import block_diag, eigh, null_space
 
 from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.finished import Price, duration_text, step_seconds
 from pgmp_petsc.bench.history import AnyModel, History, errors_between, floors_of, largest_errors, run_history
 from pgmp_petsc.bodies.affine import Monomial
@@ -46,9 +47,6 @@ from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.status import Status
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 
 @dataclass(frozen=True)
@@ -123,7 +121,7 @@ class Reference:
 def component_model(
     scene: Scene,
     meshes: Mapping[str, BodyShape],
-    comm: MPI.Comm,
+    comm: Comm,
     n_modes: int | None = None,
     kinematics: RigidKinematics | None = None,
 ) -> ComponentModel:
@@ -159,7 +157,7 @@ class Demand:
 
 
 def choose_reference(
-    scene: Scene, meshes: Mapping[str, BodyShape], kinematics: RigidKinematics, demand: Demand, comm: MPI.Comm
+    scene: Scene, meshes: Mapping[str, BodyShape], kinematics: RigidKinematics, demand: Demand, comm: Comm
 ) -> Reference:
     """Choose the mesh where it is within the budget, or named, else the component model. Collective on `comm`.
 
@@ -212,7 +210,7 @@ def distance_from_mesh(
     values: Mapping[str, np.ndarray],
     n_samples: int,
     n_steps: int,
-    comm: MPI.Comm,
+    comm: Comm,
 ) -> Reference:
     """Return a reference that says how far it is from the mesh. Collective on `comm`.
 
@@ -284,7 +282,7 @@ def _named(at: Mapping[str, np.ndarray]) -> str:
 DEPENDENT = 1e-9  # of the largest singular value of the constraints: those below follow from others
 
 
-def first_period(scene: Scene, kinematics: RigidKinematics, comm: MPI.Comm, group: MPI.Comm) -> float:
+def first_period(scene: Scene, kinematics: RigidKinematics, comm: Comm, group: Comm) -> float:
     """Return the period of meshes, beams and condensed bodies (s). Collective on `comm`; the ranks of `group` share an
     eigenproblem."""
     frequency = 0.0
@@ -294,7 +292,7 @@ def first_period(scene: Scene, kinematics: RigidKinematics, comm: MPI.Comm, grou
     return 1.0 / comm.bcast(frequency)
 
 
-def period_of(model: AnyModel, comm: MPI.Comm) -> float:
+def period_of(model: AnyModel, comm: Comm) -> float:
     """Return the period of any model (s). Collective on `comm`."""
     if isinstance(model, ReducedModel):
         return on_root(comm, _of_tables, model)

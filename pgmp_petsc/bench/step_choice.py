@@ -23,11 +23,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.bench import Bench, step_price
 from pgmp_petsc.bench.cases import Training
 from pgmp_petsc.bench.finished import Price
@@ -38,9 +39,6 @@ from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.stepping.generalised_alpha import count_steps
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 AnyModel = TypeVar("AnyModel", FullModel, ReducedModel)
 
@@ -334,7 +332,7 @@ class StepChoice:
         self._ledger.add_step({"step": step, "model": model or self._model}, n_steps, errors)
 
 
-def settle_step(model: AnyModel, comm: MPI.Comm, ensemble: bool = False) -> tuple[AnyModel, str]:
+def settle_step(model: AnyModel, comm: Comm, ensemble: bool = False) -> tuple[AnyModel, str]:
     """Return a model with the step that its scene's tolerance allows, and what was chosen. Collective on `comm`.
 
     The step follows from runs of the model itself, those to come: the scene's own loads; for an ensemble with the

@@ -15,14 +15,13 @@ import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import process_time
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, RunError, note
 from pgmp_petsc.base.progress import progress, without_progress
 from pgmp_petsc.base.resources import Timings
-from pgmp_petsc.base.surroundings import alone
+from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bench.advice import advise
 from pgmp_petsc.bench.bench import TIMED, Bench, Measured
 from pgmp_petsc.bench.candidates import (
@@ -56,9 +55,6 @@ from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.uses import length_names, with_numbers
 
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
 MORE_MODES = 1.5  # of the component model as a reference, for each that a basis or another component model has
 COARSER = 4  # of the scene's steps, for the distance of the component model from the mesh
 FRAME_FIELDS = 12  # amplitudes of a body beside its modes, for a rough price
@@ -70,7 +66,7 @@ def measure_tradeoff(
     sweep: Sweep,
     n_samples: int,
     quick: bool,
-    comm: MPI.Comm,
+    comm: Comm,
     finished: Finished | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> Tradeoff | None:
@@ -157,7 +153,7 @@ def _prepared(
     meshes: Mapping[str, BodyShape],
     training: Training,
     sweep: Sweep,
-    comm: MPI.Comm,
+    comm: Comm,
     say: Callable[[str], None],
 ) -> tuple[Subject, Reference, dict[str, float]]:
     """Condense bodies and choose the reference; return the processor times of both by what they are for."""
@@ -192,7 +188,7 @@ def _prices(subject: Subject, reference: Reference, sweep: Sweep) -> Prices:
     return Prices(step_seconds(full.kinematics.mechanism), components, reference.price.step, TIMED)
 
 
-def _work(bench: Bench, dealt: Sequence[Sequence[Task]], title: str, comm: MPI.Comm) -> dict[Setting, Measured] | None:
+def _work(bench: Bench, dealt: Sequence[Sequence[Task]], title: str, comm: Comm) -> dict[Setting, Measured] | None:
     """Do this rank's tasks; return what came of all tasks on the first rank. Collective on `comm`."""
     own: dict[Setting, Measured] = {}
     settings = [setting for task in dealt[comm.rank] for setting in task]
@@ -205,7 +201,7 @@ def _work(bench: Bench, dealt: Sequence[Sequence[Task]], title: str, comm: MPI.C
 
 
 def _times(
-    bench: Bench, sweep: Sweep, finished: Finished | None, comm: MPI.Comm
+    bench: Bench, sweep: Sweep, finished: Finished | None, comm: Comm
 ) -> tuple[dict[Setting, np.ndarray], float]:
     """Take the times of all settings in turns; on the first rank return those of all ranks, and their wall time over
     their processor time: 1 on a quiet machine, 0 where nothing was timed. Collective on `comm`."""

@@ -27,14 +27,13 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import ArpackNoConvergence, eigsh
 
 from pgmp_petsc.base.errors import InputError, shortened
-from pgmp_petsc.base.unit_systems import UnitSystem
+from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
 from pgmp_petsc.bodies.inertia_moments import linear_fields, rigid_motions
 from pgmp_petsc.mesh.matrix_files import in_order_of_nodes, read_matrix, read_nodes, read_rows
 from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Stated
-from pgmp_petsc.scene.unit_systems import unit_system
 
 
 def read_assembled(scene: Scene, name: str) -> Assembled:
@@ -50,7 +49,7 @@ def read_assembled(scene: Scene, name: str) -> Assembled:
     file = read_nodes(scene.path_of(given.nodes), d, received["nodes"])
     check_places(file.nodes, received["nodes"])
     rows = None if given.rows is None else read_rows(scene.path_of(given.rows), received["rows"])
-    system = unit_system(scene)
+    system = scene.system
     length, mass, time = given.units.factors(system)
     nodes, found = length * file.nodes, {}
     for kind, unit in (("stiffness", mass / time**2), ("mass", mass)):

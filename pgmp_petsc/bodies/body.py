@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from pgmp_petsc.base.unit_systems import UnitSystem
+from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.inertia_moments import TURNS, linear_fields
 from pgmp_petsc.mesh.line_mesh import LineMesh

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.mesh.reference_element import Quadrature
+from pgmp_petsc.mesh.solid_mesh import Quadrature
 
 
 @dataclass(frozen=True)

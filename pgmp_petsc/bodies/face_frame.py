@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from pgmp_petsc.mesh.reference_element import reference_element
+from pgmp_petsc.mesh.solid_mesh import reference_element
 
 SMALLEST_RADIUS = 1e-6  # of gyration, over the extent of the mesh: below, a rotation would be round-off
 

@@ -14,8 +14,7 @@ from pgmp_petsc.bodies.face_frame import SMALLEST_RADIUS, FaceFrame
 from pgmp_petsc.bodies.profile import UNIFORM, Profiles, SectionScale
 from pgmp_petsc.bodies.random_fields import profiles_of
 from pgmp_petsc.bodies.solid import Region, Solid
-from pgmp_petsc.mesh.reference_element import reference_element
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh, reference_element
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 from pgmp_petsc.scene.bodies import Material

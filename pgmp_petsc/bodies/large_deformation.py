@@ -26,7 +26,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.elasticity import Geometry, Lame, volumes_of
 from pgmp_petsc.bodies.solid import Region, Solid
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.mesh.reference_element import reference_element
+from pgmp_petsc.mesh.solid_mesh import reference_element
 
 NUMBERS_AT_ONCE = 4_000_000  # of products of pairs of fields at quadrature points: 32 MB
 SLENDER = 3.0  # longest over second extent of a body that has a long axis

@@ -38,7 +38,6 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import RandomField
-from pgmp_petsc.scene.unit_systems import unit_system
 
 ROLE = {"E": "modulus", "rho": "density"}  # of others it is a size
 LEAST = 0.01  # of the mean: what a quantity may fall to
@@ -112,7 +111,7 @@ def field_remarks(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> I
         if size > COARSE * field.length:
             yield warning(
                 f"fields.{name}.length = {field.length:g}: cells of {field.body} are up to {size:.3g} "
-                f"{unit_system(scene).unit('m')} long, more than half of it, and each has one value; take a finer mesh"
+                f"{scene.system.unit('m')} long, more than half of it, and each has one value; take a finer mesh"
             )
 
 
@@ -126,7 +125,7 @@ def _cells(mesh: LineMesh | SolidMesh) -> tuple[np.ndarray, np.ndarray]:
     if isinstance(mesh, LineMesh):
         return middles, mesh.lengths
     from pgmp_petsc.bodies.elasticity import volumes_of
-    from pgmp_petsc.mesh.reference_element import reference_element
+    from pgmp_petsc.mesh.solid_mesh import reference_element
 
     return middles, volumes_of(mesh.nodes[mesh.cells], reference_element(mesh.kind).mass).sum(axis=1)
 

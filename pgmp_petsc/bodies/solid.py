@@ -18,13 +18,12 @@ from functools import partial
 import numpy as np
 import scipy.sparse as sp
 
-from pgmp_petsc.base.unit_systems import UnitSystem
+from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
 from pgmp_petsc.bodies.profile import UNIFORM, Profile, Profiles, SectionScale
-from pgmp_petsc.mesh.reference_element import reference_element
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh, reference_element
 
 Part = tuple[Quantity, Callable[[np.ndarray], np.ndarray]]  # a factor, and element matrices from the places of nodes
 

@@ -16,7 +16,7 @@ from itertools import accumulate
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.base.unit_systems import UnitSystem
+from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.c_export.statements import (
     ActionInC,
@@ -42,7 +42,6 @@ from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
 from pgmp_petsc.results.estimates import limits_of
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.unit_systems import unit_system
 from pgmp_petsc.scene.uses import length_names, uses_of, velocity_names
 from pgmp_petsc.stepping import alpha_step, edge_search
 from pgmp_petsc.stepping.generalised_alpha import count_steps
@@ -162,7 +161,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     }
     return Constants(
         name=scene.name,
-        system=unit_system(scene),
+        system=scene.system,
         settings={**_sizes(model, tables), **counts, **_steps(model)},
         tables=tables,
         axes=_axes(model, places),
@@ -201,14 +200,14 @@ def tunable(scene: Scene) -> dict[str, float]:
 
 def _unit_of_strength(name: str, scene: Scene) -> str:
     """Return the unit of a strength; that of a load's part is a factor of its parameter."""
-    return unit_system(scene).unit(scene.effects[name].strength_unit) if name in scene.effects else "1"
+    return scene.system.unit(scene.effects[name].strength_unit) if name in scene.effects else "1"
 
 
 def _unit_of(name: str, scene: Scene) -> str:
     """Return the unit of a parameter: what the scene says, or what the entries that name it take."""
     used = (use.units for use in uses_of(scene) if use.parameter == name)
     taken = next((units[0] for units in used if len(units) == 1), "")
-    return scene.parameters[name].unit or unit_system(scene).unit(taken)
+    return scene.parameters[name].unit or scene.system.unit(taken)
 
 
 def _nodes(sides: Sequence) -> list[int]:

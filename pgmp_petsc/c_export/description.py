@@ -13,9 +13,8 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from pgmp_petsc import __version__
-from pgmp_petsc.base.unit_systems import SI
+from pgmp_petsc.base.units import SI, measure, times
 from pgmp_petsc.c_export.constants import Constants
-from pgmp_petsc.scene.dimensions import measure, times
 
 # value references, as in unit.h
 BLOCK = 1_000_000

@@ -3,6 +3,9 @@
 Exit status: 0 fine, 1 the run or some of its samples failed, 2 bad input, 130 interrupted, 143 or 138 ended by
 SIGTERM or SIGUSR1. Rank 0 alone prints results and messages; a traceback is printed where it happened. Arguments after
 a bare ``--`` go to PETSc.
+
+A command's module is imported only when the command is called: ``pgmp --help`` and ``pgmp info`` must not wait for
+PETSc, and PETSc must be started with the user's options before any module imports it.
 """
 
 from __future__ import annotations
@@ -12,22 +15,94 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
-from typing import TYPE_CHECKING, NoReturn
+from dataclasses import dataclass
+from typing import Any, NoReturn
 
 import click
+from click.shell_completion import CompletionItem
 
 from pgmp_petsc import __version__
+from pgmp_petsc.api.found import Found, found
 from pgmp_petsc.base.errors import InputError, PgmpError, nearest_name, plain_reason, visible
 from pgmp_petsc.base.progress import beating
-from pgmp_petsc.cli.lazy import LazyGroup, found_commands
+from pgmp_petsc.base.surroundings import Comm, check_variables
 from pgmp_petsc.cli.session import Session
 from pgmp_petsc.ranks.ending import LastingOutput, descriptor_of, ending_on_signals, release_petsc, what_is_kept
 from pgmp_petsc.ranks.petsc import start_mpi, unused_options, unused_remark
 
-if TYPE_CHECKING:
-    from mpi4py import MPI
+
+@dataclass(frozen=True)
+class LazyCommand:
+    """A command that is found, and what the group's help says of it."""
+
+    #: where its declaration is, its line of help, and whether PETSc is started before the module is imported
+    head: Found
+
+    def load(self) -> click.Command:
+        """Import the module and return the command."""
+        # what commands need takes a noticeable time, for which `pgmp --help` does not wait
+        from pgmp_petsc.api.declared import found_command
+        from pgmp_petsc.cli.declared import Declared
+
+        command = Declared(found_command(self.head))
+        gc.freeze()  # modules live to the end: later collections need not look through them
+        gc.enable()
+        return command
+
+
+def found_commands() -> dict[str, LazyCommand]:
+    """Return all commands by name, in the order of the group's help."""
+    return {one.name: LazyCommand(one) for one in found() if one.name}
+
+
+class LazyGroup(click.Group):
+    """A group of :class:`LazyCommand`."""
+
+    def __init__(self, *args: Any, lazy: Mapping[str, LazyCommand], **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._lazy = lazy
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names in the order in which they were registered."""
+        return list(self._lazy)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
+        """Import a command, after starting PETSc if it needs that.
+
+        Raises `click.UsageError` if there is no such command, or it was given options for PETSc and does not use it.
+        """
+        if cmd_name not in self._lazy:
+            raise click.UsageError(f"no command '{cmd_name}'{nearest_name(cmd_name, self._lazy)}", ctx)
+        command = self._lazy[cmd_name]
+        session = ctx.find_object(Session)
+        if ctx.resilient_parsing:
+            return command.load()  # a shell asks for what may follow: nothing runs
+        check_variables()
+        if command.head.petsc is True and session is not None:
+            session.start_petsc()
+        elif session is not None and session.petsc_options:
+            given = " ".join(session.petsc_options)
+            raise click.UsageError(
+                f"'{cmd_name}' does not use PETSc, but was given PETSc options after '--': {given}", ctx
+            )
+        return command.load()
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Complete the names of commands without importing them, and the options of the group."""
+        names = [
+            CompletionItem(name, help=command.head.help)
+            for name, command in self._lazy.items()
+            if name.startswith(incomplete)
+        ]
+        return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, command.head.help) for name, command in self._lazy.items()])
+
 
 INTERRUPTED = 130
 # How long a rank that failed waits for the others to fail with it, before it ends them.
@@ -119,7 +194,7 @@ def _run(arguments: list[str], session: Session) -> tuple[int, str | None]:
 
 
 @contextmanager
-def _standard_output(comm: MPI.Comm) -> Iterator[LastingOutput | None]:
+def _standard_output(comm: Comm) -> Iterator[LastingOutput | None]:
     """Let rank 0 alone print in the block; yield what outlives its output, None where that is no file."""
     descriptor = descriptor_of(sys.stdout)
     if comm.rank > 0:
@@ -167,7 +242,7 @@ def _usage_message(error: click.ClickException) -> str:
     return visible(f"{message.rstrip('.')}{help_command}")
 
 
-def _close(closing: MPI.Comm, status: int, message: str | None) -> int:
+def _close(closing: Comm, status: int, message: str | None) -> int:
     """Agree on the exit status and let one rank print the message. Collective on ``closing``.
 
     Failures are meant to be agreed on within a command (:mod:`pgmp_petsc.ranks.agreement`), so every rank

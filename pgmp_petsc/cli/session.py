@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import click
 
 from pgmp_petsc.base.progress import without_progress
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.ranks.petsc import start_petsc
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 
 @dataclass
 class Session:
     """One call of ``pgmp``; click's context object (``context.obj``)."""
 
-    comm: MPI.Comm  # all ranks of the run
+    comm: Comm  # all ranks of the run
     petsc_options: Sequence[str] = ()  # what stood after ``--`` on the command line
     quiet: bool = False  # whether `say` prints nothing
     json: bool = False  # whether the command prints its figures as JSON, and nothing else

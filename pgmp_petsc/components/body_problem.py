@@ -38,12 +38,12 @@ from scipy.linalg import eigh
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.resources import give_back
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.ranks.petsc import aij_matrix, times
 from pgmp_petsc.solvers.shift_invert import ShiftedFactor, check_complete, check_residuals
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
     from petsc4py import PETSc
 
 # what is left of a vector's M-norm beside the basis when it counts as a combination of it, and of the smallest square
@@ -74,7 +74,7 @@ class Subspace:
         V, M V, and the operator's images of V: local rows, shape (n_local, n).
     """
 
-    def __init__(self, mass: PETSc.Mat, operator: Operator, comm: MPI.Comm) -> None:
+    def __init__(self, mass: PETSc.Mat, operator: Operator, comm: Comm) -> None:
         self._mass, self._operator, self.comm = mass, operator, comm
         self.vectors = self.mass_vectors = self.images = np.empty((mass.getLocalSize()[0], 0))
 
@@ -175,7 +175,7 @@ class BlockLanczos:
         inverse: Callable[[np.ndarray], np.ndarray],
         shift: float,
         start: np.ndarray,
-        comm: MPI.Comm,
+        comm: Comm,
     ) -> None:
         self._mass, self._stiffness, self._shift = mass, stiffness, shift
         self._basis = Subspace(mass, lambda _, momenta: inverse(momenta), comm)
@@ -238,7 +238,7 @@ class BlockLanczos:
 Terms = Mapping[Monomial, "PETSc.Mat"]
 
 
-def petsc_terms(rows: dict[Monomial, sp.csr_matrix], comm: MPI.Comm) -> dict[Monomial, PETSc.Mat]:
+def petsc_terms(rows: dict[Monomial, sp.csr_matrix], comm: Comm) -> dict[Monomial, PETSc.Mat]:
     """Return distributed matrices of this rank's rows by weight, and empty `rows`: large ones are held once only."""
     terms = {}
     for weight in list(rows):
@@ -287,7 +287,7 @@ class BodyProblem:
         stiffness: Terms,
         values: Mapping[str, float],
         places: np.ndarray,
-        comm: MPI.Comm,
+        comm: Comm,
         memory: float | None = None,
         name: str = "",
     ) -> None:
@@ -385,7 +385,7 @@ class BodyProblem:
 DEGREE = 3
 
 
-def polynomial_fields(places: np.ndarray, comm: MPI.Comm, degree: int = DEGREE) -> np.ndarray:
+def polynomial_fields(places: np.ndarray, comm: Comm, degree: int = DEGREE) -> np.ndarray:
     """Return polynomials up to a degree in every direction, as products of Legendre's over the body's box.
 
     Collective on `comm`, whose ranks have different places.

@@ -49,6 +49,7 @@ from scipy.linalg import eigh, null_space
 
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.base.resources import Timings
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.component import Component
@@ -61,7 +62,6 @@ from pgmp_petsc.components.body_problem import BodyProblem, Operator, Subspace, 
 from pgmp_petsc.ranks.petsc import times
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
     from petsc4py import PETSc
 
 TOLERANCE = 1e-10  # relative error of compliances, and so of eigenvalues; of mode shapes its root
@@ -76,7 +76,7 @@ def condense(
     frames: Mapping[str, FaceFrame],
     points: Sequence[Mapping[str, float]],
     n_modes: int,
-    comm: MPI.Comm,
+    comm: Comm,
     timings: Timings | None = None,
     memory: float | None = None,
     stressed: bool = False,
@@ -166,7 +166,7 @@ def condense(
     return component, recovery, section
 
 
-def own_nodes(n_nodes: int, comm: MPI.Comm) -> range:
+def own_nodes(n_nodes: int, comm: Comm) -> range:
     """Return this rank's nodes of a mesh that several ranks share."""
     return range(n_nodes * comm.rank // comm.size, n_nodes * (comm.rank + 1) // comm.size)
 
@@ -288,7 +288,7 @@ def weighted_sum_dense(terms: Mapping[Monomial, np.ndarray], values: Mapping[str
     return sum(float(weight.evaluate(values)) * matrix for weight, matrix in terms.items())
 
 
-def _projected(matrix: PETSc.Mat, vectors: np.ndarray, comm: MPI.Comm) -> np.ndarray:
+def _projected(matrix: PETSc.Mat, vectors: np.ndarray, comm: Comm) -> np.ndarray:
     """Return ``V^T A V`` for local rows of V."""
     from mpi4py import MPI
 
@@ -296,7 +296,7 @@ def _projected(matrix: PETSc.Mat, vectors: np.ndarray, comm: MPI.Comm) -> np.nda
     return 0.5 * (product + product.T)
 
 
-def _moments(mass: PETSc.Mat, vectors: np.ndarray, d: int, comm: MPI.Comm) -> np.ndarray:
+def _moments(mass: PETSc.Mat, vectors: np.ndarray, d: int, comm: Comm) -> np.ndarray:
     """Return ``int rho u_i v_j dV`` of fields given by local rows, shape (d, d, n, n): the mass is the same along every
     axis."""
     from mpi4py import MPI

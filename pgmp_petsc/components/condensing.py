@@ -23,7 +23,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from scipy.linalg import eigh
@@ -31,7 +31,7 @@ from scipy.linalg import eigh
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings, free_share
-from pgmp_petsc.base.surroundings import alone
+from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.component import Component, rigid_component
@@ -57,10 +57,6 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.references import points_used, stressed_bodies
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
 
 # of the free memory, for a factor: the matrices that belong to it, the factorisation that counts eigenvalues, and
 # vectors take as much again, and what grows while bodies are condensed comes on top
@@ -221,7 +217,7 @@ class Trial:
     seconds: float  # expected time of condensing all bodies on these ranks, s
 
 
-def try_largest(scene: Scene, shapes: Mapping[str, BodyShape], comm: MPI.Comm) -> Trial | None:
+def try_largest(scene: Scene, shapes: Mapping[str, BodyShape], comm: Comm) -> Trial | None:
     """Try the largest continuum body; None where there is none. Collective on `comm`.
 
     Raises `InputError` or `RunError` if the body's frames or materials are not sound, or the factorisation fails.
@@ -262,7 +258,7 @@ DEPENDENT = 1e-9  # of a load, the part that deforms; of answers of norm 1, the 
 
 
 def floating_shapes(
-    scene: Scene, shapes: Mapping[str, BodyShape], bodies: Sequence[Body], comm: MPI.Comm
+    scene: Scene, shapes: Mapping[str, BodyShape], bodies: Sequence[Body], comm: Comm
 ) -> dict[str, BodyShape]:
     """Return the shapes of a scene's bodies, the flexible ones in floating frames. Collective on `comm`.
 

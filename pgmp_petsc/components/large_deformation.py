@@ -25,20 +25,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LargeDeformation, LongAxis, cyclic, stretching_of
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.component_modes import elastic_modes, own_nodes, weighted_sum_dense
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
 
 Contraction = Callable[[np.ndarray], np.ndarray]
 
@@ -78,7 +74,7 @@ def with_second_order(
     component: Component,
     solid: Solid | AssembledBody,
     recovery: np.ndarray,
-    comm: MPI.Comm,
+    comm: Comm,
     nominal: Mapping[str, float],
     n_followed: int | None = None,
     all_fields: bool = True,
@@ -158,7 +154,7 @@ class FieldsOnRanks:
         The body's long axis.
     """
 
-    def __init__(self, solid: Solid, recovery: np.ndarray, comm: MPI.Comm) -> None:
+    def __init__(self, solid: Solid, recovery: np.ndarray, comm: Comm) -> None:
         mesh, nodes = solid.mesh, own_nodes(solid.mesh.n_nodes, comm)
         # every cell is evaluated once, by the rank that has its first node
         own = np.flatnonzero((mesh.cells[:, 0] >= nodes.start) & (mesh.cells[:, 0] < nodes.stop))
@@ -181,7 +177,7 @@ class FieldsOnRanks:
         return stretching_of(_total(strains, self._comm), _summed(moduli, self._comm))
 
 
-def _fetched(wanted: np.ndarray, nodes: range, own: np.ndarray, comm: MPI.Comm) -> np.ndarray:
+def _fetched(wanted: np.ndarray, nodes: range, own: np.ndarray, comm: Comm) -> np.ndarray:
     """Return the rows of wanted nodes (sorted) from the ranks that have them, rows (n_own, ...) of each."""
     firsts = np.array(comm.allgather(nodes.start))
     owner = np.searchsorted(firsts, wanted, side="right") - 1
@@ -194,7 +190,7 @@ def _fetched(wanted: np.ndarray, nodes: range, own: np.ndarray, comm: MPI.Comm) 
     return result
 
 
-def _summed(terms: dict[Monomial, np.ndarray], comm: MPI.Comm) -> dict[Monomial, np.ndarray]:
+def _summed(terms: dict[Monomial, np.ndarray], comm: Comm) -> dict[Monomial, np.ndarray]:
     """Return terms summed over the ranks, some of which may not have all of them."""
     shapes = {}
     for own in comm.allgather({weight: part.shape for weight, part in terms.items()}):
@@ -202,7 +198,7 @@ def _summed(terms: dict[Monomial, np.ndarray], comm: MPI.Comm) -> dict[Monomial,
     return {weight: _total(terms.get(weight, np.zeros(shape)), comm) for weight, shape in sorted(shapes.items())}
 
 
-def _total(part: np.ndarray, comm: MPI.Comm) -> np.ndarray:
+def _total(part: np.ndarray, comm: Comm) -> np.ndarray:
     from mpi4py import MPI
 
     part = np.ascontiguousarray(part)

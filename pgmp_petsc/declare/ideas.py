@@ -2,7 +2,9 @@
 
 A family has one base class. Every subclass with an entry ``type: Literal["NAME"]`` (of a section it is ``shape``) is an
 idea of that name: it takes part as soon as its module is imported. The modules are those of the family's room in the
-package, and those that installed packages name as entry points of the family's group; `plugins` adds files.
+package, and those that installed packages name as entry points of the family's group; `take` adds
+files of users (``--plugin FILE.py`` on a command line, `pgmp.use` in Python), which run when they are named there: a
+scene never names one.
 
 A family is looked through when it is first asked for. The scene, which is below the rooms, holds the place open with
 `Found`, and its schema is made of what was found.
@@ -12,20 +14,24 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import linecache
 import sys
+import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from pkgutil import iter_modules
+from types import ModuleType
 from typing import Any, get_args
 
 from pydantic import BaseModel, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
 from pydantic_core import CoreSchema, core_schema
 
-from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.errors import InputError, shortened
 from pgmp_petsc.base.plugins import IN_USE, Plugin
+from pgmp_petsc.declare.expressions import Printed
 
 PACKAGE = "pgmp_petsc."
 PLUGIN = "pgmp_plugin_"  # modules of files that a user named begin with it
@@ -152,3 +158,78 @@ class Found:
 
 def _validator_of(cls: type[BaseModel]) -> Callable[[Any, ValidationInfo], BaseModel]:
     return lambda table, info: cls.model_validate(table, context=info.context)
+
+
+def take(file: Path) -> None:
+    """Take the ideas of a file into their families; see `api.scenes.use`.
+
+    Raises `InputError` if it cannot be read, is not Python, fails, has no idea in it, or has one that is not whole or
+    whose name is taken; with the file and line.
+    """
+    for family in FAMILIES:
+        family.found()  # the package's own come first: their names are taken
+    try:
+        text = file.read_bytes()
+    except OSError as error:
+        raise InputError(f"plugin '{shortened(str(file))}': {error.strerror}; a Python file is needed") from error
+    path, sha256 = str(file.resolve()), hashlib.sha256(text).hexdigest()
+    if any(plugin.path == path and plugin.sha256 == sha256 for plugin in IN_USE.values()):
+        return
+    linecache.checkcache(path)  # messages name lines of the file as it is now
+    before = [dict(family.classes) for family in FAMILIES], dict(IN_USE)
+    for (table, name), plugin in before[1].items():
+        if plugin.path == path:  # what it declared before it was changed
+            next(family for family in FAMILIES if family.group == table).classes.pop(name)
+            del IN_USE[table, name]
+    module = ModuleType(f"{PLUGIN}{file.stem}_{sha256[:8]}")
+    module.__file__ = path
+    sys.modules[module.__name__] = module
+    n_before = len(IN_USE)
+    try:
+        _run(text, file, module)
+        for one in vars(module).values():
+            if isinstance(one, Printed) and one.file == path:
+                _check_printed(one)
+        if len(IN_USE) == n_before:
+            declared = ", ".join(f"{family.base} ({family.what})" for family in FAMILIES)
+            raise InputError(
+                f"plugin '{file}': no idea is declared in it; needed: a subclass of {declared} with "
+                'type: Literal["NAME"] (of a section shape: Literal["NAME"]); see docs/extending.md'
+            )
+    except InputError:
+        for family, classes in zip(FAMILIES, before[0]):
+            family.classes = classes
+        IN_USE.clear()
+        IN_USE.update(before[1])
+        del sys.modules[module.__name__]
+        raise
+    for told in WHEN_GROWN:
+        told()
+
+
+def _check_printed(one: Printed) -> None:
+    """Print what a plugin declares by expressions, and refuse a name that the package or another plugin has."""
+    known = {plugin.path for plugin in IN_USE.values()}
+    for other in one.others:
+        if other in known or Path(__file__).parents[1] in Path(other).parents:
+            raise InputError(f"{one.place}: the name '{one.name}' is taken by {other}; take another one")
+    one.code  # says what cannot be printed
+
+
+def _run(text: bytes, file: Path, module: ModuleType) -> None:
+    """Run a plugin; what is wrong with it becomes one message with its line."""
+    path = module.__file__
+    try:
+        code = compile(text, path, "exec")
+    except (SyntaxError, ValueError) as error:
+        line = getattr(error, "lineno", None) or 1
+        reason = getattr(error, "msg", None) or error
+        raise InputError(f"plugin '{file}', line {line}: this is not Python: {reason}") from error
+    try:
+        exec(code, module.__dict__)  # its user named it for this
+    except InputError:
+        raise
+    except (Exception, SystemExit) as error:
+        frames = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
+        reason = f"{type(error).__name__}: {shortened(str(error))}"
+        raise InputError(f"plugin '{file}', line {frames[-1]}: {reason}; repair the file") from error

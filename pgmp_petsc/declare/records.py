@@ -31,14 +31,12 @@ from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cache
 from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, Union, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, NamedTuple, Self, Union, get_args, get_origin, get_type_hints
 
+import h5py
 import numpy as np
 
 from pgmp_petsc.files.hdf5 import RunRecord, open_file, put, shapes_of, take, write_file
-
-if TYPE_CHECKING:
-    import h5py
 
 NEEDED = object()  # what an absent field is without which a file is damaged
 JSON = (json.dumps, json.loads)  # code of attributes that are no number, text or texts
@@ -419,8 +417,6 @@ def _put_arrays(group: h5py.Group, leaf: Leaf) -> None:
 
 
 def _put_array(group: h5py.Group, place: str, entry: Entry, value: Any, context: Context) -> None:
-    import h5py
-
     value = encoded(entry, value)
     if isinstance(value, tuple) or getattr(value, "dtype", None) == object:
         value = np.array(list(value), dtype=h5py.string_dtype())
@@ -436,8 +432,6 @@ def _put_array(group: h5py.Group, place: str, entry: Entry, value: Any, context:
 
 
 def _put_attribute(group: h5py.Group, leaf: Leaf) -> None:
-    import h5py
-
     path, _, key = leaf.place.partition("@")
     target, entry = group[path] if path else group, leaf.one.entry
     value = encoded(entry, leaf.value)
@@ -552,8 +546,6 @@ class _Reader(NamedTuple):
     def _dataset(self, one: Holding, group: h5py.Group, place: str, name: str, n_less: int = 0) -> np.ndarray:
         entry, texts = one.entry, one.value is tuple
         if one.value is Any and place in group:  # numbers or texts
-            import h5py
-
             texts = h5py.check_string_dtype(group[place].dtype) is not None
         data = take(group, place, _n_dimensions(entry.sizes, group, place, n_less), texts)
         if not (entry.gaps(name) if callable(entry.gaps) else entry.gaps):
@@ -596,8 +588,6 @@ class _Reader(NamedTuple):
 
 def _decoded(one: Holding, value: Any) -> Any:
     """Return an attribute, or an entry of a column, as the field has it."""
-    import h5py
-
     if one.entry.code is not None:
         return one.entry.code[1](value)
     if isinstance(value, h5py.Empty):
@@ -609,8 +599,6 @@ def _decoded(one: Holding, value: Any) -> Any:
 
 def group_at(group: h5py.Group, place: str) -> h5py.Group:
     """Return a group; raises `TypeError` where there is a dataset, which would be gone through number by number."""
-    import h5py
-
     if place and place not in group:
         raise KeyError(f"'/{place}' is missing")
     found = group[place] if place else group

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.design.fitting import ends_of, limits_of
 from pgmp_petsc.design.goals import Constraint, Dual, Goal, Outcome, TurnedBack
 from pgmp_petsc.ensemble.intervals import of_mean_and_deviations
@@ -18,9 +18,6 @@ from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.scene.parameters import uncertain_names
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 
 @dataclass(frozen=True)
@@ -59,7 +56,7 @@ class DesignFigures:
         Goal and constraints of every sample of the last design that could be run, (n_samples, n_figures).
     """
 
-    def __init__(self, model: ReducedModel, question: Question, comm: MPI.Comm) -> None:
+    def __init__(self, model: ReducedModel, question: Question, comm: Comm) -> None:
         scene, self._question, self._comm = model.scene, question, comm
         drawn = uncertain_names(scene) if question.deviations is not None else []
         self._model = of_samples(model, [*question.names, *drawn])
@@ -219,7 +216,7 @@ class DesignFigures:
             size = abs(question.constraints[number].right(Outcome(run, values, question.names)).value)
         return size or abs(self.at(design)[1 + number].value) or 1.0
 
-    def nominal_run(self, design: np.ndarray, comm: MPI.Comm) -> DifferentiatedRun:
+    def nominal_run(self, design: np.ndarray, comm: Comm) -> DifferentiatedRun:
         """Return the run of a design without deviations. Collective on `comm`."""
         values = self._model.scene.values | dict(zip(self._question.names, map(float, design)))
         with agreed(comm, "run of the design"):

@@ -30,6 +30,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError, PgmpError, Remark, nearest_name, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.design.goals import TurnedBack
 from pgmp_petsc.design.measured_history import MeasuredHistory, autocorrelation, remembered
 from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks
@@ -46,8 +47,8 @@ from pgmp_petsc.scene.uses import length_names
 from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
     from scipy.interpolate import CubicSpline
+
 
 MOST_ROUNDS, SETTLED = 8, 1e-3  # of deviations that follow from what is left, and their change that is none
 WIDE = 100.0  # times the value and its hundredth, of a parameter without distribution and bounds
@@ -71,7 +72,7 @@ class _Solution:
 
 
 def fit(
-    model: ReducedModel, history: MeasuredHistory, asked: Sequence[str], noise: Mapping[str, float], comm: MPI.Comm
+    model: ReducedModel, history: MeasuredHistory, asked: Sequence[str], noise: Mapping[str, float], comm: Comm
 ) -> Fit | None:
     """Fit parameters; one rank does, the others wait. Collective on `comm`.
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 from warnings import catch_warnings, filterwarnings
 
 import numpy as np
@@ -21,6 +20,7 @@ import numpy as np
 from pgmp_petsc.base.errors import Remark, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.design.design_figures import DesignFigures, Question
 from pgmp_petsc.design.fitting import served_remarks
 from pgmp_petsc.design.goals import Dual, Outcome
@@ -33,9 +33,6 @@ from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import Design, DesignConstraint, DesignParameter
 from pgmp_petsc.results.numbers import interval_text, percent
 from pgmp_petsc.scene import Scene, scene_to_toml
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 MOST_ITERATIONS = 200
 PRECISE = 1e-7  # of goal and constraints, in units of their sizes: what iterations of runs leave stays below
@@ -52,7 +49,7 @@ def designed_parameters(scene: Scene, asked: Sequence[str]) -> tuple[str, ...]:
     return chosen_parameters(scene, asked, known, why)
 
 
-def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
+def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     """Find a design. Collective on `comm`; the same on all ranks.
 
     Raises

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures, polynomials_of_lengths
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.contacts import Contact
@@ -20,9 +20,6 @@ from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instan
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.parameters import correlation_matrix
 from pgmp_petsc.stepping.generalised_alpha import count_steps
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 SHARE = 0.01  # of the value of a parameter without a distribution
 LEAST = 0.05  # of an output's largest effect: smaller ones are nothing beside it
@@ -46,7 +43,7 @@ def chosen_parameters(scene: Scene, asked: Sequence[str], known: Iterable[str], 
     return names
 
 
-def sensitivities(model: ReducedModel, asked: Sequence[str], comm: MPI.Comm) -> Derivatives | None:
+def sensitivities(model: ReducedModel, asked: Sequence[str], comm: Comm) -> Derivatives | None:
     """Run a sample, and differentiate it; one rank does, the others wait. Collective on `comm`.
 
     Parameters
@@ -75,7 +72,7 @@ def sensitivities(model: ReducedModel, asked: Sequence[str], comm: MPI.Comm) -> 
     return found
 
 
-def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: MPI.Comm) -> Derivatives:
+def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: Comm) -> Derivatives:
     scene, timings, model = model.scene, Timings(), of_samples(model, names)
     n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
     with timings.phase("run and derivatives"), progress(n_steps, "reduced", comm) as bar:

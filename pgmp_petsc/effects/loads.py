@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
-from pgmp_petsc.base.unit_systems import SI, STANDARD_GRAVITY
+from pgmp_petsc.base.units import SI, STANDARD_GRAVITY
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.action import Action
@@ -36,7 +36,6 @@ from pgmp_petsc.scene.effects import EffectEntry, OverTime
 from pgmp_petsc.scene.fields import Direction, NumberOrParameter, Point, Unit, exactly_one, refusal
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.references import apart_problems, load_problems
-from pgmp_petsc.scene.unit_systems import unit_system
 
 GROUND_ORIGIN = "ground:origin"
 OVER = (
@@ -178,7 +177,7 @@ class Gravity(EffectEntry):
             return np.nan, "not known: the mechanism rests, so that no energy is moved around"
         risen = np.max(np.abs(run.heights - run.heights[0]), axis=0)
         axis = 1 if risen.size == 2 else int(np.argmax(risen))
-        share = unit_system(scene).gravity * float(risen[axis]) / exchanged
+        share = scene.system.gravity * float(risen[axis]) / exchanged
         return share, f"work of weights along -{'xyz'[axis]}, of the energy moved around"
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:

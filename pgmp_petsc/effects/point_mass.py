@@ -10,7 +10,6 @@ from pydantic import Field
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.scene.fields import NotNegativeOrParameter, Point, PositiveOrParameter, Unit
-from pgmp_petsc.scene.unit_systems import unit_system
 
 
 class PointMass(AddedMass):
@@ -28,7 +27,7 @@ class PointMass(AddedMass):
     @classmethod
     def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
         """Say from which mass on it would matter."""
-        return np.nan, f"would matter from {tolerance * run.mass:.2g} {unit_system(scene).unit('kg')} on"
+        return np.nan, f"would matter from {tolerance * run.mass:.2g} {scene.system.unit('kg')} on"
 
     @property
     def adds(self) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtr
@@ -17,13 +16,13 @@ from scipy.special import ndtr
 from pgmp_petsc.base.errors import InputError, PgmpError, Remark, nearest_name, note, shortened, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.ensemble import intervals, rare_events
-from pgmp_petsc.ensemble.copulas import mixing_of
 from pgmp_petsc.ensemble.design_points import DesignPoints
 from pgmp_petsc.ensemble.importance import FURTHEST
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.rare_events import RareSamples
-from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, values_of
+from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, mixing_of, values_of
 from pgmp_petsc.ensemble.statistics import in_words
 from pgmp_petsc.ensemble.watchers import OverTimeWatcher
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
@@ -39,9 +38,6 @@ from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 from pgmp_petsc.scene.numerics import Ensemble, Event
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.stepping.drivers import check_ts_options
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 FEWEST = 500  # samples: three levels of the least size, and as many to be weighted
 LEAST, MOST, PIECES = 16, 128, 16  # samples of a piece, and pieces that samples are cut into
@@ -77,7 +73,7 @@ def event_of(text: str, scene: Scene) -> Event:
     return Event(output=output, when="ever" if ever else "end", **{"above" if side == ">" else "below": float(level)})
 
 
-def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: MPI.Comm) -> RareEvent | None:
+def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: Comm) -> RareEvent | None:
     """Find the probability of an event with at most n samples. Collective on `comm`.
 
     Raises `InputError` if no parameter has a distribution, or there are too few samples; `RunError` if samples cannot
@@ -128,7 +124,7 @@ class _Runs:
         Of all samples so far.
     """
 
-    def __init__(self, model: Model, event: Event, names: list[str], comm: MPI.Comm, bar) -> None:
+    def __init__(self, model: Model, event: Event, names: list[str], comm: Comm, bar) -> None:
         self._model, self._event, self._comm, self._bar = model, event, comm, bar
         self.names, self._mixing = names, mixing_of(model.scene, names)
         self._sign = -1.0 if event.above is not None else 1.0  # of the output in g

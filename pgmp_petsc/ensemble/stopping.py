@@ -48,6 +48,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, warning
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.ensemble.statistics import came_true, describe, of_event, quantity
@@ -58,8 +59,6 @@ from pgmp_petsc.scene.numerics import Event
 from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
-
     from pgmp_petsc.ensemble.checkpoint import Kept
 
 
@@ -287,7 +286,7 @@ class Clock:
     """Says how many samples a budget still pays for, by what the last ones took; rank 0 decides for all."""
 
     stop: Stop
-    comm: MPI.Comm
+    comm: Comm
     seconds: float | None = None  # of a sample; None where that is not known
 
     def affordable(self, unit: int) -> int:
@@ -312,7 +311,7 @@ class Clock:
 
 
 def stages(
-    stop: Stop, unit: int, most: int, run: Callable[[int], int], seen: Callable[[int], Seen], comm: MPI.Comm
+    stop: Stop, unit: int, most: int, run: Callable[[int], int], seen: Callable[[int], Seen], comm: Comm
 ) -> list[Seen]:
     """Integrate stage by stage until the rules are met, the budget is spent, or there is no further sample.
 

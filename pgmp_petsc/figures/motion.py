@@ -18,7 +18,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures.captions import of_runs
 from pgmp_petsc.figures.style import MODELS, axis_label, axis_unit, heading
-from pgmp_petsc.mesh import reference_element as reference
+from pgmp_petsc.mesh import solid_mesh as reference
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import BodyField, ModeShape, truncated
 

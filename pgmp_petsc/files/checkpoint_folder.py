@@ -23,20 +23,18 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 from zipfile import BadZipFile
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, RunError, note
 from pgmp_petsc.base.plugins import in_use
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.files.hdf5 import replacing
 from pgmp_petsc.files.seal import SIZE, BrokenSeal, check_seal, identity, sealed
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.ending import keep, keep_no_longer
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 LABEL = "run.json"
 PROGRAM = "pgmp_petsc"
@@ -262,7 +260,7 @@ class SharedCheckpoint:
         self,
         output: Path,
         run: Mapping[str, object],
-        comm: MPI.Comm,
+        comm: Comm,
         resume: bool,
         readers: Mapping[str, Callable[[str, Mapping[str, np.ndarray]], dict[Any, Any]]],
     ) -> None:

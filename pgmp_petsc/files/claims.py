@@ -30,14 +30,11 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.files.seal import MAGIC, BrokenSeal, seal_of
 from pgmp_petsc.ranks.agreement import on_root
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 PATIENCE = 5.0  # s; the ranks of a job that was just killed need a moment to end
 _JOB_VARIABLES = ("SLURM_JOB_ID", "PBS_JOBID")
@@ -194,7 +191,7 @@ _OLD_RESULT = (b"\x89HDF\r\n\x1a\n", b"format_version", b"program_version")
 
 @contextmanager
 def claimed(
-    comm: MPI.Comm, output: str | os.PathLike[str], kind: str, inputs: Iterable[str | os.PathLike[str] | None] = ()
+    comm: Comm, output: str | os.PathLike[str], kind: str, inputs: Iterable[str | os.PathLike[str] | None] = ()
 ) -> Iterator[Path]:
     """Check an output and keep it from other jobs within the block. Collective on ``comm``.
 

@@ -54,7 +54,7 @@ import numpy as np
 from pgmp_petsc import __version__
 from pgmp_petsc.base.errors import InputError, Remark, RunError, from_json, shortened, to_json
 from pgmp_petsc.base.plugins import check_plugins, plugins_of
-from pgmp_petsc.base.unit_systems import SAID, SI, UnitSystem
+from pgmp_petsc.base.units import SAID, SI, UnitSystem
 from pgmp_petsc.files.claims import KINDS, check_output, named, partial_path
 from pgmp_petsc.files.seal import MAGIC, SIZE, BrokenSeal, check_seal, seal
 
@@ -177,8 +177,6 @@ class RunRecord:
 
     def write(self, file: h5py.File) -> None:
         """Write the record into the root attributes and ``/timings`` of an open file."""
-        import h5py
-
         file.attrs["scene"] = self.scene_toml
         file.attrs["parameters"] = json.dumps({name: float(value) for name, value in self.parameters.items()})
         file.attrs["seed"] = h5py.Empty("i8") if self.seed is None else self.seed
@@ -275,8 +273,6 @@ def write_file(
     attributes : mapping, optional
         Further root attributes.
     """
-    import h5py
-
     if kind not in KINDS:
         raise ValueError(f"kind of file '{kind}'; allowed: {', '.join(KINDS)}")
     with replacing(check_output(path, kind)) as partial:
@@ -310,8 +306,6 @@ def open_file(path: str | os.PathLike[str], kinds: str | Collection[str]) -> h5p
     h5py.File
         Use it in a ``with`` block, with :func:`shapes_of` around what is read.
     """
-    import h5py
-
     kinds = (kinds,) if isinstance(kinds, str) else tuple(kinds)
     path = Path(path)
     _check_sealed(path, kinds)
@@ -342,8 +336,6 @@ def shapes_of(file: h5py.File | Path, cure: str = WRITE_AGAIN) -> Iterator[None]
 
 def put(group: h5py.Group, name: str, data: Any, unit: str, description: str) -> h5py.Dataset:
     """Write a dataset with its ``unit`` ("1" if it has none) and ``description``; return it."""
-    import h5py
-
     dataset, text = group.create_dataset(name, data=data), h5py.string_dtype()
     kind, scalar = h5py.h5t.py_create(text, logical=True), h5py.h5s.create(h5py.h5s.SCALAR)
     # files have thousands of datasets, and `attrs` takes longer for two texts than all else for the numbers
@@ -357,8 +349,6 @@ def take(group: h5py.Group, name: str, n_dimensions: int, texts: bool = False) -
 
     Raises `ValueError` if it is missing, has another number of dimensions, or holds something else; see `shapes_of`.
     """
-    import h5py
-
     where = f"dataset '{group.name.rstrip('/')}/{name}'"
     if not isinstance(group, h5py.Group):  # a dataset would be searched for the name, number by number
         raise ValueError(f"{where} is missing: '{group.name}' is no group")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.beam2d import strain_rates, strains, stresses, viscous_stresses, work_of
 from pgmp_petsc.effects import Held, Motion
 from pgmp_petsc.full.damping import add_modal_damping
@@ -20,9 +20,6 @@ from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import items, sine_cosine
 from pgmp_petsc.stepping.energies import Energies
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 KINETIC, STRAIN, OF_EFFECTS = range(3)  # rows of the table; those of effects begin at the last
 
@@ -55,7 +52,7 @@ class EnergyNames:
                 add(effect, values)
         return found
 
-    def summed(self, table: np.ndarray, comm: MPI.Comm) -> Energies:
+    def summed(self, table: np.ndarray, comm: Comm) -> Energies:
         """Return the sum of the tables of all ranks, whose rows may be of other effects. Collective on `comm`."""
         own = self.energies(table)
         found = Energies(*comm.allreduce(np.array([own.kinetic, own.strain])))

@@ -24,7 +24,7 @@ from pgmp_petsc.full.kernel import Elements, FullProblem, Lumps
 from pgmp_petsc.full.layout import FloatingBodies, body_tables, n_pose_of, places_of
 from pgmp_petsc.full.rank_solver import Layout
 from pgmp_petsc.mechanism.unknowns import N_POSE, Unknowns
-from pgmp_petsc.mesh.reference_element import reference_element
+from pgmp_petsc.mesh.solid_mesh import reference_element
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 
 N_PLANAR = 6  # unknowns of a beam element in the plane

@@ -10,21 +10,18 @@ Options prefix: ``pgmp_full_`` (e.g. ``-pgmp_full_mat_mumps_icntl_4 2``).
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.base.errors import RunError
-from pgmp_petsc.base.surroundings import needs_petsc
+from pgmp_petsc.base.surroundings import Comm, needs_petsc
 from pgmp_petsc.full.batched_ldl import Symbolic
 from pgmp_petsc.full.kernel import Pattern
 from pgmp_petsc.ranks.petsc import petsc_solver
 
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
 PREFIX = "pgmp_full_"
 SPARE_MEMORY, MOST_SPARE_MEMORY = 20, 5000  # per cent of what MUMPS foresees, its ICNTL(14): its default, and the most
+PAIRS = 2  # ICNTL(12): pairs of a multiplier, whose pivot is zero, and an unknown are ordered as one
 SHORT_OF_MEMORY = (-8, -9)  # INFOG(1) of MUMPS, the integer and the real work array
 
 
@@ -113,7 +110,7 @@ class RankSolver:
         Ranks that share the system.
     """
 
-    def __init__(self, layout: RankLayout, own: np.ndarray, rows: np.ndarray, comm: MPI.Comm) -> None:
+    def __init__(self, layout: RankLayout, own: np.ndarray, rows: np.ndarray, comm: Comm) -> None:
         needs_petsc("full-order runs of large meshes, of solids in space, from equilibrium or on several ranks")
         from petsc4py import PETSc
 
@@ -136,6 +133,7 @@ class RankSolver:
             csr=(self._indptr, self._indices, np.zeros(self._indices.size)),
             comm=comm,
         )
+        self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self._x, self._rhs = self._matrix.createVecs()
         needed = PETSc.IS().createGeneral(columns.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
         self._ghosts, self._forward = PETSc.Vec().createSeq(columns.size), PETSc.Scatter.Mode.SCATTER_FORWARD
@@ -144,12 +142,13 @@ class RankSolver:
         self._ksp = PETSc.KSP().create(comm)
         self._ksp.setOptionsPrefix(PREFIX)
         self._ksp.setType(PETSc.KSP.Type.PREONLY)
-        self._ksp.getPC().setType(PETSc.PC.Type.LU)
+        self._ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
         self._ksp.getPC().setFactorSolverType("mumps")
         self._ksp.setOperators(self._matrix)
+        self._spare, self._finite_matrix = SPARE_MEMORY, True
         with petsc_solver(PREFIX, "full-order linear solver"):
             self._ksp.setFromOptions()
-        self._spare, self._finite_matrix = SPARE_MEMORY, True
+            self._prepare()
 
     def close(self) -> None:
         """Destroy the PETSc objects."""
@@ -200,19 +199,26 @@ class RankSolver:
         PETSc factorises neither a matrix that is as it was, nor any with factors of MUMPS that once ended in an error
         (MatFactorNumeric_MUMPS returns where INFOG(1) < 0, as if the analysis had failed).
         """
-        preconditioner = self._ksp.getPC()
-        preconditioner.reset()
+        self._ksp.getPC().reset()
         self._ksp.setOperators(self._matrix)
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Set what MUMPS reads at its analysis; the user's options come after and win."""
         if self._direct():
+            preconditioner = self._ksp.getPC()
             preconditioner.setFactorSetUpSolverType()
-            preconditioner.getFactorMatrix().setMumpsIcntl(14, self._spare)
+            factor = preconditioner.getFactorMatrix()
+            factor.setOptionsPrefix(PREFIX)  # else it gets one too late for its options
+            factor.setMumpsIcntl(14, self._spare)
+            factor.setMumpsIcntl(12, PAIRS)
 
     def _short_of_memory(self) -> bool:
         return self._direct() and self._ksp.getPC().getFactorMatrix().getMumpsInfog(1) in SHORT_OF_MEMORY
 
     def _direct(self) -> bool:
         preconditioner = self._ksp.getPC()
-        return preconditioner.getType() == "lu" and preconditioner.getFactorSolverType() == "mumps"
+        return preconditioner.getType() in ("cholesky", "lu") and preconditioner.getFactorSolverType() == "mumps"
 
     def _solve_once(self) -> bool:
         try:

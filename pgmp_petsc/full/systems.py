@@ -27,12 +27,12 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
 from pgmp_petsc.base.errors import RunError
-from pgmp_petsc.base.surroundings import alone
+from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.effects import Effect, Held, Motion, driven
 from pgmp_petsc.effects.law import rubs
 from pgmp_petsc.full.energy import EnergyNames, energies_of
@@ -52,9 +52,6 @@ from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State
 from pgmp_petsc.stepping.static_equilibrium import LONGEST, Settled, cause_of, iterate_at_rest, put_on
 from pgmp_petsc.stepping.status import Status
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 # A call from Python costs what some tens of steps of a small mechanism do. What lies behind an edge that is crossed is
 # taken again
@@ -93,7 +90,7 @@ class FullSystem(SecondOrderSystem):
     def __init__(
         self,
         equations: FullEquations,
-        comm: MPI.Comm,
+        comm: Comm,
         n_samples: int,
         sources: Sources,
         settled: Settled | None,
@@ -411,7 +408,7 @@ class FullDistributed(FullSystem):
     def __init__(
         self,
         equations: FullEquations,
-        comm: MPI.Comm,
+        comm: Comm,
         motions: Mapping[int, Motion | Held] = MappingProxyType({}),
         settled: Settled | None = None,
         built_in: tuple[np.ndarray, np.ndarray] | None = None,
@@ -629,7 +626,7 @@ class FullStatics:
 
     n_samples = 1
 
-    def __init__(self, equations: FullEquations, n_theta: int, comm: MPI.Comm, loads: float = 1.0) -> None:
+    def __init__(self, equations: FullEquations, n_theta: int, comm: Comm, loads: float = 1.0) -> None:
         self._equations, self._loads = equations, loads
         self._held = {k: Held(0.0) for k in range(n_theta)}
         self._system = FullDistributed(equations, comm, self._held)

@@ -31,7 +31,6 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.statement_rows import StatementRows
-from pgmp_petsc.scene.unit_systems import unit_system
 
 MAX_ITERATIONS = 25
 NEAR = 1e-9  # scaled residual, left by a step of 3e-5, of which the same J leaves 3e-14
@@ -182,7 +181,7 @@ class LoopClosure:
             raise InputError(
                 f"joints.{blame}: the joints of rigid bodies contradict one another at {self.describe(theta[worst])}; "
                 f"{gaps}, and redundant constraints may miss each other by {LARGEST_GAP:g} of the mechanism's size, "
-                f"{LARGEST_GAP * self.size:.3g} {unit_system(self.mechanism.scene).unit('m')}, or as many rad. Check "
+                f"{LARGEST_GAP * self.size:.3g} {self.mechanism.scene.system.unit('m')}, or as many rad. Check "
                 f"points and axes, and placements{GUESSED}, from which bodies take the axes of joints; or let joints "
                 "that say the same be ones that hold less"
             )
@@ -276,7 +275,7 @@ class LoopClosure:
         lengths = [np.array([part.is_length for part in c.statements]) for c in self.mechanism.connections]
         apart = sum(np.linalg.norm(residual[c.rows][of]) for c, of in zip(self.mechanism.connections, lengths))
         if apart > NO_GAP * self.size:
-            return f"a gap of {apart:.3g} {unit_system(self.mechanism.scene).unit('m')} remains", blame.name
+            return f"a gap of {apart:.3g} {self.mechanism.scene.system.unit('m')} remains", blame.name
         turned = np.max(np.abs(scaled[blame.rows]))
         return f"the points meet, and an angle of {np.arcsin(min(turned, 1.0)):.3g} rad remains", blame.name
 

@@ -22,7 +22,6 @@ from pgmp_petsc.mechanism.space import SPATIAL, Space, rotate, space_of
 from pgmp_petsc.mechanism.statements import ANGLE, Combination, Statement, distance
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.schema import Scene
-from pgmp_petsc.scene.unit_systems import unit_system
 from pgmp_petsc.scene.uses import slides
 
 
@@ -256,7 +255,7 @@ class Mechanism:
                 sides = tuple(attachment_at(scene, bodies, point, address) for point in entry.points)
             else:
                 statement, sides = joint.measure("sliding" if slides(scene, entry) else "turning"), joint.sides
-            unit = "rad" if statement.kind == ANGLE else unit_system(scene).unit("m")
+            unit = "rad" if statement.kind == ANGLE else scene.system.unit("m")
             rest = (*entry.range, entry.periodic, name in prescribed, joint, unit)
             coordinates.append(Coordinate(name, statement, sides, *rest))
         coordinates = tuple(coordinates)

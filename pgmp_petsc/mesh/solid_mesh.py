@@ -1,21 +1,193 @@
 """Meshes of plane and solid bodies: cells of one kind, with named groups of faces and named regions of cells.
 
 Which nodes and faces the cells of a mesh have, and how they hang together.
+
+Reference elements: shape functions, quadrature and faces, in meshio's order of nodes. Shape functions and quadrature
+come from scikit-fem. Its numbering of nodes is another one, so each node is found by its place in the reference cell,
+which is [0, 1]^d or the unit simplex in both.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, nearest_name
 from pgmp_petsc.mesh.reading import Counted
-from pgmp_petsc.mesh.reference_element import reference_element
 
 if TYPE_CHECKING:
+    import skfem.element
     from scipy.sparse import csr_array
+
+
+CORNERS_OF_TRIANGLE = ((0, 0), (1, 0), (0, 1))
+CORNERS_OF_QUAD = ((0, 0), (1, 0), (1, 1), (0, 1))
+CORNERS_OF_TETRA = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))
+CORNERS_OF_HEXAHEDRON = tuple((*corner, z) for z in (0, 1) for corner in CORNERS_OF_QUAD)
+EDGES_OF_TRIANGLE = ((0, 1), (1, 2), (2, 0))
+EDGES_OF_QUAD = ((0, 1), (1, 2), (2, 3), (3, 0))
+EDGES_OF_TETRA = (*EDGES_OF_TRIANGLE, (0, 3), (1, 3), (2, 3))
+EDGES_OF_HEXAHEDRON = (
+    *EDGES_OF_QUAD, (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7),
+)  # fmt: skip
+# the corners of every face, seen from outside in the order that makes its normal point outwards
+FACES_OF_TETRA = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
+FACES_OF_HEXAHEDRON = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7))
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """A shape of cells: its corners in meshio's order, its edges, and the corners of its faces (edges in the plane)."""
+
+    corners: tuple[tuple[int, ...], ...]
+    edges: tuple[tuple[int, int], ...]
+    faces: tuple[tuple[int, ...], ...]
+
+
+_LINE = _Shape(((0,), (1,)), ((0, 1),), ((0,), (1,)))
+_TRIANGLE = _Shape(CORNERS_OF_TRIANGLE, EDGES_OF_TRIANGLE, EDGES_OF_TRIANGLE)
+_QUAD = _Shape(CORNERS_OF_QUAD, EDGES_OF_QUAD, EDGES_OF_QUAD)
+_TETRA = _Shape(CORNERS_OF_TETRA, EDGES_OF_TETRA, FACES_OF_TETRA)
+_HEXAHEDRON = _Shape(CORNERS_OF_HEXAHEDRON, EDGES_OF_HEXAHEDRON, FACES_OF_HEXAHEDRON)
+
+#: Shape, scikit-fem's element, the groups of corners that have a node in their middle after the corners themselves,
+#: degrees of exact quadrature of the stiffness and of the mass (of undistorted cells), the type of the faces. A mass of
+#: curved cells is positive definite if all weights are: those of scikit-fem's fourth degree in tetrahedra are not.
+_KINDS = {
+    "line": (_LINE, "ElementLineP1", (), 1, 2, ""),
+    "line3": (_LINE, "ElementLineP2", ("edges",), 2, 4, ""),
+    "triangle": (_TRIANGLE, "ElementTriP1", (), 1, 2, "line"),
+    "triangle6": (_TRIANGLE, "ElementTriP2", ("edges",), 2, 4, "line3"),
+    "quad": (_QUAD, "ElementQuad1", (), 2, 2, "line"),
+    "quad8": (_QUAD, "ElementQuadS2", ("edges",), 4, 4, "line3"),
+    "quad9": (_QUAD, "ElementQuad2", ("edges", "cell"), 4, 4, "line3"),
+    "tetra": (_TETRA, "ElementTetP1", (), 1, 2, "triangle"),
+    "tetra10": (_TETRA, "ElementTetP2", ("edges",), 2, 5, "triangle6"),
+    "hexahedron": (_HEXAHEDRON, "ElementHex1", (), 2, 2, "quad"),
+    "hexahedron20": (_HEXAHEDRON, "ElementHexS2", ("edges",), 4, 4, "quad8"),
+    "hexahedron27": (_HEXAHEDRON, "ElementHex2", ("edges", "faces", "cell"), 4, 4, "quad9"),
+}
+#: Cells that bodies can be meshed with, by dimension.
+PLANE_KINDS = ("triangle", "triangle6", "quad", "quad8", "quad9")
+SOLID_KINDS = ("tetra", "tetra10", "hexahedron", "hexahedron20", "hexahedron27")
+
+
+@dataclass(frozen=True, eq=False)
+class Quadrature:
+    """Shape functions at quadrature points."""
+
+    weights: np.ndarray  # shape (n_q,); their sum is the reference cell's volume
+    values: np.ndarray  # shape (n_q, n_nodes)
+    gradients: np.ndarray  # in reference coordinates, shape (n_q, d, n_nodes)
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceElement:
+    """An element on its reference cell."""
+
+    kind: str  # meshio's name of the cell type
+    dimension: int  # of the cell
+    nodes: np.ndarray  # reference coordinates of the nodes in meshio's order, shape (n_nodes, d)
+    #: stiffness, mass: quadrature that is exact for the stiffness or the mass of undistorted cells
+    stiffness: Quadrature
+    mass: Quadrature
+    #: local numbers of the nodes of every face, in the order of the face's type, normal outwards, shape (n_faces,
+    #: n_face_nodes)
+    faces: np.ndarray
+    face_kind: str  # meshio's name of the faces' type; "" for lines
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes of a cell."""
+        return len(self.nodes)
+
+
+@cache
+def reference_element(kind: str) -> ReferenceElement:
+    """Return the element on cells of one of meshio's types."""
+    shape, _, middles, stiffness_degree, mass_degree, face_kind = _KINDS[kind]
+    nodes = _nodes(shape, middles)
+    return ReferenceElement(
+        kind,
+        nodes.shape[1],
+        nodes,
+        _quadrature(kind, nodes, stiffness_degree),
+        _quadrature(kind, nodes, mass_degree),
+        _faces(shape, nodes, face_kind) if face_kind else np.empty((0, 0), dtype=int),
+        face_kind,
+    )
+
+
+def shape_gradients(kind: str, points: np.ndarray) -> np.ndarray:
+    """Return the gradients of an element's shape functions in reference coordinates, shape (n_points, d, n_nodes).
+
+    Parameters
+    ----------
+    kind : str
+        meshio's name of the cell type.
+    points : ndarray of float, shape (n_points, d)
+        Reference coordinates.
+    """
+    return _tabulated(kind, reference_element(kind).nodes, points)[1]
+
+
+def shape_values(kind: str, points: np.ndarray) -> np.ndarray:
+    """Return an element's shape functions at points, shape (n_points, n_nodes); `points` as for `shape_gradients`."""
+    return _tabulated(kind, reference_element(kind).nodes, points)[0]
+
+
+def _nodes(shape: _Shape, middles: tuple[str, ...]) -> np.ndarray:
+    corners = np.array(shape.corners, dtype=float)
+    groups = {"edges": shape.edges, "faces": shape.faces, "cell": (tuple(range(len(corners))),)}
+    further = [corners[list(group)].mean(axis=0) for name in middles for group in groups[name]]
+    return np.vstack([corners, *further])
+
+
+def _faces(shape: _Shape, nodes: np.ndarray, face_kind: str) -> np.ndarray:
+    """Number the nodes of every face as the face's element does: its corners, then the middles of its edges, ..."""
+    face_shape, _, middles, *_ = _KINDS[face_kind]
+    weights = _barycentric(face_shape, _nodes(face_shape, middles))
+    return np.array(
+        [[_number_at(nodes, place) for place in weights @ nodes[list(corners)]] for corners in shape.faces], dtype=int
+    )
+
+
+def _barycentric(shape: _Shape, places: np.ndarray) -> np.ndarray:
+    """Return the linear (bilinear) weights of a face's corners at places in it, shape (n_places, n_corners)."""
+    corners = np.array(shape.corners, dtype=float)
+    if len(corners) == corners.shape[1] + 1:  # a simplex
+        return np.column_stack([1.0 - places.sum(axis=1), places])
+    return np.array([[np.prod(np.where(corner == 1.0, x, 1.0 - x)) for corner in corners] for x in places])
+
+
+def _number_at(places: np.ndarray, place: np.ndarray) -> int:
+    return int(np.argmin(np.abs(places - place).max(axis=1)))
+
+
+def _element(kind: str) -> skfem.element.Element:
+    import skfem.element  # takes a noticeable time, and runs with beams alone do not need it
+
+    return getattr(skfem.element, _KINDS[kind][1])()
+
+
+def _tabulated(kind: str, nodes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return values (n_points, n_nodes) and gradients (n_points, d, n_nodes) of shape functions at points."""
+    element = _element(kind)
+    order = [_number_at(element.doflocs, node) for node in nodes]
+    tabulated = [element.lbasis(points.T, number) for number in order]
+    values = np.array([np.broadcast_to(value, len(points)) for value, _ in tabulated])
+    gradients = np.array([np.broadcast_to(gradient, points.T.shape) for _, gradient in tabulated])
+    return values.T.copy(), np.moveaxis(gradients, 0, -1).swapaxes(0, 1).copy()
+
+
+def _quadrature(kind: str, nodes: np.ndarray, degree: int) -> Quadrature:
+    from skfem.quadrature import get_quadrature
+
+    points, weights = get_quadrature(_element(kind).refdom, degree)
+    return Quadrature(weights, *_tabulated(kind, nodes, points.T))
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,8 +48,17 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, reve
 
 from pgmp_petsc.base.errors import InputError, shortened
 from pgmp_petsc.mesh.reading import FARTHEST, RELATIVE_TOLERANCE, read_mesh, usable
-from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, reference_element, shape_gradients
-from pgmp_petsc.mesh.solid_mesh import SolidMesh, cell_faces, incidence_edges, set_numbers, undirected_graph
+from pgmp_petsc.mesh.solid_mesh import (
+    PLANE_KINDS,
+    SOLID_KINDS,
+    SolidMesh,
+    cell_faces,
+    incidence_edges,
+    reference_element,
+    set_numbers,
+    shape_gradients,
+    undirected_graph,
+)
 
 #: Types of cells by their family and their number of nodes; the order of nodes is meshio's.
 FAMILIES = {

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.base.surroundings import alone
+from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.effects import effects_of, motions_of
 from pgmp_petsc.files.seal import identity
@@ -36,8 +36,6 @@ from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, Settled, settle
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
-
     from pgmp_petsc.models.body_fields import FullFields
 
 
@@ -125,7 +123,7 @@ class FullModel:
         """Whether samples may lie side by side: not where options of PETSc's linear solver are given."""
         return self.kinematics.mechanism.n_dofs <= MOST_IN_LANES and not has_options(PREFIX)
 
-    def single(self, values: Mapping[str, float], comm: MPI.Comm) -> FullBatch | FullDistributed:
+    def single(self, values: Mapping[str, float], comm: Comm) -> FullBatch | FullDistributed:
         """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`.
 
         On one rank small mechanisms are a batch of one, but for meshes in space, and unless options of PETSc's linear
@@ -138,7 +136,7 @@ class FullModel:
             return self.distributed(values, comm)
         return self.batch({name: np.array([value]) for name, value in values.items()}, 1)
 
-    def distributed(self, values: Mapping[str, float], comm: MPI.Comm) -> FullDistributed:
+    def distributed(self, values: Mapping[str, float], comm: Comm) -> FullDistributed:
         """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`."""
         sized = self._sized(values)
         settled = sized._settled(values, comm) if self.scene.initial.equilibrium else None
@@ -153,14 +151,14 @@ class FullModel:
         kinematics: RigidKinematics,
         values: Mapping[str, float],
         start: tuple[np.ndarray, np.ndarray],
-        comm: MPI.Comm,
+        comm: Comm,
     ) -> FullEquations:
         """Return this rank's share of the equations of one sample."""
         owned = Unknowns(kinematics.mechanism).share(comm.rank, comm.size)
         of_sample = {name: np.array([value]) for name, value in values.items()}
         return FullEquations(kinematics, self._effects, of_sample, SampleBlocks(1, 1, 1), start, owned)
 
-    def _settled(self, values: Mapping[str, float], comm: MPI.Comm) -> Settled:
+    def _settled(self, values: Mapping[str, float], comm: Comm) -> Settled:
         """Return the static equilibrium of one sample. Collective on `comm`."""
         theta = self._start[0]
         held = self.kinematics.held()
@@ -176,9 +174,7 @@ class FullModel:
         """Whether joints do not agree with the rigid mechanism: bodies deform before anything acts."""
         return bool(self.kinematics.remarks) or any(joint.offset for joint in self.scene.joints.values())
 
-    def _built_in(
-        self, values: Mapping[str, float], rates: np.ndarray, comm: MPI.Comm
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _built_in(self, values: Mapping[str, float], rates: np.ndarray, comm: Comm) -> tuple[np.ndarray, np.ndarray]:
         """Return unknowns and velocities (n_dofs, 1) of the static answer to joints that are off, without loads, at the
         start with rates (n_theta,). Collective on `comm`.
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.shape import at_lengths
 from pgmp_petsc.models.full import ComponentModel, FullModel
 from pgmp_petsc.models.model import Model
@@ -24,9 +24,6 @@ from pgmp_petsc.reduced.terms import ReducedTerms
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_names
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 
 @dataclass(frozen=True)
@@ -81,7 +78,7 @@ class SeparateLengths:
         self._models[system] = own
         return system
 
-    def single(self, values: Mapping[str, float], comm: MPI.Comm) -> SecondOrderSystem:
+    def single(self, values: Mapping[str, float], comm: Comm) -> SecondOrderSystem:
         """Return one full-order sample on all ranks of `comm`; to be closed. Collective on `comm`."""
         own = self._at({name: float(values[name]) for name in self.lengths})
         system = own.single(values, comm)

@@ -40,12 +40,12 @@ import scipy.sparse as sp
 from scipy.linalg import eigh, eigh_tridiagonal, lapack
 
 from pgmp_petsc.base.errors import RunError
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
 from pgmp_petsc.ranks.petsc import aij_matrix, times, transposed_times
 from pgmp_petsc.solvers.shift_invert import RESIDUAL_TOLERANCE, EigenPairs, ShiftInvertSolver
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
     from petsc4py import PETSc
 
 
@@ -321,7 +321,7 @@ class SparsePencil:
         sigma, below all eigenvalues; see `shift_to`.
     """
 
-    def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix, comm: MPI.Comm) -> None:
+    def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix, comm: Comm) -> None:
         self._comm, self._first = comm, comm.scan(mass.shape[0]) - mass.shape[0]
         self._mass, self._stiffness = (aij_matrix(matrix, comm, mass.shape[0]) for matrix in (mass, stiffness))
         self.shift = 0.0

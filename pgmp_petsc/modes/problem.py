@@ -18,12 +18,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import AffineMatrices, assemble, owned_rows, weighted_sum
 from pgmp_petsc.mechanism.body_frames import linear_motion
@@ -32,9 +32,6 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
 from pgmp_petsc.modes.pencils import MOST_UNKNOWNS, DensePencil, SparsePencil, cholesky, forward
 from pgmp_petsc.ranks.petsc import has_options
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 
 @dataclass(frozen=True)
@@ -114,7 +111,7 @@ class ModalProblem:
         kinematics: RigidKinematics,
         values: Mapping[str, float],
         n_modes: int,
-        comm: MPI.Comm,
+        comm: Comm,
         matrices: AffineMatrices | None = None,
     ) -> None:
         self.kinematics = kinematics
@@ -440,7 +437,7 @@ class ModalProblem:
             )
 
 
-def _pencil(mass: sp.csr_matrix, stiffness: sp.csr_matrix, comm: MPI.Comm) -> SparsePencil | DensePencil:
+def _pencil(mass: sp.csr_matrix, stiffness: sp.csr_matrix, comm: Comm) -> SparsePencil | DensePencil:
     """Return a pencil; PETSc's and SLEPc's where ranks share it, it is large, or the user has options for them."""
     small = comm.size == 1 and mass.shape[0] <= MOST_UNKNOWNS
     if small and not any(has_options(prefix) for prefix in (PREFIX, SCALE_PREFIX)):

@@ -36,12 +36,12 @@ test_spring_modes.py).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import RunError
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.effects import Action, Effect
@@ -51,10 +51,6 @@ from pgmp_petsc.mechanism.body_frames import BodyGradients, linear_motion, to_bo
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, PREFIX, ModalProblem, ModeSet
 from pgmp_petsc.solvers.shift_invert import EigenPairs
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
 
 # h of a limit, as a share of a coordinate's range: the direction is off by the square of this, and where what is left
 # of an answer vanishes with the square, 7 of its 13 digits are left
@@ -218,7 +214,7 @@ class SpringStiffness:
         if weights is not None and self.free.size:
             self.dofs.append(np.unique(self._moving.dofs))
 
-    def at(self, theta: np.ndarray, matrices: AffineMatrices, comm: MPI.Comm) -> list[Block]:
+    def at(self, theta: np.ndarray, matrices: AffineMatrices, comm: Comm) -> list[Block]:
         """Return the blocks at a configuration (n_theta,), rad; the same on all ranks. Collective on `comm`.
 
         Parameters
@@ -242,7 +238,7 @@ class SpringStiffness:
             blocks.append(Block(dofs, turning @ self._of_curvature(theta, forces, matrices, comm) @ turning.T))
         return blocks
 
-    def n_resisted(self, matrices: AffineMatrices, comm: MPI.Comm) -> int:
+    def n_resisted(self, matrices: AffineMatrices, comm: Comm) -> int:
         """Return how many independent rigid motions, of free coordinates and elastic joints, have a stiffness, but for
         single configurations.
 
@@ -265,7 +261,7 @@ class SpringStiffness:
         return most
 
     def _of_curvature(
-        self, theta: np.ndarray, forces: Sequence[float], matrices: AffineMatrices, comm: MPI.Comm
+        self, theta: np.ndarray, forces: Sequence[float], matrices: AffineMatrices, comm: Comm
     ) -> np.ndarray:
         """Return ``-(sum_j F_j g_j + f).rho,kl`` of the free coordinates, shape (n_free, n_free), N m."""
         motion = self.kinematics.motion(theta)
@@ -312,7 +308,7 @@ class VibrationProblem(ModalProblem):
         Number of these rigid motions.
     """
 
-    def __init__(self, springs: SpringStiffness, values: Mapping[str, float], n_modes: int, comm: MPI.Comm) -> None:
+    def __init__(self, springs: SpringStiffness, values: Mapping[str, float], n_modes: int, comm: Comm) -> None:
         self._springs = springs
         super().__init__(springs.kinematics, values, n_modes, comm)
         self._elastic = weighted_sum(self.matrices.stiffness, values)

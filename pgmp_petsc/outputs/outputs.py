@@ -19,7 +19,6 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.outputs.readings import Frames, Reading, RigidReference
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.unit_systems import unit_system
 
 if TYPE_CHECKING:
     from pgmp_petsc.outputs.stress import StressOutput
@@ -114,7 +113,7 @@ class OutputSet:
             rigid = RigidReference(kinematics)
             if not all(coordinate.periodic for coordinate in mechanism.coordinates):
                 reached = rigid.reached
-        system = unit_system(scene)
+        system = scene.system
         units = {name: system.unit(unit) for name, unit in units.items()}
         reads_rates = any(reading is not None and reading.rate for reading in functions.values())
         n_rates = mechanism.space.n_pose if reads_rates else 0

@@ -16,14 +16,12 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError, plain_reason
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
+from pgmp_petsc.base.surroundings import Comm
 
 Result = TypeVar("Result")
 # s: what is ready soon is waited for in MPI's way, whose answer comes at once; then it is looked for now and then
@@ -31,14 +29,14 @@ SOON, NOW_AND_THEN = 5e-3, 1e-3
 
 
 @contextmanager
-def agreed(comm: MPI.Comm, activity: str) -> Iterator[None]:
+def agreed(comm: Comm, activity: str) -> Iterator[None]:
     """Raise on every rank what any rank raised within the block. Collective on ``comm``.
 
     The block itself must contain no collective operation on ``comm``: a rank that fails skips the rest of it.
 
     Parameters
     ----------
-    comm : mpi4py.MPI.Comm
+    comm : mpi4py.Comm
         The ranks that run the block.
     activity : str
         What the block does, as a noun phrase ("reading the mesh"); part of the message of a `RunError`.
@@ -67,7 +65,7 @@ def agreed(comm: MPI.Comm, activity: str) -> Iterator[None]:
     raise failure
 
 
-def on_root(comm: MPI.Comm, function: Callable[..., Result], *args: Any) -> Result:
+def on_root(comm: Comm, function: Callable[..., Result], *args: Any) -> Result:
     """Call ``function(*args)`` on rank 0 and return its result on every rank. Collective on ``comm``.
 
     Raises `PgmpError`, as :func:`agreed`; a result that cannot be pickled counts as a failure of rank 0.
@@ -98,7 +96,7 @@ def _unexpected(error: Exception, activity: str, rank: int) -> RunError:
     return failure
 
 
-def _lowest_failing_rank(comm: MPI.Comm, failed: bool) -> int | None:
+def _lowest_failing_rank(comm: Comm, failed: bool) -> int | None:
     """Return the lowest rank that failed, or None if none did. Collective on ``comm``."""
     if comm.size == 1:
         return 0 if failed else None

@@ -36,15 +36,12 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, NoReturn, TextIO
+from typing import IO, NoReturn, TextIO
 
 from pgmp_petsc.base.errors import PgmpError
 from pgmp_petsc.base.progress import clear_beat
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.ranks.petsc import start_mpi
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
 
 ENDING = (signal.SIGTERM, signal.SIGUSR1)
 FLUSH_SECONDS = 0.5  # mpirun kills a second after SIGTERM
@@ -133,7 +130,7 @@ def _end(number: signal.Signals, rank: int) -> NoReturn:
     os._exit(128 + number)
 
 
-def release_petsc(comm: MPI.Comm) -> None:
+def release_petsc(comm: Comm) -> None:
     """Let go of what PETSc still holds on `comm` and on this rank, while Python lives. Collective on `comm`.
 
     A PETSc object that a cycle of Python references kept is only marked when the cycle is collected, and is

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.surroundings import Comm
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -31,15 +32,15 @@ UNKNOWNS_PER_RANK = 3000  # of a run that is shared by ranks
 class RankGroup:
     """This rank's place among groups of ranks; in a ``with`` block, which frees the groups' communicators."""
 
-    world: MPI.Comm  # all ranks
-    comm: MPI.Comm  # the ranks of this group
-    roots: MPI.Comm | None  # the first ranks of all groups (on those ranks), else None
+    world: Comm  # all ranks
+    comm: Comm  # the ranks of this group
+    roots: Comm | None  # the first ranks of all groups (on those ranks), else None
     #: index, count: number of this group, and of groups
     index: int
     count: int
 
     @classmethod
-    def split(cls, world: MPI.Comm, ranks_per_group: int, option: str = "--ranks-per-angle") -> RankGroup:
+    def split(cls, world: Comm, ranks_per_group: int, option: str = "--ranks-per-angle") -> RankGroup:
         """Split all ranks into groups; ranks left over join the last group. Collective on `world`.
 
         Who splits closes. `option` is what asks for it, in messages. Raises `InputError` if a group needs more ranks
@@ -81,7 +82,7 @@ class RankGroup:
 
 
 @contextmanager
-def first_ranks(comm: MPI.Comm, n: int) -> Iterator[MPI.Comm]:
+def first_ranks(comm: Comm, n: int) -> Iterator[Comm]:
     """Yield a communicator of the first n ranks, and one of the others on those. Collective on `comm`.
 
     It is freed at the end of the block, whatever happens there: freeing waits for nobody in MPI's usual
@@ -105,7 +106,7 @@ FAILED, LEAVES = -1, -2  # in place of the number of a piece
 NOW_AND_THEN = 1e-3  # s; MPI's own waiting keeps the processor busy
 
 
-def deal(comm: MPI.Comm, n_pieces: int, work: Work, take: Take) -> None:
+def deal(comm: Comm, n_pieces: int, work: Work, take: Take) -> None:
     """Work off pieces 0 to n_pieces - 1, in about this order. Collective on `comm`.
 
     Parameters
@@ -167,7 +168,7 @@ class _First:
         Numbers of the pieces that nobody has at the start.
     """
 
-    def __init__(self, comm: MPI.Comm, pool: range, work: Work, take: Take) -> None:
+    def __init__(self, comm: Comm, pool: range, work: Work, take: Take) -> None:
         self._comm, self._pool, self._work, self._take = comm, deque(pool), work, take
         self._incoming: list[tuple[int, MPI.Request]] = []
         self._n_left, self._stopped, self._failure = 0, False, None
@@ -240,7 +241,7 @@ class _Other:
         Numbers of the pieces that it has at the start.
     """
 
-    def __init__(self, comm: MPI.Comm, in_hand: range, work: Work) -> None:
+    def __init__(self, comm: Comm, in_hand: range, work: Work) -> None:
         self._comm, self._work, self._in_hand = comm, work, deque(in_hand)
         self._n_owed = 0  # answers
         self._sent: list[MPI.Request] = []

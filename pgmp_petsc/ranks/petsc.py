@@ -28,6 +28,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.surroundings import (
+    Comm,
     alone,
     check_working_folder,
     has_mpi,
@@ -39,7 +40,6 @@ from pgmp_petsc.base.surroundings import (
 )
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
     from petsc4py import PETSc
 
 #: Which options reach what; each is in the module that makes the solver. docs/petsc_options.md explains them.
@@ -70,7 +70,7 @@ ALONE = {
 ABOUT_VALUES = (56, 60, 62, 63, 64, 65, 67, 83, 86, 89, 92)  # PETSc's errors of an option's value
 
 
-def start_mpi() -> MPI.Comm:
+def start_mpi() -> Comm:
     """Start MPI and return COMM_WORLD; without mpi4py the communicator of this process alone.
 
     Open MPI starts a daemon and looks for networks, a third of a second, also for a process that nobody started
@@ -99,7 +99,7 @@ def petsc_runs() -> bool:
     return started is not None and started.isInitialized()
 
 
-def start_petsc(arguments: Sequence[str] = (), comm: MPI.Comm | None = None) -> None:
+def start_petsc(arguments: Sequence[str] = (), comm: Comm | None = None) -> None:
     """Start PETSc with a user's options, and SLEPc; nothing where they are not installed. Collective on `comm`.
 
     Raises `InputError` if a word is no option, PETSc refuses one, or there is no PETSc that would take them.
@@ -201,7 +201,7 @@ def _is_name(word: str) -> bool:
     return False
 
 
-def unused_options(arguments: Sequence[str], comm: MPI.Comm) -> list[str]:
+def unused_options(arguments: Sequence[str], comm: Comm) -> list[str]:
     """Return which of a user's options nothing has used on any rank. Collective on `comm`.
 
     Options of PETSc itself, some of which it reads only when it ends, do not count.
@@ -295,7 +295,7 @@ def log_event(name: str) -> AbstractContextManager:
 FEW = 8  # columns that are multiplied one by one: the set-up for all at once takes longer
 
 
-def aij_matrix(local: sp.csr_matrix, comm: MPI.Comm, n_local_columns: int) -> PETSc.Mat:
+def aij_matrix(local: sp.csr_matrix, comm: Comm, n_local_columns: int) -> PETSc.Mat:
     """Make a distributed AIJ matrix of this rank's rows (global column numbers)."""
     needs_petsc("eigenproblems of many unknowns or on several ranks, and bodies of continuum elements")
     from petsc4py import PETSc

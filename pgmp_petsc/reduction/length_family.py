@@ -25,6 +25,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError, Remark, RunError, note, warning
 from pgmp_petsc.base.resources import Timings
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import mass_of_bodies, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
@@ -47,8 +48,6 @@ from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.uses import extremes, held, length_names
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
-
     from pgmp_petsc.reduction.rom import ReducedOrderModel
     from pgmp_petsc.reduction.sample_grid import ParameterPoints
 
@@ -191,7 +190,7 @@ MORE = "take more reduction.length_points, or a narrower range"
 
 
 def build_over_lengths(
-    scene: Scene, meshes: Mapping[str, BodyShape], build: Build, comm: MPI.Comm
+    scene: Scene, meshes: Mapping[str, BodyShape], build: Build, comm: Comm
 ) -> ReducedOrderModel | None:
     """Build the model at the nominal lengths with its family. Collective on `comm`.
 

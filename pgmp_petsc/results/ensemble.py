@@ -14,8 +14,9 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import h5py
 import numpy as np
 
 from pgmp_petsc.base.errors import Remark, from_json, to_json
@@ -39,9 +40,6 @@ from pgmp_petsc.declare.records import (
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results.estimates import BALANCE_WORDS, OF_REDUCED, OF_STEP, VALIDITY_WORDS
 from pgmp_petsc.results.statistics import MODELS, Band, Chance, Sensitivity, Statistics
-
-if TYPE_CHECKING:
-    import h5py
 
 _UNIT = "as attribute units"
 

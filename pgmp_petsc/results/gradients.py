@@ -24,8 +24,9 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import h5py
 import numpy as np
 
 from pgmp_petsc.declare.records import (
@@ -43,9 +44,6 @@ from pgmp_petsc.declare.records import (
     units_of,
 )
 from pgmp_petsc.files.hdf5 import RunRecord, take
-
-if TYPE_CHECKING:
-    import h5py
 
 DEVIATION, PERCENT = "one standard deviation", "1 % of its value"
 

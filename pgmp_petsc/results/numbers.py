@@ -12,7 +12,7 @@ from contextvars import ContextVar
 
 import numpy as np
 
-from pgmp_petsc.base.unit_systems import LENGTHS
+from pgmp_petsc.base.units import LENGTHS
 
 ROUND_OFF = 1e-12  # of a quantity's size: what varies by less is the same throughout
 DIGITS = 2  # of an interval's width that are shown

@@ -8,16 +8,14 @@ The probability of a rare event, and the samples that it follows from.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import h5py
 import numpy as np
 
 from pgmp_petsc.declare.records import Record, Result, array, attribute, check_shape, derived, run_record
 from pgmp_petsc.files.hdf5 import RunRecord, take
 from pgmp_petsc.results.numbers import share_text
-
-if TYPE_CHECKING:
-    import h5py
 
 MODELS = ("full", "components", "reduced")
 DOUBT = 2.5  # times its estimate an error is larger than in 5 % of runs, see docs/method.md

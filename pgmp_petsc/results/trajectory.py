@@ -9,7 +9,7 @@ A run that stopped before its end has a `status` other than 0, the number of the
 then holds the run up to there, and a remark says why.
 
 The nodes of all bodies are numbered one body after the other, and every frame has its own arrays of three components:
-XDMF can then refer to them as they are (:mod:`pgmp_petsc.export.xdmf`). In memory, :class:`Frames` keeps them body by
+XDMF can then refer to them as they are (:mod:`pgmp_petsc.results.xdmf`). In memory, :class:`Frames` keeps them body by
 body.
 
 Eigenfrequencies over the configurations, of the full-order model and of the reduced one beside it.
@@ -25,8 +25,9 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
+import h5py
 import numpy as np
 
 from pgmp_petsc.declare.records import (
@@ -44,10 +45,6 @@ from pgmp_petsc.declare.records import (
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results.estimates import VALIDITY_WORDS, Balance, EstimatedErrors
 from pgmp_petsc.results.statistics import MODELS
-
-if TYPE_CHECKING:
-    import h5py
-
 
 GROUP = "fields"
 PLACES = ("at_nodes", "at_cells")

@@ -15,8 +15,8 @@ import numpy as np
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.units import UNITS, UnknownUnit, take_unit
 from pgmp_petsc.declare.ideas import EFFECTS, PACKAGE, Found, refuse
-from pgmp_petsc.scene.dimensions import SI, UnknownUnit, take_unit
 from pgmp_petsc.scene.fields import (
     LoadHarmonic,
     LoadTable,
@@ -28,7 +28,6 @@ from pgmp_petsc.scene.fields import (
     quantities_of,
     refusal,
 )
-from pgmp_petsc.scene.unit_systems import unit_system
 from pgmp_petsc.scene.uses import Use, slides
 
 if TYPE_CHECKING:
@@ -184,7 +183,7 @@ def _check(cls: type[EffectEntry]) -> None:
             try:
                 take_unit(one)
             except UnknownUnit:
-                such = ", ".join(SI)
+                such = ", ".join(UNITS)
                 raise refuse(cls, f"{key} is in '{one}', which is no SI unit of a scene; such units: {such}") from None
     if made and not cls.__module__.startswith(PACKAGE):
         _try_forces(cls)
@@ -304,7 +303,7 @@ class OnJoint(EffectEntry):
         if not cls.strength or not exchanged:
             return None
         _, of = cls.quantities[cls.strength]
-        unit = unit_system(scene).unit
+        unit = scene.system.unit
         for motion, (own,) in (("turning", of.turning), ("sliding", of.sliding), ("spin", of.turning)):
             works = {
                 joint: cls.work(rate, run.time, motion == "spin")

@@ -29,8 +29,7 @@ from pydantic import (
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from pgmp_petsc.base.errors import visible
-from pgmp_petsc.base.unit_systems import SI
-from pgmp_petsc.scene.dimensions import QUANTITY, UnknownUnit, number_of
+from pgmp_petsc.base.units import QUANTITY, SI, UnknownUnit, number_of
 
 GROUND = "ground"
 #: Which numbers make sense in an entry. A spring may be negative: a magnet, or one past its dead point.

@@ -25,9 +25,8 @@ import tomli_w
 from pydantic import ValidationError
 
 from pgmp_petsc.base.errors import InputError, irregular, nearest_name, shortened
-from pgmp_petsc.base.unit_systems import SI, UnitSystem
+from pgmp_petsc.base.units import SI, UnitSystem, UnknownUnit
 from pgmp_petsc.files.hdf5 import replacing
-from pgmp_petsc.scene.dimensions import UnknownUnit
 from pgmp_petsc.scene.messages import DEEPEST, dotted_name, explain, problem, toml_text
 from pgmp_petsc.scene.parameters import add_field_parameters
 from pgmp_petsc.scene.schema import Scene

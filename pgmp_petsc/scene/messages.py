@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from pgmp_petsc.base.errors import InputError, nearest_name, shortened
-from pgmp_petsc.base.unit_systems import SI, UnitSystem
+from pgmp_petsc.base.units import SI, UnitSystem
 from pgmp_petsc.declare.ideas import Found
 
 if TYPE_CHECKING:

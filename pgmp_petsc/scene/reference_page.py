@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from pgmp_petsc.scene.dimensions import QUANTITY, SI
+from pgmp_petsc.base.units import QUANTITY, UNITS
 from pgmp_petsc.scene.schema import Scene
 
 DIALECT = "http://json-schema.org/draft-04/schema#"
@@ -130,7 +130,7 @@ another one of its kind, such as `"500 mm"` or `"30 deg"`. An entry with "or a p
 one of `[parameters]`. What has neither a default nor the word *needed* is absent unless a scene has it. Names that a
 scene chooses begin with a letter or `_` and go on with letters, digits, `_` and `-`.
 """
-#: Units in texts that are written otherwise than in `dimensions.SI`.
+#: Units in texts that are written otherwise than in `base.units.UNITS`.
 SPELLED = {
     "Nm": "N m",
     "Nm/rad": "N m/rad",
@@ -263,11 +263,11 @@ def unit_of(entry: Mapping[str, Any]) -> str:
     for text in re.findall(r"\(([^()]*)\)", entry.get("description", "")):
         for word in re.split(r" or |, ", text):
             unit = SPELLED.get(word, word)
-            if (unit in SI and unit != "1") or unit in SPELLED.values():
+            if (unit in UNITS and unit != "1") or unit in SPELLED.values():
                 found.append(unit)
     head = re.match(r"(.+?), a number or a parameter's name", entry.get("description", ""))
     for word in head[1].split(" or ") if head else ():
-        found += [SPELLED.get(word, word)] if SPELLED.get(word, word) in SI and word != "1" else []
+        found += [SPELLED.get(word, word)] if SPELLED.get(word, word) in UNITS and word != "1" else []
     return ", ".join(dict.fromkeys(found))
 
 

@@ -9,6 +9,7 @@ from typing import Any, Literal, Self
 from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 
 from pgmp_petsc.base.errors import Remark
+from pgmp_petsc.base.units import SAID, SI, UnitSystem, system_of
 from pgmp_petsc.declare.ideas import WHEN_GROWN
 from pgmp_petsc.scene.bodies import Body, Material
 from pgmp_petsc.scene.effects import Effect
@@ -93,6 +94,21 @@ class Scene(Table):
         remarked = self.model_copy()
         remarked._remarks = remarks
         return remarked
+
+    @property
+    def system(self) -> UnitSystem:
+        """Consistent units of its numbers: those that it says, or else `material_units`; SI if these are none."""
+        return SAID[self.scene.units] if self.scene.units else self.material_units or SI
+
+    @property
+    def material_units(self) -> UnitSystem | None:
+        """Units in which the materials of bodies are ones that exist, None of none; those that name no parameter there
+        is tell nothing."""
+        used = {material for body in self.bodies.values() for material in (body.material, *body.regions.values())}
+        values = self.values
+        given = [(one.rho, one.E) for name, one in self.materials.items() if name in used]
+        known = [pair for pair in given if all(not isinstance(one, str) or one in values for one in pair)]
+        return system_of([(self.number(rho, values), self.number(modulus, values)) for rho, modulus in known])
 
     @property
     def dimension(self) -> int:

@@ -13,13 +13,15 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.base.unit_systems import SAID, Dimension, UnitSystem
-from pgmp_petsc.base.unit_systems import SI as SI_SYSTEM
-from pgmp_petsc.scene.dimensions import (
+from pgmp_petsc.base.units import (
     ANGULAR,
     IN_TURNS,
     QUANTITY,
+    SAID,
     SI,
+    UNITS,
+    Dimension,
+    UnitSystem,
     UnknownUnit,
     is_hertz,
     measure,
@@ -31,7 +33,6 @@ from pgmp_petsc.scene.dimensions import (
 from pgmp_petsc.scene.fields import is_number
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.parameters import OWN
-from pgmp_petsc.scene.unit_systems import unit_system
 from pgmp_petsc.scene.uses import Use, measured_uses, uses_of
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def said_system(data: Mapping[str, Any]) -> UnitSystem:
     """Return the units that raw tables say; SI where they say none, or some that there are not."""
     header = data.get("scene")
     said = header.get("units") if isinstance(header, dict) else None
-    return SAID.get(said, SI_SYSTEM) if isinstance(said, str) else SI_SYSTEM
+    return SAID.get(said, SI) if isinstance(said, str) else SI
 
 
 def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, str]:
@@ -87,7 +88,7 @@ def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, st
 def label_of(unit: str, dimension: Dimension, system: UnitSystem) -> str | None:
     """Return the unit of a dimension in a system, with angles where `unit` has them; None where scenes hold no such
     numbers."""
-    fitting = [label for label, known in SI.items() if known == dimension]
+    fitting = [label for label, known in UNITS.items() if known == dimension]
     angular = any(turn in plain(unit) for turn in ANGULAR)
     fitting.sort(key=lambda label: ("rad" in label) != angular)
     return system.unit(fitting[0]) if fitting else None
@@ -137,8 +138,8 @@ def unit_problems(scene: Scene, given: Mapping[str, str]) -> Iterator[str]:
             yield problem(entry, str(error), unit)
             continue
         if unit and allowed and dimension not in allowed:
-            system = unit_system(scene)
-            fitting = dict.fromkeys(label for use in uses[name] for label in use.units if SI[label] in allowed)
+            system = scene.system
+            fitting = dict.fromkeys(label for use in uses[name] for label in use.units if UNITS[label] in allowed)
             words = " or ".join("1 (no unit)" if label == "1" else system.unit(label) for label in fitting)
             yield problem(
                 entry,
@@ -150,7 +151,7 @@ def unit_problems(scene: Scene, given: Mapping[str, str]) -> Iterator[str]:
 
 def _allowed(uses: list[Use]) -> set[Dimension]:
     """Return the dimensions that all uses take."""
-    return set.intersection(*({SI[unit] for unit in use.units} for use in uses)) if uses else set()
+    return set.intersection(*({UNITS[unit] for unit in use.units} for use in uses)) if uses else set()
 
 
 def _contradiction(name: str, uses: list[Use]) -> str:
@@ -166,7 +167,7 @@ def text_problems(scene: Scene, raw: Mapping[str, Any]) -> Iterator[str]:
     raw
         The tables that the scene was read from.
     """
-    system, seen = unit_system(scene), set()
+    system, seen = scene.system, set()
     has_any = any(re.match(QUANTITY, text) for text in _strings(raw))
     for use in (*uses_of(scene), *measured_uses(scene)) if has_any else ():
         found = _at(raw, use.entry)
@@ -205,7 +206,7 @@ def _strings(value: object) -> Iterator[str]:
 
 def _own_names(system: UnitSystem) -> set[str]:
     """Return the units of a system without the signs of products and powers."""
-    return {"", "-"} | {plain(system.unit(label)) for label in SI}
+    return {"", "-"} | {plain(system.unit(label)) for label in UNITS}
 
 
 def _unit_behind(text: str) -> str:

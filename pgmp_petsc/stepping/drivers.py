@@ -14,11 +14,10 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.base.surroundings import has_petsc
+from pgmp_petsc.base.surroundings import Comm, has_petsc
 from pgmp_petsc.ranks.petsc import as_raised, options_of, petsc_solver
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
     from petsc4py import PETSc
 
     from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha
@@ -72,7 +71,7 @@ def _name(ts: PETSc.TS, reason: int) -> str:
     return names.get(reason, "unknown")
 
 
-def driver_here() -> Callable[[GeneralisedAlpha, MPI.Comm, str], None]:
+def driver_here() -> Callable[[GeneralisedAlpha, Comm, str], None]:
     """Return the driver of this Python.
 
     It goes through all stops of an integration, collective on a communicator, with a prefix of the options of PETSc that
@@ -82,13 +81,13 @@ def driver_here() -> Callable[[GeneralisedAlpha, MPI.Comm, str], None]:
     return drive_by_petsc if has_petsc() else drive_in_a_loop
 
 
-def drive_in_a_loop(integration: GeneralisedAlpha, comm: MPI.Comm, prefix: str) -> None:
+def drive_in_a_loop(integration: GeneralisedAlpha, comm: Comm, prefix: str) -> None:
     """Go through all stops in a plain loop, which takes no options; see `driver_here`."""
     while integration.n_done < integration.stops[-1]:
         integration.advance()
 
 
-def drive_by_petsc(integration: GeneralisedAlpha, comm: MPI.Comm, prefix: str) -> None:
+def drive_by_petsc(integration: GeneralisedAlpha, comm: Comm, prefix: str) -> None:
     """Go through all stops as steps of PETSc's TS; see `driver_here`."""
     from petsc4py import PETSc
 

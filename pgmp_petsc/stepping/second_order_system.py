@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from mpi4py import MPI
+from pgmp_petsc.base.surroundings import Comm
 
+if TYPE_CHECKING:
     from pgmp_petsc.stepping.alpha_step import StepsAsked, StepsTaken, Stretch
     from pgmp_petsc.stepping.generalised_alpha import Observer
     from pgmp_petsc.stepping.static_equilibrium import Settled
@@ -90,7 +90,7 @@ class SecondOrderSystem:
     of one without constraints that move, edges and limits of laws, turns, and steps of its own.
     """
 
-    comm: MPI.Comm  # ranks that share the samples
+    comm: Comm  # ranks that share the samples
     n_samples: int  # number of samples
     settled: Settled | None = None  # static equilibria that the samples start from, None where they start without loads
     #: what samples start with where joints that are off deform them, such as unknowns and velocities; None where none

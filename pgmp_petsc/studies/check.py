@@ -29,7 +29,6 @@ from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.references import parts_of, points_used
-from pgmp_petsc.scene.unit_systems import unit_system
 
 BYTES = 8
 ROUND_OFF = 1e-12  # of the largest moment of inertia
@@ -100,7 +99,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
 
 
 def _bodies(mechanism: Mechanism) -> list[str]:
-    lines, system = [], unit_system(mechanism.scene)
+    lines, system = [], mechanism.scene.system
     for body in mechanism.bodies:
         if not body.flexible:
             weights = ", ".join(map(str, sorted(body.mass_weights)))
@@ -117,7 +116,7 @@ def _bodies(mechanism: Mechanism) -> list[str]:
 
 def _matrices(scene: Scene, meshes: Mapping[str, BodyShape]) -> list[str]:
     """Return the mass properties of bodies from matrices at factors of 1, and what their stiffness looks like."""
-    lines, of_speed = [], unit_system(scene).unit("m/s")
+    lines, of_speed = [], scene.system.unit("m/s")
     for name, body in meshes.items():
         found = given_properties(body)
         if found is not None:
@@ -147,7 +146,7 @@ def _given(scene: Scene, name: str) -> MassProperties | None:
 
 
 def _properties_text(found: MassProperties, scene: Scene) -> str:
-    kg, metre, of_inertia = map(unit_system(scene).unit, ("kg", "m", "kg m2"))
+    kg, metre, of_inertia = map(scene.system.unit, ("kg", "m", "kg m2"))
     centre = ", ".join(f"{x:.6g}" for x in found.centre)
     moments = found.inertia[np.triu_indices(len(found.inertia))]
     kept = np.where(np.abs(moments) > ROUND_OFF * np.abs(moments).max(), moments, 0.0)

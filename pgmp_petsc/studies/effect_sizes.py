@@ -48,7 +48,6 @@ from pgmp_petsc.results.selection import EffectSize, EffectSizes
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.scene.references import parts_of
-from pgmp_petsc.scene.unit_systems import unit_system
 from pgmp_petsc.studies.rigid_run import RigidRun, run_rigid
 
 N_INSTANTS = 16  # at which modes are computed
@@ -93,7 +92,7 @@ def estimate_effects(
     sizes += _unnamed(scene, run, exchanged, tolerance)
     names = [coordinate for coordinate in scene.coordinates]
     speeds = {name: float(np.max(np.abs(run.speed[:, k]))) for k, name in enumerate(names)}
-    told, joule = tuple(_warnings(scene, sizes, tolerance)), unit_system(scene).unit("J")
+    told, joule = tuple(_warnings(scene, sizes, tolerance)), scene.system.unit("J")
     return EffectSizes(tolerance, tuple(sizes), speeds, exchanged, told, run.units, joule)
 
 

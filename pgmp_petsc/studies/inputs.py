@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.random_fields import field_remarks
 from pgmp_petsc.bodies.shape import BodyShape, shape_in_scene
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
@@ -22,10 +23,6 @@ from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.references import stressed_bodies
 from pgmp_petsc.studies.plausibility import plausibility
 
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
-
 # what a ROM's tables depend on; all else may be changed when it is used
 BUILT = ("ground", "materials", "bodies", "fields", "joints", "coordinates", "reduction")
 
@@ -34,7 +31,7 @@ def read_scene(
     path: Path,
     overrides: Sequence[str],
     settings: Sequence[str],
-    comm: MPI.Comm,
+    comm: Comm,
     purpose: Purpose,
 ) -> tuple[Scene, dict[str, BodyShape]]:
     """Read a scene, with remarks on what it says that probably is not meant, and its meshes. Collective on `comm`.
@@ -80,7 +77,7 @@ def _mesh_of(scene: Scene, name: str) -> BodyShape:
 
 
 def read_rom(
-    path: Path, overrides: Sequence[str], settings: Sequence[str], comm: MPI.Comm
+    path: Path, overrides: Sequence[str], settings: Sequence[str], comm: Comm
 ) -> tuple[Scene, ReducedOrderModel]:
     """Read a ROM and its scene, changed where a change leaves the tables valid. Collective on `comm`.
 
@@ -158,13 +155,13 @@ PURPOSES = {"full": Purpose.FULL, "components": Purpose.COMPONENTS}
 AnyModel = TypeVar("AnyModel", bound=Model)
 
 
-def reduced_model(scene: Scene, rom: ReducedOrderModel, comm: MPI.Comm) -> ReducedModel:
+def reduced_model(scene: Scene, rom: ReducedOrderModel, comm: Comm) -> ReducedModel:
     """Return the reduced model of a scene. Collective on `comm`."""
     with agreed(comm, "preparing the reduced model"):
         return ReducedModel(scene, rom)
 
 
-def mesh_model(scene: Scene, meshes: Mapping[str, BodyShape], name: str, comm: MPI.Comm) -> Model:
+def mesh_model(scene: Scene, meshes: Mapping[str, BodyShape], name: str, comm: Comm) -> Model:
     """Return the full-order or the component model (`PURPOSES`) of a scene. Collective on `comm`."""
     if name == "components":
         from pgmp_petsc.bench.reference import component_model  # eigensolvers take a noticeable time
@@ -174,7 +171,7 @@ def mesh_model(scene: Scene, meshes: Mapping[str, BodyShape], name: str, comm: M
         return FullModel(scene, meshes)
 
 
-def settled(model: AnyModel, comm: MPI.Comm, ensemble: bool = False) -> tuple[AnyModel, str]:
+def settled(model: AnyModel, comm: Comm, ensemble: bool = False) -> tuple[AnyModel, str]:
     """Return a model with the step that ``simulation.tolerance`` asks for, and what is to be said of it.
 
     As it is, and nothing to say, where there is no tolerance. Collective on `comm`; raises as `settle_step`.

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import eigh
@@ -22,7 +21,7 @@ from scipy.linalg import eigh
 from pgmp_petsc.base.errors import InputError, Remark, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
-from pgmp_petsc.base.surroundings import alone
+from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape
@@ -44,9 +43,6 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.results.trajectory import ModesTable
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
 
 
 def reduced_vibrations(
@@ -210,9 +206,7 @@ def springs_of(scene: Scene, kinematics: RigidKinematics) -> tuple[SpringStiffne
     return SpringStiffness(kinematics, springs, scene.values, weights), said
 
 
-def _problem(
-    scene: Scene, kinematics: RigidKinematics, springs: SpringStiffness | None, comm: MPI.Comm
-) -> ModalProblem:
+def _problem(scene: Scene, kinematics: RigidKinematics, springs: SpringStiffness | None, comm: Comm) -> ModalProblem:
     if springs is None:
         return ModalProblem(kinematics, scene.values, scene.reduction.modes, comm)
     return VibrationProblem(springs, scene.values, scene.reduction.modes, comm)

@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from pgmp_petsc.base.errors import Remark, note, warning
 from pgmp_petsc.base.progress import Progress, progress
 from pgmp_petsc.base.resources import Timings
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.estimates.coarser_run import CoarserRun, coarser, run_coarser, step_errors
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.estimates.own_error import (
@@ -41,7 +42,6 @@ from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.scene.unit_systems import unit_system
 from pgmp_petsc.stepping.generalised_alpha import (
     Attempt,
     Run,
@@ -54,20 +54,16 @@ from pgmp_petsc.stepping.generalised_alpha import (
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.stepping.static_equilibrium import require_settled, start_remarks
 from pgmp_petsc.stepping.status import Status
-from pgmp_petsc.studies.balance import balance_of, balance_remarks, with_weights
 from pgmp_petsc.studies.field_frames import field_frames, fields_over, left_out_of_fields, shape_frames
-from pgmp_petsc.studies.records import FullRecord
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
+from pgmp_petsc.studies.records import FullRecord, balance_of, balance_remarks, with_weights
 
 
-def simulate(model: FullModel | ReducedModel, comm: MPI.Comm) -> Trajectory | None:
+def simulate(model: FullModel | ReducedModel, comm: Comm) -> Trajectory | None:
     """Run a model of any kind; see `simulate_reduced` and `simulate_full`. Collective on `comm`."""
     return (simulate_reduced if isinstance(model, ReducedModel) else simulate_full)(model, comm)
 
 
-def simulate_reduced(model: ReducedModel, comm: MPI.Comm) -> Trajectory | None:
+def simulate_reduced(model: ReducedModel, comm: Comm) -> Trajectory | None:
     """Run the reduced model; one sample needs one rank, the others wait. Collective on `comm`.
 
     Raises `RunError` where the computation itself breaks. A run that stops before its end is a trajectory with its
@@ -85,7 +81,7 @@ def simulate_reduced(model: ReducedModel, comm: MPI.Comm) -> Trajectory | None:
     return trajectory
 
 
-def simulate_full(model: FullModel, comm: MPI.Comm) -> Trajectory | None:
+def simulate_full(model: FullModel, comm: Comm) -> Trajectory | None:
     """Run the full-order or the component model, distributed over ranks. Collective on `comm`; see
     `simulate_reduced`.
 
@@ -180,7 +176,7 @@ def _furthest(once: Callable[[Attempt], _Part], simulation: Simulation) -> tuple
     return part, [note(f"the run was tried with steps down to 1/{tried} of {step} before it was given up; {kept}")]
 
 
-def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajectory | None:
+def _full_on_all_ranks(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory | None:
     timings, fields = Timings(), model.fields()
     started: list[Remark] = []
 
@@ -227,7 +223,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
             (
                 *why_stopped(model, part.run, ""),
                 *steps,
-                *balance_remarks(balance, part.attempt.simulation.step, unit_system(model.scene).unit("J")),
+                *balance_remarks(balance, part.attempt.simulation.step, model.scene.system.unit("J")),
                 *estimated,
                 *why_not_of_full_order(model),
                 *started,
@@ -238,7 +234,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
 
 
 def _coarser(
-    model: FullModel, system: SecondOrderSystem, part: _Part, timings: Timings, comm: MPI.Comm
+    model: FullModel, system: SecondOrderSystem, part: _Part, timings: Timings, comm: Comm
 ) -> CoarserRun | None:
     """Run the system of a run that reached its end again, for the errors of its step. Collective on `comm`."""
     if part.run.status[0] != Status.FINE or not is_estimated(model.scene):
@@ -267,7 +263,7 @@ def _step_errors(model: FullModel, part: _Part) -> tuple[EstimatedErrors | None,
     ]
 
 
-def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
+def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
     timings = Timings()
     values = {name: np.array([value]) for name, value in model.scene.values.items()}
     indicator = ErrorIndicator(model) if is_estimated(model.scene) else None
@@ -317,7 +313,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
-    balance, joule = balance_of(part.time, part.recorded["energies"]), unit_system(model.scene).unit("J")
+    balance, joule = balance_of(part.time, part.recorded["energies"]), model.scene.system.unit("J")
     described = _described(
         model, part, frames, comm.size, timings,
         (*remarks, *balance_remarks(balance, part.attempt.simulation.step, joule), *truncated_stresses(model.scene),
@@ -336,7 +332,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     )
 
 
-def _progress(name: str, attempt: Attempt, comm: MPI.Comm) -> Progress:
+def _progress(name: str, attempt: Attempt, comm: Comm) -> Progress:
     again = "" if attempt.divisor == 1 else " again with smaller steps"
     return progress(count_steps(*_span(attempt.simulation)), name + again, comm)
 

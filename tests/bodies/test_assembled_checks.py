@@ -7,9 +7,9 @@ from scipy.sparse.linalg import ArpackNoConvergence
 from solids import body_of, matrices_of, mesh_of
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.units import SI
 from pgmp_petsc.bodies import assembled_reading
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
-from pgmp_petsc.base.unit_systems import SI
 from pgmp_petsc.bodies.assembled_reading import check_free, check_mass, check_places, check_stated, made_symmetric
 from pgmp_petsc.scene.bodies import Stated
 

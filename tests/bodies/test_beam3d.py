@@ -21,8 +21,7 @@ from pgmp_petsc.bodies.beam3d import (
 from pgmp_petsc.bodies.sections.given import Coefficients3d
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.sections.solid_shapes import Circle, Rectangle
-from pgmp_petsc.scene.bodies import Material
-from pgmp_petsc.scene.sections import SectionEntry
+from pgmp_petsc.scene.bodies import Material, SectionEntry
 
 N = 6
 SECTION = np.array([3.0, 1.2, 1.5, 0.7, 0.4, 0.9])

@@ -23,7 +23,7 @@ from pgmp_petsc.bodies.inertia_moments import linear_fields  # noqa: E402
 from pgmp_petsc.bodies.matrices import weighted_sum  # noqa: E402
 from pgmp_petsc.components import component_modes  # noqa: E402
 from pgmp_petsc.components.component_modes import condense, weighted_sum_dense  # noqa: E402
-from pgmp_petsc.mesh.reference_element import reference_element  # noqa: E402
+from pgmp_petsc.mesh.solid_mesh import reference_element  # noqa: E402
 
 KINDS, LENGTHS, DENSITY, N_MODES = ("quad8", "hexahedron20"), (0.6, 0.06, 0.04), 7800.0, 6
 OTHER = (1.3e11, 1.85e11, 2.1e11, 2.65e11)  # Pa, where the subspace of two materials was not made

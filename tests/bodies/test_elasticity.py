@@ -8,7 +8,7 @@ from solids import rule_of
 
 from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
-from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, reference_element, shape_gradients
+from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, SOLID_KINDS, reference_element, shape_gradients
 from pgmp_petsc.mesh.solid_mesh_reading import jacobian_determinants
 
 KINDS = (*PLANE_KINDS, *SOLID_KINDS)

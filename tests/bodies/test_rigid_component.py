@@ -13,7 +13,7 @@ from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.kinds.rigid import RigidBody
 from pgmp_petsc.bodies.solid import Region, Solid
-from pgmp_petsc.mesh.reference_element import reference_element
+from pgmp_petsc.mesh.solid_mesh import reference_element
 
 RHO, LENGTHS = 7800.0, (0.3, 0.02, 0.05)
 DENSITY = Quantity(RHO, Monomial((("m", 1),)))

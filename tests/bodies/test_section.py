@@ -7,8 +7,7 @@ import pytest
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.sections.solid_shapes import Circle, Rectangle
-from pgmp_petsc.scene.bodies import Material
-from pgmp_petsc.scene.sections import SectionEntry
+from pgmp_petsc.scene.bodies import Material, SectionEntry
 from scenes import SHEAR_FACTOR, STEEL
 
 YOUNG, NU, RHO = STEEL["E"], STEEL["nu"], STEEL["rho"]

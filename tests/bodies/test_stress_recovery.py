@@ -14,7 +14,7 @@ from pgmp_petsc.bodies.sections.solid_shapes import Circle, Rectangle
 from pgmp_petsc.bodies.solid_strains import COMPONENTS, SolidStrains, continuation, sampling_points
 from pgmp_petsc.bodies.stresses import BeamLaw, SolidLaw, hooke, principal, von_mises
 from pgmp_petsc.mesh.line_mesh import straight_beam
-from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, shape_values
+from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, SOLID_KINDS, shape_values
 from pgmp_petsc.outputs.stress import FURTHEST, LARGEST, SMALLEST
 from pgmp_petsc.scene.bodies import Material
 

@@ -22,7 +22,7 @@ from runs import PAPER_SCENE
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.api import ranks
-from pgmp_petsc.ensemble import integration, runner
+from pgmp_petsc.ensemble import integration
 from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
 
 SCENES = sorted((ROOT / "scenes").glob("*.toml"))
@@ -168,7 +168,7 @@ def test_a_rank_that_runs_alone_waits_for_nobody(
 def test_a_killed_ensemble_is_taken_up(rom: pgmp.Rom, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "samples.h5"
     with monkeypatch.context() as broken:
-        broken.setattr(runner, "describe_ensemble", _fail)
+        broken.setattr(integration, "describe_ensemble", _fail)
         with pytest.raises(pgmp.RunError, match="the machine went down"):
             pgmp.montecarlo(rom, n=6, seed=3, output=path)
     assert not path.exists()

@@ -6,8 +6,7 @@ from scipy import stats
 from scipy.integrate import quad
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.ensemble.copulas import mixing_of, theta_of
-from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.ensemble.sampling import draw, mixing_of, theta_of
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from scenes import slider_crank
 

@@ -14,7 +14,7 @@ from pgmp_petsc.figures.collection import draw_result
 from pgmp_petsc.figures.trajectories import design, fit, sensitivities
 from pgmp_petsc.results import Derivatives
 from pgmp_petsc.results.gradients import DEVIATION
-from pgmp_petsc.texts.gradient_tables import design_lines, lines_of
+from pgmp_petsc.texts.studies import design_lines, lines_of
 
 pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
 

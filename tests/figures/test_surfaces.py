@@ -5,7 +5,7 @@ import pytest
 from solids import box_mesh, rectangle_mesh, straightened
 
 from pgmp_petsc.figures.motion import normals, outer_faces, outlines, triangles
-from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS
+from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, SOLID_KINDS
 
 LENGTHS = (2.0, 1.0, 0.5)
 

@@ -10,7 +10,7 @@ from scenes import kinematics_of
 
 THOUSAND = 1e3  # mm in a metre
 MATERIAL = ("materials.steel.E=210e3", "materials.steel.rho=7.8e-9")  # MPa, t/mm3
-HEAVY = 'effects.weight={type="gravity", acceleration=9810.0}'  # mm/s2
+HEAVY = 'effects.weight={type="gravity", acceleration=9806.65}'  # mm/s2
 MOVING = (*run_for(0.1, 1e-3), *start(0.3, 4.0))
 
 

@@ -16,7 +16,7 @@ from pgmp_petsc.mechanism.frame_ties import FrameTies
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.unknowns import Unknowns
-from pgmp_petsc.mesh.reference_element import PLANE_KINDS, reference_element
+from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, reference_element
 
 STEP, ATOL = 1e-6, 1e-8  # central differences: round-off of values of order 1 over the step, and the step's square
 KIND = "quad8"

@@ -16,8 +16,14 @@ from solids import SIDES, box_mesh, grid, rectangle_mesh
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mesh import SolidMesh
-from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, reference_element, shape_gradients
-from pgmp_petsc.mesh.solid_mesh import cell_faces, set_numbers
+from pgmp_petsc.mesh.solid_mesh import (
+    PLANE_KINDS,
+    SOLID_KINDS,
+    cell_faces,
+    reference_element,
+    set_numbers,
+    shape_gradients,
+)
 from pgmp_petsc.mesh.solid_mesh_reading import entity_groups, jacobian_determinants, read_solid_mesh, solid_mesh
 
 ENTRY = "bodies.crank.mesh"

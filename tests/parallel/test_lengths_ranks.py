@@ -9,8 +9,8 @@ from length_scenes import SLIDER_CRANK, SMALL, long_crank
 from mpi4py import MPI
 from runs import IN_TURN, full_model, overridden, rom_of
 
+from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan
-from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.rom import ReducedOrderModel

@@ -26,11 +26,11 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
 from pgmp_petsc.ensemble.shards import Shards
-from pgmp_petsc.export.xdmf import write_xdmf
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
 from pgmp_petsc.results.ensemble import read_shard
 from pgmp_petsc.results.statistics import RareEvent
+from pgmp_petsc.results.xdmf import write_xdmf
 
 
 def described(path: Path) -> str:

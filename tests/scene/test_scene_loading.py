@@ -118,7 +118,7 @@ def test_every_entry_is_read(tmp_path: Path) -> None:
     assert scene.ground.positions == {"origin": (0.0, 0.0), "wall": (1.0, 2.0)}
     assert scene.parameters["load"].distribution is None
     assert scene.effects["weight"].direction == (0.0, -1.0)
-    assert scene.effects["weight"].acceleration == 9.81
+    assert scene.effects["weight"].acceleration == 9.80665
     assert scene.number(scene.effects["push"].scale) == 2.0
     assert scene.number(scene.effects["push"].scale, {"load": 7.0}) == 7.0
     assert scene.initial_state("phi").velocity == -1.0

@@ -13,7 +13,7 @@ from pgmp_petsc.cli.main import main
 from pgmp_petsc.figures.mechanism import assembly
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.results.selection import Assembly
-from pgmp_petsc.studies.assembly import assembly_of
+from pgmp_petsc.studies.field_frames import assembly_of
 from pgmp_petsc.studies.inputs import read_scene
 
 SCENES = {"plane": "slider_crank", "many bodies": "platform_3rrr", "space": "six_joint_arm", "solids": "spatial_mixed"}

@@ -8,11 +8,11 @@ import pytest
 from mpi4py import MPI
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.units import OTHERS, SI
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.scene.unit_systems import OTHERS, SI
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.plausibility import plausibility
 from pgmp_petsc.studies.plausibility.bodies import bending_excess

@@ -22,6 +22,7 @@ from runs import IN_TURN
 import pgmp_petsc as pgmp
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.plugins import IN_USE, check_plugins
+from pgmp_petsc.base.units import UNITS
 from pgmp_petsc.c_export.source import COMPILED
 from pgmp_petsc.declare import ideas
 from pgmp_petsc.declare.ideas import FAMILIES
@@ -30,7 +31,6 @@ from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.scene.dimensions import SI
 from pgmp_petsc.scene.reference_page import reference_page
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import tables
@@ -244,7 +244,7 @@ def test_a_unit_that_no_entry_of_the_program_has(line_spring: Path) -> None:
     line_spring.write_text(LISTING.replace('"N s/m"', '"N s2/m3"'))
     pgmp.use(line_spring)
     scene = pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=[f"effects.guide={TABLE}"])
-    assert scene.effects["guide"].damping == 0.0 and SI["N s2/m3"] == (1, -2, 0)
+    assert scene.effects["guide"].damping == 0.0 and UNITS["N s2/m3"] == (1, -2, 0)
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:

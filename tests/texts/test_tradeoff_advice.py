@@ -7,7 +7,7 @@ import synthetic
 
 from pgmp_petsc.bench.advice import advise, cheapest, envelope
 from pgmp_petsc.results.tradeoff import MeshErrors, Tradeoff, pareto_front
-from pgmp_petsc.texts.tradeoff_table import WIDTH, shown_rows, summary
+from pgmp_petsc.texts.studies import WIDTH, shown_rows, summary
 
 NAN = float("nan")
 

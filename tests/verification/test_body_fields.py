@@ -18,7 +18,6 @@ from spatial import bars_of, slider_crank_in_space
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.export.xdmf import write_xdmf
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
@@ -26,6 +25,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
+from pgmp_petsc.results.xdmf import write_xdmf
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.field_frames import fields_at
 from pgmp_petsc.studies.mode_shapes import mode_shape

@@ -18,7 +18,7 @@ from pgmp_petsc.studies.inputs import scene_of_rom
 from pgmp_petsc.studies.modes_table import reduced_vibrations, springs_of
 from scenes import STEEL
 
-GRAVITY = 9.81
+GRAVITY = 9.80665
 
 
 @pytest.mark.parametrize("model", ["full", "components"])

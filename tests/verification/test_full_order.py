@@ -162,7 +162,7 @@ def hanging(position: float, n_steps: int, duration: float) -> Scene:
 
 def quarter_period(amplitude: float) -> float:
     """Return the time at which a pendulum released at rest first passes its lowest point."""
-    guess = 0.5 * np.pi * np.sqrt(2 / (3 * 9.81)) * (1 + amplitude**2 / 10)
+    guess = 0.5 * np.pi * np.sqrt(2 / (3 * 9.80665)) * (1 + amplitude**2 / 10)
     scene = hanging(amplitude, 800, 1.2 * guess)
     times, outputs = history(full_model(scene), {}, 1)
     x = outputs["x"][:, 0]
@@ -173,7 +173,7 @@ def quarter_period(amplitude: float) -> float:
 @pytest.mark.parametrize("amplitude", [0.01, 0.5 * np.pi, 2.6])
 def test_a_stiff_hinged_beam_is_a_physical_pendulum(amplitude: float) -> None:
     # T = 4 K(sin^2(amplitude / 2)) sqrt(I / (m g L / 2)); I includes the sections' own inertia, r^2 / 4
-    omega = np.sqrt(9.81 * 0.5 / (1 / 3 + 0.05**2 / 4))
+    omega = np.sqrt(9.80665 * 0.5 / (1 / 3 + 0.05**2 / 4))
     expected = ellipk(np.sin(amplitude / 2) ** 2) / omega
     # its first bending frequency is 500 times the swing's, the step 1/2600 of a period, the crossing interpolated
     assert quarter_period(amplitude) == pytest.approx(expected, rel=2e-5)

@@ -30,7 +30,7 @@ def independent() -> Eliminated:
     """Return the same mechanism written out by hand."""
     sections = [circle(CRANK_RADIUS, YOUNG, DENSITY), circle(ROCKER_RADIUS, YOUNG, DENSITY)]
     beams = chain(CELLS, LENGTHS, sections)
-    weight = beams.mass() @ np.tile([0.0, -9.81, 0.0], beams.n_dofs // 3)
+    weight = beams.mass() @ np.tile([0.0, -9.80665, 0.0], beams.n_dofs // 3)
     couple = np.zeros(beams.n_dofs)
     couple[2] = 1.0
 

@@ -15,7 +15,7 @@ from scenes import HEADER, tables
 
 TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
 LENGTHS = (0.4, 0.3, 0.2)
-G = 9.81
+G = 9.80665
 
 
 def chain(flexible: bool, *overrides: str) -> Scene:

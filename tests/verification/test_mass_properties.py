@@ -18,7 +18,7 @@ MODELS = {
     "components": lambda scene: component_model(scene, read_meshes(scene), MPI.COMM_SELF),
     "reduced": reduced_model,
 }
-G = 9.81
+G = 9.80665
 
 
 def run(

@@ -19,10 +19,10 @@ from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Design
 from pgmp_petsc.scene import scene_from_toml
-from pgmp_petsc.texts.gradient_tables import design_lines
+from pgmp_petsc.texts.studies import design_lines
 from scenes import PENDULUM, STEEL, slider_crank
 
-G, LENGTH, N_CELLS = 9.81, 1.0, 20
+G, LENGTH, N_CELLS = 9.80665, 1.0, 20
 SAG = 4e-3
 # held at its hinge, the pendulum is a cantilever; of circles of radius r its tip sags by rho g L^4 / (2 E r^2)
 CANTILEVER = (

@@ -16,9 +16,9 @@ from pgmp_petsc.design.design_figures import Question
 from pgmp_petsc.design.goals import read_goal
 from pgmp_petsc.design.optimization import optimize
 from pgmp_petsc.design.sensitivities import sensitivities
+from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.rare_run import run_rare_event
-from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.ranks.groups import RankGroup

@@ -97,7 +97,7 @@ def test_what_slides_hangs_in_equilibrium(model: str, coordinates: str) -> None:
         f'initial={{equilibrium=true,coordinates="{coordinates}"}}', "simulation.duration=0.05",
     )  # fmt: skip
     _, found = run(scene, model)
-    hanging = -RAIL_MASS * 9.81 / 200.0
+    hanging = -RAIL_MASS * 9.80665 / 200.0
     if coordinates == "free":
         np.testing.assert_allclose(found["x"], hanging, rtol=1e-6)
     else:

@@ -44,7 +44,7 @@ def test_the_moment_of_inertia_about_the_hinge_is_that_of_bar_and_mass(rotation:
 
 def test_a_pendulum_with_a_bob_swings_with_the_period_of_a_compound_one() -> None:
     swing = 0.01
-    torque = (0.5 * BAR_MASS + MASS) * LENGTH * 9.81
+    torque = (0.5 * BAR_MASS + MASS) * LENGTH * 9.80665
     period = 2 * np.pi * np.sqrt(about_the_hinge() / torque) * (1 + swing**2 / 16)
     scene = pendulum(
         (0.0, 0.0, 0.0),

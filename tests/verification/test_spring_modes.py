@@ -29,7 +29,7 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.modes_table import springs_of, tabulate_modes
 from scenes import CRANK, RADIUS, ROD, SLIDER_CRANK, kinematics_of, meshes_of, pendulum, slider_crank
 
-G = 9.81
+G = 9.80665
 AREA = np.pi * RADIUS**2
 LINE = 7800.0 * AREA  # kg/m
 PLACES = (0.4, 1.1, 2.9)

@@ -14,7 +14,7 @@ from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_reduced
 from scenes import meshes_of, slider_crank, tables
 
-LENGTH, RADIUS, RHO, YOUNG, G = 0.8, 4e-3, 7800.0, 210e9, 9.81
+LENGTH, RADIUS, RHO, YOUNG, G = 0.8, 4e-3, 7800.0, 210e9, 9.80665
 AREA, SECOND_MOMENT = np.pi * RADIUS**2, np.pi * RADIUS**4 / 4
 BAR = tables(f"""
 scene: name = "bar"

@@ -12,8 +12,8 @@ from runs import full_model, reduced_model
 from two_coordinates import DOUBLE_PENDULUM
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan
-from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.models import FullModel, ReducedModel, reduced_statics
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
@@ -73,7 +73,7 @@ def test_samples_side_by_side_settle_without_a_warning() -> None:
 
 
 def test_a_held_bar_bends_under_its_weight_as_a_cantilever_does() -> None:
-    line_load = STEEL["rho"] * np.pi * 5e-3**2 * 9.81
+    line_load = STEEL["rho"] * np.pi * 5e-3**2 * 9.80665
     stiffness = STEEL["E"] * np.pi * 5e-3**4 / 4
     for model in both(scene_of(BAR, "held"), BAR):
         frames = settled_frames(model)
@@ -84,7 +84,7 @@ def test_a_held_bar_bends_under_its_weight_as_a_cantilever_does() -> None:
 
 def test_a_link_between_two_hinges_bends_as_a_beam_on_two_supports() -> None:
     length, area = 0.7, np.pi * RADIUS**2
-    line_load, stiffness = STEEL["rho"] * area * 9.81, STEEL["E"] * np.pi * RADIUS**4 / 4
+    line_load, stiffness = STEEL["rho"] * area * 9.80665, STEEL["E"] * np.pi * RADIUS**4 / 4
     sag = 5 * line_load * length**4 / (384 * stiffness)
     text = LINK.replace(":16", ":64")
     for model in both(scene_of(text, "held"), text):
@@ -119,7 +119,7 @@ def test_a_spring_holds_free_coordinates_where_its_torque_balances_the_weight() 
     mass = STEEL["rho"] * np.pi * 5e-3**2
     theta = 0.0
     for _ in range(50):  # of the rigid bar: 4 (theta - 0.3) = - m g L / 2 cos(theta)
-        theta -= (4 * (theta - 0.3) + 0.5 * mass * 9.81 * np.cos(theta)) / (4 - 0.5 * mass * 9.81 * np.sin(theta))
+        theta -= (4 * (theta - 0.3) + 0.5 * mass * 9.80665 * np.cos(theta)) / (4 - 0.5 * mass * 9.80665 * np.sin(theta))
     full, reduced = (model.batch({}, 1).settled.theta[0, 0] for model in both(scene, BAR))
     # the bar bends by 0.7 % of its length: the weight's arm changes by its square and by the turn of the load
     assert abs(full - theta) < 2e-3
@@ -286,7 +286,7 @@ def test_samples_without_equilibrium_are_records_and_are_not_tried_again(name: s
     model = FullModel(scene, meshes_of(scene)) if name == "full" else reduced_of(scene, BAR)
     ensemble = run_ensemble(model, Plan(8, 2, tmp_path / "e.h5", False), RankGroup.split(MPI.COMM_SELF, 1))
     # 3 N m times T against the weight's m g L / 2, the arm a little shorter as it bends
-    largest = 0.5 * STEEL["rho"] * np.pi * 5e-3**2 * 9.81 / 3.0
+    largest = 0.5 * STEEL["rho"] * np.pi * 5e-3**2 * 9.80665 / 3.0
     held = ensemble.parameters["T"] < largest
     assert 0 < held.sum() < 8 and np.min(np.abs(ensemble.parameters["T"] - largest)) > 1e-2
     np.testing.assert_array_equal(ensemble.status, np.where(held, Status.FINE, Status.NO_EQUILIBRIUM))

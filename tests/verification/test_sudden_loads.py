@@ -8,7 +8,7 @@ from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results import Balance
 from pgmp_petsc.scene import scene_from_toml
-from pgmp_petsc.studies.balance import balance_remarks
+from pgmp_petsc.studies.records import balance_remarks
 from pgmp_petsc.studies.simulate import simulate_full
 from scenes import HEADER, meshes_of, tables
 

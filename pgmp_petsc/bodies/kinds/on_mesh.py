@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.base.unit_systems import UnitSystem
+from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body, Entries, frame_mesh
 from pgmp_petsc.bodies.face_frame import FaceFrame

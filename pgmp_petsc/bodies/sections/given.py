@@ -9,8 +9,8 @@ from pydantic import Field
 
 from pgmp_petsc.bodies.affine import AffineSum
 from pgmp_petsc.bodies.sections.section import BeamSection
+from pgmp_petsc.scene.bodies import SectionEntry, Spans
 from pgmp_petsc.scene.fields import NotNegativeOrParameter, PositiveOrParameter, Unit
-from pgmp_petsc.scene.sections import SectionEntry, Spans
 
 
 class _Given(SectionEntry):

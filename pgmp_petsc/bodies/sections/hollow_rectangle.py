@@ -30,8 +30,8 @@ from pydantic import Field
 
 from pgmp_petsc.bodies.affine import AffineSum, Quantity
 from pgmp_petsc.bodies.sections.section import ShapedSection
+from pgmp_petsc.scene.bodies import Spans
 from pgmp_petsc.scene.fields import PositiveOrParameter, Unit
-from pgmp_petsc.scene.sections import Spans
 
 NEAR = 3e-3  # how far a fit may be off
 HIGHEST = 5  # degree of a fit

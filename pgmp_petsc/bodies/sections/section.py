@@ -14,8 +14,8 @@ from typing import Any
 
 from pgmp_petsc.bodies.affine import AffineSum, Monomial, Quantity
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.bodies import SectionEntry, Spans
 from pgmp_petsc.scene.parameters import outermost_values
-from pgmp_petsc.scene.sections import SectionEntry, Spans
 
 RARE = 1e-6  # share of samples beyond values that sections are made for
 

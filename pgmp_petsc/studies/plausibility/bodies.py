@@ -10,7 +10,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import PgmpError
 from pgmp_petsc.base.surroundings import alone
-from pgmp_petsc.base.unit_systems import UnitSystem
+from pgmp_petsc.base.units import DENSITIES, DENSITY, STRESS, WAVE_SPEEDS, UnitSystem, exists
 from pgmp_petsc.bodies.assembled import Assembled
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.shape import BodyShape, given_properties, shape_in_scene
@@ -20,7 +20,6 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body, Material, Rigid
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
-from pgmp_petsc.scene.unit_systems import DENSITIES, DENSITY, STRESS, WAVE_SPEEDS, exists, in_si
 
 SLENDERNESS = 5.0  # length over thickness, below which a beam is none
 NEARLY_INCOMPRESSIBLE = 0.49
@@ -87,7 +86,7 @@ def material_findings(scene: Scene, system: UnitSystem) -> Iterator[Finding]:
     for name, material in scene.materials.items():
         entry = f"materials.{name}"
         yield from _poisson(scene, name, material)
-        if exists(*in_si(scene, material, system)):
+        if exists(scene.number(material.rho), scene.number(material.E), system):
             continue
         density_entry, density = named(scene, f"{entry}.rho", material.rho)
         modulus_entry, modulus = named(scene, f"{entry}.E", material.E)

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from pgmp_petsc.base.errors import Remark, warning
-from pgmp_petsc.base.unit_systems import MM, SI, STANDARD_GRAVITY
+from pgmp_petsc.base.units import MM, SI, STANDARD_GRAVITY
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
@@ -26,7 +26,6 @@ from pgmp_petsc.scene.joints import ORIGIN
 from pgmp_petsc.scene.messages import Finding, doubt, input_error, refusal
 from pgmp_petsc.scene.parameters import Parameter
 from pgmp_petsc.scene.references import DEGREES, stressed_bodies
-from pgmp_petsc.scene.unit_systems import material_units, unit_system
 from pgmp_petsc.scene.uses import length_names, slides, uses_of
 from pgmp_petsc.studies.plausibility.bodies import (
     Size,
@@ -54,7 +53,7 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
         Mesh of every body. Without it only straight beams are looked at, and stops of coordinates.
     """
     first = cache(lambda: first_frequency(scene, meshes or {}))
-    sizes, system = sizes_of(scene, meshes or {}), unit_system(scene)
+    sizes, system = sizes_of(scene, meshes or {}), scene.system
     findings = list(
         chain(
             parameter_findings(scene),
@@ -311,7 +310,7 @@ def _distribution(entry: str, parameter: Parameter, sign: str) -> Iterator[Findi
 def system_findings(scene: Scene) -> Iterator[Finding]:
     """Yield what is wrong with a scene whose materials are in other units than SI, which it does not say: gravity that
     is not said, units of parameters."""
-    system = material_units(scene)
+    system = scene.material_units
     if scene.scene.units or system in (None, SI):
         return
     say = 'say scene.units = "mm"' if system == MM else ""

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from pgmp_petsc.base.unit_systems import SI, UnitSystem
+from pgmp_petsc.base.units import SI, UnitSystem
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.formula import FormulaEffect, not_finite
 from pgmp_petsc.effects.joint_effects import joint_measure
@@ -27,7 +27,6 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass, Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
 from pgmp_petsc.scene.references import impulse_of, parts_of
-from pgmp_petsc.scene.unit_systems import unit_system
 from pgmp_petsc.scene.uses import slides
 from pgmp_petsc.studies.plausibility.bodies import Size
 
@@ -195,7 +194,7 @@ def stop_findings(
     """
     coordinates = {(c.joint, slides(scene, c)): name for name, c in scene.coordinates.items() if c.joint is not None}
     driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
-    kinematics, metre = None, unit_system(scene).unit("m")
+    kinematics, metre = None, scene.system.unit("m")
     for name, effect in scene.effects.items():
         if not effect.sets_in or effect.joint is None:
             continue
@@ -229,7 +228,7 @@ def _measured(kinematics: RigidKinematics, scene: Scene, effect: EffectEntry) ->
     start = [scene.initial_state(coordinate.name).position for coordinate in kinematics.coordinates]
     place = joint_measure(kinematics.mechanism, effect)
     value = _value(kinematics, place["statement"], (place["a"], place["b"]), np.array(start))
-    return value, unit_system(scene).unit("m") if slides(scene, effect) else "rad"
+    return value, scene.system.unit("m") if slides(scene, effect) else "rad"
 
 
 def _value(
@@ -300,7 +299,7 @@ def _out_of_range(scene: Scene, name: str, effect: Driving) -> Iterator[Finding]
     low, high = coordinate.range
     furthest = angles.min() if low - angles.min() > angles.max() - high else angles.max()
     if not low <= furthest <= high:
-        unit = unit_system(scene).unit("m") if slides(scene, coordinate) else "rad"
+        unit = scene.system.unit("m") if slides(scene, coordinate) else "rad"
         yield doubt(
             f"effects.{name}",
             f"moves {effect.coordinate} to {furthest:.6g} {unit}, beyond coordinates.{effect.coordinate}.range = "

@@ -1,4 +1,10 @@
-"""Dimensions of units, and numbers that are texts with their unit: ``"500 mm"``.
+"""Consistent units: those of SI, of mm, t and s, and others that programs are fed with.
+
+All equations hold in any consistent units, so that the numbers of a scene are computed with as they are, and everything
+is in its units. What has a size of its own asks for them: the acceleration of gravity that is not said, what is judged
+in m/s or kg/m3, and whoever names a unit.
+
+Dimensions of units, and numbers that are texts with their unit: ``"500 mm"``.
 
 All scenes hold is made of kilogram, metre and second; an angle counts as a number. pint knows the units that people use
 and how many of the SI unit each is. Factors that are whole numbers, or one over these, are exact: 5.6 mm are the 5.6e-3
@@ -10,18 +16,116 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache
 from typing import TYPE_CHECKING
 
 from pgmp_petsc.base.errors import nearest_name
-from pgmp_petsc.base.unit_systems import Dimension, UnitSystem
 
 if TYPE_CHECKING:
     import pint
 
+#: Exponents of kilogram, metre and second; an angle counts as a number.
+Dimension = tuple[float, float, float]
+STANDARD_GRAVITY = 9.80665  # m/s2, exact by definition (BIPM, The International System of Units)
+
+
+@dataclass(frozen=True)
+class UnitSystem:
+    """Consistent units: how many m, kg and s one of length, mass and time is; names of these, of force, pressure
+    and energy."""
+
+    names: tuple[str, str, str]
+    length: float = 1.0
+    mass: float = 1.0
+    time: float = 1.0
+    force: str = "N"
+    pressure: str = "Pa"
+    energy: str = ""  # where it has a name of its own
+
+    @property
+    def gravity(self) -> float:
+        """The Earth's acceleration in these units."""
+        return STANDARD_GRAVITY * self.time**2 / self.length
+
+    @property
+    def speed(self) -> float:
+        """How many m/s one unit of speed is."""
+        return self.length / self.time
+
+    def size(self, dimension: Dimension) -> float:
+        """Return how many of the SI unit one of a dimension is."""
+        return self.mass ** dimension[0] * self.length ** dimension[1] * self.time ** dimension[2]
+
+    def unit(self, si: str) -> str:
+        """Return what numbers are in here that would be in an SI unit, ``mm`` for ``m``, ``t/mm3`` for ``kg/m3``."""
+        names = {"m": self.names[0], "kg": self.names[1], "s": self.names[2], "N": self.force, "Pa": self.pressure}
+        names["J"] = self.energy or f"{self.force} {self.names[0]}"
+        return _WORD.sub(lambda word: names.get(word[0], word[0]), si)
+
+    def __str__(self) -> str:
+        return "{}, {} and {}".format(*self.names)
+
+
+_WORD = re.compile(r"(?<![A-Za-z])(m|kg|s|N|Pa|J)(?![A-Za-z])")
+SI = UnitSystem(("m", "kg", "s"), energy="J")
+MM = UnitSystem(("mm", "t", "s"), 1e-3, 1e3, 1.0, "N", "MPa", "mJ")
+#: Those that a scene may say.
+SAID = {"SI": SI, "mm": MM}
+#: Others that programs are fed with.
+OTHERS = (
+    MM,
+    UnitSystem(("mm", "kg", "ms"), 1e-3, 1.0, 1e-3, "kN", "GPa"),
+    UnitSystem(("mm", "kg", "s"), 1e-3, 1.0, 1.0, "mN", "kPa"),
+    UnitSystem(("mm", "g", "ms"), 1e-3, 1e-3, 1e-3, "N", "MPa"),
+    UnitSystem(("mm", "g", "s"), 1e-3, 1e-3, 1.0, "uN", "Pa"),
+    UnitSystem(("cm", "g", "s"), 1e-2, 1e-3, 1.0, "dyn", "dyn/cm2"),
+    UnitSystem(("cm", "kg", "s"), 1e-2, 1.0, 1.0, "cN", "cN/cm2"),
+    UnitSystem(("m", "t", "s"), 1.0, 1e3, 1.0, "kN", "kPa"),
+    UnitSystem(("in", "lbf s2/in", "s"), 0.0254, 175.126835, 1.0, "lbf", "psi"),
+    UnitSystem(("um", "kg", "s"), 1e-6, 1.0, 1.0, "uN", "MPa"),
+)
+#: Units of lengths.
+LENGTHS = frozenset(system.names[0] for system in (SI, *OTHERS))
+WAVE_SPEEDS = (100.0, 20_000.0)  # m/s, of longitudinal waves: 50 in rubber, 1,300 in lead, 12,000 in diamond
+DENSITIES = (10.0, 25_000.0)  # kg/m3: foams to osmium
+#: Density and modulus of steel, aluminium, titanium, copper, magnesium, tungsten, a ceramic, concrete, wood, fibres
+#: in carbon and in glass, nylon, polyethylene, rubber and foam.
+MATERIALS = (
+    (7850.0, 210e9), (2700.0, 70e9), (4430.0, 114e9), (8700.0, 115e9), (1770.0, 45e9), (19300.0, 400e9),
+    (3900.0, 380e9), (2400.0, 30e9), (600.0, 12e9), (1600.0, 130e9), (1900.0, 40e9), (1150.0, 2.5e9),
+    (950.0, 1e9), (1100.0, 5e6), (50.0, 1e7),
+)  # fmt: skip
+FAR = 1.0  # sum of the logarithms of both ratios
+DENSITY, STRESS = (1, -3, 0), (1, -1, -2)  # exponents of kg, m and s
+
+
+def exists(density: float, modulus: float, system: UnitSystem = SI) -> bool:
+    """Whether there is a material of a density and a modulus in the units of a system."""
+    density, modulus = density * system.size(DENSITY), modulus * system.size(STRESS)
+    has_density = DENSITIES[0] <= density <= DENSITIES[1]
+    return has_density and WAVE_SPEEDS[0] <= math.sqrt(modulus / density) <= WAVE_SPEEDS[1]
+
+
+def system_of(materials: Sequence[tuple[float, float]]) -> UnitSystem | None:
+    """Return SI where all materials, by density and modulus, exist in it, else the system in which they are nearest to
+    common ones; None where they are near to none in any."""
+    if all(exists(*material) for material in materials):
+        return SI
+    apart = {one: max(_apart(*material, one) for material in materials) for one in OTHERS}
+    nearest = min(OTHERS, key=apart.__getitem__)
+    return nearest if apart[nearest] < FAR else None
+
+
+def _apart(density: float, modulus: float, system: UnitSystem) -> float:
+    """Return how far a material is from the nearest common one, by the logarithms of both numbers."""
+    density, modulus = density * system.size(DENSITY), modulus * system.size(STRESS)
+    return min(abs(math.log(density / rho)) + abs(math.log(modulus / e)) for rho, e in MATERIALS)
+
+
 #: SI units of what scenes hold, which are taken without a library.
-SI: dict[str, Dimension] = {
+UNITS: dict[str, Dimension] = {
     "1": (0, 0, 0),
     "rad": (0, 0, 0),
     "kg": (1, 0, 0),
@@ -54,7 +158,7 @@ LONGEST = 40  # characters of a unit
 ROUNDING = 1e-14  # by which a factor of pint may miss a whole number
 #: Units to propose for one that is not known.
 COMMON = (
-    *SI, "mm", "cm", "um", "in", "ft", "g", "t", "lb", "kN", "MN", "N mm", "kN m", "lbf", "kPa", "MPa", "GPa", "bar",
+    *UNITS, "mm", "cm", "um", "in", "ft", "g", "t", "lb", "kN", "MN", "N mm", "kN m", "lbf", "kPa", "MPa", "GPa", "bar",
     "psi", "g/cm3", "kg/dm3", "t/m3", "deg", "rpm", "percent", "N/mm", "N/mm2", "N s/mm", "mm/s2", "kN/m",
 )  # fmt: skip
 NEEDED = 'a unit such as "m", "mm", "GPa", "kg/m3" or "N m/rad" is needed, or none for those of the scene'
@@ -125,11 +229,11 @@ def take_unit(unit: str) -> None:
 
     Raises `UnknownUnit` if it is none of SI.
     """
-    if unit not in SI:
+    if unit not in UNITS:
         factor, dimension = measure(unit)
         if abs(factor - 1.0) > ROUNDING:
             raise UnknownUnit(f"it is {factor:g} SI units")
-        SI[unit] = dimension
+        UNITS[unit] = dimension
         plain_names.cache_clear()
 
 
@@ -151,11 +255,11 @@ def number_of(text: str, units: Sequence[str], system: UnitSystem) -> float | No
     if not unit:
         raise UnknownUnit('a number in quotes has its unit behind it, such as "500 mm"; leave the quotes out otherwise')
     factor, dimension = measure(unit)
-    wanted = {SI["1/s"] if one == HERTZ else SI[one]: one for one in units}
+    wanted = {UNITS["1/s"] if one == HERTZ else UNITS[one]: one for one in units}
     if wanted and dimension not in wanted:
         kinds = " or ".join(f"{named(one)} ({system.unit(label)})" for one, label in wanted.items())
         raise UnknownUnit(f"'{unit}' is the unit of {named(dimension)}; needed is {kinds}")
-    if dimension == SI["1/s"]:
+    if dimension == UNITS["1/s"]:
         turns = any(one in plain(unit) for one in ANGULAR)
         if turns and HERTZ in units:
             factor /= 2.0 * math.pi
@@ -189,7 +293,7 @@ def plain(unit: str) -> str:
 @cache
 def plain_names() -> dict[str, Dimension]:
     """Return the dimensions of SI units by their `plain` names."""
-    return {"": (0, 0, 0), "-": (0, 0, 0)} | {plain(name): dimension for name, dimension in SI.items()}
+    return {"": (0, 0, 0), "-": (0, 0, 0)} | {plain(name): dimension for name, dimension in UNITS.items()}
 
 
 @cache
