@@ -156,7 +156,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         "N_CLOSURE_TERMS": len(closure),
         "N_LAW": max([1, *(len(action.parameters) for action in actions)]),
         "N_EDGES": first_edges[-1],
-        "MOST_EDGES": max([0, *(len(action.law.edges) for action in actions)]),
+        "MOST_EDGES": max([1, *(len(action.law.edges) for action in actions)]),  # an array in C has at least one
         "RUBS": int(any(action.law.about_zero for action in actions)),
     }
     return Constants(
