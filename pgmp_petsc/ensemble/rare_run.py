@@ -37,6 +37,7 @@ from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 from pgmp_petsc.scene.numerics import Ensemble, Event
 from pgmp_petsc.scene.parameters import uncertain_names
+from pgmp_petsc.scene.uses import offset_directions
 from pgmp_petsc.stepping.drivers import check_ts_options
 
 FEWEST = 500  # samples: three levels of the least size, and as many to be weighted
