@@ -89,9 +89,7 @@ class CheckingModel:
         motions = {number: SampledMotion(motion, *instants) for number, motion in self._motions.items()}
         return batch.under(effects, motions)
 
-    def starts(
-        self, values: Mapping[str, np.ndarray], samples: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray] | None:
+    def starts(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Return what samples start with: static equilibria, or what joints that are off build in.
 
         Parameters
@@ -104,7 +102,8 @@ class CheckingModel:
         Returns
         -------
         tuple of ndarray, or None
-            Unknowns and velocities, each (n_dofs, n), NaN where there is no such start; None where runs start undeformed.
+            Unknowns and velocities, each (n_dofs, n), NaN where there is no such start; None where runs start
+            undeformed.
         """
         from_rest, full = self.full.scene.initial.equilibrium, self.full
         if not from_rest and not full.is_off:
@@ -141,8 +140,8 @@ class ErrorSystem(SecondOrderSystem):
     theta
         Rigid coordinates at the start, from which turns are counted, shape (n_theta, n_samples), rad.
     begin
-        Full-order unknowns and velocities that samples start with, each (n_dofs, n_samples), NaN for those that are never
-        advanced; None where runs start undeformed.
+        Full-order unknowns and velocities that samples start with, each (n_dofs, n_samples), NaN for those that are
+        never advanced; None where runs start undeformed.
     """
 
     def __init__(

@@ -260,7 +260,12 @@ class WatchedRun(Observer):
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
         full = checking.scheduled(self._batch_of(chosen, values), schedule, indicator.step / FINER)
         motion = ReferenceMotion(
-            checking.unknowns_of, full.n_dofs, states, r, indicator.simulation.duration, checking.rotations,
+            checking.unknowns_of,
+            full.n_dofs,
+            states,
+            r,
+            indicator.simulation.duration,
+            checking.rotations,
             indicator.model.terms.scale[:r],
         )
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)

@@ -108,8 +108,8 @@ class FullModel:
     def built_in(
         self, values: Mapping[str, np.ndarray], start: tuple[np.ndarray, np.ndarray], n_samples: int
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return unknowns and velocities (n_dofs, n_samples) that samples start with where joints are off, each found by
-        itself, from `start_of_samples`; None where none is."""
+        """Return unknowns and velocities (n_dofs, n_samples) that samples start with where joints are off, each found
+        by itself, from `start_of_samples`; None where none is."""
         if not self.is_off:
             return None
         rates = np.broadcast_to(start[1].reshape(start[0].size, -1), (start[0].size, n_samples))

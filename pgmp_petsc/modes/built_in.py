@@ -10,8 +10,8 @@ with the statements T of the coordinates, so that theta stays what the joints sh
 not change in time. All else follows as for these: the energy ``1/2 p^T X^T K X p``, of which the slope is a torque on
 theta, outputs and strains, the work of loads and of local effects on X p, and what X p does to the inertia at first
 order. ``Psi^T K X = -(C Psi)^T L = 0`` at the nominal parameters; at others the coupling is in the tables. Left out are
-what is of second order in p, which is p over a length or p in rad of what is there, and, as of all vectors, the velocity
-``X' p theta'`` in outputs.
+what is of second order in p, which is p over a length or p in rad of what is there, the inertia of X p as a load on
+Psi, and, as of all vectors, the velocity ``X' p theta'`` in outputs.
 
 X is a displacement of the nodes at the joints that closes the gaps, and the static answer to the forces of that.
 """
@@ -66,8 +66,8 @@ class BuiltIn:
     def __init__(self, problem: ModalProblem, scene: Scene, shapes: Mapping[str, BodyShape]) -> None:
         self._problem, mechanism = problem, problem.mechanism
         self._n_held, self._coordinates = mechanism.n_held, ConstraintJacobian(mechanism, mechanism.coordinates)
-        self._gaps = [_gap(scene, shapes, mechanism, name) for name in offset_directions(scene)]
-        self._off = ", ".join(f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset)
+        self._by = offset_directions(scene)
+        self._gaps = [_gap(scene, shapes, mechanism, name) for name in self._by]
 
     def at(self, modes: ModeSet) -> np.ndarray:
         """Return X at the configuration that the problem is at, in body frames, local rows, (n_local, n_offsets).
@@ -85,17 +85,28 @@ class BuiltIn:
         moved = np.unique(constraints.indices)
         slopes = constraints[:, moved].toarray()
         placed = -np.linalg.lstsq(slopes, gaps, rcond=None)[0]
-        if np.max(np.abs(slopes @ placed + gaps)) > CLOSED * np.max(np.abs(gaps)):
-            raise InputError(
-                f"{self._off}: no elasticity takes it at {problem.kinematics.describe(modes.theta)}: rigid bodies hold "
-                "one another there. Let bodies that the joints hold be flexible, or take joints that hold less"
-            )
+        left = np.abs(slopes @ placed + gaps)
+        if np.max(left) > CLOSED * np.max(np.abs(gaps)):
+            self._refuse(left, problem.kinematics.describe(modes.theta))
         everywhere = np.zeros((problem.mechanism.n_dofs, gaps.shape[1]))
         everywhere[moved] = placed
         found = everywhere[problem.rows.start : problem.rows.stop]
         forces = -problem.times_stiffness(found)
         found = found + problem.static_answers(modes.unstrained, forces, "stress that joints that are off build in")
         return found - self._turning(modes, poses, found)
+
+    def _refuse(self, left: np.ndarray, where: str) -> None:
+        """Refuse gaps of the constraints for a unit of each offset, (n_constraints, n_offsets): nothing closes them."""
+        row, column = np.unravel_index(np.argmax(left), left.shape)
+        held = [(one.name, part) for one in self._problem.mechanism.holders for part, _ in one.holding(moving=True)]
+        (joint, part), by = held[row], self._by[column]
+        what, unit = ("a gap", "m") if part.is_length else ("an angle", "rad")
+        per = "" if by is None else f" for 1 of {by}"
+        raise InputError(
+            f"joints.{joint}: {what} of {left[row, column]:.3g} {unit}{per} remains at {where}: joints are off by what "
+            "no redundancy explains and no elasticity takes. Let bodies that they hold be flexible, or take joints "
+            "that hold less"
+        )
 
     def _turning(self, modes: ModeSet, poses: np.ndarray, found: np.ndarray) -> np.ndarray:
         """Return the rigid motion in displacements (n_local, n), as the coordinates measure it."""
@@ -119,7 +130,9 @@ def _gap(scene: Scene, shapes: Mapping[str, BodyShape], mechanism: Mechanism, na
         for joint, offset in offsets.items():
             joints[joint] = joints[joint].model_copy(update={"offset": offset.part(name, amplitude)})
         other = Mechanism.from_scene(scene.model_copy(update={"joints": joints}), shapes)
-        parts = [part for connection in other.connections if connection.name in offsets for part in connection.holding(True)]
+        parts = [
+            part for connection in other.connections if connection.name in offsets for part in connection.holding(True)
+        ]
         n_pose = mechanism.space.n_pose
         sides.append(
             StatementRows(

@@ -268,8 +268,8 @@ class ReducedSystem(SecondOrderSystem):
         return self.n_eta - self.tables.n_given
 
     def undeformed(self, theta: np.ndarray) -> np.ndarray:
-        """Return coordinates (n_samples, n_eta) without deformation but what is given, at theta, (n_samples, n_theta) or
-        the same for all."""
+        """Return coordinates (n_samples, n_eta) without deformation but what is given, at theta, (n_samples, n_theta)
+        or the same for all."""
         q = np.zeros((self.n_samples, self.n_eta))
         q[:, : self.tables.n_coordinates] = theta
         if self.built_in is not None:

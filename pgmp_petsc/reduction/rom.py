@@ -133,7 +133,10 @@ class ReducedOrderModel:
         if tables.second_order is not None:
             second_order = SecondOrderFile(**vars(tables.second_order), **vars(tables.changes), **weights)
         return {
-            **{name: getattr(tables, name) for name in ("mass", "inertia", "stiffness", "load", "load_effects", "n_given")},
+            **{
+                name: getattr(tables, name)
+                for name in ("mass", "inertia", "stiffness", "load", "load_effects", "n_given")
+            },
             **{name: getattr(self, name) for name in OWN},
             **ModelFile.of_samples(tables.samples),
             **weights,

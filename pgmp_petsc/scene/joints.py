@@ -135,7 +135,9 @@ class Offset(Table):
                 return size if value == name else 0.0
             return size * value if name is None else 0.0
 
-        return self.model_copy(update={key: tuple(of(value) for value in getattr(self, key)) for key in ("place", "turn")})
+        return self.model_copy(
+            update={key: tuple(of(value) for value in getattr(self, key)) for key in ("place", "turn")}
+        )
 
     def problems(self, dimension: int, entry: str) -> Iterator[str]:
         """Yield a line if it has nothing, or not as many numbers as directions or turns."""
