@@ -192,8 +192,8 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
 
 
 def tunable(scene: Scene) -> dict[str, float]:
-    """Return the parameters that a model in C takes, with the values of the scene's run: lengths and places are fixed,
-    as its mechanism is made with them, and so are velocities at the start, which the model has before it takes any."""
+    """Return the parameters that a model in C takes, with the values of the scene's run: lengths, places and ratios are
+    fixed, as its mechanism is made with them, and so are velocities at the start, which it has before it takes any."""
     fixed = {*length_names(scene), *velocity_names(scene).values()}
     return {name: value for name, value in scene.values.items() if name not in fixed}
 

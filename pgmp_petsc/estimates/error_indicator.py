@@ -45,8 +45,8 @@ from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 from pgmp_petsc.models.model import floors_of
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.drivers import ERROR_PREFIX
-from pgmp_petsc.stepping.generalised_alpha import Observer, count_steps, integrate
-from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.generalised_alpha import count_steps, integrate
+from pgmp_petsc.stepping.second_order_system import Observer, State
 from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:

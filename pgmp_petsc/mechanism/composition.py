@@ -115,7 +115,8 @@ def couplings_of(
         terms = []
         for share in entry.shares_in(scene):
             joint = by_name[share.joint]
-            function = Function.through(share.factor, share.table) if share.table else Function(share.factor)
+            factor = share.times * scene.number(share.factor)
+            function = Function.through(factor, share.table) if share.table else Function(factor)
             terms.append((joint.measure(share.motion), function, joint.sides))
         terms.sort(key=lambda term: term[0].kind == ANGLE and term[0] not in known and not term[1].breaks.size)
         combination = Combination(tuple(term[:2] for term in terms))

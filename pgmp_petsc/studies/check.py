@@ -14,7 +14,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError, counted
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.assembled import MassProperties
-from pgmp_petsc.bodies.inertia_moments import directors
+from pgmp_petsc.bodies.linear_fields import directors
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.shape import BodyShape, given_properties
 from pgmp_petsc.components.condensing import Trial, check_slender
