@@ -1,4 +1,4 @@
-"""Joints that couple the motions of others: gears, racks, screws, cams, and any sum of motions.
+"""Joints that couple the motions of others: gears, belts, racks, screws, cams, and any sum of motions.
 
 With the motions s_i of joints, turning (rad) or sliding (m), a coupling holds
 
@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from pgmp_petsc.scene.fields import Name, NotZeroOrParameter, Pair, TwoNames, Unit, refusal
+from pgmp_petsc.scene.fields import Name, NotZeroOrParameter, Pair, PositivePair, TwoNames, Unit, refusal
 from pgmp_petsc.scene.joints import CouplingEntry, Share
 
 CLOSED = 1e-9  # rad that the period of a cam may be off, and share of its lift that its ends may differ by
@@ -49,6 +49,27 @@ class Gear(CouplingEntry):
         """Return ``s_2 - ratio s_1``."""
         first, second = self.joints
         return [Share(second, "turning", "joints"), Share(first, "turning", "joints", self.ratio, -1.0)]
+
+
+class Belt(CouplingEntry):
+    """Two joints turn with the pulleys of a belt that neither slips nor stretches: as much of it runs off one as runs
+    on to the other, from the placements on."""
+
+    type: Literal["belt"]
+    dimensions = (2, 3)
+    joints: TwoNames = Field(description="names of two joints that turn")
+    radii: Annotated[PositivePair, Unit("m")] = Field(
+        description="radius of the pulley on each (m), numbers or parameters' names"
+    )
+    crossed: bool = Field(
+        False, strict=True, description="whether the belt is crossed, so that its pulleys turn against one another"
+    )
+
+    def shares(self, motion):
+        """Return ``r_2 s_2 - r_1 s_1``, or the sum if it is crossed."""
+        (first, second), (of_first, of_second) = self.joints, self.radii
+        turning = Share(first, "turning", "joints", of_first, 1.0 if self.crossed else -1.0)
+        return [Share(second, "turning", "joints", of_second), turning]
 
 
 class Rack(CouplingEntry):

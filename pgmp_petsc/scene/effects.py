@@ -29,7 +29,7 @@ from pgmp_petsc.scene.fields import (
     quantities_of,
     refusal,
 )
-from pgmp_petsc.scene.uses import Use, slides
+from pgmp_petsc.scene.uses import Use, motion_over
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.messages import Finding
@@ -232,7 +232,7 @@ class OverTime(EffectEntry):
 
     @property
     def is_over_time(self) -> bool:
-        """Whether its table is not over the motion of its joint."""
+        """Whether its table is not over the motion of a joint."""
         return getattr(self, "over", None) is None
 
     @property
@@ -261,8 +261,8 @@ class OverTime(EffectEntry):
             yield Use(f"{entry}.{key}", value, "any", (self.unit_of_values,))
 
     def measured(self, scene: AnyScene, entry: str) -> Iterator[Use]:
-        """Yield the times of a table, or where its rows are along the motion of its joint."""
-        unit = "s" if self.is_over_time else "m" if slides(scene, self) else "rad"
+        """Yield the times of a table, or where its rows are along the motion of a joint."""
+        unit = "s" if self.is_over_time else "m" if motion_over(scene, self) == "sliding" else "rad"
         for row in range(len(self.table or ())):
             yield Use(f"{entry}.table[{row}][0]", 0.0, "any", (unit,))
 

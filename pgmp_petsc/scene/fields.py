@@ -365,6 +365,19 @@ PositiveOrParameter = Annotated[
     _either(exclusiveMinimum=0),
     Quantified("positive"),
 ]
+#: Two positive numbers, or names of parameters.
+PositivePair = Annotated[
+    tuple[float | str, float | str],
+    _needed(
+        "two positive numbers in brackets are needed, such as [0.05, 0.1], each a number or a parameter's name",
+        lambda value: (
+            _is_list(value, 2) and all(_is_number_or_name(x) and (isinstance(x, str) or x > 0) for x in value)
+        ),
+    ),
+    AfterValidator(_sensible_numbers),
+    WithJsonSchema({"type": "array", "items": _either(exclusiveMinimum=0).json_schema, "minItems": 2, "maxItems": 2}),
+    Quantified("positive"),
+]
 #: A number that is not negative, or the name of a parameter.
 NotNegativeOrParameter = Annotated[
     float | str,

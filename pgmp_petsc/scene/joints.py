@@ -340,16 +340,21 @@ class CouplingEntry(JointTable):
         """Yield key, value, sign and units of what may name a parameter."""
         for key, (sign, unit) in quantities_of(type(self)).items():
             given, units = getattr(self, key), tuple(filter(None, unit.turning))
-            named = {f"{key}.{name}": one for name, one in given.items()} if isinstance(given, dict) else {key: given}
-            yield from ((entry, value, sign, units) for entry, value in named.items())
+            if isinstance(given, dict):
+                yield from ((f"{key}.{name}", value, sign, units) for name, value in given.items())
+            else:
+                yield from ((key, value, sign, units) for value in (given if isinstance(given, tuple) else (given,)))
 
     def with_numbers(self, values: Mapping[str, float]) -> Self:
         """Return the coupling with numbers in place of parameters, by their names."""
-        given = {key: getattr(self, key) for key in quantities_of(type(self))}
-        numbers = {
-            key: {name: values.get(x, x) for name, x in one.items()} if isinstance(one, dict) else values.get(one, one)
-            for key, one in given.items()
-        }
+        numbers = {}
+        for key in quantities_of(type(self)):
+            given = getattr(self, key)
+            if isinstance(given, dict):
+                numbers[key] = {name: values.get(one, one) for name, one in given.items()}
+            else:
+                found = tuple(values.get(one, one) for one in (given if isinstance(given, tuple) else (given,)))
+                numbers[key] = found if isinstance(given, tuple) else found[0]
         return self.model_copy(update=numbers)
 
     def shares_in(self, scene: AnyScene) -> list[Share]:

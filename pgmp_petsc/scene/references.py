@@ -41,7 +41,7 @@ from pgmp_petsc.scene.fields import GROUND, AnyScene, split_point
 from pgmp_petsc.scene.joints import MEASURED, CouplingEntry, JointEntry, joints_with
 from pgmp_petsc.scene.messages import COMPONENTS, problem
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry
-from pgmp_petsc.scene.uses import Use, ordered_ends, slides, uses_of
+from pgmp_petsc.scene.uses import Use, motion_over, ordered_ends, slides, uses_of
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.bodies import Body, Rigid
@@ -89,6 +89,15 @@ def joint_problems(scene: AnyScene, entry: str, joint: str, allowed: tuple[type,
             f" (allowed: {', '.join(fitting) or 'none is defined'})",
             joint,
         )
+
+
+def over_problems(scene: AnyScene, entry: str, effect: Any) -> Iterator[str]:
+    """Yield a line if there is no such joint as an effect hangs on, or that joint has two motions."""
+    known = list(joint_problems(scene, f"{entry}.over", effect.over, joints_with(*MEASURED, dimension=scene.dimension)))
+    yield from known
+    if not known and motion_over(scene, effect) is None:
+        words = f"is {scene.joints[effect.over].type}, which turns and slides; take a joint that has one motion"
+        yield problem(f"{entry}.over", words, effect.over)
 
 
 def motion_problems(

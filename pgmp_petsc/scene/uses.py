@@ -153,6 +153,17 @@ def slides(scene: AnyScene, entry: Any) -> bool:
     return joint.motion_of(getattr(entry, "motion", None), allowed, scene.dimension) == "sliding"
 
 
+def motion_over(scene: AnyScene, entry: Any) -> str | None:
+    """Return the motion of a joint that an effect is over, ``turning`` or ``sliding``; None where the joint has both.
+
+    Of the joint that it acts on it is the one that it acts on.
+    """
+    if entry.over == entry.joint:
+        return "sliding" if slides(scene, entry) else "turning"
+    joint = scene.joints.get(entry.over)
+    return None if joint is None else joint.motion_of(None, MEASURED, scene.dimension)
+
+
 MOST_BUILDS = 64  # of all lengths together: each has the price of a build, and as much in the file
 
 

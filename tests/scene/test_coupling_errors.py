@@ -40,7 +40,18 @@ joints.mesh.joints=["input", "outptu"] -> = "outptu": there is no such joint; di
 joints.mesh.joints=["input", "mesh"] -> = "mesh": a joint that has the motion turning is needed; this one is gear
 joints.mesh.joints=["input", "input"] -> = "input": the same joint is named twice
 joints.mesh.elastic={stiffness=1.0} -> joints.mesh.elastic | unknown key
-joints.mesh.type="belt" -> = "belt": unknown
+joints.mesh.type="chain" -> = "chain": unknown
+joints.mesh={type="belt", joints=["input", "output"]} -> joints.mesh.radii: missing
+joints.mesh={type="belt", joints=["input", "output"], radii=[0.1, 0.0]} -> \
+    joints.mesh.radii = [0.1, 0.0]: two positive numbers in brackets are needed, such as [0.05, 0.1], each a number or
+joints.mesh={type="belt", joints=["input", "output"], radii=0.1} -> joints.mesh.radii = 0.1: two positive numbers
+joints.mesh={type="belt", joints=["input", "output"], radii=[0.1, "5 kg"]} -> \
+    joints.mesh.radii = [0.1, "5 kg"]: 'kg' is the unit of a mass; needed is a length (m)
+joints.mesh={type="belt", joints=["input", "output"], radii=[0.1, "r"]} -> joints.mesh.radii = "r": there is no such
+joints.mesh={type="belt", joints=["input", "output"], radii=["r", 0.1]} & parameters.r={nominal=1.0, bounds=[0, 2]} \
+    -> parameters.r.bounds = [0.0, 2.0]: must be positive, because joints.mesh.radii uses it
+joints.mesh={type="belt", joints=["input", "output"], radii=[0.1, 0.2], crossed=1} -> joints.mesh.crossed = 1
+joints.mesh={type="belt", joints=["input", "input"], radii=[0.1, 0.2]} -> joints.mesh.joints = "input": the same joint
 joints.mesh={type="screw", joint="input", lead=1.0} -> joints.mesh.type = "screw": for mechanisms in space
 joints.mesh={type="rack", joints=["input", "output"], radius=1.0} -> \
     joints.mesh.joints = "output": a joint that has the motion sliding is needed; this one is revolute
@@ -59,6 +70,8 @@ joints.teeth.radius="r" & parameters.r={nominal=0.05} -> \
     parameters.r.bounds: missing; joints.teeth.radius uses it, and the reduced model is built between its ends: give \
 bounds = [low, high] (m)
 joints.teeth.radius="5 kg" -> = "5 kg": 'kg' is the unit of a mass; needed is a length (m)
+joints.teeth={type="belt", joints=["axle", "teeth"], radii=[0.1, 0.2]} -> \
+    joints.teeth.joints = "teeth": a joint that has the motion turning is needed; this one is belt
 joints.teeth.joints=["rail", "teeth"] -> = "teeth": a joint that has the motion sliding is needed; this one is rack
 """,
     SCREW: """
