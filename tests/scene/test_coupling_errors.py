@@ -39,7 +39,6 @@ joints.mesh.connect=["ground:origin", "one:hub"] -> = | unknown key
 joints.mesh.joints=["input", "outptu"] -> = "outptu": there is no such joint; did you mean 'output'?
 joints.mesh.joints=["input", "mesh"] -> = "mesh": a joint that has the motion turning is needed; this one is gear
 joints.mesh.joints=["input", "input"] -> = "input": the same joint is named twice
-joints.mesh.elastic={stiffness=1.0} -> joints.mesh.elastic | unknown key
 joints.mesh.type="chain" -> = "chain": unknown
 joints.mesh={type="belt", joints=["input", "output"]} -> joints.mesh.radii: missing
 joints.mesh={type="belt", joints=["input", "output"], radii=[0.1, 0.0]} -> \
