@@ -36,9 +36,10 @@ READ_AT_START = ("PYTHON", "NUMBA", "LD_", "OMP_NUM", "OPENBLAS", "MPL")
 NUMBER = 8  # bytes of a number on the connection
 
 
-def python(environment: Mapping[str, str]) -> list[str]:
+def python(environment: Mapping[str, str] | None = None) -> list[str]:
     """Return the words that run Python: the stand-in, or the interpreter where an environment starts it otherwise."""
     path, started = _server()
+    environment = started if environment is None else environment
     names = {name for name in {*environment, *started} if name.startswith(READ_AT_START)} - {"PYTHONPATH"}
     if any(environment.get(name) != started.get(name) for name in names):
         return [sys.executable]

@@ -3,13 +3,13 @@
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from runs import PAPER_SCENE, PGMP, SMALL, overridden, paper_scene, pgmp, rom_of
 from sealed import resealed_piece
@@ -140,7 +140,7 @@ def test_a_killed_run_is_resumed_on_other_ranks(mpirun, folder: Path, rom: Path,
     """SIGKILL from outside, while it waits."""
     path = folder / "killed.h5"
     partial = path.with_name("killed.h5.partial")
-    command = [sys.executable, "-c", HELD, "montecarlo", str(rom), *map(str, LONG), "-o", str(path)]
+    command = [*warm_start.python(), "-c", HELD, "montecarlo", str(rom), *map(str, LONG), "-o", str(path)]
     silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     process = subprocess.Popen(command, cwd=ROOT, env=os.environ | MPI_ENVIRONMENT, **silent)
     try:
