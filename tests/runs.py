@@ -1,15 +1,16 @@
 """Models and runs of small scenes, for tests of what follows the mechanism: dynamics, ensembles, commands."""
 
+import json
 import os
 import re
 import subprocess
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import warm_start
-from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
+from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS, run_mpi
 from mpi4py import MPI
 
 from pgmp_petsc.bodies.shape import shape_in_scene
@@ -178,6 +179,27 @@ def pgmp(*arguments: object, status: int | None = 0, cwd: Path | None = None) ->
     shown = f"{arguments} ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
     assert status is None or done.returncode == status, shown
     return done
+
+
+def in_turn(n: int, commands: Iterable[Iterable[object]]) -> tuple[list, subprocess.CompletedProcess[str]]:
+    """Run commands one after the other in one start of n ranks; return all ranks' statuses of each and what was
+    printed."""
+    words = json.dumps([[str(word) for word in command] for command in commands])
+    done = run_mpi(n, "-c", IN_TURN, words)
+    assert "Traceback" not in done.stderr, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")], done
+
+
+def refused(n: int, commands: Sequence[Iterable[object]]) -> list[str]:
+    """Run commands that are bad input in one start of n ranks; return the only message of each.
+
+    Every rank ends with status 2, and none waits for another.
+    """
+    statuses, done = in_turn(n, commands)
+    assert statuses == [n * [2]] * len(commands), f"{done.stdout}\n{done.stderr}"
+    messages = besides_progress(done.stderr).split("pgmp: error: ")[1:]
+    assert len(messages) == len(commands), messages
+    return [message.removesuffix("\n") for message in messages]
 
 
 def besides_progress(stderr: str) -> str:
