@@ -1,19 +1,23 @@
 """Models and runs of small scenes, for tests of what follows the mechanism: dynamics, ensembles, commands."""
 
+import io
 import json
 import os
 import re
 import subprocess
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS, run_mpi
 from mpi4py import MPI
 
 from pgmp_petsc.bodies.shape import shape_in_scene
+from pgmp_petsc.cli.main import main
 from pgmp_petsc.mesh import read_line_mesh
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
@@ -165,18 +169,22 @@ def assert_close(exact: Mapping[str, np.ndarray], found: Mapping[str, np.ndarray
 
 
 def pgmp(*arguments: object, status: int | None = 0, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run ``pgmp`` on one rank, as a user does, and check its exit status (None: any)."""
-    environment = os.environ | MPI_ENVIRONMENT
-    done = subprocess.run(
-        [*warm_start.python(environment), *PGMP, *map(str, arguments)],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        env=environment,
-        cwd=cwd,
-        timeout=TIMEOUT_SECONDS,
-    )
-    shown = f"{arguments} ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
+    """Run ``pgmp`` on one rank and check its exit status (None: any).
+
+    It runs in this process, or in one of its own where that is given a folder or options for PETSc, which starts once.
+    """
+    words = [str(argument) for argument in arguments]
+    if cwd is None and "--" not in words:
+        out, err = io.StringIO(), io.StringIO()
+        with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as end:
+            main(words)
+        done = subprocess.CompletedProcess(words, end.value.code or 0, out.getvalue(), err.getvalue())
+    else:
+        done = subprocess.run(
+            [*warm_start.python(), *PGMP, *words], stdin=subprocess.DEVNULL, capture_output=True, text=True,
+            env=os.environ | MPI_ENVIRONMENT, cwd=cwd, timeout=TIMEOUT_SECONDS,
+        )  # fmt: skip
+    shown = f"{words} ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
     assert status is None or done.returncode == status, shown
     return done
 

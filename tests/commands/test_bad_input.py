@@ -8,7 +8,7 @@ import meshio
 import numpy as np
 import pytest
 from refusals import cases
-from runs import PAPER_SCENE, PGMP, SMALL, overridden, paper_scene, pgmp, refused, rom_of
+from runs import PAPER_SCENE, PGMP, SMALL, besides_progress, overridden, paper_scene, pgmp, refused, rom_of
 from sealed import resealed
 
 from pgmp_petsc.cli.main import main
@@ -223,6 +223,7 @@ def test_one_clear_message(asked: str, said: str, folder: Path, capfd: pytest.Ca
     with pytest.raises(SystemExit) as end:
         main(asked_of(asked, folder))
     out, err = capfd.readouterr()
+    err = besides_progress(err)
     assert end.value.code == 2, err
     assert err.startswith("pgmp: error: ") and err.count("\n") == 1, "one line"
     assert all(words in err for words in said.split(" | ")), err

@@ -87,9 +87,9 @@ def test_control_characters_are_shown(tmp_path: Path) -> None:
     named = tmp_path / "\x1b[31mred.toml"
     named.write_text(text.replace('name = "slider_crank"', 'name = "a\\u001b[2Jb"'))
     for words in (["check", named], ["check", f"{named}\x07"], ["check", named, "--set", "\x1b[2J=1"], ["\x1b[2J"]):
-        done = pgmp(*words, status=2, cwd=ROOT)
+        done = pgmp(*words, status=2)
         assert not set(done.stdout + done.stderr) & set("\x1b\x07"), done.stderr
     named.write_text(text)
     for words in (["check", named], ["run", named, "--report", "page.pdf", "-o", tmp_path / "\x9bx"]):
-        done = pgmp(*words, status=None, cwd=ROOT)
+        done = pgmp(*words, status=None)
         assert not set(done.stdout + done.stderr) & set("\x1b\x9b"), done
