@@ -1,4 +1,8 @@
-"""Models and runs of small scenes, for tests of what follows the mechanism: dynamics, ensembles, commands."""
+"""Models and runs of small scenes, for tests of what follows the mechanism: dynamics, ensembles, commands.
+
+Meshes are those of the scene's files; an entry ``mesh`` that is ``"first:last:n"`` is a line, as in `scenes`, or a bar
+of cells, as in `spatial`.
+"""
 
 import io
 import json
@@ -16,21 +20,27 @@ import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS, run_mpi
 from mpi4py import MPI
 
-from pgmp_petsc.bodies.shape import shape_in_scene
+from pgmp_petsc.bench.reference import component_model
+from pgmp_petsc.bodies.shape import BodyShape, shape_in_scene
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.mesh import read_line_mesh
-from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.mesh.line_mesh import straight_beam
+from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
-from scenes import HEADER, meshes_of, tables
+from pgmp_petsc.stepping.status import Status
+from pgmp_petsc.studies.simulate import simulate
+from scenes import HEADER, straight, tables
 
 MOST_ROMS = 40  # that are kept, of some megabytes each
-_ROMS: dict[tuple[str, Path], ReducedOrderModel] = {}
+_ROMS: dict[tuple[object, ...], ReducedOrderModel] = {}
+Meshes = Mapping[str, BodyShape]
 PAPER_SCENE = ROOT / "scenes" / "slider_crank_paper.toml"
 # runs several commands one after the other on all ranks and prints every rank's exit status
 IN_TURN = """
@@ -79,42 +89,80 @@ def paper_scene(*overrides: str, settings: tuple[str, ...] = ()) -> Scene:
     return load_scene(PAPER_SCENE, overrides, settings)
 
 
-def read_meshes(scene: Scene) -> dict:
-    """Return the meshes of a scene whose entries are paths, or that need none."""
-    return {
-        name: shape_in_scene(scene, name) or read_line_mesh(scene.path_of(body.mesh), name)
-        for name, body in scene.bodies.items()
-    }
+def read_meshes(scene: Scene) -> dict[str, BodyShape]:
+    """Return the meshes of a scene, from its entries and from files."""
+    return {name: shape_in_scene(scene, name) or _mesh(scene, name) for name in scene.bodies}
 
 
-def full_model(scene: Scene) -> FullModel:
-    """Return the full-order model of a scene with meshes made in memory or in files."""
-    return FullModel(scene, _meshes(scene))
+def _mesh(scene: Scene, name: str) -> BodyShape:
+    body = scene.bodies[name]
+    if ":" not in body.mesh:
+        return read_line_mesh(scene.path_of(body.mesh), name)
+    first, last, n = (kind(part) for kind, part in zip((float, float, int), body.mesh.split(":")))
+    if body.continuum:
+        from spatial import bar  # its libraries are loaded where there are cells alone
+
+        return bar(first, last, n, body.dimension)
+    return straight_beam(last - first, n, first, 3) if body.dimension == 3 else straight(first, last, n)
 
 
-def rom_of(scene: Scene, scramble: Callable[[ModeSet], ModeSet] | None = None) -> ReducedOrderModel:
+def full_model(scene: Scene, meshes: Meshes | None = None) -> FullModel:
+    """Return the full-order model of a scene, on its own meshes or others."""
+    return FullModel(scene, read_meshes(scene) if meshes is None else meshes)
+
+
+def components_model(scene: Scene, meshes: Meshes | None = None) -> ComponentModel:
+    """Return the model of bodies in floating frames, likewise."""
+    return component_model(scene, read_meshes(scene) if meshes is None else meshes, MPI.COMM_SELF)
+
+
+def rom_of(
+    scene: Scene, scramble: Callable[[ModeSet], ModeSet] | None = None, meshes: Meshes | None = None
+) -> ReducedOrderModel:
     """Return the reduced-order model, built on this process; scenes that differ in their runs alone share one."""
     if scramble is not None:
-        return built_rom(scene, scramble)
+        return built_rom(scene, scramble, meshes=meshes)
     same = scene.model_copy(update={"simulation": scene.simulation.tolerance, "ensemble": None})
-    key = repr(same), scene.path_of("")
+    own = tuple((name, repr(type(mesh)), mesh.nodes.tobytes()) for name, mesh in (meshes or {}).items())
+    key = repr(same), scene.path_of(""), own
     if key not in _ROMS:
-        _ROMS[key] = built_rom(scene)
+        _ROMS[key] = built_rom(scene, meshes=meshes)
         if len(_ROMS) > MOST_ROMS:
             del _ROMS[next(iter(_ROMS))]
     rom = _ROMS[key]
     return replace(rom, record=replace(rom.record, scene_toml=scene_to_toml(scene)))
 
 
-def built_rom(scene: Scene, *scramble: Callable[[ModeSet], ModeSet]) -> ReducedOrderModel:
+def built_rom(scene: Scene, *scramble: Callable[[ModeSet], ModeSet], meshes: Meshes | None = None) -> ReducedOrderModel:
     """Build the reduced-order model on this process, also where there is one; for tests that patch what builds it."""
     with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        return build_rom(scene, _meshes(scene), group, *scramble)
+        return build_rom(scene, read_meshes(scene) if meshes is None else meshes, group, *scramble)
 
 
-def reduced_model(scene: Scene) -> ReducedModel:
+def reduced_model(scene: Scene, meshes: Meshes | None = None) -> ReducedModel:
     """Build and return the reduced model of a scene."""
-    return ReducedModel(scene, rom_of(scene))
+    return ReducedModel(scene, rom_of(scene, meshes=meshes))
+
+
+#: What makes a model of every kind.
+MODELS: dict[str, Callable[..., Model]] = {
+    "full": full_model, "components": components_model, "reduced": reduced_model,
+}  # fmt: skip
+
+
+def trajectory(model: Model | str, scene: Scene | None = None, meshes: Meshes | None = None) -> Trajectory:
+    """Run a model on this process, or the model of a kind of a scene, with all that belongs to a run."""
+    return simulate(MODELS[model](scene, meshes) if isinstance(model, str) else model, MPI.COMM_SELF)
+
+
+def motion(model: Model | str, scene: Scene | None = None, meshes: Meshes | None = None) -> Trajectory:
+    """Do the same for the motion, the outputs and the energies alone, in a fraction of the time: no errors are
+    estimated, and no frames kept. It reaches its end."""
+    model = MODELS[model](scene, meshes) if isinstance(model, str) else model
+    alone = model.scene.simulation.model_copy(update={"error_indicator": False, "frames": 0})
+    found = trajectory(model.with_loads(model.scene.model_copy(update={"simulation": alone})))
+    assert found.status == Status.FINE, found.record.remarks
+    return found
 
 
 def paper_rom() -> ReducedOrderModel:
@@ -218,7 +266,3 @@ def besides_progress(stderr: str) -> str:
 def overridden(*entries: str) -> list[str]:
     """Return the arguments ``--override entry`` for every entry."""
     return [word for entry in entries for word in ("--override", entry)]
-
-
-def _meshes(scene: Scene) -> dict:
-    return meshes_of(scene) if ":" in (next(iter(scene.bodies.values())).mesh or "") else read_meshes(scene)

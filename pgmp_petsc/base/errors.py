@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import json
 import stat
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from difflib import get_close_matches
-from typing import Literal
+from functools import wraps
+from typing import Literal, ParamSpec
 
+Arguments = ParamSpec("Arguments")
 LONGEST_QUOTE = 300  # characters of what was received, in a message
 #: What a terminal obeys instead of showing it, and signs that turn the direction of what follows.
 _OBEYED = {*range(0x20), *range(0x7F, 0xA0), *range(0x202A, 0x202F), *range(0x2066, 0x206A)} - {ord("\n"), ord("\t")}
@@ -112,6 +114,16 @@ def warning(text: str) -> Remark:
 def note(text: str) -> Remark:
     """Return a remark that something is absent."""
     return Remark("note", text)
+
+
+def gathered(remarks: Callable[Arguments, Iterable[Remark]]) -> Callable[Arguments, tuple[Remark, ...]]:
+    """Let a function that yields remarks one by one return them all together."""
+
+    @wraps(remarks)
+    def together(*args: Arguments.args, **kwargs: Arguments.kwargs) -> tuple[Remark, ...]:
+        return tuple(remarks(*args, **kwargs))
+
+    return together
 
 
 def to_json(remarks: Iterable[Remark]) -> str:

@@ -156,7 +156,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         "N_CLOSURE_TERMS": len(closure),
         "N_LAW": max([1, *(len(action.parameters) for action in actions)]),
         "N_EDGES": first_edges[-1],
-        "MOST_EDGES": max([0, *(len(action.law.edges) for action in actions)]),
+        "MOST_EDGES": max([1, *(len(action.law.edges) for action in actions)]),  # an array in C has at least one
         "RUBS": int(any(action.law.about_zero for action in actions)),
     }
     return Constants(
@@ -192,8 +192,8 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
 
 
 def tunable(scene: Scene) -> dict[str, float]:
-    """Return the parameters that a model in C takes, with the values of the scene's run: lengths and places are fixed,
-    as its mechanism is made with them, and so are velocities at the start, which the model has before it takes any."""
+    """Return the parameters that a model in C takes, with the values of the scene's run: lengths, places and ratios are
+    fixed, as its mechanism is made with them, and so are velocities at the start, which it has before it takes any."""
     fixed = {*length_names(scene), *velocity_names(scene).values()}
     return {name: value for name, value in scene.values.items() if name not in fixed}
 

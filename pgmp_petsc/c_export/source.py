@@ -207,7 +207,7 @@ def _output(output: Output) -> str:
 
 
 def _action(action: ActionInC) -> str:
-    numbers = (*action.nodes, action.strength, action.edge, len(action.law.edges))
+    numbers = (*action.nodes, action.strength, action.edge, len(action.law.edges), action.role)
     who = ", ".join(map(str, (*numbers, f"law_{action.law.name}")))
     return f"{{{who}, {_numbers(action.winding)}, {_statement(action.statement)}}}"
 

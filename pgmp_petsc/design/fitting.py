@@ -21,13 +21,13 @@ search needs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, PgmpError, Remark, nearest_name, note, warning
+from pgmp_petsc.base.errors import InputError, PgmpError, Remark, gathered, nearest_name, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
@@ -119,7 +119,7 @@ def _check(history: MeasuredHistory, names: Sequence[str], noise: Mapping[str, f
 
 
 def ends_of(model: ReducedModel, name: str) -> tuple[float, float] | None:
-    """Return what is served of a length or a place, else the bounds of a parameter; None where it has none."""
+    """Return what is served of a length, a place or a ratio, else the bounds of a parameter; None where it has none."""
     served = model.served.get(name)
     if served is not None and served.is_sharp:
         return served.least, served.most
@@ -149,23 +149,21 @@ def limits_of(model: ReducedModel, name: str) -> tuple[float, float]:
     return min(low, value), max(high, value)
 
 
-def served_remarks(model: ReducedModel, names: Sequence[str]) -> tuple[Remark, ...]:
+@gathered
+def served_remarks(model: ReducedModel, names: Sequence[str]) -> Iterator[Remark]:
     """Return which bounds are wider than what the model serves, within which parameters are searched, with the cure."""
-    found, ranges = [], model.served
+    ranges = model.served
     for name in names:
         bounds, served = model.scene.parameters[name].bounds, ranges.get(name)
         if bounds is None or served is None or served.is_sharp:
             continue
         low, high = max(bounds[0], served.low), min(bounds[1], served.high)
         if (low, high) != tuple(bounds):
-            found.append(
-                note(
-                    f"{name} is searched in [{low:.6g}, {high:.6g}], the range that the reduced model was built for, "
-                    f"and not in all of its bounds [{bounds[0]:.6g}, {bounds[1]:.6g}]: for these build with a "
-                    f"distribution that spans them, or without one (pgmp build SCENE)"
-                )
+            yield note(
+                f"{name} is searched in [{low:.6g}, {high:.6g}], the range that the reduced model was built for, "
+                f"and not in all of its bounds [{bounds[0]:.6g}, {bounds[1]:.6g}]: for these build with a "
+                f"distribution that spans them, or without one (pgmp build SCENE)"
             )
-    return tuple(found)
 
 
 class _Fitting:
@@ -355,9 +353,10 @@ class _Fitting:
             return (near,)
         return (warning(f"the fit did not converge: {solution.reason}; begin nearer (--set)"), near)
 
-    def _of_limits(self, estimate: np.ndarray, errors: np.ndarray, blind: np.ndarray) -> list[Remark]:
+    @gathered
+    def _of_limits(self, estimate: np.ndarray, errors: np.ndarray, blind: np.ndarray) -> Iterator[Remark]:
         """Return which parameters end at their limits, or are not identifiable, or beyond what the basis spans."""
-        remarks, scene = [], self._model.scene
+        scene = self._model.scene
         for name, value, error, (low, high), lost in zip(self._names, estimate, errors, self._limits, blind):
             near = 1e-6 * (high - low)
             if lost or error > high - low:
@@ -366,31 +365,24 @@ class _Fitting:
                     if lost
                     else (f"its standard error, {error:.3g}, is larger than the range that it is searched in")
                 )
-                remarks.append(
-                    warning(
-                        f"{name} is not identifiable from this history: {what}; its value is none, and it is better "
-                        "held (--parameter with the others)"
-                    )
+                yield warning(
+                    f"{name} is not identifiable from this history: {what}; its value is none, and it is better "
+                    "held (--parameter with the others)"
                 )
             elif value < low + near or value > high - near:
                 end = "lower" if value < low + near else "upper"
                 widening = "build with wider" if name in self._lengths else "widen"
-                remarks.append(
-                    warning(
-                        f"{name} ends at the {end} limit of its search, [{low:g}, {high:g}]; standard errors do not "
-                        f"hold there: {widening} parameters.{name}.bounds if that makes sense"
-                    )
+                yield warning(
+                    f"{name} ends at the {end} limit of its search, [{low:g}, {high:g}]; standard errors do not "
+                    f"hold there: {widening} parameters.{name}.bounds if that makes sense"
                 )
             elif scene.parameters[name].distribution is not None:
                 spanned, _ = spanning_values(scene, [name])
                 if not spanned[name].min() <= value <= spanned[name].max():
-                    remarks.append(
-                        warning(
-                            f"{name} = {value:.5g} lies beyond three standard deviations of its distribution, which "
-                            "the reduced basis spans; build again with a nominal value near it, and fit again"
-                        )
+                    yield warning(
+                        f"{name} = {value:.5g} lies beyond three standard deviations of its distribution, which "
+                        "the reduced basis spans; build again with a nominal value near it, and fit again"
                     )
-        return remarks
 
     def _of_own_error(
         self, solution: _Solution, slopes: np.ndarray, sigma: np.ndarray, errors: np.ndarray
@@ -419,34 +411,27 @@ class _Fitting:
         ]
         return of_figures(figures, "the standard errors", OF_STANDARD_ERROR)
 
-    def _of_noise(self, left: np.ndarray, sigma: np.ndarray, lasting: Sequence[np.ndarray]) -> list[Remark]:
+    @gathered
+    def _of_noise(self, left: np.ndarray, sigma: np.ndarray, lasting: Sequence[np.ndarray]) -> Iterator[Remark]:
         """Return in which outputs what is left is no independent noise, or not of the size that was given."""
-        remarks = []
         for k, (name, row) in enumerate(zip(self._history.outputs, left)):
             size = float(np.sum(row**2))
             lag, after = remembered(row)
             if lag:
                 where = "from one measurement to the next" if lag == 1 else f"with the measurement {lag} later"
-                remarks.append(
-                    warning(
-                        f"what is left of {name} is no independent noise (correlation {after:.2f} {where}): the model "
-                        "differs from what was measured, or a better minimum lies elsewhere (--set begins there): "
-                        "standard errors allow for the correlation, but not for a wrong model"
-                    )
+                yield warning(
+                    f"what is left of {name} is no independent noise (correlation {after:.2f} {where}): the model "
+                    "differs from what was measured, or a better minimum lies elsewhere (--set begins there): "
+                    "standard errors allow for the correlation, but not for a wrong model"
                 )
             elif lasting[k].size > 1:
-                remarks.append(
-                    note(
-                        f"what is left of {name} is correlated ({lasting[k][1]:.2f} from one measurement to the next): "
-                        "standard errors allow for it (a sandwich with an autoregression of what is left)"
-                    )
+                yield note(
+                    f"what is left of {name} is correlated ({lasting[k][1]:.2f} from one measurement to the next): "
+                    "standard errors allow for it (a sandwich with an autoregression of what is left)"
                 )
             if name in self._noise and size > 2.0 * row.size * sigma[k] ** 2:
                 larger = np.sqrt(size / row.size)
-                remarks.append(
-                    warning(f"what is left of {name}, {larger:.3g}, is more than its noise, {sigma[k]:.3g} (--noise)")
-                )
-        return remarks
+                yield warning(f"what is left of {name}, {larger:.3g}, is more than its noise, {sigma[k]:.3g} (--noise)")
 
 
 class _Condensed:

@@ -19,12 +19,12 @@ Places on the way of a search whose runs stop before their end: the search turns
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, PgmpError, Remark, nearest_name, warning
+from pgmp_petsc.base.errors import InputError, PgmpError, Remark, gathered, nearest_name, warning
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 from pgmp_petsc.results.gradients import Vertex, vertex
 
@@ -315,15 +315,14 @@ class TurnedBack:
         self.count, self.first = self.count + 1, self.first or str(error)
 
     @property
-    def remarks(self) -> tuple[Remark, ...]:
+    @gathered
+    def remarks(self) -> Iterator[Remark]:
         """Remarks for the reader of a result."""
         if not self.count:
-            return ()
+            return
         often = "once" if self.count == 1 else f"{self.count} times"
-        return (
-            warning(
-                f"the search turned back {often} from where no run comes to its end, first {self.first}; what lies "
-                "beyond was not searched, and what was found may stand at its edge: begin there (--set), or let bounds "
-                "leave such places out"
-            ),
+        yield warning(
+            f"the search turned back {often} from where no run comes to its end, first {self.first}; what lies "
+            "beyond was not searched, and what was found may stand at its edge: begin there (--set), or let bounds "
+            "leave such places out"
         )

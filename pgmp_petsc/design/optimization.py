@@ -11,13 +11,13 @@ function of the design. Designs are found by sequential quadratic programming (S
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from warnings import catch_warnings, filterwarnings
 
 import numpy as np
 
-from pgmp_petsc.base.errors import Remark, note, warning
+from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
@@ -177,15 +177,14 @@ def _of_own_error(
     return of_figures(told)
 
 
-def _of_limits(question: Question, figures: DesignFigures, best: np.ndarray) -> list[Remark]:
+@gathered
+def _of_limits(question: Question, figures: DesignFigures, best: np.ndarray) -> Iterator[Remark]:
     """Return which parameters end at their limits."""
-    remarks = []
     for name, value, (low, high) in zip(question.names, best, figures.limits):
         near = AT_LIMIT * (high - low)
         if value <= low + near or value >= high - near:
             end = "lower" if value <= low + near else "upper"
-            remarks.append(note(f"{name} ends at the {end} limit, {value:.6g} of [{low:g}, {high:g}]"))
-    return remarks
+            yield note(f"{name} ends at the {end} limit, {value:.6g} of [{low:g}, {high:g}]")
 
 
 def _of_idle(question: Question, *designs: Sequence[Dual]) -> list[Remark]:
@@ -198,36 +197,33 @@ def _of_idle(question: Question, *designs: Sequence[Dual]) -> list[Remark]:
     ]
 
 
-def _of_robust(question: Question, figures: DesignFigures, ends: np.ndarray, confidence: float) -> list[Remark]:
+@gathered
+def _of_robust(question: Question, figures: DesignFigures, ends: np.ndarray, confidence: float) -> Iterator[Remark]:
     """Return what robust figures are of, and which constraints these samples do not show to be met.
 
     `ends` are the intervals of goal and constraints, (n_figures, 2).
     """
     if question.deviations is None:
-        return []
+        return
     open_ones = [
         f"'{constraint.text}' (missed by {interval_text(of)})"
         for constraint, of in zip(question.constraints, ends[1:])
         if of[1] > 0.0
     ]
-    unsure = []
     if open_ones:
         what = f"{figures.n_samples} samples leave open whether the design meets {', '.join(open_ones)}"
         cure = "take a larger --samples, or ask for more room"
-        unsure.append(note(f"{what}, {percent(confidence)} interval: {cure}"))
-    return [
-        *unsure,
+        yield note(f"{what}, {percent(confidence)} interval: {cure}")
+    yield note(
+        f"every figure is its mean and {question.deviations:g} deviations on the unfavourable side, over "
+        f"{figures.n_samples} samples (seed {question.seed}), the same of every design; parameters of the design "
+        "vary about it as their distributions do about their nominal values. Intervals are those of other samples "
+        "of this design; as it was chosen on its own samples, its goal is rather too good"
+    )
+    yield from (
         note(
-            f"every figure is its mean and {question.deviations:g} deviations on the unfavourable side, over "
-            f"{figures.n_samples} samples (seed {question.seed}), the same of every design; parameters of the design "
-            "vary about it as their distributions do about their nominal values. Intervals are those of other samples "
-            "of this design; as it was chosen on its own samples, its goal is rather too good"
-        ),
-        *(
-            note(
-                f"{name}: its samples vary {spread} about the design and stay between its limits, so that the design "
-                f"was searched in {room} alone{began}; wider bounds give it more room"
-            )
-            for name, (spread, room, began) in figures.narrowed.items()
-        ),
-    ]
+            f"{name}: its samples vary {spread} about the design and stay between its limits, so that the design "
+            f"was searched in {room} alone{began}; wider bounds give it more room"
+        )
+        for name, (spread, room, began) in figures.narrowed.items()
+    )

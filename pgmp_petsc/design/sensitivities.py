@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note
+from pgmp_petsc.base.errors import InputError, Remark, gathered, nearest_name, note
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
@@ -161,45 +161,39 @@ def step_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> l
     return [note(f"{step} is large for this run: it was integrated with 1/{run.steps_divided} of it")]
 
 
-def run_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> tuple[Remark, ...]:
+@gathered
+def run_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> Iterator[Remark]:
     """Return what is to be said of the derivatives of a run."""
-    remarks = [
-        note(
-            "derivatives are those of the reduced model with its time step; errors of the run are estimated by pgmp "
-            "simulate"
-        )
-    ]
-    remarks += step_remarks(model, run)
+    yield note(
+        "derivatives are those of the reduced model with its time step; errors of the run are estimated by pgmp "
+        "simulate"
+    )
+    yield from step_remarks(model, run)
     if isinstance(model, LengthLanes):
-        remarks.append(polynomials_of_lengths(model, False))
+        yield polynomials_of_lengths(model, False)
     stresses = model.members[0].outputs.stresses
     if stresses:
         names = ", ".join(stress.name for stress in stresses)
-        remarks.append(
-            note(
-                f"derivatives of stresses ({names}) follow from central differences along the exact derivatives of the "
-                "motion; where a largest value changes its place they have a corner"
-            )
+        yield note(
+            f"derivatives of stresses ({names}) follow from central differences along the exact derivatives of the "
+            "motion; where a largest value changes its place they have a corner"
         )
-    return (*remarks, *contact_remarks(run))
+    yield from contact_remarks(run)
 
 
-def contact_remarks(run: DifferentiatedRun) -> list[Remark]:
+@gathered
+def contact_remarks(run: DifferentiatedRun) -> Iterator[Remark]:
     """Return what is to be said of the end stops that a run meets and leaves."""
-    remarks = []
     for name in dict.fromkeys(contact.effect for contact in run.contacts):
         own = [contact for contact in run.contacts if contact.effect == name]
         nearest = min(own, key=lambda contact: contact.turning)
         times = "once" if len(own) == 1 else f"{len(own)} times"
-        remarks.append(
-            note(
-                f"effects.{name} is met or left {times}, first at {own[0].time:.5g} s: these instants move with the "
-                "parameters, and derivatives hold for changes that leave their number and order as they are; nearest "
-                f"to grazing is that at {nearest.time:.5g} s, where the path would turn back within "
-                f"{nearest.turning:.2g} s"
-            )
+        yield note(
+            f"effects.{name} is met or left {times}, first at {own[0].time:.5g} s: these instants move with the "
+            "parameters, and derivatives hold for changes that leave their number and order as they are; nearest "
+            f"to grazing is that at {nearest.time:.5g} s, where the path would turn back within "
+            f"{nearest.turning:.2g} s"
         )
-    return remarks
 
 
 def _without_effect(run: DifferentiatedRun, names: Sequence[str]) -> list[Remark]:

@@ -104,8 +104,8 @@ class ActionEffect(Effect):
 
     def turning_patterns(self) -> list[Action]:
         """Return the other actions."""
-        return [action for action in self._actions if not action.statement.fixed_in_bodies]
+        return [one for one in self._actions if not one.leads and not one.statement.fixed_in_bodies]
 
     def _fixed(self) -> list[Action]:
         """Return the actions whose forces keep their direction in body frames."""
-        return [action for action in self._actions if action.statement.fixed_in_bodies]
+        return [one for one in self._actions if not one.leads and one.statement.fixed_in_bodies]

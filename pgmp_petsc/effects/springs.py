@@ -28,7 +28,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.linalg import block_diag
 
-from pgmp_petsc.base.errors import Remark, note
+from pgmp_petsc.base.errors import Remark, gathered, note
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect, Effect
@@ -77,7 +77,8 @@ def left_out(actions: Sequence[Action]) -> dict[str, str]:
     }
 
 
-def spring_remarks(effects: Sequence[Effect], reduction: Reduction | None = None) -> tuple[Remark, ...]:
+@gathered
+def spring_remarks(effects: Sequence[Effect], reduction: Reduction | None = None) -> Iterator[Remark]:
     """Say which effects are in the stiffness of vibrations, and which are not, and why.
 
     With `reduction` it is said of the basis of a reduced model, whose runs have all effects. Nothing is said where no
@@ -86,15 +87,13 @@ def spring_remarks(effects: Sequence[Effect], reduction: Reduction | None = None
     actions = [action for effect in effects for action in effect.actions()]
     springs = ", ".join(dict.fromkeys(action.effect for action in linear_springs(actions)))
     what = "stiffness" if reduction is None else "basis"
-    remarks = []
     if springs and reduction is None:
-        remarks.append(note(f"linear springs in the stiffness: {springs}"))
+        yield note(f"linear springs in the stiffness: {springs}")
     elif springs and (reduction.spring_modes or reduction.static_modes):
-        remarks.append(note(f"linear springs whose static answers are in the basis, for any stiffness: {springs}"))
+        yield note(f"linear springs whose static answers are in the basis, for any stiffness: {springs}")
     elif springs:
-        remarks.append(note(f"reduction.spring_modes = false: the basis has no static answers to springs: {springs}"))
-    remarks += [note(f"effects.{name} is not in the {what}: {reason}") for name, reason in left_out(actions).items()]
-    return tuple(remarks)
+        yield note(f"reduction.spring_modes = false: the basis has no static answers to springs: {springs}")
+    yield from (note(f"effects.{name} is not in the {what}: {reason}") for name, reason in left_out(actions).items())
 
 
 def moving_dofs(action: Action) -> np.ndarray:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pgmp_petsc.base.errors import Remark, note, warning
+from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.ensemble import intervals, joined
 from pgmp_petsc.ensemble.checkpoint import Columns
 from pgmp_petsc.ensemble.plan import Plan
@@ -181,58 +181,46 @@ def _probability(true: Sequence[np.ndarray], known: Sequence[np.ndarray], confid
     return Corrected({"estimate": figure}, np.array([int(one.sum()) for one in known]), np.zeros(0), np.zeros(0))
 
 
-def joined_remarks(found: Joined, levels: Levels) -> tuple[Remark, ...]:
+@gathered
+def joined_remarks(found: Joined, levels: Levels) -> Iterator[Remark]:
     """Return what corrected figures rest on, and what is left out of them."""
-    best, counts, remarks = found.models[0], levels.counts, []
+    best, counts = found.models[0], levels.counts
     which = ", ".join(f"{n} of {name}" for name, n in zip(found.models, counts))
-    remarks.append(
-        note(
-            f"/corrected: figures of {best} from samples of several models on the same draws ({which}); their "
-            f"intervals carry the error of {' and '.join(found.models[1:])} against {best}. A cheaper model in which "
-            f"{best} is clearly curved counts through the parabola that fits. Quantiles, densities, bands and "
-            f"Sobol indices are of {found.models[-1]} alone"
-        )
+    yield note(
+        f"/corrected: figures of {best} from samples of several models on the same draws ({which}); their "
+        f"intervals carry the error of {' and '.join(found.models[1:])} against {best}. A cheaper model in which "
+        f"{best} is clearly curved counts through the parabola that fits. Quantiles, densities, bands and "
+        f"Sobol indices are of {found.models[-1]} alone"
     )
     if "/" not in best:
-        remarks.append(
-            note(
-                f"{best} has the steps of the ensemble, so that /corrected knows nothing of their error; "
-                f"--correct {best}/2=K has steps half as long"
-            )
+        yield note(
+            f"{best} has the steps of the ensemble, so that /corrected knows nothing of their error; "
+            f"--correct {best}/2=K has steps half as long"
         )
     if counts[0] < joined.FEWEST:
-        remarks.append(
-            warning(f"{counts[0]} samples of {best} are fine: too few for /corrected, which takes {joined.FEWEST}")
-        )
+        yield warning(f"{counts[0]} samples of {best} are fine: too few for /corrected, which takes {joined.FEWEST}")
     elif counts[0] < joined.FEWEST_OF_DEVIATION:
-        remarks.append(
-            note(
-                f"corrected deviations have no interval: it takes {joined.FEWEST_OF_DEVIATION} samples of {best}, and "
-                f"there are {counts[0]}"
-            )
+        yield note(
+            f"corrected deviations have no interval: it takes {joined.FEWEST_OF_DEVIATION} samples of {best}, and "
+            f"there are {counts[0]}"
         )
     if joined.FEWEST <= counts[0] < joined.FEWEST_OF_PARABOLA:
-        remarks.append(
-            note(
-                f"{counts[0]} samples of {best} show whether it is curved in the others only where it is that nearly "
-                f"alone; where it is curved and noisy, intervals of corrected means are short: take "
-                f"{joined.FEWEST_OF_PARABOLA} or more"
-            )
+        yield note(
+            f"{counts[0]} samples of {best} show whether it is curved in the others only where it is that nearly "
+            f"alone; where it is curved and noisy, intervals of corrected means are short: take "
+            f"{joined.FEWEST_OF_PARABOLA} or more"
         )
     if found.n_failed or levels.n_lost:
-        remarks.append(
-            warning(
-                f"{found.n_failed} samples of better models failed (/better/<model>/status); /corrected is without "
-                f"{levels.n_lost} draws that failed in one model and not in the ensemble's own, and may be biased; "
-                "intervals of probabilities count all failed ones both ways"
-            )
+        yield warning(
+            f"{found.n_failed} samples of better models failed (/better/<model>/status); /corrected is without "
+            f"{levels.n_lost} draws that failed in one model and not in the ensemble's own, and may be biased; "
+            "intervals of probabilities count all failed ones both ways"
         )
-    return tuple(remarks)
 
 
-def event_remarks(scene: Scene, levels: Levels) -> tuple[Remark, ...]:
+@gathered
+def event_remarks(scene: Scene, levels: Levels) -> Iterator[Remark]:
     """Return the events of which models disagree so seldom that intervals are of what few samples cannot show."""
-    remarks = []
     for label, (best, cheaper, *_) in _events(scene, levels).items():
         n = best.size
         count = int(np.sum(best != cheaper[:n]))
@@ -240,5 +228,4 @@ def event_remarks(scene: Scene, levels: Levels) -> tuple[Remark, ...]:
             more = f"; about {joined.FEW_DISAGREEMENTS * n // count} samples would show it" if count else ""
             which = f"{levels.names[0]} and {levels.names[1]} disagree in {count} of {n} samples"
             room = f"its interval leaves room for what {n} samples do not show, and holds more often than it says"
-            remarks.append(note(f"/corrected/{label}: {which}: {room}{more}"))
-    return tuple(remarks)
+            yield note(f"/corrected/{label}: {which}: {room}{more}")

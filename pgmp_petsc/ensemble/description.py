@@ -5,12 +5,12 @@ Where the samples of an ensemble come from, as far as their description needs it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pgmp_petsc.base.errors import Remark, note, warning
+from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.checkpoint import Kept
@@ -250,9 +250,10 @@ def _of_constant(names: Collection[str]) -> tuple[Remark, ...]:
     return (note(f"{', '.join(names)} {verb} over the samples by round-off alone; no deviation and no Sobol indices"),)
 
 
+@gathered
 def tail_remarks(
     values: Iterable[tuple[str, np.ndarray]], chosen: np.ndarray, replicates: np.ndarray | None = None
-) -> tuple[Remark, ...]:
+) -> Iterator[Remark]:
     """Return whose deviations rest on few values far out, of samples of every quantity, each (N,).
 
     Of 1,000 values that is so of no normal sample, 3 % of exponential ones, and 27 to 34 % where the interval of the
@@ -270,18 +271,17 @@ def tail_remarks(
         if is_long or intervals.freedom_of(known, known.size - 1) < FEW_OF_TAIL:
             names.append(name)
     if not names:
-        return ()
-    return (
-        warning(
-            f"the deviation of {', '.join(names)} rests on a few samples far from the others: its interval is wide for "
-            "that, and still short where the tail goes on beyond them; take more samples, or go by the quantiles"
-        ),
+        return
+    yield warning(
+        f"the deviation of {', '.join(names)} rests on a few samples far from the others: its interval is wide for "
+        "that, and still short where the tail goes on beyond them; take more samples, or go by the quantiles"
     )
 
 
+@gathered
 def over_time_remarks(
     counts: Mapping[str, int], over_time: Mapping[str, Collection[str]], n_fine: int
-) -> tuple[Remark, ...]:
+) -> Iterator[Remark]:
     """Return which figures over time are of a part of the samples that are fine.
 
     Parameters
@@ -291,54 +291,49 @@ def over_time_remarks(
     over_time
         Names of what is known, as in `Ensemble`: of ``extremes`` and of ``first_passages``.
     """
-    remarks = []
     for label in over_time["first_passages"]:
         if counts[label] < n_fine:
-            remarks.append(
-                note(
-                    f"first passages of {label} are described over the {counts[label]} of {n_fine} samples that have "
-                    "one; the others may have theirs after the end of the run"
-                )
+            yield note(
+                f"first passages of {label} are described over the {counts[label]} of {n_fine} samples that have "
+                "one; the others may have theirs after the end of the run"
             )
     for name in dict.fromkeys(key.rpartition("/")[0] for key in over_time["extremes"]):
         unknown = n_fine - counts[f"{name}.{DESCRIBED[0]}"]
         if unknown:
-            remarks.append(
-                note(
-                    f"extremes of {name} are not known of {unknown} of {n_fine} samples that are fine: for a while it "
-                    "was no number there"
-                )
+            yield note(
+                f"extremes of {name} are not known of {unknown} of {n_fine} samples that are fine: for a while it "
+                "was no number there"
             )
-    return tuple(remarks)
 
 
-def _partial_bands(bands: Mapping[str, Band], n_fine: int) -> tuple[Remark, ...]:
+@gathered
+def _partial_bands(bands: Mapping[str, Band], n_fine: int) -> Iterator[Remark]:
     """Return that bands are of some samples only, where they are."""
     count = max((band.count for band in bands.values()), default=n_fine)
     if count == n_fine:
-        return ()
-    return (
-        note(
-            f"bands over time are of the first {count} of the {n_fine} samples that are fine (/bands/<name>/count), "
-            "which are as good as any others: ensemble.band_samples says of how many values over time are kept"
-        ),
+        return
+    yield note(
+        f"bands over time are of the first {count} of the {n_fine} samples that are fine (/bands/<name>/count), "
+        "which are as good as any others: ensemble.band_samples says of how many values over time are kept"
     )
 
 
+@gathered
 def _estimate_remarks(
     origin: Origin, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray, peaks: Peaks
-) -> tuple[Remark, ...]:
+) -> Iterator[Remark]:
     """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are large or not
     known."""
-    scene, remarks = origin.scene, [*origin.said]
+    scene = origin.scene
+    yield from origin.said
     why = "the run with a coarser step, which they are taken from, failed; take a smaller simulation.step"
     n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
     if origin.model == "reduced":
-        remarks += remarks_of(scene, estimates["validity"])
+        yield from remarks_of(scene, estimates["validity"])
         why = f"pgmp simulate with their --set says why, sample by sample; {comparing(scene)}"
     if estimates["errors"]:
         sizes = {name: peaks.largest(name) for name in estimates["errors"]}
-        remarks += large_errors(estimates["errors"], sizes, origin.units, origin.model)
+        yield from large_errors(estimates["errors"], sizes, origin.units, origin.model)
     if estimates["errors"] and (origin.model == "reduced" or n_steps >= FEWEST_STEPS):
         chosen = np.zeros(status.size, dtype=bool)
         block = block_of(scene, origin.model)
@@ -346,13 +341,10 @@ def _estimate_remarks(
             chosen[first:last] = status[first:last] == Status.FINE
         unknown = int(np.sum(chosen & np.any([~np.isfinite(v) for v in estimates["errors"].values()], axis=0)))
         if unknown:
-            remarks.append(
-                note(
-                    f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked, of "
-                    f"one output or more: {why}"
-                )
+            yield note(
+                f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked, of "
+                f"one output or more: {why}"
             )
-    return tuple(remarks)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, Remark, note, warning
+from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, SampleFile, checked
 from pgmp_petsc.ensemble.sample_file import read_samples
 from pgmp_petsc.ensemble.sampling import Sampler
@@ -31,6 +31,7 @@ SIGNIFICANT = 0.01  # for all parameters and sides together
 NAMED = 3  # parameters, the clearest first
 
 
+@gathered
 def failure_remarks(
     status: np.ndarray,
     parameters: Mapping[str, np.ndarray],
@@ -38,7 +39,7 @@ def failure_remarks(
     model: str,
     hidden: float = 1.0,
     may_be_retried: bool = True,
-) -> tuple[Remark, ...]:
+) -> Iterator[Remark]:
     """Return what is to be said of failed samples; nothing where all are fine.
 
     Parameters
@@ -59,68 +60,58 @@ def failure_remarks(
     failed = status != Status.FINE
     n, n_failed = failed.size, int(failed.sum())
     if not n_failed:
-        return ()
-    remarks = []
+        return
     for code in np.unique(status[failed]):
         reason, count = Status(code), int(np.sum(status == code))
-        remarks.append(
-            warning(f"{count} of {n} samples failed (status {int(code)}): {reason.meaning}; cure: {reason.cure(model)}")
+        yield warning(
+            f"{count} of {n} samples failed (status {int(code)}): {reason.meaning}; cure: {reason.cure(model)}"
         )
     if n_failed == n:
-        return (*remarks, warning("no sample is fine, so the outputs have no statistics"))
+        yield warning("no sample is fine, so the outputs have no statistics")
+        return
     where = _where(failed, parameters, units)
     if n_failed > hidden * n:
         retry = "--retry-failed with this file tries them with smaller steps"
         cure = retry if may_be_retried else "that of the reason above"
-        remarks.append(
-            warning(
-                f"{n_failed} of {n} samples failed, more than ensemble.failed_share = {hidden:g} of them: outputs have "
-                f"no mean, deviation, density, probability, band or index, which would hide that"
-                f"{''.join(f'; {words}' for words in where)}. Their quantile_bounds hold, and "
-                f"intervals of probabilities. Cure: {cure}; "
-                "--override ensemble.failed_share=1.0 describes the others"
-            )
+        yield warning(
+            f"{n_failed} of {n} samples failed, more than ensemble.failed_share = {hidden:g} of them: outputs have "
+            f"no mean, deviation, density, probability, band or index, which would hide that"
+            f"{''.join(f'; {words}' for words in where)}. Their quantile_bounds hold, and "
+            f"intervals of probabilities. Cure: {cure}; "
+            "--override ensemble.failed_share=1.0 describes the others"
         )
-        return tuple(remarks)
+        return
     bias = (
         f"and are biased: {'; '.join(where)}"
         if where
         else ("and may be biased: no parameter alone tells failed samples from fine ones, which does not rule it out")
     )
-    remarks.append(
-        warning(
-            f"mean, deviation and density of the outputs are those of the {n - n_failed} samples that are fine {bias}; "
-            f"no bounds hold for them. Quantiles of all {n} samples lie between their quantile_bounds, "
-            f"whatever the failed ones would have been, and intervals of probabilities count these both ways. "
-            f"Parameters are described over all {n} samples"
-        )
+    yield warning(
+        f"mean, deviation and density of the outputs are those of the {n - n_failed} samples that are fine {bias}; "
+        f"no bounds hold for them. Quantiles of all {n} samples lie between their quantile_bounds, "
+        f"whatever the failed ones would have been, and intervals of probabilities count these both ways. "
+        f"Parameters are described over all {n} samples"
     )
-    return tuple(remarks)
 
 
-def step_remarks(status: np.ndarray, divisors: np.ndarray, step: float) -> tuple[Remark, ...]:
+@gathered
+def step_remarks(status: np.ndarray, divisors: np.ndarray, step: float) -> Iterator[Remark]:
     """Return which samples needed smaller steps (s), and that failed ones were tried with them; shapes (N,)."""
-    remarks = []
     saved = (status == Status.FINE) & (divisors > 1)
     if saved.any():
         counts = [f"{int(np.sum(saved & (divisors == d)))} with 1/{d} of it" for d in np.unique(divisors[saved])]
-        remarks.append(
-            note(
-                f"{int(saved.sum())} of {status.size} samples failed with simulation.step = {step:g} s and were "
-                f"integrated again with smaller ones: {', '.join(counts)} (/steps_divided); they are fine, but the "
-                "step is large for this ensemble"
-            )
+        yield note(
+            f"{int(saved.sum())} of {status.size} samples failed with simulation.step = {step:g} s and were "
+            f"integrated again with smaller ones: {', '.join(counts)} (/steps_divided); they are fine, but the "
+            "step is large for this ensemble"
         )
     given_up = (status != Status.FINE) & (divisors > 1)
     if given_up.any():
         smallest = int(divisors[given_up].max())
-        remarks.append(
-            note(
-                f"{int(given_up.sum())} of the samples that failed were tried with steps down to 1/{smallest} of "
-                f"simulation.step = {step:g} s before they were given up (/steps_divided)"
-            )
+        yield note(
+            f"{int(given_up.sum())} of the samples that failed were tried with steps down to 1/{smallest} of "
+            f"simulation.step = {step:g} s before they were given up (/steps_divided)"
         )
-    return tuple(remarks)
 
 
 def _where(failed: np.ndarray, parameters: Mapping[str, np.ndarray], units: Mapping[str, str]) -> list[str]:

@@ -7,13 +7,13 @@ decides what comes next: so all decide the same, and any number of ranks finds t
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 
 import numpy as np
 from scipy.special import ndtr
 
-from pgmp_petsc.base.errors import InputError, PgmpError, Remark, nearest_name, note, shortened, warning
+from pgmp_petsc.base.errors import InputError, PgmpError, Remark, gathered, nearest_name, note, shortened, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
@@ -309,60 +309,48 @@ def with_failed(found: RareSamples, confidence: float) -> np.ndarray:
     return intervals.with_failed(ends, rounds, n_failed, plain.size, confidence, n_in)
 
 
-def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool, confidence: float = 0.95) -> list[Remark]:
+@gathered
+def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool, confidence: float = 0.95) -> Iterator[Remark]:
     """Return what the reader of a probability has to know."""
-    remarks, n_failed = [], int(np.count_nonzero(status))
+    n_failed = int(np.count_nonzero(status))
     if not found.reached:
-        remarks.append(warning(_not_reached(found, confidence)))
+        yield warning(_not_reached(found, confidence))
     elif found.is_plain:
         n_in = int(np.count_nonzero(found.contributions))
-        remarks.append(
-            warning(
-                f"the output is the same in most samples, so nothing led to the event: {n_in} of {found.weights.size} "
-                "plain random samples are in it, and the interval is theirs; take a larger -n"
-            )
+        yield warning(
+            f"the output is the same in most samples, so nothing led to the event: {n_in} of {found.weights.size} "
+            "plain random samples are in it, and the interval is theirs; take a larger -n"
         )
     else:
-        remarks.append(
-            note(
-                f"the interval is of {found.weights.size} weighted samples in {len(found.rounds)} rounds (central "
-                "limit theorem of the logarithm); a part of the event apart from all that was found is not in it: "
-                "another --seed looks again"
-            )
+        yield note(
+            f"the interval is of {found.weights.size} weighted samples in {len(found.rounds)} rounds (central "
+            "limit theorem of the logarithm); a part of the event apart from all that was found is not in it: "
+            "another --seed looks again"
         )
         if not found.n_effective >= FEW:
             few = f"{found.n_effective:.3g} equally weighted ones"
-            remarks.append(
-                warning(f"the weighted samples are worth {few} only: the interval may be too short; take a larger -n")
-            )
+            yield warning(f"the weighted samples are worth {few} only: the interval may be too short; take a larger -n")
         if found.may_have_lost_parts:
-            remarks.append(
-                warning(
-                    "the event has parts that lie apart, and no design points, by which further ones would be found: "
-                    "the probability may be too small by whole parts, and the interval goes on to the upper end of "
-                    "what the levels alone say; compare other seeds, or take a larger -n"
-                )
+            yield warning(
+                "the event has parts that lie apart, and no design points, by which further ones would be found: "
+                "the probability may be too small by whole parts, and the interval goes on to the upper end of "
+                "what the levels alone say; compare other seeds, or take a larger -n"
             )
         is_guess = any(level.is_afar for level in found.levels)
         if not is_guess and not 1.0 / APART < found.by_levels / found.probability < APART:
-            remarks.append(
-                warning(
-                    f"the levels alone say {found.by_levels:.3g}, far from the weighted {found.probability:.3g}: parts "
-                    "of the event may be missing; take a larger -n or another --seed"
-                )
+            yield warning(
+                f"the levels alone say {found.by_levels:.3g}, far from the weighted {found.probability:.3g}: parts "
+                "of the event may be missing; take a larger -n or another --seed"
             )
     if n_failed:
         most = f"; with all of them in the event the probability would be {found.at_most:.4g}" if found.reached else ""
         both = "count as not in the event, and in the upper end of the interval as in it"
-        remarks.append(warning(f"{n_failed} of {status.size} samples failed and {both}{most}"))
+        yield warning(f"{n_failed} of {status.size} samples failed and {both}{most}")
     if not whole:
-        remarks.append(
-            note(
-                "errors of the model and of the time step were not estimated at these samples, and the interval does "
-                "not know of them"
-            )
+        yield note(
+            "errors of the model and of the time step were not estimated at these samples, and the interval does "
+            "not know of them"
         )
-    return remarks
 
 
 def _not_reached(found: RareSamples, confidence: float) -> str:

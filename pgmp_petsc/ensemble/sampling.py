@@ -44,13 +44,13 @@ bisection inverts.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, Remark, note, warning
+from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.scene import Scene
@@ -416,78 +416,70 @@ def draw(scene: Scene, seed: int, first: int, last: int) -> dict[str, np.ndarray
     return Sampler(scene, Plan(last, seed)).draw(first, last)
 
 
-def sampler_remarks(scene: Scene, plan: Plan) -> tuple[Remark, ...]:
+@gathered
+def sampler_remarks(scene: Scene, plan: Plan) -> Iterator[Remark]:
     """Return what is to be said of where samples come from, and of what their intervals rest on."""
-    asked, n, remarks = scene.ensemble, plan.n_samples, []
+    asked, n = scene.ensemble, plan.n_samples
     if plan.file is not None:
         what = "intervals take them for independent samples of one distribution, which nothing here can check"
         unused = "; distributions and [correlation] of the scene have no part in them"
-        return (*plan.file.remarks, note(f"samples are those of '{plan.file.path}': {what}{unused}"))
+        yield from plan.file.remarks
+        yield note(f"samples are those of '{plan.file.path}': {what}{unused}")
+        return
     if asked.sampler == "latin_hypercube":
-        remarks.append(
-            note(
-                "intervals take the samples of a Latin hypercube for independent ones: that of the mean is too wide, "
-                "the more so the nearer outputs are to sums of functions of one parameter each; the sampler sobol has "
-                "intervals of the size of its errors. A longer run has other samples"
-            )
+        yield note(
+            "intervals take the samples of a Latin hypercube for independent ones: that of the mean is too wide, "
+            "the more so the nearer outputs are to sums of functions of one parameter each; the sampler sobol has "
+            "intervals of the size of its errors. A longer run has other samples"
         )
     if asked.sampler == "saltelli":
-        remarks.append(
-            note(
-                "statistics, probabilities and bands are of the base points A and B of the sampler saltelli, whose "
-                "other samples repeat their values"
-            )
+        yield note(
+            "statistics, probabilities and bands are of the base points A and B of the sampler saltelli, whose "
+            "other samples repeat their values"
         )
-        remarks += _of_replicates(n, asked.replicates, len(uncertain_names(scene)) + 2)
+        yield from _of_replicates(n, asked.replicates, len(uncertain_names(scene)) + 2)
     if asked.sampler == "sobol":
-        remarks += _of_replicates(n, asked.replicates, 1)
-    return (*remarks, *draw_remarks(scene))
+        yield from _of_replicates(n, asked.replicates, 1)
+    yield from draw_remarks(scene)
 
 
-def _of_replicates(n: int, n_replicates: int, size: int) -> list[Remark]:
+@gathered
+def _of_replicates(n: int, n_replicates: int, size: int) -> Iterator[Remark]:
     """Return what is to be said of the number of samples of scrambled sequences, of each point of which `size` are."""
-    remarks = [
-        note(
-            f"intervals follow from the spread between {n_replicates} scrambled Sobol sequences; of probabilities that "
-            "came true in a few samples they are wider than those of independent ones"
-        )
-    ]
+    yield note(
+        f"intervals follow from the spread between {n_replicates} scrambled Sobol sequences; of probabilities that "
+        "came true in a few samples they are wider than those of independent ones"
+    )
     each = n // (n_replicates * size)
     if each < FEW_POINTS:
         points = f"{each} blocks" if size > 1 else f"{each}"
         few = f"{n} samples are {points} to each of {n_replicates} scrambled Sobol sequences, which fill space from"
-        remarks.append(warning(f"{few} some dozen points on; draw more, or take fewer ensemble.replicates"))
+        yield warning(f"{few} some dozen points on; draw more, or take fewer ensemble.replicates")
     elif n % (n_replicates * size) or each & (each - 1):
         low = n_replicates * size * 2 ** int(np.log2(each))
         balanced = f"{low} or {2 * low}" if low < n else f"{low}"
-        remarks.append(
-            note(f"Sobol sequences are balanced at powers of two: {balanced} samples are better used than {n}")
-        )
-    return remarks
+        yield note(f"Sobol sequences are balanced at powers of two: {balanced} samples are better used than {n}")
 
 
-def draw_remarks(scene: Scene) -> tuple[Remark, ...]:
+@gathered
+def draw_remarks(scene: Scene) -> Iterator[Remark]:
     """Return what is to be said of the distributions that samples come from."""
-    remarks, variables = [], variables_of(scene)  # of which fields say where they are cut off
+    variables = variables_of(scene)  # of which fields say where they are cut off
     for name, parameter in scene.parameters.items():
         if parameter.distribution is None:
             continue
         if parameter.value is not None:
-            remarks.append(
-                note(
-                    f"parameters.{name}.value = {parameter.value:g} is that of single runs and has no part in an "
-                    "ensemble, which draws from the distribution"
-                )
+            yield note(
+                f"parameters.{name}.value = {parameter.value:g} is that of single runs and has no part in an "
+                "ensemble, which draws from the distribution"
             )
         with np.errstate(all="ignore"):  # scipy divides by zero where there is no variance
             varies_finitely = parameter.bounds is not None or np.isfinite(parameter.deviation)
         if not varies_finitely:
-            remarks.append(
-                warning(
-                    f"parameters.{name}: its distribution, {parameter.distribution.name}, has no finite variance, so "
-                    "that deviations, and means with them, need not settle with more samples, nor do their intervals "
-                    "hold; give bounds, or go by the quantiles"
-                )
+            yield warning(
+                f"parameters.{name}: its distribution, {parameter.distribution.name}, has no finite variance, so "
+                "that deviations, and means with them, need not settle with more samples, nor do their intervals "
+                "hold; give bounds, or go by the quantiles"
             )
         below, above = parameter.cut_off
         if below + above > 0.0 and name not in variables:
@@ -498,10 +490,9 @@ def draw_remarks(scene: Scene) -> tuple[Remark, ...]:
             )
             if below + above > MUCH_CUT_OFF:
                 text += "; so much is missing that bounds and distribution may not mean the same quantity: check both"
-                remarks.append(warning(text))
+                yield warning(text)
             else:
-                remarks.append(note(text))
-    return tuple(remarks)
+                yield note(text)
 
 
 def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -16,11 +16,11 @@ Var(y)`` (Saltelli et al., Computer Physics Communications 181 (2010) 259-270). 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
-from pgmp_petsc.base.errors import Remark, note, warning
+from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.statistics import is_constant
 from pgmp_petsc.results.statistics import Sensitivity
@@ -167,23 +167,21 @@ def sensitivity_remarks(
     return (note(f"{text}; total ones, which know of parameters that act together, take the sampler saltelli"),)
 
 
-def _of_blocks(fine: np.ndarray, n_replicates: int) -> tuple[Remark, ...]:
+@gathered
+def _of_blocks(fine: np.ndarray, n_replicates: int) -> Iterator[Remark]:
     """Return what is to be said of blocks with these fine samples, (n_blocks, d + 2)."""
-    known, size, remarks = fine.all(axis=1), fine.shape[1], []
+    known, size = fine.all(axis=1), fine.shape[1]
     if not known.all():
-        remarks.append(
-            warning(
-                f"Sobol indices are of the {known.sum()} of {known.size} blocks without a failed sample, and are "
-                "biased where samples do not fail at random"
-            )
+        yield warning(
+            f"Sobol indices are of the {known.sum()} of {known.size} blocks without a failed sample, and are "
+            "biased where samples do not fail at random"
         )
     least = min(int(known[k::n_replicates].sum()) for k in range(n_replicates))
     if least < FEWEST_OF_REPLICATE:
         few = f"{known.sum()} blocks of samples are too few for Sobol indices, which take {FEWEST_OF_REPLICATE}"
         what = f"{few} of each of {n_replicates} Sobol sequences (ensemble.replicates)"
-        remarks.append(note(f"{what}; give at least -n {FEWEST_OF_REPLICATE * n_replicates * size}"))
+        yield note(f"{what}; give at least -n {FEWEST_OF_REPLICATE * n_replicates * size}")
     elif least < FEW_OF_REPLICATE:
         few = f"intervals of Sobol indices follow from {n_replicates} Sobol sequences of {least} blocks"
         enough = f"from -n {FEW_OF_REPLICATE * n_replicates * size} on they hold as often as they say"
-        remarks.append(note(f"{few} each, and may be short of such few; {enough}"))
-    return tuple(remarks)
+        yield note(f"{few} each, and may be short of such few; {enough}")

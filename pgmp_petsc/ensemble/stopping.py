@@ -47,7 +47,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, warning
+from pgmp_petsc.base.errors import InputError, Remark, gathered, nearest_name, note, warning
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
@@ -375,34 +375,27 @@ def stopping_of(stop: Stop, history: list[Seen], plan: Plan, units: dict[str, st
     )
 
 
-def stopping_remarks(stopping: Stopping, confidence: float) -> tuple[Remark, ...]:
+@gathered
+def stopping_remarks(stopping: Stopping, confidence: float) -> Iterator[Remark]:
     """Return what is to be said of intervals after looks, of rules that are not met, and of times that decided."""
-    remarks = []
     for text, met, reached, relative in zip(stopping.rules, stopping.met, stopping.reached[:, -1], stopping.relative):
         if not met:
             shown = f"+- {100 * reached:.3g} % was reached" if relative else f"+- {reached:.3g} was reached"
             shown = shown if np.isfinite(reached) else "its figure is not known yet from so few samples"
-            remarks.append(
-                warning(
-                    f'--until "{text}" is not met: {stopping.why}, and {shown}; --resume with '
-                    "a larger -n or --budget goes on"
-                )
+            yield warning(
+                f'--until "{text}" is not met: {stopping.why}, and {shown}; --resume with '
+                "a larger -n or --budget goes on"
             )
     if stopping.rules:
         times = "once" if len(stopping.samples) == 1 else f"{len(stopping.samples)} times"
-        remarks.append(
-            note(
-                f"samples were looked at {times}; each interval is taken at the level "
-                f"{100 * level_of_each(confidence):.2f} %, so that at the stop it holds with {100 * confidence:g} % "
-                "although one looked (whichever of two neighbouring looks it is, docs/uncertainty.md)"
-            )
+        yield note(
+            f"samples were looked at {times}; each interval is taken at the level "
+            f"{100 * level_of_each(confidence):.2f} %, so that at the stop it holds with {100 * confidence:g} % "
+            "although one looked (whichever of two neighbouring looks it is, docs/uncertainty.md)"
         )
     if stopping.budget is not None:
-        remarks.append(
-            note(
-                f"--budget {stopping.budget:g}s: the number of samples follows from measured times, and another run "
-                "may have another; the samples themselves are the same. Where slow samples are others than quick ones, "
-                "no bias comes of it: samples are taken in their order"
-            )
+        yield note(
+            f"--budget {stopping.budget:g}s: the number of samples follows from measured times, and another run "
+            "may have another; the samples themselves are the same. Where slow samples are others than quick ones, "
+            "no bias comes of it: samples are taken in their order"
         )
-    return tuple(remarks)

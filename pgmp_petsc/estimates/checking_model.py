@@ -44,8 +44,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, ReducedModel
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.stepping.alpha_step import StepsAsked, StepsTaken
-from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State
+from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State, StepsAsked, StepsTaken
 
 
 class CheckingModel:

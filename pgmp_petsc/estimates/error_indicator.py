@@ -44,8 +44,8 @@ from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 from pgmp_petsc.models.model import floors_of
 from pgmp_petsc.stepping.drivers import ERROR_PREFIX
-from pgmp_petsc.stepping.generalised_alpha import Observer, count_steps, integrate
-from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.generalised_alpha import count_steps, integrate
+from pgmp_petsc.stepping.second_order_system import Observer, State
 from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:
@@ -254,7 +254,12 @@ class WatchedRun(Observer):
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
         full = checking.scheduled(self._batch_of(chosen, values), schedule, indicator.step / FINER)
         motion = ReferenceMotion(
-            checking.unknowns_of, full.n_dofs, states, r, indicator.simulation.duration, checking.rotations,
+            checking.unknowns_of,
+            full.n_dofs,
+            states,
+            r,
+            indicator.simulation.duration,
+            checking.rotations,
             indicator.model.terms.scale[:r],
         )
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.base.errors import Remark, note, warning
+from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.bodies.shape import lacks_foreshortening
 from pgmp_petsc.estimates.coarser_run import FEWEST_STEPS, MOST, CoarserRun, StepErrors
 from pgmp_petsc.estimates.error_indicator import indicator_of
@@ -64,33 +64,30 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False, of_step: bool = F
     return (note(f"{what} were not estimated: {switch} switches the estimate off; {cure}"),)
 
 
-def few_steps(n_steps: int) -> tuple[Remark, ...]:
+@gathered
+def few_steps(n_steps: int) -> Iterator[Remark]:
     """Return that estimates of a run of so few steps are unsure, and the cure; nothing where the steps are enough."""
-    if n_steps >= FEW_STEPS:
-        return ()
-    return (
-        note(
+    if n_steps < FEW_STEPS:
+        yield note(
             "estimated errors are unsure, and may be many times too small or too large: the run has "
             f"{n_steps} steps, estimates want {FEW_STEPS} or more; take a smaller simulation.step"
-        ),
-    )
+        )
 
 
-def too_few_steps(n_steps: int) -> tuple[Remark, ...]:
+@gathered
+def too_few_steps(n_steps: int) -> Iterator[Remark]:
     """Return that a full-order or component run has too few steps for an estimate; nothing where they are enough."""
-    if n_steps >= FEWEST_STEPS:
-        return ()
-    return (
-        warning(
+    if n_steps < FEWEST_STEPS:
+        yield warning(
             f"errors of the time step were not estimated: the run has {n_steps} steps, the estimate needs "
             f"{FEWEST_STEPS} or more; take a smaller simulation.step"
-        ),
-    )
+        )
 
 
+@gathered
 def large_errors(
     errors: Mapping[str, np.ndarray], sizes: Mapping[str, np.ndarray], units: Mapping[str, str], model: str = "reduced"
-) -> tuple[Remark, ...]:
+) -> Iterator[Remark]:
     """Return a warning of outputs whose estimated errors are large, in any of some runs.
 
     Parameters
@@ -114,19 +111,18 @@ def large_errors(
             many = f" at most, beyond {share_text(LARGE)} in {n_large} of {runs.size}"
             found.append(f"{name} {text}{many if values.size > 1 else ''}")
     if not found:
-        return ()
+        return
     of = " of the samples that are checked" if any(values.size > 1 for values in errors.values()) else ""
-    return (
-        warning(
-            f"large estimated errors{OF_MODEL[model]}{of}, as shares of the largest values over the run: "
-            f"{', '.join(found)}; {SMALLER_ERRORS[model]}"
-        ),
+    yield warning(
+        f"large estimated errors{OF_MODEL[model]}{of}, as shares of the largest values over the run: "
+        f"{', '.join(found)}; {SMALLER_ERRORS[model]}"
     )
 
 
+@gathered
 def step_remarks(
     model: FullModel, time: np.ndarray, outputs: Mapping[str, np.ndarray], other: CoarserRun, errors: StepErrors | None
-) -> list[Remark]:
+) -> Iterator[Remark]:
     """Return what is to be said of the estimated errors of a run's time step.
 
     Parameters
@@ -141,39 +137,27 @@ def step_remarks(
     if other.status[0] != Status.FINE:
         why = f"stopped at {other.failure_time[0]:.4g} s ({Status(other.status[0]).meaning})"
     if errors is None:
-        if too_few_steps(time.size - 1):
-            return list(too_few_steps(time.size - 1))
-        return [
-            warning(
-                f"errors of the time step were not estimated: {with_step} {why}; compare with half the step "
-                f"(--override simulation.step={0.5 * model.scene.simulation.step:.3g})"
-            )
-        ]
-    remarks = []
+        half = f"compare with half the step (--override simulation.step={0.5 * model.scene.simulation.step:.3g})"
+        unknown = warning(f"errors of the time step were not estimated: {with_step} {why}; {half}")
+        yield from too_few_steps(time.size - 1) or (unknown,)
+        return
     if errors.time[-1] < time[-1] * (1.0 - 1e-9):
-        remarks.append(
-            warning(
-                f"errors of the time step were estimated up to {errors.time[-1]:.4g} s of {time[-1]:.4g} s: "
-                f"{with_step} {why}; later ones may be larger, take a smaller simulation.step"
-            )
+        yield warning(
+            f"errors of the time step were estimated up to {errors.time[-1]:.4g} s of {time[-1]:.4g} s: "
+            f"{with_step} {why}; later ones may be larger, take a smaller simulation.step"
         )
     if np.isfinite(errors.lost_hz):
-        remarks.append(
-            warning(
-                f"the time step of {time[1] - time[0]:.3g} s does not follow a vibration at about {errors.lost_hz:.3g} "
-                "Hz over the run: its phase is lost; take a smaller simulation.step, or damp it"
-            )
+        yield warning(
+            f"the time step of {time[1] - time[0]:.3g} s does not follow a vibration at about {errors.lost_hz:.3g} "
+            "Hz over the run: its phase is lost; take a smaller simulation.step, or damp it"
         )
     if errors.unsure:
         large = (np.abs(found).max() > SMALL * np.abs(outputs[name]).max() for name, found in errors.outputs.items())
         say = warning if any(large) else note
-        remarks.append(
-            say(
-                "estimated errors of the time step are unsure, and may be several times too small or too large: "
-                f"{errors.unsure}; compare with a smaller simulation.step"
-            )
+        yield say(
+            "estimated errors of the time step are unsure, and may be several times too small or too large: "
+            f"{errors.unsure}; compare with a smaller simulation.step"
         )
-    return remarks
 
 
 def not_estimated(errors: EstimatedErrors, scene: Scene) -> list[Remark]:
@@ -199,7 +183,8 @@ def polynomials_of_lengths(model: LengthLanes, estimated: bool) -> Remark:
     )
 
 
-def left_out_of_estimates(model: ReducedModel | LengthLanes) -> tuple[Remark, ...]:
+@gathered
+def left_out_of_estimates(model: ReducedModel | LengthLanes) -> Iterator[Remark]:
     """Return which condensed bodies are checked without what is of second order in their deformation, and the cure."""
     scene, found = model.scene, []
     for name, shape in model.meshes.items():
@@ -212,36 +197,32 @@ def left_out_of_estimates(model: ReducedModel | LengthLanes) -> tuple[Remark, ..
             why = "its matrices do not tell it"
         found.append(f"bodies.{name} ({why})")
     if not found or not is_estimated(scene):
-        return ()
-    return (
-        note(
-            f"estimated errors leave out what is of second order in the deformation of {', '.join(found)}; where it "
-            f"bends much, {comparing(scene)}"
-        ),
+        return
+    yield note(
+        f"estimated errors leave out what is of second order in the deformation of {', '.join(found)}; where it "
+        f"bends much, {comparing(scene)}"
     )
 
 
-def truncated_stresses(scene: Scene) -> tuple[Remark, ...]:
+@gathered
+def truncated_stresses(scene: Scene) -> Iterator[Remark]:
     """Return what a reduced basis leaves out of stresses, where outputs ask for these; nothing where it has it all."""
     keys = [key for key in ("static_modes", "inertia_modes") if not getattr(scene.reduction, key)]
     names = [f"outputs.{name}" for name, output in scene.outputs.items() if output.reads == "stresses"]
     if not (keys and names):
-        return ()
+        return
     missing = {"static_modes": "loads", "inertia_modes": "inertia forces"}
-    return (
-        note(
-            f"{', '.join(names)}: stresses of {scene.reduction.modes} modes lack the static answers to "
-            f"{' and '.join(missing[key] for key in keys)} beyond these; build with "
-            f"{' and '.join(f'reduction.{key} = true' for key in keys)}"
-        ),
+    yield note(
+        f"{', '.join(names)}: stresses of {scene.reduction.modes} modes lack the static answers to "
+        f"{' and '.join(missing[key] for key in keys)} beyond these; build with "
+        f"{' and '.join(f'reduction.{key} = true' for key in keys)}"
     )
 
 
 def why_not_of_full_order(model: FullModel | SeparateLengths) -> tuple[Remark, ...]:
     """Return which errors of full-order and component runs are not estimated, and what measures them."""
-    scene = model.scene
-    if isinstance(model, SeparateLengths):
-        return (note("errors of the mesh were not estimated: each sample has a mesh of its own lengths"),)
+    scene, is_separate = model.scene, isinstance(model, SeparateLengths)
+    model = model.model if is_separate else model
     if isinstance(model, ComponentModel):
         counts = ", ".join(f"{n} of {name}" for name, n in model.n_amplitudes.items())
         return (
@@ -252,6 +233,8 @@ def why_not_of_full_order(model: FullModel | SeparateLengths) -> tuple[Remark, .
             note(_left_out(scene)),
             *_condensed_alone(model),
         )
+    if is_separate:
+        return (note("errors of the mesh were not estimated: each sample has a mechanism of its own"),)
     cure = "pgmp tradeoff measures them"
     if len(scene.coordinates) > MOST_COORDINATES or any(
         body.kind not in ("beam2d", "rigid") for body in scene.bodies.values()
@@ -274,18 +257,17 @@ def _left_out(scene: Scene) -> str:
     )
 
 
-def _condensed_alone(model: ComponentModel) -> tuple[Remark, ...]:
+@gathered
+def _condensed_alone(model: ComponentModel) -> Iterator[Remark]:
     """Return that ranks did not share bodies, where there were several ranks."""
     n_bodies = len(model.n_amplitudes)
     if model.n_ranks == 1:
-        return ()
+        return
     idle = max(0, model.n_ranks - n_bodies)
     waited = f", and {idle} of {model.n_ranks} ranks had none" if idle else ""
-    return (
-        note(
-            f"each of the {n_bodies} flexible bodies was condensed by one rank in its own memory{waited}; bodies too "
-            "large for that need pgmp build, which shares each of them"
-        ),
+    yield note(
+        f"each of the {n_bodies} flexible bodies was condensed by one rank in its own memory{waited}; bodies too "
+        "large for that need pgmp build, which shares each of them"
     )
 
 
@@ -328,6 +310,7 @@ def not_known(scene: Scene, what: str) -> Remark:
     return note(f"what errors of the reduced model do to {what} is not known: {why}")
 
 
+@gathered
 def of_statistics(
     quantities: Iterable[tuple[str, np.ndarray]],
     errors: Mapping[str, np.ndarray],
@@ -335,7 +318,7 @@ def of_statistics(
     units: Mapping[str, str],
     described: tuple[str, str],
     model: str = "reduced",
-) -> tuple[Remark, ...]:
+) -> Iterator[Remark]:
     """Return a warning of statistics to which errors are comparable; nothing where none is.
 
     Parameters
@@ -359,17 +342,13 @@ def of_statistics(
         if name in errors:
             n_checked = max(n_checked, int(np.sum(fine & np.isfinite(errors[name]) & np.isfinite(values))))
             told += _of_quantity(name, values, errors[name], fine, units.get(name, "1"), described)
-    said = []
     if told:
-        said.append(warning(f"{whose}'s own error is a good part of {'; '.join(told)}; {cure}"))
+        yield warning(f"{whose}'s own error is a good part of {'; '.join(told)}; {cure}")
     if 0 < n_checked < FEWEST:
-        said.append(
-            note(
-                f"what errors of {whose} do to deviations and quantiles is not known: it takes {FEWEST} checked "
-                f"samples, and {n_checked} {'is' if n_checked == 1 else 'are'} here; ensemble.checked_share checks more"
-            )
+        yield note(
+            f"what errors of {whose} do to deviations and quantiles is not known: it takes {FEWEST} checked "
+            f"samples, and {n_checked} {'is' if n_checked == 1 else 'are'} here; ensemble.checked_share checks more"
         )
-    return tuple(said)
 
 
 def _of_quantity(

@@ -21,12 +21,12 @@ it is known where the model has terms of second order.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import reduce
 
 import numpy as np
 
-from pgmp_petsc.base.errors import Remark, note, warning
+from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.beam3d import rest_strains, strains_of
 from pgmp_petsc.bodies.body import Body
@@ -41,8 +41,8 @@ from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.results.estimates import VALIDITY, beyond_limit, limits_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.stepping.generalised_alpha import Observer, count_steps
-from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.generalised_alpha import count_steps
+from pgmp_petsc.stepping.second_order_system import Observer, State
 
 # A motion that the steps resolve has ten and more a period: every second one misses its peak by 5 % at most.
 EVERY = 2
@@ -245,7 +245,8 @@ def half_height(scene: Scene, body: str, values: Mapping[str, np.ndarray | float
     return along_2 if scene.dimension == 2 or section.round else np.hypot(along_2, along_3)
 
 
-def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tuple[Remark, ...]:
+@gathered
+def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> Iterator[Remark]:
     """Return warnings of what is beyond its limit in a run or in some samples, and notes on what is not known.
 
     Parameters
@@ -253,37 +254,30 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tupl
     validity
         By the names of `VALIDITY`, each a number or of shape (n,).
     """
-    remarks = []
     for name, text in _beyond(scene).items():
         values = np.atleast_1d(validity[name])
         too_far = beyond_limit(name, values, scene.second_order)
         if too_far.any():
             whose = "" if values.size == 1 else f"{int(too_far.sum())} of {values.size} samples: "
             worst = values[too_far][np.argmax(np.abs(values[too_far]))]
-            remarks.append(warning(whose + text.format(f"{worst:.2g}")))
+            yield warning(whose + text.format(f"{worst:.2g}"))
     continuum = [name for name, body in scene.bodies.items() if body.continuum and body.flexible]
     given = [name for name in continuum if scene.bodies[name].matrices is not None]
     meshed = [name for name in continuum if name not in given]
     if meshed:
-        remarks.append(
-            note(
-                f"strain is not computed of continuum bodies ({', '.join(meshed)}): a stress output has the "
-                "stresses of a body; rotations are those of their frames only"
-            )
+        yield note(
+            f"strain is not computed of continuum bodies ({', '.join(meshed)}): a stress output has the "
+            "stresses of a body; rotations are those of their frames only"
         )
     if given:
-        remarks.append(
-            note(
-                f"strain and change of stiffness are not computed: matrices ({', '.join(given)}) do not tell them, and "
-                f"rotations are those of their frames only; {comparing(scene)}"
-            )
+        yield note(
+            f"strain and change of stiffness are not computed: matrices ({', '.join(given)}) do not tell them, and "
+            f"rotations are those of their frames only; {comparing(scene)}"
         )
     elif meshed and np.isnan(validity["stiffness_gained"]).all():
-        remarks.append(
-            note(
-                f"change of stiffness is not computed with continuum bodies ({', '.join(meshed)}) in a model "
-                "without terms of second order; take pgmp check --effects, or geometric_stiffening in the build"
-            )
+        yield note(
+            f"change of stiffness is not computed with continuum bodies ({', '.join(meshed)}) in a model "
+            "without terms of second order; take pgmp check --effects, or geometric_stiffening in the build"
         )
     by_coefficients = [
         name
@@ -291,13 +285,10 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tupl
         if body.flexible and body.section is not None and body.section.reach is None
     ]
     if by_coefficients:
-        remarks.append(
-            note(
-                f"strain of {', '.join(by_coefficients)}: sections given by coefficients have no height; that of a "
-                "circle with the same EI/EA is taken"
-            )
+        yield note(
+            f"strain of {', '.join(by_coefficients)}: sections given by coefficients have no height; that of a "
+            "circle with the same EI/EA is taken"
         )
-    return tuple(remarks)
 
 
 def _beyond(scene: Scene) -> dict[str, str]:

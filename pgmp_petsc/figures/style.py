@@ -226,6 +226,12 @@ def distinct_colours(n: int) -> list[str]:
     return [to_hex(colour) for colour in matplotlib.colormaps["viridis"](np.linspace(0.0, 0.92, n))]
 
 
+def round_below(value: float) -> float:
+    """Return the largest of 1, 2 and 5 times a power of ten that is no more than a positive number."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= value * (1.0 + 1e-9)))
+
+
 def span(axes: Axes, low: float, high: float) -> None:
     """Let a horizontal axis reach from one value to another; a single value leaves it as it is."""
     if high > low:

@@ -33,7 +33,7 @@ from pathlib import Path
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.files.seal import MAGIC, BrokenSeal, seal_of
+from pgmp_petsc.files.seal import MAGIC, SIGNATURE, BrokenSeal, seal_of
 from pgmp_petsc.ranks.agreement import on_root
 
 PATIENCE = 5.0  # s; the ranks of a job that was just killed need a moment to end
@@ -186,7 +186,7 @@ _ENDINGS = frozenset(
     .toml .tsv .txt .unv .vtk .vtu .webm .xdmf .xlsx .xmf .xml .yaml .yml .zip""".split()
 ) | {*_HDF5_ENDINGS}  # fmt: skip
 _LONGEST_ADDITION = len("..partial") + len(str(2**22))  # of the names beside the output: a dot, a process number
-_OLD_RESULT = (b"\x89HDF\r\n\x1a\n", b"format_version", b"program_version")
+_OLD_RESULT = (SIGNATURE, b"format_version", b"program_version")
 
 
 @contextmanager

@@ -56,7 +56,7 @@ from pgmp_petsc.base.errors import InputError, Remark, RunError, from_json, shor
 from pgmp_petsc.base.plugins import check_plugins, plugins_of
 from pgmp_petsc.base.units import SAID, SI, UnitSystem
 from pgmp_petsc.files.claims import KINDS, check_output, named, partial_path
-from pgmp_petsc.files.seal import MAGIC, SIZE, BrokenSeal, check_seal, seal
+from pgmp_petsc.files.seal import MAGIC, SIGNATURE, SIZE, BrokenSeal, check_seal, seal
 
 
 class GuardedStream:
@@ -150,7 +150,6 @@ WRITE_AGAIN, BUILD_AGAIN = "write it again", "build it again with pgmp build"
 _REQUIRED = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
 # that of HDF5 1.8 (2008): attributes beyond 64 kB, such as the probabilities of 10,000 quantiles
 _LIBRARIES = ("v108", "v110")
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 # what readers raise where a file is whole and yet not what it should be
 _MISFITS = (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, OSError, RuntimeError, MemoryError)
 
@@ -393,13 +392,13 @@ def _check_sealed(path: Path, kinds: tuple[str, ...]) -> None:
 def _unsealed(path: Path, broken: BrokenSeal, kinds: tuple[str, ...]) -> str:
     """Return what is wrong with a file without a good seal."""
     with open(path, "rb") as stream:
-        head = stream.read(SIZE + len(_SIGNATURE))
-    if head.startswith(_SIGNATURE):
+        head = stream.read(SIZE + len(SIGNATURE))
+    if head.startswith(SIGNATURE):
         return (
             f"file '{path}' was not written by this pgmp {__version__}: an older one wrote it, or another program; "
             f"needed: {_names(kinds)}; write it again"
         )
-    if head.startswith(MAGIC) or head[SIZE:] == _SIGNATURE:
+    if head.startswith(MAGIC) or head[SIZE:] == SIGNATURE:
         return f"file '{path}' is damaged: {broken}; {BUILD_AGAIN if kinds == ('rom',) else WRITE_AGAIN}"
     cure = ""
     if path.suffix.lower() == ".toml" and "rom" in kinds:

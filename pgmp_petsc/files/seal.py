@@ -66,6 +66,7 @@ def _parts(value: object) -> Iterator[bytes | memoryview]:
 
 
 SIZE = 512  # the smallest user block of HDF5
+SIGNATURE = b"\x89HDF\r\n\x1a\n"  # of an HDF5 file, behind its user block
 MAGIC = b"pgmp_petsc\n"
 _CHUNK = 1 << 20
 

@@ -15,21 +15,19 @@ Ties of second order in the deformation in full-order samples on one rank, compi
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from pgmp_petsc.full.forces import add_entry, add_entry_of_lane
 from pgmp_petsc.full.part_reference import loaded
+from pgmp_petsc.full.rank_solver import Layout
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import items
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.frame_ties import PHI, Arms, CurvedTies, Products, Quadratics, director
 from pgmp_petsc.mechanism.node_statements import scratch_of, state
 from pgmp_petsc.mechanism.statement_rows import FROM_SUM, Rows
-
-if TYPE_CHECKING:
-    from pgmp_petsc.full.rank_solver import Layout
 
 
 class Ties(NamedTuple):

@@ -15,13 +15,13 @@ import numpy as np
 
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.base.surroundings import Comm, needs_petsc
-from pgmp_petsc.full.batched_ldl import Symbolic
-from pgmp_petsc.full.kernel import Pattern
+from pgmp_petsc.full.batched_ldl import Pattern, Symbolic
 from pgmp_petsc.ranks.petsc import petsc_solver
 
 PREFIX = "pgmp_full_"
 SPARE_MEMORY, MOST_SPARE_MEMORY = 20, 5000  # per cent of what MUMPS foresees, its ICNTL(14): its default, and the most
 PAIRS = 2  # ICNTL(12): pairs of a multiplier, whose pivot is zero, and an unknown are ordered as one
+SCALING = 7  # ICNTL(8): of each matrix; by itself it takes that of the analysis, of one that may be far from the others
 SHORT_OF_MEMORY = (-8, -9)  # INFOG(1) of MUMPS, the integer and the real work array
 
 
@@ -212,6 +212,7 @@ class RankSolver:
             factor.setOptionsPrefix(PREFIX)  # else it gets one too late for its options
             factor.setMumpsIcntl(14, self._spare)
             factor.setMumpsIcntl(12, PAIRS)
+            factor.setMumpsIcntl(8, SCALING)
 
     def _short_of_memory(self) -> bool:
         return self._direct() and self._ksp.getPC().getFactorMatrix().getMumpsInfog(1) in SHORT_OF_MEMORY

@@ -111,14 +111,14 @@ def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
 
 FEATURES = (
     Feature(
-        "lengths and places with a tolerance for the step",
+        "lengths, places and ratios with a tolerance for the step",
         lambda scene: (entry for entry in _lengths(scene) if scene.simulation.tolerance is not None),
         EVERYWHERE - {Purpose.CHECK, Purpose.BUILD},
         why_not="simulation.tolerance finds the step of one mechanism",
         cure="give it a number (--override), or simulation.step; pgmp build finds one for the extreme lengths too",
     ),
     Feature(
-        "lengths and places with an automatic choice of effects",
+        "lengths, places and ratios with an automatic choice of effects",
         lambda scene: (entry for entry in _lengths(scene) if scene.reduction.effects == "auto"),
         OF_THE_REDUCTION,
         why_not="effects are chosen for one mechanism",
@@ -170,7 +170,7 @@ FEATURES = (
         cure="leave these terms out, or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "lengths and places with elastic joints",
+        "lengths, places and ratios with elastic joints",
         _with_elastic(_lengths),
         OF_THE_REDUCTION,
         why_not="models at several lengths do not part what joints release from what bends",

@@ -35,7 +35,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.bodies.face_frame import FaceFrame
-from pgmp_petsc.bodies.inertia_moments import TURNS
+from pgmp_petsc.bodies.linear_fields import TURNS
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.unknowns import Unknowns
 

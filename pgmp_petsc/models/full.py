@@ -32,8 +32,8 @@ from pgmp_petsc.ranks.petsc import has_options
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
-from pgmp_petsc.stepping.second_order_system import State
-from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, Settled, settle
+from pgmp_petsc.stepping.second_order_system import Settled, State
+from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, settle
 
 if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import FullFields

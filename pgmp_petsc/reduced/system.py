@@ -27,12 +27,9 @@ from pgmp_petsc.reduced.energy import damping_power, load_powers, reduced_energy
 from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices
 from pgmp_petsc.reduced.steps import Progress, advance
 from pgmp_petsc.reduced.terms import ReducedTerms
-from pgmp_petsc.stepping.alpha_step import Stretch
 from pgmp_petsc.stepping.energies import Energies
-from pgmp_petsc.stepping.generalised_alpha import Observer
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
-from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State
-from pgmp_petsc.stepping.static_equilibrium import Settled
+from pgmp_petsc.stepping.second_order_system import Observer, Scheme, SecondOrderSystem, Settled, State, Stretch
 from pgmp_petsc.stepping.status import Status
 
 
@@ -434,7 +431,7 @@ class ReducedSystem(SecondOrderSystem):
 
     def advance(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
         """Take some samples through equal steps, each by itself, over edges of laws too; see `SecondOrderSystem`."""
-        moment, stepper = stretch.moment, stretch.stepper
+        moment, scheme = stretch.moment, stretch.scheme
         self._lanes.regroup(moment.state.q, stretch.samples)
         progress = Progress(
             self._lanes.zeros(np.int64),
@@ -444,7 +441,6 @@ class ReducedSystem(SecondOrderSystem):
             stretch.shown,
             stretch.trail.whole,
         )
-        scheme = stepper.scheme(stretch.step)
         state = (*_parts(moment.state), moment.auxiliary, moment.before, moment.contraction[:, None])
         advance(
             *self._passed, self._strengths.over(stretch.ends), self._functions,
@@ -452,7 +448,7 @@ class ReducedSystem(SecondOrderSystem):
             state, self._bounds, self._lanes.sets(stretch.samples), progress,
         )  # fmt: skip
         stretch.beyond[:] = progress.beyond.T
-        stepper.count(progress.n_corrections, 0, 0)
+        stretch.counted[0] += progress.n_corrections.sum()
         return self._lanes.unpacked(progress.outcome), self._lanes.unpacked(progress.n_steps)
 
     def trail(self, state: State, n: int) -> ReducedTrail:

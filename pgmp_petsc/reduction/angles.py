@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.base.errors import Remark, RunError, note, warning
+from pgmp_petsc.base.errors import Remark, RunError, gathered, note, warning
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -108,25 +108,23 @@ class AngleRounds:
             return _between(axis, self._scene.reduction.interpolation)
         return np.zeros(0)
 
-    def remarks(self, samples: SampleGrid, basis: ContinuousBasis) -> tuple[Remark, ...]:
+    @gathered
+    def remarks(self, samples: SampleGrid, basis: ContinuousBasis) -> Iterator[Remark]:
         """Return what is said of the angles."""
-        found, (asked, *_) = [], np.broadcast_to(self._scene.reduction.angles, samples.n_coordinates)
+        (asked, *_) = np.broadcast_to(self._scene.reduction.angles, samples.n_coordinates)
         if basis.uneven > UNEVEN:
             more = f"their size changes by {basis.uneven:.2g} times between angles; take more reduction.angles"
-            found.append(warning(f"{UNEVEN_VECTORS}: {more}"))
+            yield warning(f"{UNEVEN_VECTORS}: {more}")
         if self._reasons:
             why = ", and as ".join(reason + ", ".join(names) for reason, names in self._reasons.items())
-            found.append(note(f"reduction.angles: {samples.n} in place of {asked}, as {why}"))
+            yield note(f"reduction.angles: {samples.n} in place of {asked}, as {why}")
         poor = {name: error for name, error in self._errors.items() if error > TARGET}
         if poor:
             which = ", ".join(f"{name} {_share(error)}" for name, error in poor.items())
-            found.append(
-                warning(
-                    f"stress outputs are off by interpolation between {samples.n} configurations, as shares of their "
-                    f"largest values under a load: {which}; {self._cure}"
-                )
+            yield warning(
+                f"stress outputs are off by interpolation between {samples.n} configurations, as shares of their "
+                f"largest values under a load: {which}; {self._cure}"
             )
-        return tuple(found)
 
 
 def _share(error: float) -> str:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import io
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -26,7 +26,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from pgmp_petsc.base.errors import Remark, note, warning
+from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bodies.component import Component
@@ -292,32 +292,28 @@ def _forces_change(scene: Scene, mechanism: Mechanism) -> bool:
     return bool(stressed_bodies(scene)) and any(weight.powers for weight in weights)
 
 
-def _doubts(cosine: float, n_redundant: int, indefinite: str) -> tuple[Remark, ...]:
+@gathered
+def _doubts(cosine: float, n_redundant: int, indefinite: str) -> Iterator[Remark]:
     """Return what is doubtful about a basis and its tables, and which constraints are not in it."""
-    found = []
     if cosine < POOR_COSINE:
-        found.append(
-            warning(
-                f"the space of modes turns away between neighbouring angles (least cosine {cosine:.2g}); take more "
-                "reduction.angles, or another number of reduction.modes if the last mode crosses the next one"
-            )
+        yield warning(
+            f"the space of modes turns away between neighbouring angles (least cosine {cosine:.2g}); take more "
+            "reduction.angles, or another number of reduction.modes if the last mode crosses the next one"
         )
     if indefinite:
-        found.append(warning(indefinite))
+        yield warning(indefinite)
     if n_redundant:
-        found.append(note(f"{n_redundant} redundant constraints were dropped: others say the same"))
-    return tuple(found)
+        yield note(f"{n_redundant} redundant constraints were dropped: others say the same")
 
 
-def _on_vectors(asked: int, found: int) -> tuple[Remark, ...]:
+@gathered
+def _on_vectors(asked: int, found: int) -> Iterator[Remark]:
     """Return what is said where there are fewer vectors of other parameter values than asked for."""
     if found == asked:
-        return ()
-    return (
-        warning(
-            f"reduction.parameter_modes: {found} vectors in place of {asked}: no more are independent at every angle, "
-            "as others vanish between those that were sampled first; outputs at other parameter values may be served less"
-        ),
+        return
+    yield warning(
+        f"reduction.parameter_modes: {found} vectors in place of {asked}: no more are independent at every angle, "
+        "as others vanish between those that were sampled first; outputs at other parameter values may be served less"
     )
 
 

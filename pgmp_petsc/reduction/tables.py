@@ -20,7 +20,7 @@ How modes change with theta: the kinetic energy of ``D_k = d(R Psi)/d theta_k``,
 
 A flexible mode moves with the velocity ``sum_k theta_k' D_k delta`` even where delta is constant. In body frames
 ``D_k = d_k Psi + W_k Psi``, with d_k Psi from the interpolated projection and W_k = R^T d_k R the body's spin per unit
-of theta_k, which turns its points (`bodies.inertia_moments`).
+of theta_k, which turns its points (`bodies.matrices`).
 
 How the forces in the bodies change the stiffness of each mode: what geometric stiffness a model has, or would lack.
 
@@ -51,7 +51,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
-from pgmp_petsc.bodies.inertia_moments import Moments, inertia_moments, turned
+from pgmp_petsc.bodies.matrices import Moments, inertia_moments, turned
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.cell_products import SecondOrderTables, congruent
 from pgmp_petsc.reduction.interpolation import interpolant

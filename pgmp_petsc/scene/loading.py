@@ -27,6 +27,7 @@ from pydantic import ValidationError
 from pgmp_petsc.base.errors import InputError, irregular, nearest_name, shortened
 from pgmp_petsc.base.units import SI, UnitSystem, UnknownUnit
 from pgmp_petsc.files.hdf5 import replacing
+from pgmp_petsc.files.seal import SIGNATURE, SIZE
 from pgmp_petsc.scene.messages import DEEPEST, dotted_name, explain, problem, toml_text
 from pgmp_petsc.scene.parameters import add_field_parameters
 from pgmp_petsc.scene.schema import Scene
@@ -51,7 +52,12 @@ def read_text(path: Path) -> str:
             raise InputError(
                 f"{path}: has {kind.st_size:,} bytes; a scene is a TOML file of at most {MOST_BYTES:,} bytes"
             )
-        text = path.read_bytes().decode("utf-8")
+        content = path.read_bytes()
+        if SIGNATURE in content[: SIZE + len(SIGNATURE)]:
+            raise InputError(
+                f"{path}: an HDF5 file (pgmp info and pgmp.read read the program's own); a scene is a TOML file"
+            )
+        text = content.decode("utf-8")
     except FileNotFoundError as error:
         raise InputError(f"{path}: there is no such scene file{_beside(path)}") from error
     except UnicodeDecodeError as error:

@@ -12,13 +12,13 @@ vectors as runs interpolate them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import eigh
 
-from pgmp_petsc.base.errors import InputError, Remark, note, warning
+from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
@@ -218,18 +218,17 @@ def _frequencies(problem: ModalProblem, theta: np.ndarray) -> np.ndarray:
     return problem.solve(theta).frequencies_hz
 
 
-def _unstable(full_hz: np.ndarray, theta: np.ndarray, coordinates: Sequence[Coordinate]) -> tuple[Remark, ...]:
+@gathered
+def _unstable(full_hz: np.ndarray, theta: np.ndarray, coordinates: Sequence[Coordinate]) -> Iterator[Remark]:
     """Warn of motions that grow."""
     growing = np.flatnonzero((full_hz < 0.0).any(axis=1))
     if not growing.size:
-        return ()
+        return
     worst = growing[np.argmin(full_hz[growing, 0])]
     where = words_of(coordinates, theta[worst], 4)
-    return (
-        warning(
-            f"at {growing.size} of {len(full_hz)} configurations the mechanism is unstable on its springs: negative "
-            f"frequencies f are motions that grow as exp(2 pi |f| t); lowest {full_hz[worst, 0]:.4g} Hz at {where}"
-        ),
+    yield warning(
+        f"at {growing.size} of {len(full_hz)} configurations the mechanism is unstable on its springs: negative "
+        f"frequencies f are motions that grow as exp(2 pi |f| t); lowest {full_hz[worst, 0]:.4g} Hz at {where}"
     )
 
 

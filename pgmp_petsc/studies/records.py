@@ -5,12 +5,12 @@ The balance of energy of a run, drawn up from what its model knew at every step.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from pgmp_petsc.base.errors import Remark, warning
+from pgmp_petsc.base.errors import Remark, gathered, warning
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import loads_of
 from pgmp_petsc.full.systems import FullBatch, FullDistributed
@@ -139,7 +139,8 @@ def balance_of(time: np.ndarray, energies: Energies) -> Balance:
     return Balance(energies.kinetic, energies.strain, potential, work)
 
 
-def balance_remarks(balance: Balance, step: float, joule: str = "J") -> list[Remark]:
+@gathered
+def balance_remarks(balance: Balance, step: float, joule: str = "J") -> Iterator[Remark]:
     """Return a warning where the energies of a run with steps of this length, s, are far from balance; `joule` is
     their unit."""
     residual, exchanged = np.abs(balance.residual), balance.exchanged
@@ -147,15 +148,13 @@ def balance_remarks(balance: Balance, step: float, joule: str = "J") -> list[Rem
     stored = max(float(np.abs(part).max()) for part in (balance.kinetic, balance.strain, balance.potential))
     allowed = np.minimum(LARGEST_RESIDUAL * np.sqrt(1.0 + balance.swings), LARGEST_EVER) * exchanged
     if not np.any(residual > np.maximum(allowed, ROUND_OFF * stored)):
-        return []
-    return [
-        warning(
-            f"energies are out of balance by up to {largest:.3g} {joule}, of {exchanged:.3g} {joule} that were moved "
-            f"around: steps of {step:.3g} s do not resolve what goes on, such as the vibration of light nodes in a "
-            "joint on which a load sets in at once; stresses and deformations, and the motion too, may be far off; let "
-            "such loads rise from zero over ten steps or more, or take a smaller simulation.step"
-        )
-    ]
+        return
+    yield warning(
+        f"energies are out of balance by up to {largest:.3g} {joule}, of {exchanged:.3g} {joule} that were moved "
+        f"around: steps of {step:.3g} s do not resolve what goes on, such as the vibration of light nodes in a "
+        "joint on which a load sets in at once; stresses and deformations, and the motion too, may be far off; let "
+        "such loads rise from zero over ten steps or more, or take a smaller simulation.step"
+    )
 
 
 def with_weights(balance: Balance, model: ReducedModel, start: np.ndarray) -> Balance:

@@ -292,7 +292,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
     eta, n_theta = part.recorded["eta"], model.kinematics.n_coordinates
     watched, validity, status = part.recorded["watched"], part.recorded["validity"], part.run.status
     with timings.phase("projection"):
-        frames = np.moveaxis(model.frames_of(eta[part.shown]), 2, 0)
+        frames = np.moveaxis(model.frames_of(eta[part.shown]), 2, 0) if part.shown else np.empty(0)
         fields = model.fields()
         seen = fields_over(fields, eta[part.shown], model.scene.values)
     remarks, errors = [], None
@@ -356,8 +356,7 @@ def _described(
     remarks: Sequence[Remark],
 ) -> dict[str, Any]:
     """Return what trajectories of both models have in common, by the names of `Trajectory`."""
-    stored = shape_frames(model.kinematics.mechanism, frames, part.time[part.shown])
-    scene = model.scene
+    scene, instants = model.scene, part.time[part.shown]
     said = (*remarks, *model.kinematics.remarks, *scene.remarks)
     return {
         "model": model.name,
@@ -366,7 +365,7 @@ def _described(
         "outputs": part.outputs,
         "units": model.outputs.units,
         "coordinate_units": {c.name: c.unit for c in model.kinematics.coordinates},
-        "frames": stored if part.shown else None,
+        "frames": shape_frames(model.kinematics.mechanism, frames, instants) if part.shown else None,
         "status": int(part.run.status[0]),
         "steps_divided": part.attempt.divisor,
     }

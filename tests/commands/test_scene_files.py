@@ -9,6 +9,7 @@ import pytest
 from runs import overridden
 
 from pgmp_petsc.cli.main import main
+from pgmp_petsc.files.seal import SIGNATURE, SIZE
 
 SCENE = Path(__file__).resolve().parents[2] / "scenes" / "slider_crank.toml"
 UNUSED = "parameters.q={nominal=1.0}"
@@ -40,6 +41,8 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "deep.toml").write_text("x = " + "[" * 4000 + "]" * 4000)
     (tmp_path / "tables.toml").write_text("[" + ".".join("a" * 900) + "]\n")
     (tmp_path / "digits.toml").write_text("x = " + "1" * 5000)
+    (tmp_path / "plain.h5").write_bytes(SIGNATURE)
+    (tmp_path / "sealed.h5").write_bytes(bytes(SIZE) + SIGNATURE)
     (tmp_path / "words.off").write_text("OFF\n1 2 3\n")
     return tmp_path
 
@@ -53,6 +56,8 @@ def folder(tmp_path: Path) -> Path:
         ("loop.toml", "cannot be read"),
         ("x" * 300 + ".toml", "cannot be read (File name too long)"),
         ("bytes.toml", "not a text file in UTF-8"),
+        ("plain.h5", "an HDF5 file"),
+        ("sealed.h5", "an HDF5 file"),
         ("long.toml", "16,000,002 bytes"),
         ("deep.toml", "deeper than 16"),
         ("tables.toml", "deeper than 16"),

@@ -1,6 +1,6 @@
 """Bodies over a run's frames: a cantilever in pure bending, read back from XDMF; modes; bodies of every kind."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
@@ -10,18 +10,15 @@ import meshio
 import numpy as np
 import pytest
 import pyvista
-from mpi4py import MPI
-from runs import full_model, reduced_model
+from runs import MODELS, built_rom, full_model, reduced_model, trajectory
 from solids import rectangle_mesh
-from spatial import bars_of, slider_crank_in_space
+from spatial import slider_crank_in_space
+from two_coordinates import double_pendulum
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.mesh.line_mesh import straight_beam
-from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
@@ -30,12 +27,10 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.field_frames import fields_at
 from pgmp_petsc.studies.mode_shapes import mode_shape
 from pgmp_petsc.studies.modes_table import reduced_frequencies
-from pgmp_petsc.studies.simulate import simulate
 from scenes import HEADER, slider_crank, tables
 
 LENGTH, HEIGHT, WIDTH, ARM, FORCE, YOUNG = 1.0, 0.1, 0.01, 0.2, 100.0, 210e9
 MOMENT, INERTIA = ARM * FORCE, WIDTH * HEIGHT**3 / 12.0
-MODELS = ("full", "components", "reduced")
 # forces along the bar at both ends of a rigid arm across its end: a couple
 BENT = HEADER + tables(f"""
 bodies.bar: mesh = "0.0:{LENGTH}:8"; element = "{{element}}"; material = "steel"
@@ -73,15 +68,6 @@ def bent(element: str, *overrides: str) -> tuple[Scene, Mapping]:
     }
 
 
-def model_of(name: str, scene: Scene, meshes: Mapping) -> FullModel | ReducedModel:
-    if name == "full":
-        return FullModel(scene, meshes)
-    if name == "components":
-        return component_model(scene, meshes, MPI.COMM_SELF)
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        return ReducedModel(scene, build_rom(scene, meshes, group))
-
-
 def last_grid(xdmf: Path, body: str) -> meshio.Mesh:
     """Return the last frame of a body, as another program reads it."""
     tree = ElementTree.parse(xdmf)
@@ -99,7 +85,7 @@ def last_grid(xdmf: Path, body: str) -> meshio.Mesh:
 def test_a_cantilever_in_pure_bending_is_read_back_from_xdmf(name: str, tmp_path: Path) -> None:
     """sigma = M y / I at nodes and in cells, deflection M x^2 / (2 E I); no output asks for stresses."""
     scene, meshes = bent("solid2d")
-    run = simulate(model_of(name, scene, meshes), MPI.COMM_SELF)
+    run = trajectory(name, scene, meshes)
     assert not [remark for remark in run.record.remarks if "not stored" in remark.text]
     run.write(tmp_path / "run.h5")
     write_xdmf(tmp_path / "run.h5", tmp_path / "run.xdmf")
@@ -134,7 +120,7 @@ def test_a_cantilever_in_pure_bending_is_read_back_from_xdmf(name: str, tmp_path
 def test_beams_are_seen_too(name: str) -> None:
     """Stress and deflection of the same cantilever of beams, at nodes and in the middles of elements."""
     scene, meshes = bent("beam2d")
-    run = simulate(model_of(name, scene, meshes), MPI.COMM_SELF)
+    run = trajectory(name, scene, meshes)
     bar, arm = run.fields["bar"], run.fields["arm"]
     assert (bar.kind, bar.rigid, arm.rigid) == ("line", False, True) and bar.cells.shape == (8, 2)
     outermost = MOMENT * 0.5 * HEIGHT / INERTIA
@@ -154,7 +140,7 @@ def test_what_is_enlarged_stays_joined() -> None:
     scene = slider_crank("simulation.duration=0.05", "simulation.step=1e-3", "simulation.frames=6")
     # the full-order model meets its constraints to round-off, the reduced one as well as its tables are interpolated
     for model, share in ((full_model(scene), 1e-9), (reduced_model(scene), 0.01)):
-        run = simulate(model, MPI.COMM_SELF)
+        run = trajectory(model)
         crank, rod = run.fields["crank"], run.fields["rod"]
         largest = np.abs(crank.deformation).max()
         assert largest > 1e-7
@@ -167,7 +153,7 @@ def test_what_is_enlarged_stays_joined() -> None:
 def test_bodies_at_any_instant_of_a_reduced_run() -> None:
     """At the instants of frames what the run keeps itself; between steps in between."""
     model = reduced_model(slider_crank("simulation.duration=0.02", "simulation.step=1e-3", "simulation.frames=3"))
-    run = simulate(model, MPI.COMM_SELF)
+    run = trajectory(model)
     again = fields_at(model, run, run.frames.time)
     for name, own in run.fields.items():
         np.testing.assert_allclose(again[name].positions, own.positions, rtol=0, atol=1e-12)
@@ -185,7 +171,7 @@ def cranks(kind: str) -> ReducedModel:
     """Return a slider-crank of beams, one with a rigid crank, or one of solids in space with a rigid crank."""
     if kind == "space":
         scene = slider_crank_in_space("bodies.crank.flexible=false", "reduction.angles=6", "simulation.frames=1")
-        return model_of("reduced", scene, bars_of(scene))
+        return reduced_model(scene)
     return reduced_model(slider_crank("simulation.frames=1", f"bodies.crank.flexible={str(kind == 'plane').lower()}"))
 
 
@@ -243,25 +229,26 @@ def test_large_fields_are_left_out_and_said(monkeypatch: pytest.MonkeyPatch, tmp
     """A body that no output names is left out where its frames are too large, one that is named never."""
     monkeypatch.setattr("pgmp_petsc.models.field_points.LARGEST", 1000)
     scene, meshes = bent("solid2d")
-    run = simulate(FullModel(scene, meshes), MPI.COMM_SELF)
+    run = trajectory("full", scene, meshes)
     (said,) = [remark.text for remark in run.record.remarks if "not stored" in remark.text]
     assert run.fields.keys() == {"arm"} and "2 frames of it take" in said and "simulation.frames=N" in said
     asked = 'outputs.worst={type="stress", body="bar", quantity="von_mises"}'
     scene, meshes = bent("solid2d", asked)
-    assert "bar" in simulate(FullModel(scene, meshes), MPI.COMM_SELF).fields
+    assert "bar" in trajectory("full", scene, meshes).fields
     monkeypatch.setattr("pgmp_petsc.components.component_modes.MOST_KEPT", 0)
     scene, meshes = bent("solid2d")
-    rom = model_of("reduced", scene, meshes).rom
+    rom = built_rom(scene, meshes=meshes)
     assert rom.meshes["bar"].recovery is None
-    run = simulate(ReducedModel(scene, rom), MPI.COMM_SELF)
+    run = trajectory(ReducedModel(scene, rom))
     assert "the reduced model is without its large mesh" in run.record.remarks[-1].text + str(run.record.remarks)
     rom.write(tmp_path / "rom.h5")
     assert ReducedOrderModel.read(tmp_path / "rom.h5").meshes["bar"].recovery is None
 
 
-def test_no_frames_no_fields(tmp_path: Path) -> None:
-    scene, meshes = bent("beam2d", "simulation.frames=0")
-    run = simulate(FullModel(scene, meshes), MPI.COMM_SELF)
+@pytest.mark.parametrize("make", [slider_crank, slider_crank_in_space, double_pendulum])
+@pytest.mark.parametrize("name", MODELS)
+def test_no_frames_no_fields(make: Callable, name: str, tmp_path: Path) -> None:
+    run = trajectory(name, make("simulation={duration=2e-3,step=1e-3,frames=0}", "reduction.angles=6"))
     assert run.fields == {} and run.frames is None
     run.write(tmp_path / "run.h5")
     assert Trajectory.read(tmp_path / "run.h5").fields == {}
@@ -278,7 +265,7 @@ def test_a_rigid_solid_has_its_mesh(name: str) -> None:
     scene, meshes = bent("solid2d", arm, *joined, 'effects.below.point="arm:left"')
     block = rectangle_mesh("quad", (4, 1), (ARM, 0.02))
     meshes["arm"] = replace(block, nodes=block.nodes - [0.5 * ARM, 0.02])
-    run = simulate(model_of(name, scene, meshes), MPI.COMM_SELF)
+    run = trajectory(name, scene, meshes)
     own = run.fields["arm"]
     assert own.rigid and own.kind == "quad" and own.units == {}
     sides = np.linalg.norm(np.diff(own.positions[:, own.cells], axis=2), axis=3)

@@ -1,21 +1,19 @@
 """The component model against the full-order model, its own energies, and what floating frames promise."""
 
-from collections.abc import Mapping
+from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
-from mpi4py import MPI
-from runs import full_model, history, paper_scene, samples
+from runs import assert_close, components_model, full_model, history, largest_errors, paper_scene, samples, trajectory
 from solid_scenes import GRAVITY, solid_meshes, solid_slider_crank
-from spatial_beams import SLIDER_CRANK, lines_of
+from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.floating import first_moments, second_moments
 from pgmp_petsc.full.floating import add_energies_of_floating, add_floating
 from pgmp_petsc.models import ComponentModel, FullModel
-from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.simulate import simulate_full
+from pgmp_petsc.scene import Scene
 
 ANGLE, DEFORMATION = 1e-4, 5e-3  # shares of the largest values over a run
 SHORT = ("simulation.duration=0.25", "simulation.step=1e-3")
@@ -30,72 +28,72 @@ MODAL = 'effects.inner={type="structural_damping", ratios=[0.05, 0.02, 0.02]}'
 STIFFENING = ('effects.stiffening={type="geometric_stiffening"}', 'effects.shapes={type="mode_inertia"}')
 
 
-def models(scene: Scene, meshes: Mapping) -> tuple[FullModel, ComponentModel]:
-    """Return the full-order and the component model of a scene."""
-    return FullModel(scene, meshes), component_model(scene, meshes, MPI.COMM_SELF)
+def beams(*overrides: str) -> tuple[Scene, None]:
+    """Return the slider-crank of beams in the plane, whose scene has its meshes."""
+    return paper_scene(*BEAMS, *overrides), None
 
 
-def beams(*overrides: str) -> tuple[FullModel, ComponentModel]:
-    """Return both models of the slider-crank of beams in the plane."""
-    scene = paper_scene(*BEAMS, *overrides)
-    full = full_model(scene)
-    return full, component_model(scene, full.meshes, MPI.COMM_SELF)
+def solids(*overrides: str) -> tuple[Scene, dict]:
+    """Return the slider-crank of plane-stress elements, and its meshes."""
+    return solid_slider_crank("reduction.modes=4", *SHORT, *overrides), solid_meshes()
 
 
-def solids(*overrides: str) -> tuple[FullModel, ComponentModel]:
-    """Return both models of the slider-crank of plane-stress elements."""
-    return models(solid_slider_crank("reduction.modes=4", *SHORT, *overrides), solid_meshes())
-
-
-def space(*overrides: str) -> tuple[FullModel, ComponentModel]:
-    """Return both models of the slider-crank of beams in space."""
+def space(*overrides: str) -> tuple[Scene, None]:
+    """Return the slider-crank of beams in space."""
     overrides = [entry.replace(GRAVITY, FALLING) for entry in overrides]
-    scene = scene_from_toml(SLIDER_CRANK, ".", ("reduction.modes=6", *OUTPUTS, *SHORT, *overrides))
-    return models(scene, lines_of(scene))
+    return slider_crank_of_beams("reduction.modes=6", *OUTPUTS, *SHORT, *overrides), None
 
 
-def distances(models: tuple[FullModel, ComponentModel]) -> dict[str, float]:
-    """Return how far the component model's outputs are from the full-order ones, shares of their largest values."""
-    (_, exact), (_, found) = (history(model, samples(model.scene, 1), 1) for model in models)
-    return {name: float(np.max(np.abs(found[name] - exact[name])) / np.max(np.abs(exact[name]))) for name in exact}
+@cache
+def models(make: Callable, *overrides: str) -> tuple[FullModel, ComponentModel]:
+    """Return the full-order and the component model of a slider-crank."""
+    scene, meshes = make(*overrides)
+    return full_model(scene, meshes), components_model(scene, meshes)
 
 
-@pytest.mark.parametrize("make", [beams, solids, space])
+every_kind = pytest.mark.parametrize("make", [beams, solids, space])
+
+
+def outputs_of(make: Callable, *overrides: str) -> list[dict[str, np.ndarray]]:
+    """Return the outputs of runs of both models."""
+    return [history(model, samples(model.scene, 1), 1)[1] for model in models(make, *overrides)]
+
+
+@every_kind
 @pytest.mark.parametrize(
     "effects", [(), (GRAVITY,), (DAMPING,), (MODAL,)], ids=["torque", "weight", "damping", "modal damping"]
 )
 def test_it_moves_as_the_full_order_model(make, effects: tuple[str, ...]) -> None:
     """Rotations and velocities are exact, deformation is linear: what is left is of second order in it, and modes."""
-    found = distances(make(*effects))
-    assert found["crank_angle"] < ANGLE
-    assert found["slider_deformation"] < DEFORMATION, found
+    assert_close(*outputs_of(make, *effects), crank_angle=ANGLE, slider_deformation=DEFORMATION)
 
 
 def test_it_converges_with_the_modes() -> None:
     """From a sudden start a vibration that modes alone have; the frames' static answers do for slow loads."""
     sudden = ("effects={}", "simulation.initial={theta={velocity=2.0}}", "simulation.duration=0.05")
-    errors = [distances(beams(*sudden, f"reduction.modes={n}"))["slider_deformation"] for n in (1, 2, 4, 9)]
+    runs = (outputs_of(beams, *sudden, f"reduction.modes={n}") for n in (1, 2, 4, 9))
+    errors = [largest_errors(*both)["slider_deformation"] for both in runs]
     assert errors[0] > errors[1] > errors[2] > errors[3], errors
     assert errors[3] < 0.02
 
 
-@pytest.mark.parametrize("make", [beams, solids, space])
+@every_kind
 def test_inertia_at_rest_is_that_of_the_mesh(make) -> None:
     """Kinetic energy of the rigid motion, undeformed: moments are exact for the mesh."""
     energies = []
-    for model in make("simulation.initial={theta={position=0.7, velocity=5.0}}"):
+    for model in models(make, "simulation.initial={theta={position=0.7, velocity=5.0}}"):
         system = model.batch(samples(model.scene, 1), 1)
         energies.append(float(system.energies_over([0.0], [system.start()]).kinetic[0]))
     assert energies[1] == pytest.approx(energies[0], rel=1e-11)
 
 
-@pytest.mark.parametrize("make", [beams, solids, space])
+@every_kind
 def test_frames_are_mean_axes(make) -> None:
     """No field of a body moves its centre of mass or has moment of momentum: Tisserand's frame."""
-    for body in make()[1].kinematics.mechanism.bodies:
-        nominal = make()[1].scene.nominal
+    model = models(make)[1]
+    for body in model.kinematics.mechanism.bodies:
         (floating,) = body.blocks("floating")
-        moments = sum(float(weight.evaluate(nominal)) * part for weight, part in floating.moments.items())
+        moments = sum(float(weight.evaluate(model.scene.nominal)) * part for weight, part in floating.moments.items())
         d = len(body.mesh.nodes[0])
         mass, fields = first_moments(moments, d)
         _, mixed, _ = second_moments(moments, d)
@@ -103,20 +101,11 @@ def test_frames_are_mean_axes(make) -> None:
         assert np.abs(mixed - mixed.swapaxes(0, 1)).max() < 1e-9 * mass[0] * body.extent
 
 
-def stiffened() -> tuple[FullModel, ComponentModel]:
-    """Return both models of the slider-crank of beams in the plane, component modes with their foreshortening."""
-    return beams(*STIFFENING)
-
-
-def stiffened_in_space() -> tuple[FullModel, ComponentModel]:
-    """Return both models of the slider-crank of beams in space, component modes with their foreshortening."""
-    return space(*STIFFENING)
-
-
-@pytest.mark.parametrize("make", [beams, space, stiffened, stiffened_in_space])
-def test_forces_are_those_of_lagrange(make) -> None:
+@pytest.mark.parametrize("effects", [(), STIFFENING], ids=["linear", "stiffened"])
+@pytest.mark.parametrize("make", [beams, space])
+def test_forces_are_those_of_lagrange(make, effects: tuple[str, ...]) -> None:
     """d/dt dT/dv - dT/dq + dU/dq by differences of the energies, in a deformed state with all velocities."""
-    system = (model := make()[1]).batch(samples(model.scene, 1), 1)
+    system = (model := models(make, *effects)[1]).batch(samples(model.scene, 1), 1)
     problem, d = system._equations.problem, system._equations.problem.dimension
     floating, n, n_pose = problem.floating, system.n_dofs, 3 if d == 2 else 12
     rng, dofs = np.random.default_rng(1), floating.dofs
@@ -161,14 +150,13 @@ def test_forces_are_those_of_lagrange(make) -> None:
 
 def test_the_order_of_the_integration_is_two() -> None:
     """From a sudden start, with steps that resolve all vibrations."""
-    model = beams("effects={}", "simulation.initial={theta={velocity=10.0}}", "simulation.duration=1e-3")[1]
-    runs = []
-    for step in (4e-6, 2e-6, 1e-6, 1.25e-7):
+    start, run = "simulation.initial={theta={velocity=10.0}}", "simulation={duration=1e-3, step=2e-6}"
+    model, runs = models(beams, "effects={}", run, start)[1], []
+    for step in (2e-6, 1e-6, 5e-7):
         simulation = model.scene.simulation.model_copy(update={"step": step})
         scene = model.scene.model_copy(update={"simulation": simulation})
         runs.append(history(model.with_loads(scene), samples(scene, 1), 1)[1]["slider_position"][-1, 0])
-    errors = np.abs(np.array(runs[:-1]) - runs[-1])
-    assert np.log2(errors[:-1] / errors[1:]) == pytest.approx(2.0, abs=0.1)
+    assert np.log2((runs[0] - runs[1]) / (runs[1] - runs[2])) == pytest.approx(2.0, abs=0.1)
 
 
 @pytest.mark.parametrize("radius", [0.99, 1.0])
@@ -176,11 +164,11 @@ def test_energy_is_kept(radius: float) -> None:
     """Without loads from a sudden start; what is left is the integrator's error, with order 2."""
     kept = []
     for step in (5e-4, 2.5e-4):
-        model = beams(
+        scene, _ = beams(
             "effects={}", "simulation.initial={theta={velocity=6.0}}", f"simulation.spectral_radius={radius}",
             "simulation.duration=0.3", f"simulation.step={step}",
-        )[1]  # fmt: skip
-        balance = simulate_full(model, MPI.COMM_SELF).balance
+        )  # fmt: skip
+        balance = trajectory("components", scene).balance
         kept.append(np.ptp(balance.kinetic + balance.strain) / balance.kinetic[0])
         assert np.abs(balance.residual).max() < 1.1 * kept[-1] * balance.kinetic[0]
     assert kept[1] < 1e-5
@@ -188,7 +176,7 @@ def test_energy_is_kept(radius: float) -> None:
 
 
 def test_a_sample_is_the_same_alone_and_in_a_batch() -> None:
-    model = beams("simulation.duration=0.02")[1]
+    model = models(beams, "simulation.duration=0.02")[1]
     radii = np.linspace(4.5e-3, 6.5e-3, 5)
     _, together = history(model, samples(model.scene, 5, r1=radii), 5)
     for k in (0, 3):
@@ -197,10 +185,10 @@ def test_a_sample_is_the_same_alone_and_in_a_batch() -> None:
             np.testing.assert_array_equal(together[name][:, k], values[:, 0])
 
 
-@pytest.mark.parametrize("make", [beams, solids, space])
+@every_kind
 def test_modal_damping_takes_what_a_ratio_says(make) -> None:
     """Power of the first amplitude alone, ``2 zeta omega m x'^2``, and none where the frame alone moves."""
-    model = make('effects.inner={type="structural_damping", bodies=["rod"], ratios=[0.03]}')[1]
+    model = models(make, 'effects.inner={type="structural_damping", bodies=["rod"], ratios=[0.03]}')[1]
     system = model.batch(samples(model.scene, 1), 1)
     state, unknowns = system.start(), system._equations.unknowns
     body = next(body for body in unknowns.bodies if body.name == "rod")
@@ -215,20 +203,16 @@ def test_modal_damping_takes_what_a_ratio_says(make) -> None:
 
 def test_more_ratios_than_component_modes_are_refused() -> None:
     with pytest.raises(InputError, match="effects.inner.ratios: 90 modes of crank are asked for; it has"):
-        beams(f'effects.inner={{type="structural_damping", ratios={[0.02] * 90}}}')[1].batch({}, 1)
+        models(beams, f'effects.inner={{type="structural_damping", ratios={[0.02] * 90}}}')[1].batch({}, 1)
 
 
 @pytest.mark.parametrize("scale", [0.8, 1.3])
 def test_cross_sections_that_scale_are_those_of_the_scaled_mesh(scale: float) -> None:
     """Energies of a rigid motion are exact, the motion of a thinner or thicker crank is that on its mesh."""
     scaled = (
-        f"parameters.s={{nominal=1.0, value={scale}, unit='', bounds=[0.7, 1.4]}}",
-        'bodies.crank.section_scale="s"',
-    )
-    scene = solid_slider_crank("reduction.modes=4", *SHORT, *scaled)
-    pair = models(scene, solid_meshes())
-    starts = [model.batch(samples(scene, 1), 1) for model in pair]
+        f"parameters.s={{nominal=1.0, value={scale}, unit='', bounds=[0.7, 1.4]}}", 'bodies.crank.section_scale="s"',
+    )  # fmt: skip
+    starts = [model.batch(samples(model.scene, 1), 1) for model in models(solids, *scaled)]
     energies = [float(system.energies_over([0.0], [system.start()]).kinetic[0]) for system in starts]
     assert energies[1] == pytest.approx(energies[0], rel=1e-11)
-    found = distances(pair)
-    assert found["crank_angle"] < ANGLE and found["slider_deformation"] < DEFORMATION, found
+    assert_close(*outputs_of(solids, *scaled), crank_angle=ANGLE, slider_deformation=DEFORMATION)

@@ -6,32 +6,19 @@ from functools import lru_cache
 import numpy as np
 import pytest
 import spatial
-from mpi4py import MPI
+from runs import motion, rom_of
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction import tables as of_reduction
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.studies.simulate import simulate_reduced
 
 GRAVITY = 9.81
-
-
-def build(scene: Scene) -> ReducedOrderModel:
-    """Return the reduced-order model of a scene of bars."""
-    return build_rom(scene, spatial.bars_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
-
-
-def run(scene: Scene, rom: ReducedOrderModel) -> Trajectory:
-    """Run the reduced model of a scene."""
-    return simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF)
 
 
 # --- rigid bars by Lagrange's equations ------------------------------------------------------------------------------
@@ -168,13 +155,13 @@ def stiff_scene(*overrides: str) -> Scene:
 def stiff_model() -> tuple[ReducedOrderModel, RigidKinematics]:
     """Return its reduced-order model, which serves all its runs, and its kinematics."""
     scene = stiff_scene()
-    rom = build(scene)
+    rom = rom_of(scene)
     return rom, RigidKinematics(Mechanism.from_scene(scene, rom.meshes))
 
 
 def run_stiff(*overrides: str) -> Trajectory:
     """Run the stiff slider-crank."""
-    return simulate_reduced(ReducedModel(stiff_scene(*overrides), *stiff_model()), MPI.COMM_SELF)
+    return motion(ReducedModel(stiff_scene(*overrides), *stiff_model()))
 
 
 def nothing(time: float, theta: np.ndarray) -> np.ndarray:
@@ -260,7 +247,7 @@ def test_a_point_mass_on_stiff_bars() -> None:
     mass, inertia = 0.3, 2e-3
     point = f'effects.ball={{type="point_mass",point="crank:tip",mass={mass},inertia={inertia}}}'
     scene = stiff_scene(point, MOTOR, "coordinates.theta.range=[-0.1,1.1]", "reduction.angles=13")
-    found = run(scene, build(scene))
+    found = motion("reduced", scene)
 
     class WithMass(RigidBars):
         def positions(self, theta: np.ndarray) -> np.ndarray:
@@ -280,7 +267,7 @@ def test_a_prescribed_motion_of_stiff_bars() -> None:
     # begins and ends without a jump of the acceleration
     driven = 'effects.drive={type="prescribed_motion",coordinate="theta",spin_up={speed=10.0,time=0.3}}'
     scene = stiff_scene("effects={}", driven, "coordinates.theta.range=[-0.1,1.6]", "reduction.angles=17")
-    found = run(scene, build(scene))
+    found = motion("reduced", scene)
     rate = 2 * np.pi / 0.3
     theta = 10.0 / 0.3 * (0.5 * found.time**2 + (np.cos(rate * found.time) - 1.0) / rate**2)
     speed = 10.0 / 0.3 * (found.time - np.sin(rate * found.time) / rate)
@@ -317,13 +304,13 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 def stiff_arm() -> tuple[ReducedOrderModel, RigidKinematics]:
     """Return the reduced-order model of an arm of two stiff bars, and its kinematics."""
     scene = spatial.arm(*ARM_STIFF)
-    rom = build(scene)
+    rom = rom_of(scene)
     return rom, RigidKinematics(Mechanism.from_scene(scene, rom.meshes))
 
 
 def run_arm(*overrides: str) -> Trajectory:
     """Run the arm."""
-    return simulate_reduced(ReducedModel(spatial.arm(*ARM_STIFF, *overrides), *stiff_arm()), MPI.COMM_SELF)
+    return motion(ReducedModel(spatial.arm(*ARM_STIFF, *overrides), *stiff_arm()))
 
 
 def of_elbow(time: float, theta: np.ndarray) -> np.ndarray:
@@ -386,11 +373,11 @@ FALLING = 'effects.gravity={type="gravity",acceleration=9.81,direction=[0.0,-1.0
 @pytest.mark.parametrize("effects", [(), (FALLING,)], ids=["motor", "motor and gravity"])
 def test_the_balance_of_energy_holds(effects: tuple[str, ...]) -> None:
     scene = spatial.spatial_slider_crank(*ELASTIC, *effects)
-    model = ReducedModel(scene, build(scene))
+    model = ReducedModel(scene, rom_of(scene))
     shares = []
     for step in (5e-4, 2.5e-4):
         finer = spatial.spatial_slider_crank(*ELASTIC, *effects, f"simulation.step={step}")
-        balance = simulate_reduced(model.with_loads(finer), MPI.COMM_SELF).balance
+        balance = motion(model.with_loads(finer)).balance
         assert balance.exchanged > 0.1 and balance.strain.max() > 1e-6
         shares.append(np.abs(balance.residual).max() / balance.exchanged)
     # the crank reaches 25 rad/s in 0.2 s: measured 7.7e-5 and 1.9e-5, with gravity 3.4e-6 and 0.7e-6
@@ -405,11 +392,11 @@ def test_energy_is_conserved_without_loads() -> None:
         "simulation.initial.theta={position=0.5,velocity=6.0}",
     )  # fmt: skip
     scene = spatial.spatial_slider_crank(*free)
-    model = ReducedModel(scene, build(scene))
+    model = ReducedModel(scene, rom_of(scene))
     changes = []
     for step, duration in ((5e-4, 1.0), (1e-3, 1.0), (1e-3, 2.0)):
         longer = spatial.spatial_slider_crank(*free, f"simulation.step={step}", f"simulation.duration={duration}")
-        found = simulate_reduced(model.with_loads(longer), MPI.COMM_SELF)
+        found = motion(model.with_loads(longer))
         balance = found.balance
         total = balance.kinetic + balance.strain
         # the bars vibrate from the start
@@ -432,10 +419,10 @@ def test_damping_within_the_bars_takes_energy_out() -> None:
         "coordinates.theta.range=[-0.4,1.2]", "simulation.duration=0.03", "simulation.step=5e-5",
         "simulation.spectral_radius=1.0",
     )  # fmt: skip
-    rom = build(spatial.spatial_slider_crank(*jolted))
+    rom = rom_of(spatial.spatial_slider_crank(*jolted))
     for damping in ("stiffness=2e-5", "ratios=[0.02,0.02,0.02,0.02]"):
         damped = spatial.spatial_slider_crank(*jolted, f'effects.damping={{type="structural_damping",{damping}}}')
-        balance = run(damped, rom).balance
+        balance = motion(ReducedModel(damped, rom)).balance
         lost = -balance.work["damping"]
         assert np.all(np.diff(lost) > -1e-15) and lost[-1] > 1e-7
         # the scheme does not dissipate here, and what the trapezoidal rule leaves is small beside it

@@ -254,17 +254,18 @@ def formula_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | 
     theta, rates = start_of(scene, kinematics.mechanism)
     moment = MOMENT / max(1.0, np.max(np.abs(rates)))
     for name, effect in named.items():
-        for action in effect.forces(name, kinematics.mechanism).actions():
+        actions = effect.forces(name, kinematics.mechanism).actions()  # of one law, perhaps led by another action
+        measured, acting = actions[0], actions[-1]
 
-            def at(time: float, action: Action = action) -> float:
-                return _value(kinematics, action.statement, action.sides, theta + time * rates)
+        def at(time: float, measured: Action = measured) -> float:
+            return _value(kinematics, measured.statement, measured.sides, theta + time * rates)
 
-            s = float(theta[action.coordinate]) if action.coordinate >= 0 else at(0.0)
-            v = (at(moment) - at(-moment)) / (2.0 * moment) if np.any(rates) else 0.0
-            why = not_finite(action, s, v, scene.values)
-            if why:
-                where = f"at the start, where s = {s:.6g}, v = {v:.6g} and t = 0; write where(...) around such places"
-                yield refusal(f"effects.{name}.force", f"{why} {where}", effect.force)
+        s = float(theta[measured.coordinate]) if measured.coordinate >= 0 else at(0.0)
+        v = (at(moment) - at(-moment)) / (2.0 * moment) if np.any(rates) else 0.0
+        why = not_finite(acting, s, v, scene.values)
+        if why:
+            where = f"at the start, where s = {s:.6g}, v = {v:.6g} and t = 0; write where(...) around such places"
+            yield refusal(f"effects.{name}.force", f"{why} {where}", effect.force)
 
 
 MANY_TURNS = 1e3 * 2 * math.pi  # rad
