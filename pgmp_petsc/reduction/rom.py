@@ -114,8 +114,8 @@ class ReducedOrderModel:
     def displacements(self, scheme: str, dofs: np.ndarray) -> Interpolant:
         """Return displacements and rotations of some unknowns in body frames, values of shape (n_factors, dofs.size).
 
-        Factors are the flexible coordinates and, where the model is curved, their `pair_products`. All unknowns are
-        interpolated at once, and kept: outputs, fields and estimates of errors take each a part of them.
+        Factors are the flexible coordinates and, where the model is curved, the products of their pairs. All unknowns
+        are interpolated at once, and kept: outputs, fields and estimates of errors take each a part of them.
         """
         if scheme not in self._displacements:
             shapes = [self.projection] if self.curvature is None else [self.projection, self.curvature]
@@ -145,7 +145,10 @@ class ReducedOrderModel:
         if tables.second_order is not None:
             second_order = SecondOrderFile(**vars(tables.second_order), **vars(tables.changes), **weights)
         return {
-            **{name: getattr(tables, name) for name in ("mass", "inertia", "stiffness", "load", "load_effects")},
+            **{
+                name: getattr(tables, name)
+                for name in ("mass", "inertia", "stiffness", "load", "load_effects", "n_given")
+            },
             **{name: getattr(self, name) for name in OWN},
             **ModelFile.of_samples(tables.samples),
             **weights,
@@ -192,6 +195,7 @@ class ReducedOrderModel:
             inertia=found.inertia,
             stiffness=found.stiffness,
             load=found.load,
+            n_given=found.n_given,
             second_order=second and SecondOrderTables(**{name: second[name] for name in CURVED}),
             changes=second and ModeChanges(second["gyroscopic"], second["spread"]),
         )
