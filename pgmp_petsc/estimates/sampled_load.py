@@ -33,11 +33,11 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, note, warning
 from pgmp_petsc.bodies.matrices import AffineMatrices
-from pgmp_petsc.effects import Action, Effect, Motion
-from pgmp_petsc.effects.load import Load
+from pgmp_petsc.effects import AT_REST, Action, Effect, Motion
+from pgmp_petsc.effects.effect import Load
 from pgmp_petsc.effects.motion import Instant
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.models.model import AT_REST, search_of
+from pgmp_petsc.models.model import search_of
 from pgmp_petsc.models.reduced_statics import ReducedStatics
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.scene.references import parts_of

@@ -31,7 +31,7 @@ from PIL import Image
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.figures.motion import Motion, Skin, motion_of
 from pgmp_petsc.figures.style import PROGRAM, QUIET, RESOLUTION, axis_unit, new_figure, round_below, styled, top_legend
-from pgmp_petsc.files.hdf5 import replacing
+from pgmp_petsc.files.claims import replacing
 from pgmp_petsc.ranks.ending import child
 from pgmp_petsc.results import Trajectory
 

@@ -19,8 +19,9 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter
 
-from pgmp_petsc import __version__
-from pgmp_petsc.files.hdf5 import RunRecord, replacing
+from pgmp_petsc.base import __version__
+from pgmp_petsc.files.claims import replacing
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results.numbers import axis_unit
 
 Arguments = ParamSpec("Arguments")

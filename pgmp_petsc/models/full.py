@@ -14,7 +14,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
-from pgmp_petsc.effects import effects_of, motions_of
+from pgmp_petsc.effects import effects_of, motions_of, start_of
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.full.rank_solver import PREFIX
@@ -26,7 +26,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.models.model import require_lengths, search_of, start_of, velocities_of
+from pgmp_petsc.models.model import require_lengths, search_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.ranks.petsc import has_options
 from pgmp_petsc.scene import Scene

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.effects import actions_of, effects_of, motions_of
+from pgmp_petsc.effects import actions_of, effects_of, motions_of, start_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models.model import require_lengths, search_of, start_of, velocities_of
+from pgmp_petsc.models.model import require_lengths, search_of, velocities_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduced.actions import ReducedActions

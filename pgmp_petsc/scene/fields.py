@@ -334,7 +334,6 @@ AngleOrPlace = Annotated[Number, AfterValidator(_no_more_turns), Unit("rad", "m"
 #: A time (s).
 Time = Annotated[Number, Unit("s")]
 #: A length (m).
-Length = Annotated[Number, Unit("m")]
 #: An integer; numbers with a decimal point are refused.
 Integer = Annotated[int, Field(strict=True)]
 #: A number, or the name of a parameter.

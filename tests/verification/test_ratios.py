@@ -141,7 +141,7 @@ def test_a_model_in_c_has_the_ratio_of_its_export(rom: ReducedOrderModel, tmp_pa
     scene = geared()
     model = ReducedModel(scene.with_values({"ratio": OTHER}), rom)
     assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
-    assert '"ratio"' not in (tmp_path / "model.c").read_text()
+    assert '"ratio"' not in (tmp_path / "steps.c").read_text()
 
 
 def test_a_ratio_that_does_not_bring_bodies_back_says_so() -> None:

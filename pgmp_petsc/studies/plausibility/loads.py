@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from pgmp_petsc.base.units import SI, UnitSystem
+from pgmp_petsc.effects import start_of
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.formula import FormulaEffect, not_finite
 from pgmp_petsc.effects.joint_effects import joint_measure
@@ -22,7 +23,6 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import ANGLE, Statement
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.models.model import start_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass, Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
