@@ -377,6 +377,9 @@ def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:
         yield "coordinates", f"a model in C has one or two rigid coordinates, not {len(scene.coordinates)}"
     if scene.fields:
         yield f"fields.{next(iter(scene.fields))}", "a model in C has no random fields"
+    for name, joint in scene.joints.items():
+        if joint.offset is not None:
+            yield f"joints.{name}.offset", "in a model in C joints are where they should be"
     if scene.initial.equilibrium:
         yield "initial.equilibrium", "a model in C starts undeformed"
     if scene.simulation.tolerance is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -120,6 +120,11 @@ class Connection:
         if moving:
             return [(part, self.sides_held) for part in self.held]
         return [(part, self.sides) for part in self.statements]
+
+    @property
+    def straight(self) -> Connection:
+        """The joint where it should be, if it is off."""
+        return self if self.moved is self.a else replace(self, held=self.statements, moved=self.a)
 
     def measure(self, motion: str) -> Statement:
         """Return what measures ``turning`` or ``sliding``."""

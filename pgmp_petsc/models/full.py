@@ -102,15 +102,22 @@ class FullModel:
         sized = self._sized({name: float(value[0]) for name, value in values.items()})
         settled = sized.settled(values, n_samples) if self.scene.initial.equilibrium else None
         start = sized.start_of_samples(values, n_samples)
-        built_in = None
-        if settled is None and sized.is_off:
-            rates = np.broadcast_to(start[1].reshape(start[0].size, -1), (start[0].size, n_samples))
-            each = [
-                sized._built_in({name: float(value[k]) for name, value in values.items()}, rates[:, k], alone())
-                for k in range(n_samples)
-            ]
-            built_in = tuple(np.concatenate(parts, axis=1) for parts in zip(*each))
+        built_in = sized.built_in(values, start, n_samples) if settled is None else None
         return FullBatch(sized.kinematics, sized._effects, values, start, n_samples, sized._motions, settled, built_in)
+
+    def built_in(
+        self, values: Mapping[str, np.ndarray], start: tuple[np.ndarray, np.ndarray], n_samples: int
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return unknowns and velocities (n_dofs, n_samples) that samples start with where joints are off, each found
+        by itself, from `start_of_samples`; None where none is."""
+        if not self.is_off:
+            return None
+        rates = np.broadcast_to(start[1].reshape(start[0].size, -1), (start[0].size, n_samples))
+        each = [
+            self._built_in({name: float(value[k]) for name, value in values.items()}, rates[:, k], alone())
+            for k in range(n_samples)
+        ]
+        return tuple(np.concatenate(parts, axis=1) for parts in zip(*each))
 
     def start_of_samples(self, values: Mapping[str, np.ndarray], n_samples: int) -> tuple[np.ndarray, np.ndarray]:
         """Return positions (n_theta,), rad, and velocities of the coordinates at the start, rad/s; see

@@ -145,7 +145,10 @@ class ReducedOrderModel:
         if tables.second_order is not None:
             second_order = SecondOrderFile(**vars(tables.second_order), **vars(tables.changes), **weights)
         return {
-            **{name: getattr(tables, name) for name in ("mass", "inertia", "stiffness", "load", "load_effects")},
+            **{
+                name: getattr(tables, name)
+                for name in ("mass", "inertia", "stiffness", "load", "load_effects", "n_given")
+            },
             **{name: getattr(self, name) for name in OWN},
             **ModelFile.of_samples(tables.samples),
             **weights,
@@ -192,6 +195,7 @@ class ReducedOrderModel:
             inertia=found.inertia,
             stiffness=found.stiffness,
             load=found.load,
+            n_given=found.n_given,
             second_order=second and SecondOrderTables(**{name: second[name] for name in CURVED}),
             changes=second and ModeChanges(second["gyroscopic"], second["spread"]),
         )

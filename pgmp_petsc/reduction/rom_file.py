@@ -420,6 +420,9 @@ class ModelFile(Record):
     indefinite: str = attribute(
         "@indefinite", absent="", about="where interpolated mass or stiffness is indefinite, empty where nowhere"
     )
+    n_given: int = attribute(
+        "@n_given", absent=0, about="of the modes, the last ones: displacements per unit of the joints' offsets"
+    )
     theta: np.ndarray = array("configuration", "coordinate?", unit="rad or m", about="sampled configurations")
     lower: np.ndarray = attribute("theta@lower", "coordinate?", about="lower end of the range")
     upper: np.ndarray = attribute("theta@upper", "coordinate?", about="upper end; of a revolution no sample")

@@ -125,6 +125,18 @@ class Offset(Table):
         for key, (sign, unit) in quantities_of(type(self)).items():
             yield from ((key, value, sign, unit.turning) for value in getattr(self, key))
 
+    def part(self, name: str | None, size: float) -> Self:
+        """Return an offset by the entries alone that name a parameter, at a value; of none by the numbers, times it."""
+
+        def of(value: float | str) -> float:
+            if isinstance(value, str):
+                return size if value == name else 0.0
+            return size * value if name is None else 0.0
+
+        return self.model_copy(
+            update={key: tuple(of(value) for value in getattr(self, key)) for key in ("place", "turn")}
+        )
+
     def problems(self, dimension: int, entry: str) -> Iterator[str]:
         """Yield a line if it has nothing, or not as many numbers as directions or turns."""
         if not self.place and not self.turn:

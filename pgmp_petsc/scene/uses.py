@@ -122,6 +122,14 @@ def offset_names(scene: AnyScene) -> set[str]:
     return {value for offset in offsets for _, value, *_ in offset.uses() if isinstance(value, str)}
 
 
+def offset_directions(scene: AnyScene) -> tuple[str | None, ...]:
+    """Return what joints are off by, each by its own amount: the parameters, sorted, and None for numbers if any is
+    not zero."""
+    offsets = (joint.offset for joint in scene.joints.values() if joint.offset is not None)
+    numbers = any(value for offset in offsets for _, value, *_ in offset.uses() if not isinstance(value, str))
+    return (*sorted(offset_names(scene)), *((None,) if numbers else ()))
+
+
 def ordered_ends(scene: AnyScene) -> Iterator[tuple[str, str, float | str, float | str, float]]:
     """Yield pairs of entries of which the first is below the second, or a share of it: the first one's dotted name, the
     second one in words, both values, and the share."""

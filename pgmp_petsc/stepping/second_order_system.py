@@ -203,8 +203,9 @@ class SecondOrderSystem:
     comm: Comm  # ranks that share the samples
     n_samples: int  # number of samples
     settled: Settled | None = None  # static equilibria that the samples start from, None where they start without loads
-    #: unknowns and velocities that samples start with where joints that are off deform them, None where none does
-    built_in: tuple[np.ndarray, np.ndarray] | None = None
+    #: what samples start with where joints that are off deform them, such as unknowns and velocities; None where none
+    #: does
+    built_in: tuple[np.ndarray, np.ndarray] | np.ndarray | None = None
     n_events: int = 0  # edges of laws whose crossing is to be found in time
     steps_at_once: int = 1  # steps that the samples are to take at most until they meet
     #: whether a run begins with other accelerations than those of the start; see `first_accelerations`
