@@ -59,6 +59,7 @@ COMPARED = {
     "quick_return": (0.6, 1e-3, 1e-3, 2e-2),
     "geared_five_bar": (0.6, 5e-4, 1e-3, 1e-2),
     "machine_on_mounts": (1.2, 1e-3, 2e-3, 1e-2),  # through two resonances of the mounts
+    "engine": (0.03, 2e-5, 3e-3, 1e-2),  # stress of the rod, through the first ignition
     "spinning_beam": (20.0, 1e-2, 1e-3, 1e-2),
     "slider_crank_effects": (0.3, 2e-4, 1e-3, 0.04),
     "rssr_beams": (0.2, 1e-3, 1e-3, 0.03),
