@@ -7,16 +7,15 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from mpi4py import MPI
-from runs import history, read_meshes, samples
+from runs import components_model, full_model, history, read_meshes, samples
 from solid_scenes import solid_meshes, solid_slider_crank
 from spatial import bars_of, slider_crank_in_space
 from spatial_beams import lines_of, slider_crank_of_beams
 from two_coordinates import double_pendulum
 
-from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator
 from pgmp_petsc.estimates.own_error import absence_of_estimates
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -124,7 +123,7 @@ def test_estimates_are_within_the_factor(case: str, tmp_path: Path) -> None:
     scene, meshes = made
     assert absence_of_estimates(scene) == ()
     model, values = ReducedModel(scene, kept_rom(made, tmp_path)), samples(scene, 2)
-    exact_of = component_model(finer(made), meshes, MPI.COMM_SELF) if components else FullModel(finer(made), meshes)
+    exact_of = components_model(finer(made), meshes) if components else full_model(finer(made), meshes)
     watched = ErrorIndicator(model).watch(values, np.arange(2))
     run = integrate(model.batch(values, 2), scene.simulation, observer=watched)
     estimate, found = watched.estimate(run.status).largest, history(model, values, 2)[1]

@@ -10,16 +10,14 @@ import pytest
 from conftest import ROOT, TIMEOUT_SECONDS
 from mpi4py import MPI
 from runs import QUICK_RETURN, accurate_scene, built_rom, reduced_model
-from spatial import bars_of, slider_crank_in_space
+from spatial import slider_crank_in_space
 from two_coordinates import five_bar
 
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.source import COMPILED, write_sources
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction import tables as of_reduction
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.stencil import OVERHAUSER
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene
@@ -185,7 +183,7 @@ def test_space(tmp_path) -> None:
     assert n == 1
     (tmp_path / "scene.toml").write_text(text)
     scene, meshes = read_scene(tmp_path / "scene.toml", IN_SPACE, (), MPI.COMM_SELF, Purpose.CHECK)
-    model = ReducedModel(scene, build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1)))
+    model = reduced_model(scene, meshes)
     exported.assert_equal(exported.outputs_of(exported.compiled(model, tmp_path)), exported.simulated(model).outputs)
 
 
@@ -194,7 +192,7 @@ def test_an_angle_in_space_that_is_no_coordinate_counts_turns(tmp_path) -> None:
         'outputs={elbow={type="angle", joint="elbow"}}', "reduction.angles=24", 'reduction.interpolation="spline"',
         "simulation.initial.theta.velocity=100.0", "simulation.duration=0.12", "simulation.step=2.5e-4",
     )  # fmt: skip
-    model = ReducedModel(scene, build_rom(scene, bars_of(scene), RankGroup.split(MPI.COMM_SELF, 1)))
+    model = reduced_model(scene)
     wanted = exported.simulated(model).outputs
     assert wanted["elbow"][-1] < -1.5 * np.pi
     exported.assert_equal(exported.outputs_of(exported.compiled(model, tmp_path)), wanted)

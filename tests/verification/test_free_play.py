@@ -11,12 +11,10 @@ from conftest import ROOT
 from differences import ToRoundOff, differences
 from effect_scenes import BAR_INERTIA, bar, recorded
 from exported import Unit, assert_equal, compiled, needs_compiler, outputs_of, simulated
-from mpi4py import MPI
-from runs import full_model, history, reduced_model, samples
+from runs import components_model, full_model, history, reduced_model, samples
 from test_effects_reduced import INERTIA, run_of
 
 import pgmp_petsc as pgmp
-from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.description import OUTPUTS
 from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
@@ -25,7 +23,7 @@ from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate
-from scenes import meshes_of, slider_crank
+from scenes import slider_crank
 
 SETTINGS = (
     "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
@@ -39,7 +37,7 @@ TWO_STOPS, FREE_PLAY = (slider_crank(*SETTINGS, SPRING.format(kind)) for kind in
 MODELS: dict[str, Callable[[Scene], Model]] = {
     "reduced": reduced_model,
     "full": full_model,
-    "components": lambda scene: component_model(scene, meshes_of(scene), MPI.COMM_SELF),
+    "components": lambda scene: components_model(scene),
 }
 
 

@@ -9,7 +9,7 @@ from differences import differences
 from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
 from length_scenes import SMALL, long_crank
 from mpi4py import MPI
-from runs import rom_of, samples
+from runs import reduced_model, rom_of, samples
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.design.fitting import fit
@@ -65,7 +65,7 @@ def test_estimated_errors_of_samples_contain_what_polynomials_are_off_by() -> No
     """Straight lines between two points of a length: their errors at the end are those of a run with exact kinematics,
     and what outputs differ by."""
     scene = long_crank(*SMALL, "reduction.length_points=2", "reduction.angles=8")
-    model = ReducedModel(scene, rom_of(scene))
+    model = reduced_model(scene)
     lanes = of_samples(model, ["rod_length"])
     values = samples(scene, 2, rod_length=LENGTHS)
     together = run_batch(lanes, values, 0, [ErrorWatcher(indicator_of(lanes))])
@@ -83,7 +83,7 @@ def test_estimated_errors_of_samples_contain_what_polynomials_are_off_by() -> No
 
 def test_estimates_of_a_sample_that_cannot_be_placed_are_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = long_crank(*SMALL)
-    lanes = of_samples(ReducedModel(scene, rom_of(scene)), ["rod_length"])
+    lanes = of_samples(reduced_model(scene), ["rod_length"])
 
     def refuse(self: LengthLanes, own: Scene) -> ReducedModel:
         raise InputError("the mechanism cannot close")

@@ -78,7 +78,7 @@ def test_a_body_in_space_swings_about_an_oblique_axis() -> None:
 
 CARRIAGE = RAIL.replace(
     "[joints.rail]",
-    '[bodies.carriage]\nrigid = { mass = 2.0, inertia = [0.01, 0.01, 0.01, 0.0, 0.0, 0.0], points = { on = [0.0, 0.0, '
+    "[bodies.carriage]\nrigid = { mass = 2.0, inertia = [0.01, 0.01, 0.01, 0.0, 0.0, 0.0], points = { on = [0.0, 0.0, "
     '0.0] } }\n[joints.held]\ntype = "fixed"\nconnect = ["carriage:on", "arm:hinge"]\n[joints.rail]',
 ).replace('"arm:hinge"]\naxis', '"carriage:on"]\naxis')
 
