@@ -63,8 +63,8 @@ def slider_crank(name: str, *more: str) -> Scene:
 def reduced(kind: str, name: str) -> ReducedModel:
     """Return a reduced model whose basis does not depend on the effect, so that it is built once."""
     scene = arm(POST, effects(ON_ARM[name]), *PART, *RUN, TIP) if kind == "arm" else slider_crank(name)
-    with pytest.MonkeyPatch.context() as patch:  # splines over 2.4 rad leave 2e-7 of its fourth derivatives
-        patch.setattr(of_reduction, "N_FINE_OF_MORE", 24)
+    with pytest.MonkeyPatch.context() as patch:  # splines over 2.4 rad leave 3e-8 of its fourth derivatives
+        patch.setattr(of_reduction, "N_FINE_OF_MORE", 40)
         return ReducedModel(scene, _rom(kind))
 
 
@@ -120,7 +120,7 @@ def test_a_spring_is_as_long_as_the_reconstruction_says(kind: str) -> None:
     point = model.kinematics.mechanism.attachment(tip, "")
     place = model.frames_of(state.q)[point.node, :3]
     length = np.linalg.norm(place - np.array([0.1, 0.4, -0.2])[:, None], axis=0)
-    # the rigid part is a spline of the kinematics, 1024 points a revolution, or 24 of either coordinate in 2.4 rad
+    # the rigid part is a spline of the kinematics, 1024 points a revolution, or 40 of either coordinate in 2.4 rad
     rtol = 1e-7 if kind == "slider_crank" else 1e-5
     np.testing.assert_allclose(energies.potential["extra"], 100.0 * (length - 0.982) ** 2, rtol=rtol)
 
