@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from differences import differences
-from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
+from exported import assert_same_in_c, needs_compiler
 from length_scenes import SMALL, long_crank
 from mpi4py import MPI
 from runs import reduced_model, rom_of, samples
@@ -134,7 +134,6 @@ def test_a_length_is_found_again_from_a_history_of_a_model_built_with_it() -> No
 def test_a_model_in_c_has_the_lengths_of_its_export(tmp_path: Path) -> None:
     scene = long_crank(*SMALL, settings=("rod_length=0.68",))
     model = ReducedModel(scene, rom_of(long_crank(*SMALL)))
-    found = outputs_of(compiled(model, tmp_path))
-    assert_equal(found, simulated(model).outputs)
+    found = assert_same_in_c(model, tmp_path)
     assert found["slider_position"][0] == pytest.approx(0.3 + 0.68, rel=1e-12)
     assert "rod_length" not in (tmp_path / "model.c").read_text()

@@ -7,9 +7,9 @@ import differences
 import numpy as np
 import pytest
 from differences import compare
-from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
+from exported import assert_equal, compiled, needs_compiler, outputs_of
 from mpi4py import MPI
-from runs import components_model, full_model, history, reduced_model, rom_of, samples
+from runs import components_model, full_model, history, motion, reduced_model, rom_of, samples
 from spatial_beams import SLIDER_CRANK
 
 from pgmp_petsc.ensemble.integration import run_batch
@@ -188,4 +188,4 @@ def test_a_model_in_c_takes_the_numbers(tmp_path: Path) -> None:
     model = ReducedModel(changed, rom_of(scene))
     found = outputs_of(program, *(f"{name}={SECOND[name]}" for name in ("slow", "length", "lump")))
     # what the iterations of both leave of the deformation
-    assert_equal(found, simulated(model).outputs, 1e-5)
+    assert_equal(found, motion(model).outputs, 1e-5)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from runs import components_model, full_model, motion
+from runs import components_model, full_model, motion, trajectory
 
 from pgmp_petsc.results import Balance
 from pgmp_petsc.scene import scene_from_toml
@@ -76,5 +76,5 @@ def test_a_run_whose_steps_are_far_too_long_says_so() -> None:
     """A stiff spring that is let go swings the arm and bends it, in steps of 5 ms."""
     stop = '[effects.stop]\ntype = "spring_damper"\njoint = "hinge"\nstiffness = 2e3\nrest = 0.3\n'
     scene = scene_from_toml(ARM + stop, ".", ["simulation.step=5e-3"])
-    run = motion("full", scene)
+    run = trajectory("full", scene)
     assert [remark.kind for remark in run.record.remarks if "out of balance" in remark.text] == ["warning"]
