@@ -7,6 +7,10 @@ import pytest
 from conftest import ROOT
 from length_scenes import long_crank, numbered
 from mpi4py import MPI
+from runs import full_model, motion, reduced_model, rom_of
+from sealed import resealed
+from test_stress_outputs import asked, held
+
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.design.design_figures import Question
 from pgmp_petsc.design.goals import read_goal
@@ -22,10 +26,6 @@ from pgmp_petsc.reduction.angles import TARGET
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.scene.numerics import Event
 from pgmp_petsc.stepping.generalised_alpha import integrate
-from runs import full_model, motion, reduced_model, rom_of
-from sealed import resealed
-
-from test_stress_outputs import asked, held
 
 SCENE = ROOT / "scenes" / "slider_crank.toml"
 NOMINAL, THINNER, DEVIATION = 5.6e-3, 5.04e-3, 0.56e-3

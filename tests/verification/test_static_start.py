@@ -1,5 +1,6 @@
 """Runs that start from static equilibrium, against closed forms, between the models, and over time."""
 
+import warnings
 from contextlib import closing
 from pathlib import Path
 
@@ -61,12 +62,13 @@ def both(scene: Scene, text: str) -> list[FullModel | ReducedModel]:
     return [full_model(scene), reduced_of(scene, text)]
 
 
-@pytest.mark.filterwarnings("error")
 def test_samples_side_by_side_settle_without_a_warning() -> None:
-    model = full_model(scene_of(BAR, "held"))
-    values = {name: np.array([value, value]) for name, value in model.scene.values.items()}
-    with closing(model.batch(values, 2)) as system:
-        q = system.start().q
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model = full_model(scene_of(BAR, "held"))
+        values = {name: np.array([value, value]) for name, value in model.scene.values.items()}
+        with closing(model.batch(values, 2)) as system:
+            q = system.start().q
     np.testing.assert_array_equal(*np.moveaxis(q, -1, 0)[:2])
 
 

@@ -7,6 +7,11 @@ import meshio
 import numpy as np
 import pytest
 from mpi4py import MPI
+from runs import MODELS, accurate_scene, full_model, motion, reduced_model, rom_of, trajectory
+from sealed import resealed
+from solid_scenes import solid_meshes, solid_slider_crank
+from solids import box_mesh, rectangle_mesh
+
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mesh import SolidMesh
@@ -18,11 +23,7 @@ from pgmp_petsc.reduction.build import BuildCheckpoint, build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml
-from runs import MODELS, accurate_scene, full_model, motion, reduced_model, rom_of, trajectory
 from scenes import HEADER, tables
-from sealed import resealed
-from solid_scenes import solid_meshes, solid_slider_crank
-from solids import box_mesh, rectangle_mesh
 
 WITHIN = 0.02  # what stress outputs are asked to be within
 LENGTH, HEIGHT, WIDTH, FORCE = 1.0, 0.1, 0.01, 100.0
