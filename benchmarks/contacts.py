@@ -17,6 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.tables import Table, number
+from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import ReducedModel
@@ -24,7 +25,6 @@ from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
-from pgmp_petsc.studies.inputs import read_rom
 
 REPEATS = 3
 FAR = 1e6  # m or rad

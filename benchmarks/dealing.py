@@ -21,11 +21,11 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.on_model import main
+from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.ensemble.integration import Watching, run_batch
 from pgmp_petsc.ensemble.plan import Piece, checked, pieces
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.studies.inputs import read_rom
 
 RANKS = (2, 8, 64)
 SIZES, SIZES_CHECKED = (32, 128, 512), (8, 64)

@@ -17,10 +17,10 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.on_model import main
+from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
-from pgmp_petsc.studies.inputs import read_rom
 
 
 def run(rom: Path, n: int) -> None:

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.bench.history import errors_between, floors_of, run_history
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.effects.loads import Force, Torque
@@ -28,7 +29,7 @@ from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import Harmonic
 from pgmp_petsc.stepping.generalised_alpha import count_steps
-from pgmp_petsc.studies.inputs import read_rom, read_scene
+from pgmp_petsc.studies.inputs import read_scene
 
 SHAPE = ((0.0, 0.0), (0.4, 0.7), (0.7, 1.3), (1.0, 0.4))  # of the duration, and of the last value
 LARGER = 1.3  # harmonics

@@ -32,6 +32,7 @@ from benchmarks.effectivity import MOTOR, TORQUES
 from benchmarks.exact_oscillators import ExactOscillators, Variant, sinc
 from benchmarks.on_model import main
 from benchmarks.tables import Table, number
+from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.cases import Load
 from pgmp_petsc.bench.history import with_steps
@@ -40,7 +41,6 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.stepping.generalised_alpha import count_steps, instants, integrate
 from pgmp_petsc.stepping.second_order_system import Scheme, State
-from pgmp_petsc.studies.inputs import read_rom
 
 LOADS = ("ramp", "half sine", "reversal", "sudden step")
 STEPS = (0.25e-3, 0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3)

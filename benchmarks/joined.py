@@ -23,6 +23,7 @@ from numpy.polynomial import chebyshev
 from scipy import stats
 
 from benchmarks.tables import Table
+from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.ensemble import intervals, joined
 from pgmp_petsc.ensemble.correction import corrected
 from pgmp_petsc.ensemble.integration import run_batch
@@ -33,7 +34,6 @@ from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.scene.parameters import uncertain_names
-from pgmp_petsc.studies.inputs import read_rom
 
 LEVEL, REPETITIONS = 0.95, 400
 SIZES = ((10, 2000), (20, 2000), (50, 2000), (200, 10_000), (20, 200, 2000))

@@ -21,6 +21,7 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.tables import Table
+from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.description import describe_ensemble
@@ -33,7 +34,6 @@ from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.results.estimates import VALIDITY
 from pgmp_petsc.scene import scene_to_toml
-from pgmp_petsc.studies.inputs import read_rom
 
 N_BATCH, REPEATS, SIZE = 512, 4, 500
 UNCHECKED = "ensemble.checked_share=0.0"

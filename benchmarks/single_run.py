@@ -16,11 +16,11 @@ from unittest.mock import patch
 from mpi4py import MPI
 
 from benchmarks.on_model import main
+from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.stepping.generalised_alpha import count_steps
 from pgmp_petsc.studies import simulate
-from pgmp_petsc.studies.inputs import read_rom
 
 
 def run(path: Path, n: int) -> None:

@@ -28,6 +28,7 @@ from mpi4py import MPI
 from scipy import stats
 
 from benchmarks.tables import Table
+from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.plan import Plan
@@ -38,7 +39,6 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.results import Ensemble
-from pgmp_petsc.studies.inputs import read_rom
 
 LEVEL = 0.95
 LAWS = {

@@ -7,7 +7,7 @@ asked for: importing the package loads neither MPI nor PETSc.
 from importlib import import_module
 from typing import Any
 
-__version__ = "0.1.0"
+from pgmp_petsc.base import __version__  # noqa: F401 (a name of the interface)
 
 #: Classes of the interface, and the modules that have them; its functions are found (`api.found`).
 _CLASSES = {

@@ -20,7 +20,7 @@ from pgmp_petsc.scene import Scene, load_scene
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler (cc, gcc) in PATH")
-OPTIONS = ("-std=c99", "-O1", "-Wall", "-Wextra", "-pedantic", "-Werror")
+OPTIONS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror")
 SMALL = ("reduction.angles=24", "simulation.duration=0.2", "simulation.step=5e-4")
 
 

@@ -43,6 +43,11 @@ outputs.x: type = "sliding"; joint = "rail"
 outputs.v: type = "speed"; joint = "rail"
 outputs.tip: type = "deformation"; point = "arm:tip"; axis = "y"
 """)
+IN_PLANE = (
+    RAIL.replace("beam3d", "beam2d")
+    .replace("orientation = [0.0, 1.0, 0.0]", "")
+    .replace("[0.0, 1.0, 0.0]", "[0.0, 1.0]")
+)
 RAIL_MASS = 7800.0 * 0.5 * 0.02**2
 
 MODELS: dict[str, Callable[[Scene], Model]] = {
@@ -57,9 +62,9 @@ def cart(*overrides: str) -> Scene:
     return scene_from_toml(CART, ".", overrides)
 
 
-def rail(*overrides: str) -> Scene:
+def rail(*overrides: str, dimension: int = 3) -> Scene:
     """Return an arm across a rail."""
-    return scene_from_toml(RAIL, ".", overrides)
+    return scene_from_toml(RAIL if dimension == 3 else IN_PLANE, ".", overrides)
 
 
 def run(scene: Scene, model: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -94,6 +99,7 @@ class CartAndPole:
             return np.concatenate([y[2:], np.linalg.solve(mass, right)])
 
         return solve_ivp(rates, (0.0, times[-1]), start, t_eval=times, rtol=1e-10, atol=1e-12).y[:2]
+
 
 #: A cart with every entry of machines: rigid bodies by their mass, formulas, a shaken base, loads over joints.
 EVERYTHING = (

@@ -1,9 +1,13 @@
 """Beams that are clamped at both ends, one of which is off, beside a pendulum: a mechanism has a coordinate."""
 
+import numpy as np
+
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER, tables
 
 LENGTH, WIDTH, HEIGHT = 0.5, 0.02, 0.01
+E, NU = 210e9, 0.3
+G, SHEAR = E / (2.0 * (1.0 + NU)), 10.0 * (1.0 + NU) / (12.0 + 11.0 * NU)  # Cowper 1966, of rectangles
 CLAMPED = HEADER + tables(f"""
 ground.points: end = [{LENGTH}, 0.0]; beside = [0.0, -0.2]
 bodies.beam: line = {{ length = {LENGTH}, elements = 4 }}; element = "beam2d"; material = "steel";
@@ -29,3 +33,11 @@ def offset(joint: str, **given: object) -> str:
     """Return an override that moves or turns a joint."""
     entries = ", ".join(f"{key} = {value}" for key, value in given.items())
     return f"joints.{joint}.offset={{{entries}}}"
+
+
+def clamped_stiffness() -> np.ndarray:
+    """Return force and moment at the end of a clamped Timoshenko beam for its displacement and rotation there."""
+    inertia, area = WIDTH * HEIGHT**3 / 12.0, WIDTH * HEIGHT
+    phi = 12.0 * E * inertia / (SHEAR * G * area * LENGTH**2)
+    own = np.array([[12.0, -6.0 * LENGTH], [-6.0 * LENGTH, (4.0 + phi) * LENGTH**2]])
+    return E * inertia / (LENGTH**3 * (1.0 + phi)) * own

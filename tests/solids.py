@@ -29,6 +29,13 @@ TETRAHEDRA = (
 )  # fmt: skip
 
 
+def jacobian_determinants(nodes: np.ndarray, cells: np.ndarray, gradients: np.ndarray) -> np.ndarray:
+    """Return det J (m^d) of cells on nodes (n_nodes, d) where shape functions have such gradients in reference
+    coordinates (n_points, d, n_cell_nodes), shape (n_cells, n_points)."""
+    coordinates = nodes[cells].swapaxes(1, 2)
+    return np.column_stack([np.linalg.det(coordinates @ gradient.T) for gradient in gradients])
+
+
 def rectangle_mesh(kind: str, counts: tuple[int, int], lengths: tuple[float, float]) -> SolidMesh:
     """Return a rectangle of counts[0] by counts[1] quads, or of twice as many triangles; lengths in m."""
     return solid_mesh(grid(kind, counts, lengths), 2, "rectangle")

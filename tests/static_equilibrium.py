@@ -11,11 +11,12 @@ from collections.abc import Mapping
 
 import numpy as np
 from compiled_elements import beam2d
+from frames import to_inertial
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.body import element_dofs
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
-from pgmp_petsc.mechanism.body_frames import rigid_velocities, to_inertial
+from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.unknowns import Unknowns

@@ -21,10 +21,10 @@ from mpi4py import MPI
 
 from benchmarks.engine.floor import compiler
 from benchmarks.on_model import main
+from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.c_export.constants import MOST_CORRECTIONS, Constants, constants_of
 from pgmp_petsc.c_export.source import COMPILED, write_sources
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.studies.inputs import read_rom
 from pgmp_petsc.studies.simulate import simulate_reduced
 
 NEVER_MET = {name: -1.0 for name in ("NEWTON_TOLERANCE", "TOLERANCE_OF_TRIALS", "ROUND_OFF")}

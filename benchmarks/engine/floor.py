@@ -21,12 +21,12 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.on_model import main
+from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.lanes.vectors import CACHE_LINE, N_POWERS, N_POWERS_OF_RIGID
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.stepping.generalised_alpha import integrate
-from pgmp_petsc.studies.inputs import read_rom
 
 WIDTHS = (4, 8)
 OPTIONS = ("-O3", "-march=native", "-ffp-contract=fast", "-fno-math-errno", "-Wno-psabi", "-shared", "-fPIC")

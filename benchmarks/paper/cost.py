@@ -11,12 +11,13 @@ from mpi4py import MPI
 
 from benchmarks.paper.results import MODELS, PaperResults
 from benchmarks.tables import Table, number
+from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.studies.inputs import read_rom, read_scene
+from pgmp_petsc.studies.inputs import read_scene
 
 FINE = ('bodies.crank.mesh="../meshes/crank_40.msh"', 'bodies.rod.mesh="../meshes/rod_40.msh"')
 ROMS = {5: "rom.h5", 40: "rom_40_elements.h5"}

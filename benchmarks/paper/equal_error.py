@@ -20,13 +20,14 @@ from mpi4py import MPI
 
 from benchmarks.paper.cost import FINE, ROMS
 from benchmarks.tables import Table, number
+from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.bench.history import errors_between, floors_of, run_history, with_steps
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.stepping.generalised_alpha import integrate
-from pgmp_petsc.studies.inputs import read_rom, read_scene
+from pgmp_petsc.studies.inputs import read_scene
 
 SMALL_ROMS = {5: "rom_small.h5", 40: "rom_small_40_elements.h5"}
 # of 1 s: 31 ms to 2 ms; all have an instant where the torque's curve bends

@@ -10,11 +10,11 @@ from mpi4py import MPI
 from benchmarks.paper.published import LARGEST_ERROR_PERCENT, NOMINAL
 from benchmarks.paper.results import PaperResults
 from benchmarks.tables import Table, percent
+from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.tables import ReducedTables
-from pgmp_petsc.studies.inputs import read_rom
 from pgmp_petsc.studies.simulate import simulate_reduced
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.files.hdf5 import replacing
+from pgmp_petsc.files.claims import replacing
 
 FORMAT = 1
 READING, CONDENSING, BUILDING, WRITING, FRESH = "reading", "condensing", "building", "writing", "fresh"

@@ -24,8 +24,7 @@ import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.files.claims import check_output
-from pgmp_petsc.files.hdf5 import replacing
+from pgmp_petsc.files.claims import check_output, replacing
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism

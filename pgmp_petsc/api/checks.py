@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from pgmp_petsc.api.declared import Argument, command
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of, tell, tell_remarks
-from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import SCENE, scene_and_meshes
+from pgmp_petsc.api.scenes import SCENE, Overrides, Parameters
 from pgmp_petsc.base.errors import InputError, counted
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.shape import BodyShape
@@ -21,6 +20,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.ranks.agreement import on_root
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.check import describe_scene, describe_trial, summary_of_scene
+from pgmp_petsc.studies.inputs import scene_and_meshes
 
 if TYPE_CHECKING:
     from pgmp_petsc.results.selection import EffectSizes

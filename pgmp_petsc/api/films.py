@@ -116,8 +116,8 @@ def _check(file: Path, output: Path, mode: int | None, at: Mapping[str, float]) 
 
 def _shape(file: Path, mode: int, at: Mapping[str, float], comm: Comm) -> ModeShape:
     """Return a mode of a reduced model. Collective on `comm`."""
+    from pgmp_petsc.api.sources import read_rom
     from pgmp_petsc.models import ReducedModel  # takes a noticeable time
-    from pgmp_petsc.studies.inputs import read_rom
     from pgmp_petsc.studies.mode_shapes import mode_shape
 
     scene, rom = read_rom(file, (), (), comm)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path
 
-from pgmp_petsc import __version__
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command
 from pgmp_petsc.api.ensembles import montecarlo
@@ -16,7 +15,8 @@ from pgmp_petsc.api.modes import build
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks, untold
 from pgmp_petsc.api.runs import simulate
 from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import keeping
+from pgmp_petsc.api.sources import keeping, settled
+from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.plugins import in_use
 from pgmp_petsc.base.progress import doing
@@ -35,7 +35,7 @@ from pgmp_petsc.models import FullModel
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.report.budget import headline_of_build, headline_of_comparison, headline_of_ensemble, headline_of_run
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.studies.inputs import read_scene, settled
+from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate_full
 
 PAGE = "report.html"

@@ -9,8 +9,8 @@ from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom
-from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import SCENE, directory_of, keeping, model_of_rom, scene_and_meshes
+from pgmp_petsc.api.scenes import SCENE, Overrides, Parameters
+from pgmp_petsc.api.sources import directory_of, keeping, model_of_rom
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.candidates import FULL, QUICK
@@ -21,6 +21,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.building import build as build_model
+from pgmp_petsc.studies.inputs import scene_and_meshes
 from pgmp_petsc.studies.modes_table import tabulate_modes
 from pgmp_petsc.texts.models import report_of_build, report_of_modes
 from pgmp_petsc.texts.studies import report_of_tradeoff

@@ -10,9 +10,9 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from pgmp_petsc import __version__
 from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.ranks import ranks_of
+from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, Remark, RunError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.declare.records import Record

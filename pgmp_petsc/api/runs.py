@@ -114,9 +114,9 @@ def fields(rom: Rom, run: Result, times: Sequence[float], *, comm: Comm | None =
         If the run is not of this model, an instant is outside the run, or no mesh of a body is known.
     """
     comm = solving_ranks_of(comm)
+    from pgmp_petsc.api.sources import scene_of_rom
     from pgmp_petsc.models import ReducedModel
     from pgmp_petsc.studies.field_frames import fields_at
-    from pgmp_petsc.studies.inputs import scene_of_rom
 
     with agreed(comm, "looking at the arguments"):
         if run.kind != "trajectory":

@@ -14,14 +14,14 @@ from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.declare.ideas import take
-from pgmp_petsc.files.claims import check_output
-from pgmp_petsc.files.hdf5 import replacing
+from pgmp_petsc.files.claims import check_output, replacing
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
 from pgmp_petsc.scene.loading import describe_template, template_names, write_template
 
 Overrides = Mapping[str, object] | Sequence[str] | None
 Parameters = Mapping[str, float] | Sequence[str]
+SCENE = Argument("Scene, or its file.", word="SCENE")
 PAGES = (".md", ".markdown")
 
 
@@ -148,14 +148,3 @@ def _write_schema(output: Path | None) -> str:
     with replacing(target) as partial:
         partial.write_text(text, encoding="utf-8")
     return text
-
-
-def changed(scene: Scene, overrides: Sequence[str], settings: Sequence[str]) -> Scene:
-    """Return a scene with other entries and values of parameters; by every rank alike. Raises `InputError`.
-
-    What the scene does not give stays open: a tolerance may choose it.
-    """
-    if not overrides and not settings:
-        return scene
-    tables = scene.model_dump(exclude_none=True, exclude_unset=True)
-    return scene_from_tables(tables, scene.directory, overrides, settings)

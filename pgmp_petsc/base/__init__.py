@@ -3,3 +3,5 @@
 Errors carry the exit status that a command ends with, and what a user is to read. Nothing here knows of mechanics, of
 MPI or of files of results. Begin with `errors`, then `progress`.
 """
+
+__version__ = "0.1.0"

@@ -9,10 +9,10 @@
 Errors are the largest of any output, sample and load of the training (`cases.Training`). Each part may take its share
 of the tolerance (`errors.Ledger`).
 
-Of scenes whose lengths or places are parameters a tolerance is met by runs of one mechanism. What it leaves open is
-chosen with the nominal lengths; then the same is asked with nothing left open at both ends of every length, the others
-nominal, and together. That all models between them are as good follows from how smooth they are in a length, which
-every build measures (`reduction.length_family`).
+Of scenes whose lengths, places or ratios are parameters a tolerance is met by runs of one mechanism. What it leaves
+open is chosen with the nominal lengths; then the same is asked with nothing left open at both ends of every length, the
+others nominal, and together. That all models between them are as good follows from how smooth they are in a length,
+which every build measures (`reduction.length_family`).
 """
 
 from __future__ import annotations

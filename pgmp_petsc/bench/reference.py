@@ -32,16 +32,16 @@ from pgmp_petsc.bench.finished import Price, duration_text, step_seconds
 from pgmp_petsc.bench.history import AnyModel, History, errors_between, floors_of, largest_errors, run_history
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.floating import FloatingBody
-from pgmp_petsc.bodies.inertia_moments import rigid_motions
+from pgmp_petsc.bodies.linear_fields import rigid_motions
 from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed, floating_shapes
+from pgmp_petsc.effects import start_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, why_no_full_model
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
-from pgmp_petsc.models.model import start_of
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup

@@ -134,7 +134,8 @@ def measure_tradeoff(
 
 
 def _of_one_mechanism(scene: Scene) -> Scene:
-    """Return a scene whose lengths and places are numbers, those of its run, with what that means for the figures."""
+    """Return a scene whose lengths, places and ratios are numbers, those of its run, with what that means for the
+    figures."""
     names = length_names(scene)
     if not names:
         return scene
@@ -143,7 +144,7 @@ def _of_one_mechanism(scene: Scene) -> Scene:
     said = note(
         f"settings are compared at {', '.join(f'{name} = {value:.6g}' for name, value in lengths.items())}, other "
         f"values with --set; over all lengths a build is {n_builds} of those that are timed here, and samples take "
-        "somewhat longer (docs/uncertainty.md, lengths and places)"
+        "somewhat longer (docs/uncertainty.md, lengths, places and ratios)"
     )
     return with_numbers(scene, lengths).with_remarks((*scene.remarks, said))
 

@@ -6,7 +6,7 @@ In its own frame the body has ``K`` and ``M`` of all displacements of its nodes.
 
 so that a modulus or a density of the whole body can be varied, and no more is known: no strains inside, no cells, no
 third derivative of the energy. The mass is ``m`` along every axis, ``M = m (x) 1``, which inertia forces of large
-rotations need (`bodies.inertia_moments`); `assembled_reading` sees to that.
+rotations need (`bodies.matrices`); `assembled_reading` sees to that.
 """
 
 from __future__ import annotations

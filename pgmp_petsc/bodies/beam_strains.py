@@ -19,16 +19,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.bodies.beam2d import strains
-from pgmp_petsc.bodies.recovery import products
+from pgmp_petsc.bodies.recovery import Beams, products
 from pgmp_petsc.mesh.line_mesh import LineMesh
-
-if TYPE_CHECKING:
-    from pgmp_petsc.bodies.kinds.beam import Beam
 
 STRAIGHT = 1e-9  # 1 - cosine of the angle between elements in one direction: half of 4e-5 rad squared
 ON_LINE = 1e-6  # of the body's extent: how far from an element a place may be that counts as on it
@@ -38,7 +34,7 @@ ON_LINE = 1e-6  # of the body's extent: how far from an element a place may be t
 class BeamStrains:
     """Points of a body of beams, each in an element."""
 
-    body: Beam  # of flexible beams
+    body: Beams  # of flexible beams
     elements: np.ndarray  # their elements, shape (n_points,)
     along: np.ndarray  # places in these, 0 at the first node and 1 at the second, shape (n_points,)
     #: what continues extension and shear from the middle of a point's element to the point: its distance over that of
@@ -133,26 +129,26 @@ class BeamStrains:
         return sum(np.multiply.outer(c[self.elements], np.atleast_1d(weight.evaluate(values))) for weight, c in terms)
 
     @classmethod
-    def of(cls, body: Beam, elements: np.ndarray, along: np.ndarray, held: Collection[int] = ()) -> BeamStrains:
+    def of(cls, body: Beams, elements: np.ndarray, along: np.ndarray, held: Collection[int] = ()) -> BeamStrains:
         """Take points of elements; `held` are the nodes at which a load or a joint may be."""
         return cls(body, elements, along, _continuation(body.mesh, elements, along, held))
 
     @classmethod
-    def at_ends(cls, body: Beam, held: Collection[int] = (), nodes: np.ndarray | None = None) -> BeamStrains:
+    def at_ends(cls, body: Beams, held: Collection[int] = (), nodes: np.ndarray | None = None) -> BeamStrains:
         """Take both ends of all elements, or those that are at some nodes; `held` as for `of`."""
         chosen = np.ones(body.mesh.cells.shape) if nodes is None else np.isin(body.mesh.cells, nodes)
         elements, ends = np.nonzero(chosen)
         return cls.of(body, elements, ends.astype(float), held)
 
     @classmethod
-    def in_middles(cls, body: Beam) -> BeamStrains:
+    def in_middles(cls, body: Beams) -> BeamStrains:
         """Take the middles of all elements."""
         n = len(body.mesh.cells)
         elements = np.arange(n)
         return cls(body, elements, np.full(n, 0.5), (np.zeros(n), elements, elements))
 
     @classmethod
-    def at_place(cls, body: Beam, place: np.ndarray, held: Collection[int] = ()) -> BeamStrains | None:
+    def at_place(cls, body: Beams, place: np.ndarray, held: Collection[int] = ()) -> BeamStrains | None:
         """Take a place on a body, shape (d,), m, in every element that it is in; None where it is in none."""
         mesh = body.mesh
         starts, edges = mesh.nodes[mesh.cells[:, 0]], np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0]

@@ -24,7 +24,7 @@ import numpy as np
 
 from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.inertia_moments import TURNS, linear_fields
+from pgmp_petsc.bodies.linear_fields import TURNS, linear_fields
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 
@@ -339,7 +339,7 @@ class Body(ABC):
 
     def moments(self) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
         """Yield weights, unknowns (n_e, k) of the body alone and moments of inertia (n_e, d, d, k, k); see
-        `inertia_moments`."""
+        `bodies.matrices.inertia_moments`."""
         yield from ()
 
     def director_inertia(self) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:

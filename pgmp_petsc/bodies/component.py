@@ -24,7 +24,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.framed_solid import FramedSolid
-from pgmp_petsc.bodies.inertia_moments import TURNS, directors, linear_fields, rigid_motions
+from pgmp_petsc.bodies.linear_fields import TURNS, directors, linear_fields, rigid_motions
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.solid import Solid

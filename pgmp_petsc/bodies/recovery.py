@@ -9,23 +9,54 @@ choose their order of summation by the number of columns.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.profile import Profiles
 from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.scene import Scene
 
-if TYPE_CHECKING:
-    from pgmp_petsc.bodies.kinds.beam import Beam
-    from pgmp_petsc.mesh.line_mesh import LineMesh
+
+class Beams(Protocol):
+    """A body of flexible beams as its strains and stresses see it; see `kinds.beam`."""
+
+    name: str
+    mesh: LineMesh
+    axes: np.ndarray | None  # of the elements in space, shape (n_elements, 3, 3); None in the plane
+    profiles: Profiles  # what the constants are multiplied by, element by element
+
+    @property
+    def planar(self) -> bool:
+        """Whether it is in the plane."""
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+
+    @property
+    def directions(self) -> np.ndarray:
+        """Directions of the elements in the plane, shape (n_elements,), rad."""
+
+    @property
+    def extent(self) -> float:
+        """See `Body`."""
+
+    def sections(self, kind: str) -> dict[Monomial, np.ndarray]:
+        """Return sectional coefficients of all elements by weight; see `Beam`."""
+
+    def stresses(self, scene: Scene) -> Any:
+        """See `Body`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
     """The displacements that a condensed body's coordinates describe."""
 
-    carrier: SolidMesh | Beam  # the mesh of continuum elements, or the body of beams, as it was before
+    carrier: SolidMesh | Beams  # the mesh of continuum elements, or the body of beams, as it was before
     #: displacements (of beams and rotations) of the nodes in the body's frame for a unit of each coordinate, node after
     #: node, shape (n_mesh_dofs, n)
     shapes: np.ndarray

@@ -53,11 +53,6 @@ class SolidStrains:
         """Numbers that an instant takes while strains are evaluated."""
         return self.cells.size * self.gradients.shape[1] * 9
 
-    @property
-    def n_strains(self) -> int:
-        """Number of components of a strain."""
-        return len(COMPONENTS[self.mesh.dimension])
-
     def of_places(self, places: np.ndarray) -> np.ndarray:
         """Return Green and Lagrange's strains, shape (n_points, n_strains, n), for nodes at places (n_nodes, d, n)."""
         d = self.mesh.dimension

@@ -13,7 +13,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,16 +22,13 @@ from pgmp_petsc.bodies.elasticity import Lame
 from pgmp_petsc.bodies.framed_solid import cells_of_materials
 from pgmp_petsc.bodies.profile import Profile
 from pgmp_petsc.bodies.random_fields import profiles_of
-from pgmp_petsc.bodies.recovery import Recovery
+from pgmp_petsc.bodies.recovery import Beams, Recovery
 from pgmp_petsc.bodies.solid_strains import SolidStrains
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES
 from pgmp_petsc.scene.references import points_used
-
-if TYPE_CHECKING:
-    from pgmp_petsc.bodies.kinds.beam import Beam
 
 Values = Mapping[str, "np.ndarray | float"]
 Strains = SolidStrains | BeamStrains
@@ -139,7 +135,7 @@ class BeamLaw:
         return float(resists.max() / (body.extent if "moment" in quantity else 1.0))
 
 
-def _number_of(quantity: str, body: Beam) -> int:
+def _number_of(quantity: str, body: Beams) -> int:
     """Return which of the forces and moments in a body's sections a quantity is."""
     return list(STRESSES[f"beam{body.dimension}d"]).index(quantity)
 
@@ -235,7 +231,7 @@ class CellStresses(BodyStresses):
 class BeamStresses(BodyStresses):
     """Those of a body of beams."""
 
-    def __init__(self, scene: Scene, body: Beam) -> None:
+    def __init__(self, scene: Scene, body: Beams) -> None:
         super().__init__(scene, body.name)
         self.mesh, self._body = body.mesh, body
 

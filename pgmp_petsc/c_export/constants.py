@@ -192,8 +192,8 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
 
 
 def tunable(scene: Scene) -> dict[str, float]:
-    """Return the parameters that a model in C takes, with the values of the scene's run: lengths and places are fixed,
-    as its mechanism is made with them, and so are velocities at the start, which the model has before it takes any."""
+    """Return the parameters that a model in C takes, with the values of the scene's run: lengths, places and ratios are
+    fixed, as its mechanism is made with them, and so are velocities at the start, which it has before it takes any."""
     fixed = {*length_names(scene), *velocity_names(scene).values()}
     return {name: value for name, value in scene.values.items() if name not in fixed}
 
@@ -377,6 +377,9 @@ def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:
         yield "coordinates", f"a model in C has one or two rigid coordinates, not {len(scene.coordinates)}"
     if scene.fields:
         yield f"fields.{next(iter(scene.fields))}", "a model in C has no random fields"
+    for name, joint in scene.joints.items():
+        if joint.offset is not None:
+            yield f"joints.{name}.offset", "in a model in C joints are where they should be"
     if scene.initial.equilibrium:
         yield "initial.equilibrium", "a model in C starts undeformed"
     if scene.simulation.tolerance is not None:

@@ -15,13 +15,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from pgmp_petsc import __version__
+from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.c_export.constants import Constants
 from pgmp_petsc.c_export.description import build_description, description
 from pgmp_petsc.c_export.source import COMPILED, HEAD, read_common, sources_of
-from pgmp_petsc.files.claims import check_output
-from pgmp_petsc.files.hdf5 import replacing
+from pgmp_petsc.files.claims import check_output, replacing
 from pgmp_petsc.ranks.ending import TIME_IS_OVER, run_child
 
 VERSIONS = (2, 3)

@@ -9,19 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc import __version__
+from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.c_export.constants import Along, Constants
 from pgmp_petsc.c_export.statements import ActionInC, Output, Side, StatementInC, TermInC
 from pgmp_petsc.effects.time_function import Piece
-from pgmp_petsc.files.claims import check_output, locked
-from pgmp_petsc.files.hdf5 import replacing
+from pgmp_petsc.files.claims import check_output, locked, replacing
 from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.statements import KINDS
 from pgmp_petsc.reduced import lagrangian_terms
 
-PARTS = ("model", "interpolation", "lagrangian", "solution", "statements", "actions", "kinematics", "outputs")
+PARTS = ("steps", "interpolation", "lagrangian", "solution", "statements", "actions", "kinematics", "outputs")
 COMPILED = (*(f"{part}.c" for part in PARTS), "tables.c")  # with tables.c, what every model in C is made of
 PRINTED = {"lagrangian": lagrangian_terms, "statements": statements}
 COMMON = ("model.h", "tables.h", *(f"{part}.c" for part in PARTS if part not in PRINTED), "main.c")
@@ -59,7 +58,7 @@ def write_sources(constants: Constants, folder: str | Path) -> int:
     except OSError as error:
         raise InputError(f"output folder '{folder}' cannot be made: {error.strerror}") from error
     texts = sources_of(constants)
-    with locked(folder / "model.c", f"output folder '{folder}'"):  # files of two models make none
+    with locked(folder / "steps.c", f"output folder '{folder}'"):  # files of two models make none
         for name in texts:
             check_output(folder / name, "code")
         for name, text in texts.items():
@@ -207,7 +206,7 @@ def _output(output: Output) -> str:
 
 
 def _action(action: ActionInC) -> str:
-    numbers = (*action.nodes, action.strength, action.edge, len(action.law.edges))
+    numbers = (*action.nodes, action.strength, action.edge, len(action.law.edges), action.role)
     who = ", ".join(map(str, (*numbers, f"law_{action.law.name}")))
     return f"{{{who}, {_numbers(action.winding)}, {_statement(action.statement)}}}"
 

@@ -60,13 +60,14 @@ class TermInC:
 @dataclass(frozen=True, eq=False)
 class ActionInC:
     """A local effect: numbers of its nodes among those of all effects, of its strength, -1 where it has none, and of
-    the first edge of its law among those of all."""
+    the first edge of its law among those of all, and whose measure the law is of."""
 
     statement: StatementInC
     nodes: tuple[int, int]
     law: Law
     strength: int
     edge: int
+    role: int  # `effects.action.Action.role`
     winding: tuple[float, ...]
 
 
@@ -117,6 +118,7 @@ def action_in_c(
         action.law,
         -1 if action.amplitude is None else strengths.index(action.effect),
         edge,
+        action.role,
         tuple(float(turns) for turns in winding),
     )
 

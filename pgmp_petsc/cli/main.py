@@ -23,8 +23,8 @@ from typing import Any, NoReturn
 import click
 from click.shell_completion import CompletionItem
 
-from pgmp_petsc import __version__
 from pgmp_petsc.api.found import Found, found
+from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, PgmpError, nearest_name, plain_reason, visible
 from pgmp_petsc.base.progress import beating
 from pgmp_petsc.base.surroundings import Comm, check_variables

@@ -55,7 +55,7 @@ from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.floating import FloatingBody, second_moments
-from pgmp_petsc.bodies.inertia_moments import linear_fields, rigid_motions
+from pgmp_petsc.bodies.linear_fields import linear_fields, rigid_motions
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.body_problem import BodyProblem, Operator, Subspace, Terms, petsc_terms

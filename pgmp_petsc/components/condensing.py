@@ -37,8 +37,8 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.component import Component, rigid_component
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
-from pgmp_petsc.bodies.inertia_moments import linear_fields
 from pgmp_petsc.bodies.large_deformation import SLENDER, LongAxis
+from pgmp_petsc.bodies.linear_fields import linear_fields
 from pgmp_petsc.bodies.matrices import ThirdDerivative, assemble, axial_stiffness
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.shape import BodyShape, is_condensed, to_condense

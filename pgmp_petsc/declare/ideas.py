@@ -19,8 +19,9 @@ import sys
 import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
@@ -100,7 +101,7 @@ class Family:
             room = import_module(self.room)
             for module in iter_modules(room.__path__, f"{self.room}."):
                 import_module(module.name)
-            for point in sorted(entry_points(group=f"pgmp.{self.group}"), key=lambda point: point.name):
+            for point in sorted(_installed().select(group=f"pgmp.{self.group}"), key=lambda point: point.name):
                 _load(point, f"pgmp.{self.group}")
             self._looked_through = True
         return tuple(self.classes[name] for name in sorted(self.classes))
@@ -119,6 +120,12 @@ SECTIONS = Family("section", "SectionEntry", "pgmp_petsc.bodies.sections", "sect
 FAMILIES = (EFFECTS, OUTPUTS, JOINTS, SECTIONS)
 #: What is done when a family has grown after it was looked through.
 WHEN_GROWN: list[Callable[[], object]] = []
+
+
+@cache
+def _installed() -> EntryPoints:
+    """Return the entry points of all installed packages, which are many: they are looked through once."""
+    return entry_points()
 
 
 def _load(point: EntryPoint, group: str) -> None:

@@ -119,7 +119,7 @@ def _check(history: MeasuredHistory, names: Sequence[str], noise: Mapping[str, f
 
 
 def ends_of(model: ReducedModel, name: str) -> tuple[float, float] | None:
-    """Return what is served of a length or a place, else the bounds of a parameter; None where it has none."""
+    """Return what is served of a length, a place or a ratio, else the bounds of a parameter; None where it has none."""
     served = model.served.get(name)
     if served is not None and served.is_sharp:
         return served.least, served.most

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.matrices import AffineMatrices, MassesOnDemand
 from pgmp_petsc.effects.action import Action
-from pgmp_petsc.effects.effect import Effect
-from pgmp_petsc.effects.load import Load
+from pgmp_petsc.effects.effect import Effect, Load
 from pgmp_petsc.effects.loads import HoldingTorque
 from pgmp_petsc.effects.motion import Held, Motion, driven
 from pgmp_petsc.effects.patterns import Patterns
@@ -17,6 +17,8 @@ from pgmp_petsc.effects.springs import elastic_joint
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.schema import Scene
+
+AT_REST = 1e-12  # rad over a run: less is round-off of sines
 
 
 def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
@@ -36,6 +38,31 @@ def motions_of(scene: Scene, mechanism: Mechanism) -> dict[int, Motion]:
     motions = [entry.motion(name) for name, entry in scene.effects.items() if isinstance(entry, Driving)]
     numbers = {coordinate.name: k for k, coordinate in enumerate(mechanism.coordinates)}
     return {numbers[motion.coordinate]: motion for motion in sorted(motions, key=lambda m: numbers[m.coordinate])}
+
+
+def start_of(scene: Scene, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions (rad) and velocities (rad/s) of the coordinates at the start, each of shape (n_theta,).
+
+    Raises `InputError` if the run is to start at rest, and a prescribed motion does not.
+    """
+    motions = motions_of(scene, mechanism)
+    start = []
+    for number, coordinate in enumerate(mechanism.coordinates):
+        if number in motions:
+            start.append(motions[number].at(0.0)[:2])
+        else:
+            state = scene.initial_state(coordinate.name)
+            start.append((state.position, scene.number(state.velocity)))
+    positions, velocities = np.array(start).T
+    for number, motion in motions.items():
+        if scene.initial.equilibrium and abs(velocities[number]) * scene.simulation.duration > AT_REST:
+            raise InputError(
+                f"effects.{motion.name}: it moves {motion.coordinate} at {velocities[number]:.6g} "
+                f"{mechanism.coordinates[number].unit}/s at time zero, "
+                "but with initial.equilibrium = true the run starts at rest; take a motion that begins at rest "
+                "(spin_up, a table, or a harmonic with phase = 1.5707963267948966), or leave initial.equilibrium out"
+            )
+    return positions, velocities
 
 
 def loads_of(effects: Sequence[Effect], matrices: AffineMatrices | MassesOnDemand) -> tuple[Load, ...]:
@@ -74,4 +101,5 @@ __all__ = [
     "loads_of",
     "motions_of",
     "patterns_of",
+    "start_of",
 ]

@@ -1,10 +1,15 @@
 """Local effects: a force law on a statement about two frames.
 
-Torques and forces that keep their direction are loads (`load`); what depends on the state acts locally, on the frames
+Torques and forces that keep their direction are loads (`effect.Load`); what depends on the state acts locally, on the frames
 of two attachments, and is described once for the full-order and the reduced model, in the plane and in space: an
 `Action` is a statement s (`mechanism.statements`), the two attachments and a law F(t, s, s') (`laws`). With the
 statement's gradient g the frames feel ``F g``, and the power is ``F s'`` in every model alike. The full-order model
 gives the frames from its unknowns, the reduced one from its coordinates.
+
+A force that hangs on another motion than the one that it acts on is two actions, one after the other: the first one
+leads, which is that it measures s and does nothing, and the law of the second one is led by it, ``F(t, s_1, s_1')``
+along g_2. With ``k = -dF/ds_1`` and ``c = -dF/ds_1'`` its tangent is ``g_2 (k + gain_v c) g_1^T - F h_2``, which is
+not symmetric, and its power ``F s_2'``.
 """
 
 from __future__ import annotations
@@ -23,6 +28,9 @@ from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.node_statements import NodeStatements
 from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.scene.effects import LawMismatch
+
+ALONE, LEADS, LED = range(3)  # whose measure a law is of: see `Action.role`
+NOTHING = Law("nothing", (), force="0")  # of an action that leads
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +52,7 @@ class Action:
     parameters: tuple[Quantity, ...]  # of the law, in its order
     amplitude: TimeFunction | None = None  # of a source over time, s; None for other laws
     coordinate: int = -1  # number of the coordinate that an angle is, -1 where it is none
+    led: bool = False  # whether its law is of the measure of the action before it
 
     def __post_init__(self) -> None:
         if len(self.parameters) != len(self.law.parameters):
@@ -60,9 +69,19 @@ class Action:
         return self.a, self.b
 
     @property
+    def leads(self) -> bool:
+        """Whether it does nothing but measure, for the law of the action behind it."""
+        return self.law is NOTHING
+
+    @property
+    def role(self) -> int:
+        """`ALONE`, `LEADS` or `LED`."""
+        return LEADS if self.leads else LED if self.led else ALONE
+
+    @property
     def stiffness(self) -> Quantity | None:
         """That of a law that is linear, whatever its damping; None where there is none."""
-        name = self.law.linear_stiffness
+        name = "" if self.led else self.law.linear_stiffness
         found = self.parameters[self.law.parameters.index(name)] if name else None
         return found if found is not None and found.coefficient != 0.0 else None
 
@@ -73,6 +92,7 @@ class Actions(NamedTuple):
     statements: NodeStatements  # what they measure
     laws: Laws  # the laws
     parameters: np.ndarray  # of the laws, shape (n_actions, n_samples, n_parameters), those of the law that has most
+    roles: np.ndarray  # `Action.role` of each, shape (n_actions,)
 
 
 def compile_actions(
@@ -88,6 +108,7 @@ def compile_actions(
         NodeStatements.of([action.statement for action in actions], [action.sides for action in actions], dimension),
         Laws.of([action.law for action in actions]),
         parameters,
+        np.array([action.role for action in actions], dtype=np.int64),
     )
 
 

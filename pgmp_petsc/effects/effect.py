@@ -2,25 +2,42 @@
 
 An effect contributes what its kind calls for, and nothing else:
 
-- loads ``g_ext = amplitude(t) sum_j w_j(p) f_j`` with constant nodal vectors (`load`),
+- loads ``g_ext = amplitude(t) sum_j w_j(p) f_j`` with constant nodal vectors (`Load`),
 - actions: force laws on a statement about two frames (`action`),
 - patterns: nodal vectors that its forces are made of, whose static answers extend the reduced basis.
 
 The full-order model adds them to its nodes; the reduced model projects them. Point masses are parts of the mass matrix
 from the start (`mechanism.composition`), prescribed motions constraints (`motion`), structural damping a property of
-bodies (`structural_damping`).
+bodies (`damping`).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.action import Action
-from pgmp_petsc.effects.load import Load
 from pgmp_petsc.effects.patterns import UnitForces
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.mechanism import Mechanism
+
+
+@dataclass(frozen=True)
+class Load:
+    """One affine load term."""
+
+    effect: str  # name of the effect it belongs to
+    weight: Monomial  # its parameter dependence
+    vector: np.ndarray  # nodal forces (N) and couples (N m), for the rows of the matrices it was made with
+    #: of a uniform body force the mass term and the field of accelerations, all rows, inertial frame: ``vector`` is
+    #: their product where nodes are all there is, and a condensed body takes their product in its own frame. None of
+    #: others.
+    body_force: tuple[Monomial, np.ndarray] | None = None
+    #: whether the vector is constant in the frames of the bodies; otherwise in the inertial frame
+    in_bodies: bool = False
 
 
 class Effect:
@@ -104,8 +121,8 @@ class ActionEffect(Effect):
 
     def turning_patterns(self) -> list[Action]:
         """Return the other actions."""
-        return [action for action in self._actions if not action.statement.fixed_in_bodies]
+        return [one for one in self._actions if not one.leads and not one.statement.fixed_in_bodies]
 
     def _fixed(self) -> list[Action]:
         """Return the actions whose forces keep their direction in body frames."""
-        return [action for action in self._actions if action.statement.fixed_in_bodies]
+        return [one for one in self._actions if not one.leads and one.statement.fixed_in_bodies]

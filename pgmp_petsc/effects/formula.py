@@ -26,10 +26,13 @@ from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.joint_effects import place_of
 from pgmp_petsc.effects.law import Law
+from pgmp_petsc.effects.over_joint import led_over
 from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import OnJoint
 from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Unit, exactly_one, refusal
+from pgmp_petsc.scene.references import over_problems
 from pgmp_petsc.scene.uses import Use
 
 #: Names of the state in a formula, and what they are in a law.
@@ -194,7 +197,9 @@ def law_of(force: str, constants: tuple[str, ...]) -> Formula:
 
 
 class FormulaEffect(OnJoint):
-    """A torque or force by a formula of the motion in a joint, or of the distance of two points, and of the time."""
+    """A torque or force by a formula of the motion in a joint, or of the distance of two points, and of the time; or of
+    the motion in another joint.
+    """
 
     type: Literal["law"]
     acts = "forces"
@@ -205,6 +210,9 @@ class FormulaEffect(OnJoint):
     edged = True
     joint: str | None = Field(None, description="name of a joint that turns or slides")
     points: Connection | None = Field(None, description='two points, "body:point" or "ground:point"')
+    over: str | None = Field(
+        None, description="name of a joint that turns or slides: s and v are of that, in place of what it acts on"
+    )
     force: str = Field(
         description="formula of the torque (N m) or force (N) that makes s larger: s (rad or m), its rate v, the time "
         "t (s) and `constants`; + - * / **, comparisons (1 or 0), sin cos tan exp log sqrt abs tanh sign min max atan2 "
@@ -234,6 +242,10 @@ class FormulaEffect(OnJoint):
             raise refusal(f"the formula does not name '{unused[0]}'; leave it out", "constants")
         return self
 
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line if there is no such joint as its s is of."""
+        yield from over_problems(scene, f"effects.{name}", self) if self.over is not None else ()
+
     def uses(self, entry: str, turns: bool) -> Iterator[Use]:
         """Yield the constants, which may be of any unit."""
         for name, value in self.constants.items():
@@ -246,7 +258,7 @@ class FormulaEffect(OnJoint):
         parameters = tuple(Quantity.of(self.constants[one]) for one in names)
         time, place = TIME if "t" in used else None, place_of(mechanism, name, self)
         action = Action(name, law=law_of(text, names), parameters=parameters, amplitude=time, **place)
-        return ActionEffect(name, [action], mechanism)
+        return ActionEffect(name, led_over(self, mechanism, action), mechanism)
 
 
 def not_finite(action: Action, s: float, v: float, values: dict[str, float]) -> str:

@@ -22,10 +22,10 @@ from pgmp_petsc.base.units import SI, STANDARD_GRAVITY
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.action import Action
-from pgmp_petsc.effects.effect import ActionEffect, Effect
+from pgmp_petsc.effects.effect import ActionEffect, Effect, Load
+from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.effects.laws import SOURCE
-from pgmp_petsc.effects.load import Load
-from pgmp_petsc.effects.over_joint import closes, over_joint
+from pgmp_petsc.effects.over_joint import load_over_joint, load_over_problems
 from pgmp_petsc.effects.time_function import amplitude_of
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import Connection
@@ -39,21 +39,9 @@ from pgmp_petsc.scene.references import apart_problems, load_problems
 
 GROUND_ORIGIN = "ground:origin"
 OVER = (
-    "the same joint, where the table is not over time, but over its {0}: rows [{0}, value], linear between them and "
-    "constant beyond"
+    "name of a joint that turns or slides, where the table is not over time, but over the motion of that joint: rows "
+    "[rad or m, value], linear between them and constant beyond; a whole turn goes on for ever"
 )
-
-
-def _over_problems(name: str, effect: OverTime) -> Iterator[str]:
-    """Yield a line for what does not fit a load over the motion of a joint."""
-    entry = f"effects.{name}"
-    if effect.table is None:
-        yield problem(f"{entry}.over", "needs a table; a harmonic is over time", effect.over)
-    elif effect.over != effect.joint:
-        words = "a load hangs on the joint that it acts on"
-        yield problem(f"{entry}.over", f"{words}, which is {effect.joint or 'none here'}", effect.over)
-    elif effect.type == "torque" and closes(effect.table) is None:
-        yield problem(f"{entry}.table", "is over a whole turn, and its ends differ; it has to close")
 
 
 class Torque(OverTime):
@@ -64,16 +52,16 @@ class Torque(OverTime):
     joints = ("turning",)
     strength_unit = "N m"
     joint: str = Field(description="name of a joint that turns")
-    over: str | None = Field(None, description=OVER.format("angle (rad)"))
+    over: str | None = Field(None, description=OVER)
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if steps do not resolve it, or its table does not fit a joint."""
-        return load_problems(scene, name, self) if self.over is None else _over_problems(name, self)
+        return load_problems(scene, name, self) if self.over is None else load_over_problems(scene, name, self)
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:
         """Return the couples."""
         if self.over is not None:
-            return over_joint(name, self, mechanism)
+            return load_over_joint(name, self, mechanism, joint_measure(mechanism, self), Quantity.of(self.scale))
         return Couples(name, self, mechanism)
 
 
@@ -91,7 +79,7 @@ class Force(OverTime):
     strength_unit = "N"
     point: Point | None = Field(None, description='where it acts, "body:point"')
     joint: str | None = Field(None, description="in place of a point: name of a joint that slides")
-    over: str | None = Field(None, description=OVER.format("displacement (m)"))
+    over: str | None = Field(None, description=OVER)
     direction: Direction | None = Field(
         None, description="direction (x, y), in space (x, y, z); its length does not matter"
     )
@@ -115,29 +103,30 @@ class Force(OverTime):
         """Yield a line if the distance that it makes shorter cannot change, or steps do not resolve it."""
         if self.towards is not None:
             yield from apart_problems(scene, f"effects.{name}.towards", (self.point, self.towards))
-        yield from load_problems(scene, name, self) if self.over is None else _over_problems(name, self)
+        yield from load_problems(scene, name, self) if self.over is None else load_over_problems(scene, name, self)
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:
         """Return the effect that fits the force's direction; see the module."""
-        if self.over is not None:
-            return over_joint(name, self, mechanism)
+        scale = Quantity.of(self.scale)
         if self.joint is not None:
-            joint, scale = mechanism.connection(self.joint), (Quantity.of(self.scale),)
-            action = Action(name, joint.measure("sliding"), joint.a, joint.b, SOURCE, scale, amplitude_of(self))
-            return ActionEffect(name, [action], mechanism)
-        point = mechanism.attachment(self.point, f"effects.{name}.point")
-        other = mechanism.attachment(self.towards or GROUND_ORIGIN, f"effects.{name}.towards")
-        scale, amplitude = Quantity.of(self.scale), amplitude_of(self)
-        if self.towards is not None:
-            # it makes the distance shorter
-            statement, scale = distance(mechanism.space.dimension), -1.0 * scale
-        elif self.follows:
-            statement = following(np.array(self.direction))
+            place = joint_measure(mechanism, self)
         else:
-            statement = along(np.array(self.direction))
-            if point.at_node:
-                return FixedForce(name, self, other, point, _is_guided(mechanism, point))
-        return ActionEffect(name, [Action(name, statement, other, point, SOURCE, (scale,), amplitude)], mechanism)
+            point = mechanism.attachment(self.point, f"effects.{name}.point")
+            other = mechanism.attachment(self.towards or GROUND_ORIGIN, f"effects.{name}.towards")
+            if self.towards is not None:
+                # it makes the distance shorter
+                statement, scale = distance(mechanism.space.dimension), -1.0 * scale
+            elif self.follows:
+                statement = following(np.array(self.direction))
+            else:
+                statement = along(np.array(self.direction))
+                if point.at_node and self.over is None:
+                    return FixedForce(name, self, other, point, _is_guided(mechanism, point))
+            place = {"statement": statement, "a": other, "b": point}
+        if self.over is not None:
+            return load_over_joint(name, self, mechanism, place, scale)
+        action = Action(name, law=SOURCE, parameters=(scale,), amplitude=amplitude_of(self), **place)
+        return ActionEffect(name, [action], mechanism)
 
 
 class Gravity(EffectEntry):

@@ -1,24 +1,32 @@
-"""Loads over the motion of the joint that they act on: a table of torques over an angle, or of forces over a way.
+"""Loads over the motion of a joint: a table of torques or forces over an angle, or over a way.
 
 Linear between the rows, and constant beyond them; a table over a whole turn of an angle goes on for ever. The law is
-printed with its table, and is one law as all others; all of its force is counted as work.
+printed with its table, and is one law as all others; all of its force is counted as work. Over the motion of another
+joint than it acts on, it is led by that (`effects.action`).
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
+from typing import Any
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.action import NOTHING, Action
 from pgmp_petsc.effects.effect import ActionEffect
-from pgmp_petsc.effects.joint_effects import joint_measure
+from pgmp_petsc.effects.joint_effects import measure_of
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import OverTime
+from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.references import over_problems
+from pgmp_petsc.scene.uses import motion_over
 
-Rows = tuple[tuple[float, float], ...]
+Rows = tuple[tuple[float, float | str], ...]
 TURN = 2.0 * math.pi
 CLOSED = 1e-9  # rad that a whole turn may be off, and of the largest value that its ends may differ by
 PYTHON = '''"""A law over a table: its places, and values and slopes from each of them on."""
@@ -34,21 +42,14 @@ SLOPES = np.array([{slopes}])
 
 
 def evaluate(p, amplitude, s, rate, about, depths):
-    x = s - {period} * floor((s - {first}) / {turn})
-    low, high = 0, {n}
-    while high - low > 1:
-        middle = (low + high) // 2
-        if x >= PLACES[middle]:
-            low = middle
-        else:
-            high = middle
-    slope = SLOPES[low]
-    force = VALUES[low] + slope * (x - PLACES[low])
-    return float(p[0] * force), float(-p[0] * slope), 0.0, 0.0, 0.0, float(rate)
+{find}
+    force = VALUES[low] + SLOPES[low] * (x - PLACES[low])
+    return float(p[0] * force), float(-p[0] * SLOPES[low]), 0.0, 0.0, 0.0, float(rate)
 
 
 def slopes(p, amplitude, s, rate, found):
-    found[0] = evaluate((1.0,), amplitude, s, rate, rate, found)[0]
+{find}
+    found[0] = VALUES[low] + SLOPES[low] * (x - PLACES[low])
     found[1] = 0.0
     return 0.0
 
@@ -78,6 +79,14 @@ C = """static void law_{name}(const double p[], double amplitude, double s, doub
 
 COMPLETE = True
 '''
+FIND = """    x = s - {period} * floor((s - {first}) / {turn})
+    low, high = 0, {n}
+    while high - low > 1:
+        middle = (low + high) // 2
+        if x >= PLACES[middle]:
+            low = middle
+        else:
+            high = middle"""
 
 
 def closes(rows: Rows) -> bool | None:
@@ -85,7 +94,12 @@ def closes(rows: Rows) -> bool | None:
     (first, value), (last, final) = rows[0], rows[-1]
     if abs(last - first - TURN) > CLOSED:
         return False
-    return True if abs(final - value) <= CLOSED * max(abs(one) for _, one in rows) else None
+    if value == final:
+        return True
+    numbers = [one for _, one in rows if not isinstance(one, str)]
+    if isinstance(value, str) or isinstance(final, str) or abs(final - value) > CLOSED * max(map(abs, numbers)):
+        return None
+    return True
 
 
 class TableLaw(Law):
@@ -100,7 +114,7 @@ class TableLaw(Law):
 @cache
 def table_law(rows: Rows, periodic: bool) -> TableLaw:
     """Return the law of a table; one for all effects with the same."""
-    name = f"table_{hashlib.sha256(repr((rows, periodic)).encode()).hexdigest()[:12]}"
+    name = f"table_{hashlib.sha256(repr((rows, periodic, PYTHON, FIND)).encode()).hexdigest()[:12]}"
     law = TableLaw(name, ("scale",), force="scale", left_out="it is a table over a joint, not linear")
     places, values = [x for x, _ in rows], [y for _, y in rows]
     slopes = [(b - a) / (x - w) for a, b, w, x in zip(values, values[1:], places, places[1:])]
@@ -110,14 +124,33 @@ def table_law(rows: Rows, periodic: bool) -> TableLaw:
         places, values = places[:-1], values[:-1]
     numbers = (", ".join(map(repr, part)) for part in (places, values, slopes))
     turn = dict(period=TURN if periodic else 0.0, first=rows[0][0], turn=TURN, n=len(slopes), name=name)
-    text = PYTHON.format(**dict(zip(("places", "values", "slopes"), numbers)), **turn)
+    text = PYTHON.format(find=FIND.format(**turn), **dict(zip(("places", "values", "slopes"), numbers)), **turn)
     object.__setattr__(law, "text", text)
     return law
 
 
-def over_joint(name: str, entry: OverTime, mechanism: Mechanism) -> ActionEffect:
-    """Return a load over the motion of its joint."""
-    place = joint_measure(mechanism, entry)
-    periodic = not place["statement"].is_length and bool(closes(entry.table))
-    action = Action(name, law=table_law(entry.table, periodic), parameters=(Quantity.of(entry.scale),), **place)
-    return ActionEffect(name, [action], mechanism)
+def led_over(entry: Any, mechanism: Mechanism, action: Action) -> list[Action]:
+    """Return the action of an effect, behind the one that leads it if it is over another joint than it acts on."""
+    if entry.over in (None, entry.joint):
+        return [action]
+    leading = measure_of(mechanism, entry.over, motion_over(mechanism.scene, entry))
+    return [Action(action.effect, law=NOTHING, parameters=(), **leading), replace(action, led=True)]
+
+
+def load_over_joint(
+    name: str, entry: OverTime, mechanism: Mechanism, place: dict[str, Any], scale: Quantity
+) -> ActionEffect:
+    """Return a load whose table is over the motion of a joint; `place` is what it acts on, as `Action` takes it."""
+    periodic = motion_over(mechanism.scene, entry) == "turning" and bool(closes(entry.table))
+    action = Action(name, law=table_law(entry.table, periodic), parameters=(scale,), **place)
+    return ActionEffect(name, led_over(entry, mechanism, action), mechanism)
+
+
+def load_over_problems(scene: Scene, name: str, entry: OverTime) -> Iterator[str]:
+    """Yield a line for what does not fit a load over the motion of a joint."""
+    found = list(over_problems(scene, f"effects.{name}", entry))
+    yield from found
+    if entry.table is None:
+        yield problem(f"effects.{name}.over", "needs a table; a harmonic is over time", entry.over)
+    elif not found and motion_over(scene, entry) == "turning" and closes(entry.table) is None:
+        yield problem(f"effects.{name}.table", "is over a whole turn, and its ends differ; it has to close")

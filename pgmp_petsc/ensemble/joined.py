@@ -38,18 +38,18 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.ensemble import intervals
+from pgmp_petsc.ensemble.checkpoint import Checkpoint
+from pgmp_petsc.ensemble.plan import Plan
+from pgmp_petsc.ensemble.stopping import Stop
 from pgmp_petsc.ranks.agreement import on_root
 from pgmp_petsc.stepping.status import Status
-
-if TYPE_CHECKING:
-    from pgmp_petsc.ensemble.integration import Integration
-    from pgmp_petsc.ensemble.stopping import Stop
 
 FEWEST = 8  # samples of the best model: coefficients, and a jackknife of them
 FEWEST_OF_PARABOLA = 20  # samples that a cheaper model's curvature is estimated from, if the parabola is not nearly all
@@ -331,8 +331,26 @@ OVERDRAWN = 1.5  # by the least numbers of samples, before a budget is refused
 ROUNDS = (0.1, 0.4, 1.0)  # shares of what is chosen that are integrated before costs are taken anew
 
 
+class Integrated(Protocol):
+    """The samples of one model as they are chosen here; see `integration.Integration`."""
+
+    plan: Plan
+    comm: Comm
+    checkpoint: Checkpoint
+
+    @property
+    def n_finished(self) -> int:
+        """How many samples are finished."""
+
+    def up_to(self, n: int) -> int:
+        """Integrate what is missing before sample n; return how many these were."""
+
+    def kept(self, n: int) -> Checkpoint:
+        """Return the samples before sample n; by rank 0."""
+
+
 def allot(
-    own: Integration, better: Sequence[Integration], given: Sequence[int | None], limit: int | None, stop: Stop
+    own: Integrated, better: Sequence[Integrated], given: Sequence[int | None], limit: int | None, stop: Stop
 ) -> tuple[list[int], int]:
     """Integrate as many samples of all models as the budget pays for. Collective.
 

@@ -37,6 +37,7 @@ from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 from pgmp_petsc.scene.numerics import Ensemble, Event
 from pgmp_petsc.scene.parameters import uncertain_names
+from pgmp_petsc.scene.uses import offset_directions
 from pgmp_petsc.stepping.drivers import check_ts_options
 
 FEWEST = 500  # samples: three levels of the least size, and as many to be weighted
@@ -94,7 +95,8 @@ def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: 
     with timings.phase("integration"), ExitStack() as stack:
         bar = stack.enter_context(progress(n_samples, f"{model.title} samples", comm))
         runs = _Runs(of_runs, event, names, comm, bar)
-        slopes = runs.slopes if isinstance(of_runs, (ReducedModel, LengthLanes)) else None
+        off = bool(offset_directions(model.scene))  # without derivatives
+        slopes = runs.slopes if isinstance(of_runs, (ReducedModel, LengthLanes)) and not off else None
         stepping = stepping_names(model.scene)
         found = rare_events.find(runs.limit_state, len(names), n_samples, seed, slopes, not stepping)
     timings = timings.maximum(comm)

@@ -10,22 +10,22 @@ for a while has no extremes of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from pgmp_petsc.estimates.coarser_run import OutputRecord, run_coarser, step_errors
-from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator, WatchedRun, WatchedSamples
+from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator
 from pgmp_petsc.estimates.validity import Validity
 from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, SeparateLengths
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY
 from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
 from pgmp_petsc.stepping.energies import Energies, RunningBalance
-from pgmp_petsc.stepping.generalised_alpha import Observer, Run, count_steps
-from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.stepping.generalised_alpha import Run, count_steps
+from pgmp_petsc.stepping.second_order_system import Observer, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 
 TOGETHER = 512  # states of reduced samples whose energies are evaluated together, about as many as stay in a cache
@@ -43,145 +43,106 @@ class Begun:
     simulation: Simulation  # its steps
 
 
-class Watch(Protocol):
+class Watch(NamedTuple):
     """Looks at one run of some samples."""
 
     observer: Observer  # takes in the states of the whole run
-
-    def found(self, status: np.ndarray) -> Found:
-        """Return what was found once the run has ended with the given status of all its samples.
-
-        Arrays (n_watched,) by name, and these by the field of `Batch` that they belong to; NaN where nothing is known.
-        """
+    #: what was found once the run has ended with the given status of all its samples: arrays (n_watched,) by name, and
+    #: these by the field of `Batch` that they belong to; NaN where nothing is known
+    found: Callable[[np.ndarray], Found]
 
 
-class Watcher(Protocol):
-    """Looks at the runs of all batches."""
+class Watcher:
+    """Looks at the runs of all batches.
+
+    Attributes
+    ----------
+    names
+        Names of the arrays by the field of `Batch` that they belong to.
+    """
+
+    names: Mapping[str, Iterable[str]]
 
     def empty(self, n: int) -> Found:
         """Return the arrays of n samples of which nothing is known: NaN."""
+        return {kind: {name: np.full(n, np.nan) for name in names} for kind, names in self.names.items()}
 
     def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run."""
+        raise NotImplementedError
 
 
-def nothing_known(names: Iterable[str], n: int) -> dict[str, np.ndarray]:
-    """Return columns (n,) of NaN."""
-    return {name: np.full(n, np.nan) for name in names}
+def _errors_of(model: Model) -> dict[str, list[str]]:
+    return dict.fromkeys(("errors", "errors_at_end"), list(model.outputs.functions))
 
 
-class ErrorWatcher:
-    """Estimates the errors of all samples.
-
-    Parameters
-    ----------
-    indicator
-        Of the model.
-    """
+class ErrorWatcher(Watcher):
+    """Estimates the errors of all samples by the indicator of a model."""
 
     def __init__(self, indicator: ErrorIndicator | MemberIndicator) -> None:
-        self._indicator = indicator
-
-    def empty(self, n: int) -> Found:
-        """Return the arrays of n samples of which nothing is known."""
-        outputs = self._indicator.model.outputs.functions
-        return {kind: nothing_known(outputs, n) for kind in ("errors", "errors_at_end")}
+        self._indicator, self.names = indicator, _errors_of(indicator.model)
 
     def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run with steps of its own."""
-        return _ErrorWatch(self._indicator.stepped(begun.simulation).watch(begun.values, begun.samples))
+        run = self._indicator.stepped(begun.simulation).watch(begun.values, begun.samples)
+
+        def found(status: np.ndarray) -> Found:
+            estimate = run.estimate(status)
+            return {"errors": estimate.largest, "errors_at_end": estimate.at_end}
+
+        return Watch(run, found)
 
 
-class _ErrorWatch:
-    def __init__(self, run: WatchedRun | WatchedSamples) -> None:
-        self._run = self.observer = run
-
-    def found(self, status: np.ndarray) -> Found:
-        """Return the estimate."""
-        estimate = self._run.estimate(status)
-        return {"errors": estimate.largest, "errors_at_end": estimate.at_end}
-
-
-class CoarserWatcher:
-    """Estimates the errors of the time step of all samples of a full-order or component model."""
+class CoarserWatcher(Watcher):
+    """Estimates the errors of the time step of all samples of a full-order or component model: keeps the outputs of a
+    run, and runs its system again."""
 
     def __init__(self, model: Model) -> None:
-        self._model = model
-
-    def empty(self, n: int) -> Found:
-        """Return the arrays of n samples of which nothing is known."""
-        return {kind: nothing_known(self._model.outputs.functions, n) for kind in ("errors", "errors_at_end")}
+        self._model, self.names = model, _errors_of(model)
 
     def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run."""
-        return _CoarserWatch(self._model, begun)
+        record, model = OutputRecord(self._model, begun.system), self._model
+
+        def found(status: np.ndarray) -> Found:
+            time, outputs = record.outputs()
+            alive = np.isin(np.arange(status.size), begun.samples) & (status == Status.FINE)
+            other, kept = run_coarser(model, begun.system, begun.simulation, alive), self.empty(begun.samples.size)
+            for place, sample in enumerate(begun.samples):
+                own = {name: values[:, sample] for name, values in outputs.items()}
+                errors = step_errors(model.scene, time, own, other, sample) if alive[sample] else None
+                if errors is None or errors.time.size < other.time.size:
+                    continue
+                for name, values in errors.outputs.items():
+                    kept["errors"][name][place], kept["errors_at_end"][name][place] = np.abs(values).max(), values[-1]
+            return kept
+
+        return Watch(record, found)
 
 
-class _CoarserWatch:
-    """Keeps the outputs of a run, and runs its system again."""
+class ValidityWatcher(Watcher):
+    """Keeps how far every sample of a reduced model leaves small deformations."""
 
-    def __init__(self, model: Model, begun: Begun) -> None:
-        self._model, self._begun = model, begun
-        self.observer = OutputRecord(model, begun.system)
-
-    def found(self, status: np.ndarray) -> Found:
-        """Return the largest errors, and those at the end; NaN where they are not known."""
-        model, begun = self._model, self._begun
-        time, outputs = self.observer.outputs()
-        alive = np.isin(np.arange(status.size), begun.samples) & (status == Status.FINE)
-        other = run_coarser(model, begun.system, begun.simulation, alive)
-        largest, at_end = (nothing_known(outputs, begun.samples.size) for _ in range(2))
-        for place, sample in enumerate(begun.samples):
-            own = {name: values[:, sample] for name, values in outputs.items()}
-            errors = step_errors(model.scene, time, own, other, sample) if alive[sample] else None
-            if errors is None or errors.time.size < other.time.size:
-                continue
-            for name, values in errors.outputs.items():
-                largest[name][place], at_end[name][place] = np.abs(values).max(), values[-1]
-        return {"errors": largest, "errors_at_end": at_end}
-
-
-class ValidityWatcher:
-    """Keeps how far every sample leaves small deformations.
-
-    Parameters
-    ----------
-    model
-        The reduced model.
-    """
+    names = {"validity": VALIDITY}
 
     def __init__(self, model: ReducedModel | LengthLanes) -> None:
         self._model = model
 
-    def empty(self, n: int) -> Found:
-        """Return the arrays of n samples of which nothing is known."""
-        return {"validity": nothing_known(VALIDITY, n)}
-
     def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run."""
-        return _ValidityWatch(Validity(self._model, begun.system, begun.values, begun.simulation), begun.samples)
+        seen = Validity(self._model, begun.system, begun.values, begun.simulation)
+        return Watch(seen, lambda status: {"validity": {k: v[begun.samples] for k, v in seen.extremes.items()}})
 
 
-class _ValidityWatch:
-    def __init__(self, validity: Validity, samples: np.ndarray) -> None:
-        self._validity, self._samples = validity, samples
-        self.observer = validity
-
-    def found(self, status: np.ndarray) -> Found:
-        """Return the extremes."""
-        return {"validity": {name: values[self._samples] for name, values in self._validity.extremes.items()}}
-
-
-class BalanceWatcher:
+class BalanceWatcher(Watcher):
     """Draws up the balance of energy of every sample; see `results.estimates`."""
 
-    def empty(self, n: int) -> Found:
-        """Return the arrays of n samples of which nothing is known."""
-        return {"balance": nothing_known(BALANCE, n)}
+    names = {"balance": BALANCE}
 
     def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run."""
-        return _BalanceWatch(begun.system, begun.samples)
+        run = _BalanceWatch(begun.system, begun.samples)
+        return Watch(run, run.found)
 
 
 class _BalanceWatch(Observer):
@@ -191,7 +152,6 @@ class _BalanceWatch(Observer):
         self._system, self._samples = system, samples
         self._residual = self._exchanged = np.zeros(system.n_samples)
         self._sums = RunningBalance()
-        self.observer = self
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
         """Take in the states after many steps of reduced samples."""
@@ -265,7 +225,7 @@ def band_steps(simulation: Simulation, most: int) -> np.ndarray:
     return np.unique([*range(0, n_steps, -(-n_steps // (most - 1))), n_steps])
 
 
-class OverTimeWatcher:
+class OverTimeWatcher(Watcher):
     """Keeps what is asked for of the outputs over time.
 
     Parameters
@@ -284,6 +244,8 @@ class OverTimeWatcher:
         self._outputs = list(model.outputs.functions)
         self._events = {label: event for label, event in asked.probabilities.items() if event.when == "ever"}
         self._steps = band_steps(model.scene.simulation, asked.bands if with_bands else 0)
+        extremes = [f"{name}/{which}" for name in self._outputs for which in EXTREMES if self._extremes]
+        self.names = {"extremes": extremes, "first_passages": self._events}
 
     @property
     def is_asked(self) -> bool:
@@ -292,20 +254,17 @@ class OverTimeWatcher:
 
     def empty(self, n: int) -> Found:
         """Return what is known of n samples before their runs: nothing."""
-        columns = {f"{name}/{which}": np.full(n, np.nan) for name in self._outputs for which in EXTREMES}
-        return {
-            "extremes": columns if self._extremes else {},
-            "first_passages": {label: np.full(n, np.nan) for label in self._events},
-            "bands": {name: np.full((n, self._steps.size), np.nan) for name in self._outputs if self._steps.size},
-        }
+        bands = {name: np.full((n, self._steps.size), np.nan) for name in self._outputs if self._steps.size}
+        return super().empty(n) | {"bands": bands}
 
-    def watch(self, begun: Begun) -> _OverTimeWatch:
+    def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run."""
         scene = self._model.scene.simulation
         divisor = count_steps(begun.simulation.duration, begun.simulation.step) // count_steps(
             scene.duration, scene.step
         )
-        return _OverTimeWatch(self._model, begun, self._extremes, self._events, self._steps * divisor)
+        run = _OverTimeWatch(self._model, begun, self._extremes, self._events, self._steps * divisor)
+        return Watch(run, run.found)
 
 
 class _OverTimeWatch(Observer):
@@ -319,7 +278,6 @@ class _OverTimeWatch(Observer):
         self._bands = {name: np.full((n, steps.size), np.nan) for name in names if steps.size}
         self._looks_always = bool(self._extremes or self._passages)
         self.every = 1 if self._looks_always or steps.size < 2 else int(steps[1] - steps[0])
-        self.observer = self
         # numbers and instants of steps, and the reduced coordinates and rates at their ends, (n_t, 2, n_samples, n_eta)
         self._waiting: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._n_waiting = 0

@@ -20,7 +20,8 @@ equations if
     M(q) q'' + g(q, q') + C^T lambda = g_ext,     c(q) = 0,     e' = 0 at the start,
 
 with all that the model has in g: inner forces, those of velocities, damping and local effects.
-Runs start undeformed with e = 0. From static equilibrium each model starts in its own, and e is the difference.
+Runs start undeformed with e = 0. From static equilibrium, or with the stress that joints that are off build in, each
+model starts in its own state, and e and e' are the differences.
 
 At e = 0 that is the residual of the motion; the error is what it sets off. The residual varies slowly, as the motion
 does, and so does e: its rigid part follows the residual's force on the mechanism over time, its flexible part follows
@@ -35,6 +36,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.shape import in_floating_frame
 from pgmp_petsc.effects import effects_of, motions_of
 from pgmp_petsc.estimates.reference_motion import ReferenceMotion, Schedule
@@ -44,8 +46,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, ReducedModel
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.stepping.alpha_step import StepsAsked, StepsTaken
-from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State
+from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State, StepsAsked, StepsTaken
 
 
 class CheckingModel:
@@ -87,8 +88,8 @@ class CheckingModel:
         motions = {number: SampledMotion(motion, *instants) for number, motion in self._motions.items()}
         return batch.under(effects, motions)
 
-    def equilibria(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> np.ndarray | None:
-        """Return the static equilibria that samples start from, NaN where there is none or it is not asked for.
+    def starts(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return what samples start with: static equilibria, or what joints that are off build in.
 
         Parameters
         ----------
@@ -99,18 +100,29 @@ class CheckingModel:
 
         Returns
         -------
-        ndarray or None
-            Shape (n_dofs, n); None where runs start undeformed.
+        tuple of ndarray, or None
+            Unknowns and velocities, each (n_dofs, n), NaN where there is no such start; None where runs start
+            undeformed.
         """
-        if not self.full.scene.initial.equilibrium:
+        from_rest, full = self.full.scene.initial.equilibrium, self.full
+        if not from_rest and not full.is_off:
             return None
         chosen, n = {name: value[samples] for name, value in values.items()}, int(samples.sum())
+        nowhere = np.full((1, samples.size), np.nan)
         if not n:
-            return np.full((1, samples.size), np.nan)
-        settled = self.full.settled(chosen, n)
-        found = np.full((len(settled.unknowns), samples.size), np.nan)
-        found[:, samples] = np.where(settled.lost, np.nan, settled.unknowns)
-        return found
+            return nowhere, nowhere
+        if from_rest:
+            settled = full.settled(chosen, n)
+            q = np.where(settled.lost, np.nan, settled.unknowns)
+            parts = q, np.zeros_like(q)
+        else:
+            try:
+                parts = full.built_in(chosen, full.start_of_samples(chosen, n), n)
+            except InputError:  # the bodies do not give way so far
+                return nowhere, nowhere
+        found = np.full((2, len(parts[0]), samples.size), np.nan)
+        found[:, :, samples] = parts
+        return found[0], found[1]
 
 
 class ErrorSystem(SecondOrderSystem):
@@ -126,9 +138,9 @@ class ErrorSystem(SecondOrderSystem):
         Step of the integration, s.
     theta
         Rigid coordinates at the start, from which turns are counted, shape (n_theta, n_samples), rad.
-    equilibrium
-        Unknowns of the full-order static equilibrium that samples start from, shape (n_dofs, n_samples), NaN for those
-        that are never advanced; None where runs start undeformed.
+    begin
+        Full-order unknowns and velocities that samples start with, each (n_dofs, n_samples), NaN for those that are
+        never advanced; None where runs start undeformed.
     """
 
     def __init__(
@@ -137,7 +149,7 @@ class ErrorSystem(SecondOrderSystem):
         motion: ReferenceMotion,
         interval: float,
         theta: np.ndarray,
-        equilibrium: np.ndarray | None = None,
+        begin: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> None:
         self.comm = full.comm
         self.n_samples = full.n_samples
@@ -145,22 +157,24 @@ class ErrorSystem(SecondOrderSystem):
         self._motion = motion
         self._interval = interval
         self._turns = full.pack(full.turns(theta))
-        self._equilibrium = equilibrium
+        self._begin = begin
         self._number = -1
         self.steps_at_once = full.steps_at_once
 
     def start(self) -> State:
-        """Return the error of a start at equilibrium, or none.
+        """Return the error of the start, or none.
 
         The motion starts as the full-order model does, so there is no acceleration to speak of.
         """
-        first = self._motion.at(0).q
-        rest = np.zeros_like(self._full.pack(first))
-        error = rest.copy()
-        if self._equilibrium is not None:
-            error = self._full.pack(np.nan_to_num(self._equilibrium - first))
+        first = self._motion.at(0)
+        rest = np.zeros_like(self._full.pack(first.q))
+        error = rest.copy(), rest.copy()
+        if self._begin is not None:
+            error = tuple(
+                self._full.pack(np.nan_to_num(own - other)) for own, other in zip(self._begin, (first.q, first.v))
+            )
         multipliers = self._full.pack(np.zeros((self._full.n_constraints, self.n_samples)))
-        return State(error, rest, rest.copy(), multipliers, self._turns.copy())
+        return State(*error, rest, multipliers, self._turns.copy())
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction of the error; see `SecondOrderSystem.correct`."""

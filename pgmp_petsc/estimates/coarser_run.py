@@ -36,8 +36,8 @@ from pgmp_petsc.models import Model
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Observer, Run, count_steps
-from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State
+from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Run, count_steps
+from pgmp_petsc.stepping.second_order_system import Observer, Scheme, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 
 TIMES = 5  # steps of the run in one of the coarser run

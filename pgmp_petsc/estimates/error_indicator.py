@@ -18,7 +18,7 @@ estimate, with all the rest.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -43,9 +43,10 @@ from pgmp_petsc.estimates.reference_motion import (
 from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 from pgmp_petsc.models.model import floors_of
+from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.drivers import ERROR_PREFIX
-from pgmp_petsc.stepping.generalised_alpha import Observer, count_steps, integrate
-from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.generalised_alpha import count_steps, integrate
+from pgmp_petsc.stepping.second_order_system import Observer, State
 from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:
@@ -178,9 +179,9 @@ class WatchedRun(Observer):
         fine = status[self._samples] == Status.FINE
         states, followed = self._followed(fine)
         about = followed & self._placeable(states)
-        equilibria = indicator.checking.equilibria(self._values, about)
-        if equilibria is not None:
-            about &= np.isfinite(equilibria).all(axis=0)
+        starts = indicator.checking.starts(self._values, about)
+        if starts is not None:
+            about &= np.isfinite(starts[0]).all(axis=0)
         # samples that cannot be placed stay at the start and are never advanced
         states[:, :, ~about] = states[:1, :, ~about]
         names = indicator.model.outputs.functions
@@ -191,7 +192,7 @@ class WatchedRun(Observer):
             chosen = np.flatnonzero(~settled)
             if not chosen.size:
                 break
-            begin = None if equilibria is None else equilibria[:, chosen]
+            begin = None if starts is None else tuple(part[:, chosen] for part in starts)
             errors = self._evaluate(schedule, chosen, states, about[chosen], begin)
             now = {name: np.max(np.abs(error), axis=0) for name, error in errors.items()}
             before = {name: values[chosen] for name, values in largest.items()}
@@ -234,7 +235,12 @@ class WatchedRun(Observer):
         return finer.states, fine & (run.status == Status.FINE)
 
     def _evaluate(
-        self, schedule: Schedule, chosen: np.ndarray, states: np.ndarray, about: np.ndarray, begin: np.ndarray | None
+        self,
+        schedule: Schedule,
+        chosen: np.ndarray,
+        states: np.ndarray,
+        about: np.ndarray,
+        begin: tuple[np.ndarray, np.ndarray] | None,
     ) -> dict[str, np.ndarray]:
         """Return errors (n_e, n) of some samples at the ends of the run's own steps among the instants of a schedule.
 
@@ -254,7 +260,12 @@ class WatchedRun(Observer):
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
         full = checking.scheduled(self._batch_of(chosen, values), schedule, indicator.step / FINER)
         motion = ReferenceMotion(
-            checking.unknowns_of, full.n_dofs, states, r, indicator.simulation.duration, checking.rotations,
+            checking.unknowns_of,
+            full.n_dofs,
+            states,
+            r,
+            indicator.simulation.duration,
+            checking.rotations,
             indicator.model.terms.scale[:r],
         )
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
@@ -352,14 +363,23 @@ class _Observed(Observer):
 
 def indicator_of(model: ReducedModel | LengthLanes) -> ErrorIndicator | MemberIndicator:
     """Return what estimates the errors of a model's samples."""
-    return MemberIndicator(model) if isinstance(model, LengthLanes) else ErrorIndicator(model)
+    apart = model.lengths if isinstance(model, LengthLanes) else offset_names(model.scene)
+    return MemberIndicator(model, apart) if apart else ErrorIndicator(model)
 
 
 class MemberIndicator:
-    """Estimates the errors of runs of samples with lengths of their own; see `ErrorIndicator`."""
+    """Estimates the errors of runs of samples with mechanisms of their own; see `ErrorIndicator`.
 
-    def __init__(self, model: LengthLanes) -> None:
-        self.model = model
+    Parameters
+    ----------
+    model
+        The model.
+    apart
+        Parameters of which every value makes a mechanism of its own: lengths, or by how much joints are off.
+    """
+
+    def __init__(self, model: ReducedModel | LengthLanes, apart: Iterable[str]) -> None:
+        self.model, self._apart = model, sorted(apart)
         self._simulation = model.scene.simulation
 
     def stepped(self, simulation: Simulation) -> MemberIndicator:
@@ -374,9 +394,9 @@ class MemberIndicator:
 
     def _of(self, values: Mapping[str, np.ndarray], sample: int) -> WatchedRun | None:
         """Begin to watch a sample; None where its mechanism cannot be closed."""
-        lengths = {name: float(values[name][sample]) for name in self.model.lengths}
+        given = {name: float(values[name][sample]) for name in self._apart}
         try:
-            own = self.model.at_lengths(self.model.scene.with_values(lengths))
+            own = self.model.at_lengths(self.model.scene.with_values(given))
         except InputError:
             return None
         return ErrorIndicator(own, self.model).stepped(self._simulation).watch(values, np.array([sample]))

@@ -221,9 +221,8 @@ def truncated_stresses(scene: Scene) -> Iterator[Remark]:
 
 def why_not_of_full_order(model: FullModel | SeparateLengths) -> tuple[Remark, ...]:
     """Return which errors of full-order and component runs are not estimated, and what measures them."""
-    scene = model.scene
-    if isinstance(model, SeparateLengths):
-        return (note("errors of the mesh were not estimated: each sample has a mesh of its own lengths"),)
+    scene, is_separate = model.scene, isinstance(model, SeparateLengths)
+    model = model.model if is_separate else model
     if isinstance(model, ComponentModel):
         counts = ", ".join(f"{n} of {name}" for name, n in model.n_amplitudes.items())
         return (
@@ -234,6 +233,8 @@ def why_not_of_full_order(model: FullModel | SeparateLengths) -> tuple[Remark, .
             note(_left_out(scene)),
             *_condensed_alone(model),
         )
+    if is_separate:
+        return (note("errors of the mesh were not estimated: each sample has a mechanism of its own"),)
     cure = "pgmp tradeoff measures them"
     if len(scene.coordinates) > MOST_COORDINATES or any(
         body.kind not in ("beam2d", "rigid") for body in scene.bodies.values()

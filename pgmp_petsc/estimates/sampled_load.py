@@ -33,11 +33,11 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, note, warning
 from pgmp_petsc.bodies.matrices import AffineMatrices
-from pgmp_petsc.effects import Action, Effect, Motion
-from pgmp_petsc.effects.load import Load
+from pgmp_petsc.effects import AT_REST, Action, Effect, Motion
+from pgmp_petsc.effects.effect import Load
 from pgmp_petsc.effects.motion import Instant
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.models.model import AT_REST, search_of
+from pgmp_petsc.models.model import search_of
 from pgmp_petsc.models.reduced_statics import ReducedStatics
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.scene.references import parts_of
@@ -196,21 +196,22 @@ def jump_remarks(model: ReducedModel, system: ReducedSystem, start: State, strai
 
 
 def _quasi_static(model: ReducedModel, system: ReducedSystem, state: State) -> np.ndarray:
-    """Return the quasi-static deformation at the start of one sample, shape (n_modes,)."""
-    r = system.tables.n_coordinates
-    stiffness, inertia = (matrix[0] for matrix in system.stiffness_and_inertia(0.0, state))
+    """Return the quasi-static deformation at the start of one sample, without given coordinates, shape (n,)."""
+    r, n = system.tables.n_coordinates, system.n_moving
+    stiffness, inertia = (matrix[0, :n, :n] for matrix in system.stiffness_and_inertia(0.0, state))
     free = [k for k in range(r) if k not in model.motions]
     moved = np.linalg.solve(inertia[np.ix_(free, free)], inertia[free, r:])
     # springs may be zero, of what elastic joints release
     return np.linalg.lstsq(
-        stiffness[r:, r:], (inertia[r:, r:] - inertia[r:, free] @ moved) @ state.a[0, r:], rcond=None
+        stiffness[r:, r:], (inertia[r:, r:] - inertia[r:, free] @ moved) @ state.a[0, r:n], rcond=None
     )[0]
 
 
 def _strain_energy(system: ReducedSystem, state: State, deformation: np.ndarray) -> float:
     """Return the strain energy of one sample at the start with another deformation, J."""
-    bent = state.q.copy()
-    bent[0, system.tables.n_coordinates :] = deformation
+    bent = np.zeros_like(state.q)
+    bent[0, : system.tables.n_coordinates] = state.q[0, : system.tables.n_coordinates]
+    bent[0, system.tables.n_coordinates : system.n_moving] = deformation
     return float(system.strain_energy(bent)[0])
 
 
@@ -237,5 +238,5 @@ def _is_cured(model: ReducedModel, system: ReducedSystem, state: State, swing: n
         return False
     if held.reasons:
         return False
-    left = swing - held.unknowns[system.tables.n_coordinates :, 0]
+    left = swing - held.unknowns[system.tables.n_coordinates : system.n_moving, 0]
     return _strain_energy(system, state, left) <= CURED**2 * energy

@@ -41,8 +41,8 @@ from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.results.estimates import VALIDITY, beyond_limit, limits_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.stepping.generalised_alpha import Observer, count_steps
-from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.generalised_alpha import count_steps
+from pgmp_petsc.stepping.second_order_system import Observer, State
 
 # A motion that the steps resolve has ten and more a period: every second one misses its peak by 5 % at most.
 EVERY = 2

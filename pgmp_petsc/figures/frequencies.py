@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -175,9 +174,7 @@ def coordinate_path(trajectory: Trajectory, label: str = "") -> Figure:
     axes.set_ylabel(axis_label(y_name, y_unit))
     axes.margins(0.12)
     axes.autoscale_view()
-    bar = figure.colorbar(ScalarMappable(colours.scale, colours.colours), ax=axes, pad=0.01, aspect=32)
-    bar.outline.set_visible(False)
-    bar.set_label("time (s)")
+    colours.add_bar(axes)
     what = heading(f"Path of the coordinates, {MODELS[trajectory.model]}", trajectory.record, label)
     top_legend(figure, keys, what, captions.of_runs([trajectory]))
     return figure

@@ -27,7 +27,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures.mechanism import Shapes, TimeColours
 from pgmp_petsc.figures.motion import motion_of
 from pgmp_petsc.figures.solids import COLOURS, Stage, bounds_of, has_solids
-from pgmp_petsc.figures.style import QUIET, axis_label, axis_unit, new_figure, save, styled, top_legend
+from pgmp_petsc.figures.style import QUIET, axis_label, axis_unit, new_figure, round_below, save, styled, top_legend
 from pgmp_petsc.ranks.ending import guarded
 from pgmp_petsc.results import Trajectory
 
@@ -164,9 +164,7 @@ def _save_small(figure: Figure, path: Path) -> Path:
 def _draw_scale(axes: Axes, shapes: Shapes, unit: str) -> None:
     """Draw a line of a round length below the mechanism."""
     low, high = shapes.limits
-    wanted = 0.3 * (high - low).max()
-    power = 10.0 ** np.floor(np.log10(wanted))
-    length = power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted)
+    length = round_below(0.3 * (high - low).max())
     x, y = low[0], low[1] - 0.7 * FOOT * (high - low)[1]
     axes.plot([x, x + length], [y, y], color=QUIET, linewidth=1.6, clip_on=False, solid_capstyle="butt")
     beside = {"xytext": (4, 0), "textcoords": "offset points", "va": "center", "annotation_clip": False}

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -72,6 +73,12 @@ class TimeColours:
         """Return the colour of an instant, shape (3,), mixed with white where the strength is below one."""
         # Mixed with white instead of transparent: overlapping ends of cells would show as dots.
         return 1.0 - strength * (1.0 - np.array(self.colours(self.scale(instant))[:3]))
+
+    def add_bar(self, axes: Axes) -> None:
+        """Draw the bar of the colours beside axes."""
+        bar = axes.figure.colorbar(ScalarMappable(self.scale, self.colours), ax=axes, pad=0.01, aspect=32)
+        bar.outline.set_visible(False)
+        bar.set_label("time (s)")
 
 
 @dataclass(frozen=True)
@@ -138,19 +145,25 @@ class Shapes:
             Width of the lines and size of the markers on the bodies' ends, points.
         """
         for body, cells in self.frames.cells.items():
-            points = self.positions[body][number]
-            if not len(cells):
-                axes.plot(*points.T, "s", color=colour, markersize=1.6 * pin, zorder=zorder + 1)
-                continue
-            lines = {"capstyle": "round", "zorder": zorder}
-            if body in self.frames.rigid:
-                bar = BAR * width
-                axes.add_collection(LineCollection(points[cells], colors=[colour], linewidths=bar, **lines))
-                lines["zorder"] += 0.1
-                axes.add_collection(LineCollection(points[cells], colors=["white"], linewidths=HOLLOW * bar, **lines))
-            else:
-                axes.add_collection(LineCollection(points[cells], colors=[colour], linewidths=width, **lines))
-            axes.plot(*points[ends(cells)].T, "o", color=colour, markersize=pin, zorder=zorder + 1)
+            points = self.draw_body(axes, body, number, colour, width, 1.6 * pin, zorder)
+            if len(cells):
+                axes.plot(*points[ends(cells)].T, "o", color=colour, markersize=pin, zorder=zorder + 1)
+
+    def draw_body(
+        self, axes: Axes, body: str, number: int, colour: Any, width: float, square: float, zorder: float
+    ) -> np.ndarray:
+        """Draw a body at one frame without its ends, a point mass as a square of so many points; return its nodes."""
+        points, cells = self.positions[body][number], self.frames.cells[body]
+        if not len(cells):
+            axes.plot(*points.T, "s", color=colour, markersize=square, zorder=zorder + 1)
+            return points
+        strokes = [(colour, width, zorder)]
+        if body in self.frames.rigid:
+            strokes = [(colour, BAR * width, zorder), ("white", HOLLOW * BAR * width, zorder + 0.1)]
+        for ink, thick, order in strokes:
+            lines = LineCollection(points[cells], colors=[ink], linewidths=thick, capstyle="round", zorder=order)
+            axes.add_collection(lines)
+        return points
 
     def keys(self) -> list[Line2D]:
         """Return what tells rigid bodies from flexible ones, where there are both."""
@@ -254,9 +267,7 @@ def mechanism(
     axes.set_aspect("equal")
     axes.set_xlabel(axis_label(shapes.axis_names[0], unit))
     axes.set_ylabel(axis_label(shapes.axis_names[1], unit))
-    bar = figure.colorbar(ScalarMappable(colours.scale, colours.colours), ax=axes, pad=0.01, aspect=32)
-    bar.outline.set_visible(False)
-    bar.set_label("time (s)")
+    colours.add_bar(axes)
     notes, plain, enlarged = captions.of_runs([trajectory]), shapes.not_enlarged, ""
     if exaggeration != 1.0:
         deformable = len(frames.nodes) - len(frames.rigid)
@@ -304,8 +315,8 @@ class _Hidden:
             box.x0 < self.inside.x0 or box.x1 > self.inside.x1 or box.y0 < self.inside.y0 or box.y1 > self.inside.y1
         )
         cost = 1e6 * outside + ON_LABEL * sum(_overlap(box, other) for other in self.labels)
-        cost += ON_LINE * _n_within(box.padded(2), self.lines)
-        return cost + ON_LINE * sum(_n_within(other, leader) for other in self.labels)
+        cost += ON_LINE * box.padded(2).count_contains(self.lines)
+        return cost + ON_LINE * sum(other.count_contains(leader) for other in self.labels)
 
     def add(self, box: Bbox, leader: np.ndarray) -> None:
         """Take in a label that is written."""
@@ -383,19 +394,10 @@ def _draw_bodies(axes: Axes, shapes: Shapes) -> list[tuple[str, np.ndarray, str]
     """Draw the bodies; return name, middle and colour of each."""
     found = []
     for number, (body, cells) in enumerate(shapes.frames.cells.items()):
-        points, colour = shapes.positions[body][0], PALETTE[number % len(PALETTE)]
-        if len(cells):
-            width = 7.0 if body in shapes.frames.rigid else 4.0
-            lines = LineCollection(points[cells], colors=[colour], linewidths=width, capstyle="round", zorder=4)
-            axes.add_collection(lines)
-            if body in shapes.frames.rigid:
-                inner = LineCollection(points[cells], colors=["white"], linewidths=3.0, capstyle="round", zorder=4.1)
-                axes.add_collection(inner)
-            middles = points[cells].mean(axis=1)
-            middle = middles[np.argmin(np.linalg.norm(middles - points.mean(axis=0), axis=1))]
-        else:
-            middle = points[0]
-            axes.plot(*middle, "s", color=colour, markersize=10, zorder=4)
+        colour = PALETTE[number % len(PALETTE)]
+        points = shapes.draw_body(axes, body, 0, colour, width=4.0, square=10.0, zorder=4)
+        middles = points[cells].mean(axis=1) if len(cells) else points
+        middle = middles[np.argmin(np.linalg.norm(middles - points.mean(axis=0), axis=1))]
         found.append((body, middle, colour))
     return found
 
@@ -460,16 +462,10 @@ def _leader(note: Annotation, offset: tuple[float, float]) -> np.ndarray:
     return start + np.linspace(0.15, 0.7, 8)[:, None] * np.array(offset) * note.figure.dpi / 72.0
 
 
-def _n_within(box: Bbox, points: np.ndarray) -> int:
-    """Return how many points are in a box."""
-    return int(np.count_nonzero(((points > box.min) & (points < box.max)).all(axis=1)))
-
-
 def _overlap(one: Bbox, other: Bbox) -> float:
     """Return the area, in pixels, that two boxes share."""
-    width = min(one.x1, other.x1) - max(one.x0, other.x0)
-    height = min(one.y1, other.y1) - max(one.y0, other.y0)
-    return max(width, 0.0) * max(height, 0.0)
+    shared = Bbox.intersection(one, other)
+    return 0.0 if shared is None else shared.width * shared.height
 
 
 def _pixels(axes: Axes, shapes: Shapes) -> np.ndarray:

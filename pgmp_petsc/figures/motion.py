@@ -17,7 +17,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures.captions import of_runs
-from pgmp_petsc.figures.style import MODELS, axis_label, axis_unit, heading
+from pgmp_petsc.figures.style import MODELS, axis_label, axis_unit, heading, round_below
 from pgmp_petsc.mesh import solid_mesh as reference
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import BodyField, ModeShape, truncated
@@ -145,7 +145,6 @@ def coarsened(
 
 # An enlarged deformation reaches this share of the mechanism's size at most, where nobody says how far.
 LARGEST_SHOWN = 0.05
-STEPS = (1.0, 2.0, 5.0)
 N_PHASES = 24  # of a period of a mode
 WORDS = {"mises": "von Mises stress", "deformation": "deformation", "displacement": "displacement", "none": ""}
 
@@ -231,7 +230,7 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
             continue
         edges = frames.cells[name]
         nothing = np.zeros((0, 3), dtype=int)
-        skins.append(Skin(name, _in_space(positions), nothing, edges, 0.0, None, name in frames.rigid))
+        skins.append(Skin(name, in_space(positions), nothing, edges, 0.0, None, name in frames.rigid))
     bare = [skin.name for skin in skins if len(skin.edges) and not skin.rigid and skin.name not in run.fields]
     if bare:
         notes.append(f"{', '.join(bare)}: drawn as lines between joints, their fields are not stored (see pgmp info)")
@@ -313,11 +312,11 @@ def skin_of(name: str, own: BodyField, scale: float, values: Callable[[BodyField
     colours = None if own.rigid else values(own)
     if own.kind == "line":
         return Skin(
-            name, _in_space(shown), np.zeros((0, 3), dtype=int), own.cells, own.radius or 0.0, colours, own.rigid
+            name, in_space(shown), np.zeros((0, 3), dtype=int), own.cells, own.radius or 0.0, colours, own.rigid
         )
     faces = outer_faces(own.kind, own.cells)
     edges = outlines(faces, own.nodes)
-    return Skin(name, _in_space(shown), triangles(faces), edges, 0.0, colours, own.rigid)
+    return Skin(name, in_space(shown), triangles(faces), edges, 0.0, colours, own.rigid)
 
 
 def in_unit(skins: list[Skin], colour: str, unit: str) -> tuple[list[Skin], str, float, int]:
@@ -342,8 +341,7 @@ def scale_of(fields: Mapping[str, BodyField]) -> float:
     wanted = LARGEST_SHOWN * extent / largest if largest > 1e-9 * extent else 1.0
     if wanted <= 1.0:
         return 1.0
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(max(step * power for step in STEPS if step * power <= wanted * (1.0 + 1e-9)))
+    return round_below(wanted)
 
 
 def _size(vectors: np.ndarray) -> np.ndarray:
@@ -378,7 +376,7 @@ def uncoloured(fields: Mapping[str, BodyField], colour: str = "mises") -> list[s
     return [*said, "stress of beams: in the outermost fibres, without shear and torsion"] if beams else said
 
 
-def _in_space(points: np.ndarray) -> np.ndarray:
+def in_space(points: np.ndarray) -> np.ndarray:
     """Return points (..., 2 or 3) in space."""
     found = np.zeros((*points.shape[:-1], 3))
     found[..., : points.shape[-1]] = points

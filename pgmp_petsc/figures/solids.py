@@ -30,8 +30,8 @@ from PIL import Image
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.figures.motion import Motion, Skin, motion_of
-from pgmp_petsc.figures.style import PROGRAM, QUIET, RESOLUTION, axis_unit, new_figure, styled, top_legend
-from pgmp_petsc.files.hdf5 import replacing
+from pgmp_petsc.figures.style import PROGRAM, QUIET, RESOLUTION, axis_unit, new_figure, round_below, styled, top_legend
+from pgmp_petsc.files.claims import replacing
 from pgmp_petsc.ranks.ending import child
 from pgmp_petsc.results import Trajectory
 
@@ -364,9 +364,7 @@ class Surround:
 
     def measure(self, metre: float, unit: str) -> None:
         """Draw a bar of a round length below the bodies, of which a unit of length has so many pixels."""
-        metres = self.size[0] / 5.0 / metre
-        power = 10.0 ** np.floor(np.log10(metres))
-        nice = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= metres)
+        nice = round_below(self.size[0] / 5.0 / metre)
         factor, unit = axis_unit(unit, np.array([nice]))
         share = nice * metre / self.size[0]
         below = {"transform": self.axes.transAxes, "clip_on": False, "color": QUIET}

@@ -19,8 +19,9 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter
 
-from pgmp_petsc import __version__
-from pgmp_petsc.files.hdf5 import RunRecord, replacing
+from pgmp_petsc.base import __version__
+from pgmp_petsc.files.claims import replacing
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results.numbers import axis_unit
 
 Arguments = ParamSpec("Arguments")
@@ -224,6 +225,12 @@ def distinct_colours(n: int) -> list[str]:
     if n <= len(PALETTE):
         return list(PALETTE[:n])
     return [to_hex(colour) for colour in matplotlib.colormaps["viridis"](np.linspace(0.0, 0.92, n))]
+
+
+def round_below(value: float) -> float:
+    """Return the largest of 1, 2 and 5 times a power of ten that is no more than a positive number."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= value * (1.0 + 1e-9)))
 
 
 def span(axes: Axes, low: float, high: float) -> None:

@@ -31,7 +31,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError, Remark, RunError, note
 from pgmp_petsc.base.plugins import in_use
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.files.hdf5 import replacing
+from pgmp_petsc.files.claims import replacing
 from pgmp_petsc.files.seal import SIZE, BrokenSeal, check_seal, identity, sealed
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.ending import keep, keep_no_longer

@@ -31,7 +31,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 
-from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.files.seal import MAGIC, SIGNATURE, BrokenSeal, seal_of
 from pgmp_petsc.ranks.agreement import on_root
@@ -411,3 +411,57 @@ def _reason(error: OSError) -> str:
     if isinstance(error, FileNotFoundError):
         return "the working directory, or that of the output, was removed; go to one that exists"
     return error.strerror or str(error)
+
+
+def synchronise_file(path: Path) -> None:
+    """Push a file to the disk; raises `OSError` if the system fails to write it."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def synchronise_directory(directory: Path) -> None:
+    """Push the names in a directory to the disk; that some file systems refuse to is no error."""
+    with suppress(OSError):
+        synchronise_file(directory)
+
+
+def first_line(error: OSError) -> str:
+    """Return what the system says ("No space left on device"), or else the first line of the message."""
+    if error.errno:
+        return os.strerror(error.errno)
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str], what: str = "output file", pushed: bool = True) -> Iterator[Path]:
+    """Yield another name to write to; the file takes the place of ``path`` when the block ends without an error.
+
+    To be called by one process only. Raises `RunError` if the system fails to write (a full disk, say); an older file
+    under ``path`` is left as it was.
+
+    Parameters
+    ----------
+    path
+        The file to be replaced.
+    what
+        What it is, for the message.
+    pushed
+        Whether it is pushed to the disk before that. What is not outlives its process, but perhaps not its machine.
+    """
+    path = Path(path)
+    partial = partial_path(path, os.getpid())
+    try:
+        yield partial
+        if pushed:
+            synchronise_file(partial)
+        os.replace(partial, path)
+        if pushed:
+            synchronise_directory(path.parent)
+    except OSError as error:
+        raise RunError(f"{what} '{path}' could not be written: {first_line(error)}") from error
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)

@@ -42,7 +42,7 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -51,11 +51,11 @@ from typing import Any, TextIO
 import h5py
 import numpy as np
 
-from pgmp_petsc import __version__
-from pgmp_petsc.base.errors import InputError, Remark, RunError, from_json, shortened, to_json
+from pgmp_petsc.base import __version__
+from pgmp_petsc.base.errors import InputError, Remark, from_json, shortened, to_json
 from pgmp_petsc.base.plugins import check_plugins, plugins_of
 from pgmp_petsc.base.units import SAID, SI, UnitSystem
-from pgmp_petsc.files.claims import KINDS, check_output, named, partial_path
+from pgmp_petsc.files.claims import KINDS, check_output, first_line, named, replacing
 from pgmp_petsc.files.seal import MAGIC, SIGNATURE, SIZE, BrokenSeal, check_seal, seal
 
 
@@ -120,28 +120,6 @@ class GuardedStream:
                 self._stream.close()
             except OSError:
                 self._stream.raw.close()
-
-
-def synchronise_file(path: Path) -> None:
-    """Push a file to the disk; raises `OSError` if the system fails to write it."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def synchronise_directory(directory: Path) -> None:
-    """Push the names in a directory to the disk; that some file systems refuse to is no error."""
-    with suppress(OSError):
-        synchronise_file(directory)
-
-
-def first_line(error: OSError) -> str:
-    """Return what the system says ("No space left on device"), or else the first line of the message."""
-    if error.errno:
-        return os.strerror(error.errno)
-    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 FORMAT_VERSION = 2
@@ -219,38 +197,6 @@ def _toml(value: object) -> str:
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"its scene is no TOML: {error}") from error
     return value
-
-
-@contextmanager
-def replacing(path: str | os.PathLike[str], what: str = "output file", pushed: bool = True) -> Iterator[Path]:
-    """Yield another name to write to; the file takes the place of ``path`` when the block ends without an error.
-
-    To be called by one process only. Raises `RunError` if the system fails to write (a full disk, say); an older file
-    under ``path`` is left as it was.
-
-    Parameters
-    ----------
-    path
-        The file to be replaced.
-    what
-        What it is, for the message.
-    pushed
-        Whether it is pushed to the disk before that. What is not outlives its process, but perhaps not its machine.
-    """
-    path = Path(path)
-    partial = partial_path(path, os.getpid())
-    try:
-        yield partial
-        if pushed:
-            synchronise_file(partial)
-        os.replace(partial, path)
-        if pushed:
-            synchronise_directory(path.parent)
-    except OSError as error:
-        raise RunError(f"{what} '{path}' could not be written: {first_line(error)}") from error
-    finally:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
 
 
 @contextmanager

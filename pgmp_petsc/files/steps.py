@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.files.claims import lock_path, locked
-from pgmp_petsc.files.hdf5 import replacing
+from pgmp_petsc.files.claims import lock_path, locked, replacing
 from pgmp_petsc.files.seal import BrokenSeal, check_seal
 
 LABEL = "steps.json"

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -72,6 +73,15 @@ class Symbolic:
     def _keys(self) -> np.ndarray:
         """Numbers of the entries of L, column after column, each with growing rows."""
         return np.repeat(np.arange(self.n), np.diff(self.starts)) * self.n + self.rows
+
+
+class Pattern(NamedTuple):
+    """Numeric view of a symbolic factorisation; `place[unknown]` is its turn in the elimination."""
+
+    place: np.ndarray
+    starts: np.ndarray
+    rows: np.ndarray
+    products: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 def analyse(pattern: sp.spmatrix, levels: np.ndarray) -> Symbolic:

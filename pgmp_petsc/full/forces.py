@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from pgmp_petsc.effects.action import Actions
+from pgmp_petsc.effects.action import LEADS, LED, Actions
 from pgmp_petsc.effects.law import Laws, obey
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
@@ -50,7 +50,8 @@ def evaluate_actions(
         to be taken as they are.
     forces, tangents
         Results: force on the unknowns, shape (n_actions, 2 m, n_samples), and minus its derivative, the mean of each
-        entry and its mirror, shape (n_entries, n_samples).
+        entry and its mirror, shape (n_entries, n_samples). Derivatives of forces that are led with what leads them are
+        left out: they are not symmetric, and between other nodes.
     powers, stored
         Results: power of what is not elastic (W) and potential energy of what is (J), shape (n_actions, n_samples).
     depths
@@ -59,6 +60,7 @@ def evaluate_actions(
     starts, rows, columns = entries
     statements, m = actions.statements, y.shape[1] // 2
     scratch, own, g, h = scratch_of(statements, m), np.zeros(2 * m), np.zeros(2 * m), np.zeros((2 * m, 2 * m))
+    leading = np.zeros((2, y.shape[2]))  # measures of the actions that lead, and their rates
     for k in range(actions.laws.addresses.size):
         for sample in range(y.shape[2]):
             p = actions.parameters[k, sample]
@@ -69,20 +71,25 @@ def evaluate_actions(
             rate = 0.0
             for i in range(2 * m):
                 rate += g[i] * rates[k, i, sample]
+            led = actions.roles[k] == LED
+            if actions.roles[k] == LEADS:
+                leading[0, sample], leading[1, sample] = s, rate
+            at, at_rate = (leading[0, sample], leading[1, sample]) if led else (s, rate)
             before = about[k, sample] if with_tangents and about.shape[0] else np.nan
             crossed = depths[sample, actions.laws.edges[k] :]
-            found = obey(actions.laws.addresses[k], p, amplitudes[k], s, rate, before, crossed)
+            found = obey(actions.laws.addresses[k], p, amplitudes[k], at, at_rate, before, crossed)
             if about.shape[0]:
                 about[k, sample] = found.about
-            powers[k, sample] = (found.force - found.elastic) * rate
-            stored[k, sample] = found.stored
+            powers[k, sample] = (found.force - (0.0 if led else found.elastic)) * rate
+            stored[k, sample] = 0.0 if led else found.stored
             for i in range(2 * m):
                 forces[k, i, sample] = found.force * g[i]
+            stiffness = 0.0 if led else found.stiffness + gain_v * found.damping
             for entry in range(starts[k], starts[k + 1] if with_tangents else starts[k]):
                 i, j = rows[entry], columns[entry]
                 # a force that turns with its body has no symmetric tangent; its mean serves the factorisation
                 bent = 0.5 * found.force * (h[i, j] + h[j, i])
-                tangents[entry, sample] = (found.stiffness + gain_v * found.damping) * g[i] * g[j] - bent
+                tangents[entry, sample] = stiffness * g[i] * g[j] - bent
 
 
 class Loads(NamedTuple):
@@ -101,6 +108,7 @@ class BlockActions(NamedTuple):
     statements: NodeStatements
     laws: Laws
     parameters: np.ndarray  # of the laws, shape (n_blocks, n_actions, n_lanes, n_parameters)
+    roles: np.ndarray  # as in `Actions`
     dofs: np.ndarray  # unknowns of both nodes, -1 on the ground, shape (n_actions, 2 m)
     entries: tuple[np.ndarray, np.ndarray, np.ndarray]  # as for `evaluate_actions`
     positions: np.ndarray  # where the matrix stores these entries, shape (n_entries,)
@@ -154,8 +162,9 @@ def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents, iteratin
     known = turns if turns.shape[0] else np.zeros((n, n_lanes))
     about = actions.about[block][: n if iterating else 0]
     evaluate_actions(
-        Actions(loaded(actions.statements), laws, actions.parameters[block]), actions.entries, amplitudes, y,
-        rates, known, np.empty((n, n_lanes)), gain_v, with_tangents, about, forces, tangents, powers, stored, depths,
+        Actions(loaded(actions.statements), laws, actions.parameters[block], actions.roles), actions.entries,
+        amplitudes, y, rates, known, np.empty((n, n_lanes)), gain_v, with_tangents, about, forces, tangents, powers,
+        stored, depths,
     )  # fmt: skip
     return Acted(forces, tangents, powers, stored, depths)
 

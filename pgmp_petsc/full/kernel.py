@@ -27,7 +27,7 @@ from pgmp_petsc.bodies.beam2d import (
     stresses,
     viscous_stresses,
 )
-from pgmp_petsc.full.batched_ldl import factorise, substitute
+from pgmp_petsc.full.batched_ldl import Pattern, factorise, substitute
 from pgmp_petsc.full.damping import ModalFactors, add_modal_damping
 from pgmp_petsc.full.elements import Beams, Masses, Solids, add_beams, add_masses, add_solids
 from pgmp_petsc.full.floating import add_floating
@@ -78,15 +78,6 @@ class Lumps(NamedTuple):
     positions: np.ndarray
     counted: np.ndarray
     mass: np.ndarray
-
-
-class Pattern(NamedTuple):
-    """Numeric view of a symbolic factorisation; `place[unknown]` is its turn in the elimination."""
-
-    place: np.ndarray
-    starts: np.ndarray
-    rows: np.ndarray
-    products: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 class FullProblem(NamedTuple):

@@ -9,41 +9,31 @@ lines that turn, are a row of numbers; the others are evaluated for every sample
 Directors that no mass belongs to make the matrix singular before their constraints are in it, and nothing is pivoted.
 For the constraints g that make directors a rotation it therefore holds ``w G^T G`` too, and the residual ``w G^T g``:
 the solution is the same for any weight w (the augmented Lagrangian of Glowinski and Le Tallec 1989).
-
-Ties of second order in the deformation in full-order samples on one rank, compiled; see `mechanism.frame_ties`.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.full.forces import add_entry, add_entry_of_lane
+from pgmp_petsc.full.forces import add_entry_of_lane
 from pgmp_petsc.full.part_reference import loaded
+from pgmp_petsc.full.rank_solver import Layout
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import items
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
-from pgmp_petsc.mechanism.frame_ties import PHI, Arms, CurvedTies, Products, Quadratics, director
+from pgmp_petsc.mechanism.frame_ties import Terms, parts_of
 from pgmp_petsc.mechanism.node_statements import scratch_of, state
 from pgmp_petsc.mechanism.statement_rows import FROM_SUM, Rows
-
-if TYPE_CHECKING:
-    from pgmp_petsc.full.rank_solver import Layout
 
 
 class Ties(NamedTuple):
     """Ties of frames to faces and floating frames."""
 
-    #: linear, products, arms: as in `FrameTies`, rows being places among the constraints here, and unknowns those here
-    linear: tuple[np.ndarray, np.ndarray, np.ndarray]
-    products: Products
-    arms: Arms
-    turning: np.ndarray  # the unknown of its frame that each product depends on, shape (n_products,)
-    #: where the matrix stores what is linear, the products' derivatives in the position and in the frame, the mixed
-    #: second ones, in the plane the second ones in the angle, and the first and second derivatives of arms
+    terms: Terms  # as in `FrameTies`, rows being places among the constraints here, and unknowns those here
+    #: where the matrix stores the three first and the four second derivatives (`Terms.derivatives`), each of shape (n,)
     positions: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-    curved: Curved  # what is of second order in the deformation of bodies in floating frames
 
 
 class NodeConstraints(NamedTuple):
@@ -63,7 +53,7 @@ class NodeConstraints(NamedTuple):
     #: first entry of each row (n + 1,) among the products of two first derivatives that a weight adds, the two entries
     #: of each, and where the matrix stores it
     pairs: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-    ties: Ties  # those of frames to faces
+    ties: Ties  # of frames to faces and floating frames
     counted: np.ndarray  # whether the multiplier of a statement belongs to this rank, shape (n,)
 
 
@@ -109,24 +99,12 @@ class ConstraintParts:
 
     def _entries_of_ties(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return the rows and columns of all entries of the ties that are here, in the order of `Ties.positions`."""
-        row, unknown, _ = self._ties.linear
-        products, turning, arms = self._ties.products, self._ties.turning, self._ties.arms
-        here, there, near = (self._tie_places[part] >= 0 for part in (row, products.rows, arms.rows))
-        self._linear_here, self._products_here, self._arms_here = here, there, near
-        multipliers = self._n_dofs + np.append(self._chosen, 0)[self._tie_places]  # of a tie elsewhere, not looked at
-        of_products, turning, positions = multipliers[products.rows[there]], turning[there], products.positions[there]
-        of_arms = arms.frames[near] + PHI
-        self._curved = CurvedParts(self._ties.curved, self._tie_places, multipliers)
-        return [
-            (multipliers[row[here]], unknown[here]),
-            (of_products, positions),
-            (of_products, turning),
-            (turning, positions),
-            (turning, turning),
-            (multipliers[arms.rows[near]], of_arms),
-            (of_arms, of_arms),
-            *self._curved.entries,
-        ]
+        here = self._tie_places[self._ties.terms.rows] >= 0
+        terms = self._terms = Terms(*(part[here] for part in self._ties.terms))
+        numbered = terms._replace(rows=self._n_dofs + self._chosen[self._tie_places[terms.rows]])
+        first, second = numbered.derivatives(self._ties.d)
+        self._derivatives = [*first, *second]
+        return [(one[has], other[has]) for has, one, other in self._derivatives]
 
     def placed(self, layout: Layout, owned: np.ndarray) -> NodeConstraints:
         """Return the constraints in the numbering of a layout; `owned` are those whose multipliers belong to this rank,
@@ -137,23 +115,12 @@ class ConstraintParts:
         starts, columns, unknowns = compiled.entries
         entries = starts, columns, layout.unknowns(unknowns)
         rows = compiled._replace(dofs=layout.unknowns(compiled.dofs), entries=entries)
-        row, unknown, factors = (part[self._linear_here] for part in self._ties.linear)
-        products = Products(*(part[self._products_here] for part in self._ties.products))
-        placed = products._replace(
-            rows=self._tie_places[products.rows],
-            frames=layout.unknowns(products.frames),
-            positions=layout.unknowns(products.positions),
-        )
-        arms = Arms(*(part[self._arms_here] for part in self._ties.arms))
-        arms = arms._replace(rows=self._tie_places[arms.rows], frames=layout.unknowns(arms.frames))
-        ties = Ties(
-            (self._tie_places[row], layout.unknowns(unknown), factors),
-            placed,
-            arms,
-            layout.unknowns(self._ties.turning[self._products_here]),
-            tuple(layout.positions(*entries) for entries in self._tie_entries[: -len(self._curved.entries)]),
-            self._curved.placed(layout),
-        )
+        placed = {name: layout.unknowns(getattr(self._terms, name)) for name in ("turning", "first", "second")}
+        terms = self._terms._replace(rows=self._tie_places[self._terms.rows], **placed)
+        positions = [np.zeros(terms.rows.size, dtype=np.int64) for _ in self._derivatives]
+        for place, (has, _, _), entries in zip(positions, self._derivatives, self._tie_entries):
+            place[has] = layout.positions(*entries)
+        ties = Ties(terms, tuple(positions))
         return NodeConstraints(
             rows, own.places, own.wanted, own.motions, own.near, linear, self._weights,
             layout.positions(*self._jacobian), layout.positions(*own.rows.curvature_pattern),
@@ -212,8 +179,8 @@ def add_constraints(
         _add_curved(
             constraints, driven, turns, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower
         )
-    if constraints.ties.linear[0].size:
-        _add_ties(constraints.ties, width, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower)
+    if constraints.ties.terms.rows.size:
+        _add_ties(constraints.ties, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower)
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -276,139 +243,36 @@ def _add_curved(constraints, driven, turns, residual, q, multipliers, scale, gai
 
 
 @njit(cache=True, apart=True, error_model="numpy")
-def _add_ties(ties, width, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower):
+def _add_ties(ties, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower):
     """Add what ties of frames give; see `add_constraints` and `FrameTies`."""
     n_dofs, n_lanes = q.shape
-    rows, unknowns, factors = ties.linear
-    products, arms, curved = loaded(ties.products), loaded(ties.arms), loaded(ties.curved)
-    of_linear, of_position, of_turn, mixed, twice, of_arm, bent = ties.positions
-    scales, of_x, of_q, forces = items(scale, width)[()], items(x, width), items(q, width), items(multipliers, width)
-    of_diagonal, entries = items(diagonal, width), items(lower, width)
-    for e in range(rows.size):
-        dof, number, factor = unknowns[e], rows[e], factors[e]
-        of_x[place[dof]] += factor * forces[number]
-        if itself:
-            of_x[place[n_dofs + number]] += scales * factor * of_q[dof]
-        if fresh:
-            add_entry(of_linear[e], factor * scales, of_diagonal, entries)
-    for e in range(products.rows.size):
-        number, position, turning, factor = (
-            products.rows[e],
-            products.positions[e],
-            ties.turning[e],
-            products.factors[e],
-        )
-        row, at, at_turn = place[n_dofs + number], place[position], place[turning]
+    terms = loaded(ties.terms)
+    of_first, of_second, of_turn, of_both, mixed, also_mixed, twice = ties.positions
+    for e in range(terms.rows.size):
+        one, other, turning, number = terms.first[e], terms.second[e], terms.turning[e], terms.rows[e]
         for lane in range(n_lanes):
-            along, slope = director(d, products, e, q, lane)
-            if d == 3:
-                slope = 1.0
-            far, force = q[position, lane], multipliers[number, lane]
-            x[at, lane] += factor * along * force
-            x[at_turn, lane] += factor * slope * far * force
-            if itself:
-                x[row, lane] += scale[lane] * factor * along * far
-            if fresh:
-                lower[of_position[e], lane] += scale[lane] * factor * along
-                lower[of_turn[e], lane] += scale[lane] * factor * slope * far
-                add_entry_of_lane(mixed[e], lane, gain_k * factor * slope * force, diagonal, lower)
-                if d == 2:  # d2 d_k / d phi2 = -d_k
-                    add_entry_of_lane(twice[e], lane, -gain_k * factor * along * far * force, diagonal, lower)
-    for e in range(arms.rows.size):
-        number, turning, factor = arms.rows[e], arms.frames[e] + PHI, arms.factors[e]
-        row, at_turn = place[n_dofs + number], place[turning]
-        for lane in range(n_lanes):
-            along, slope = director(d, arms, e, q, lane)
-            force = multipliers[number, lane]
-            x[at_turn, lane] += factor * slope * force
-            if itself:
-                x[row, lane] += scale[lane] * factor * along
-            if fresh:
-                add_entry_of_lane(of_arm[e], lane, scale[lane] * factor * slope, diagonal, lower)
-                add_entry_of_lane(bent[e], lane, -gain_k * factor * along * force, diagonal, lower)
-    if curved.rows.size:
-        add_curved_ties(curved, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower)
-
-
-class Curved(NamedTuple):
-    """Products ``f d x y`` of ties that are here."""
-
-    #: rows, frames, directors, first, second, factors: as in `Quadratics`, rows being places among the constraints
-    #: here, and unknowns those here
-    rows: np.ndarray
-    frames: np.ndarray
-    directors: np.ndarray
-    first: np.ndarray
-    second: np.ndarray
-    factors: np.ndarray
-    turning: np.ndarray  # the unknown of its frame that each depends on, shape (n,)
-    #: where the matrix stores the derivatives in x, in y and in the frame, and the second ones in x and y, in the frame
-    #: and x, in the frame and y, and in the plane in the angle
-    positions: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-
-
-class CurvedParts:
-    """The products of a rank before their place in the matrix is known.
-
-    Parameters
-    ----------
-    ties
-        Those of a mechanism.
-    places
-        Place of every tie among the constraints here, -1 where it is not, shape (n_ties,).
-    multipliers
-        Number that the multiplier of every tie has among all unknowns and multipliers, shape (n_ties,).
-
-    Attributes
-    ----------
-    entries
-        Rows and columns of the entries, in the order of `Curved.positions`.
-    """
-
-    def __init__(self, ties: CurvedTies, places: np.ndarray, multipliers: np.ndarray) -> None:
-        here = places[ties.products.rows] >= 0
-        p = self._products = Quadratics(*(part[here] for part in ties.products))
-        self._turning, self._places = ties.turning[here], places
-        rows, turning = multipliers[p.rows], self._turning
-        self.entries = [
-            (rows, p.first), (rows, p.second), (rows, turning), (p.first, p.second), (turning, p.first),
-            (turning, p.second), (turning, turning),
-        ]  # fmt: skip
-
-    def placed(self, layout: Layout) -> Curved:
-        """Return them in the numbering of a layout."""
-        p = self._products
-        frames, first, second = (layout.unknowns(part) for part in (p.frames, p.first, p.second))
-        positions = tuple(layout.positions(*entries) for entries in self.entries)
-        rows, turning = self._places[p.rows], layout.unknowns(self._turning)
-        return Curved(rows, frames, p.directors, first, second, p.factors, turning, positions)
-
-
-@njit(cache=True, apart=True, error_model="numpy")
-def add_curved_ties(curved, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower):
-    """Add what ties have of second order; see `node_constraints.add_constraints`."""
-    n_dofs, n_lanes = q.shape
-    of_first, of_second, of_turn, of_pair, mixed, also_mixed, twice = curved.positions
-    for e in range(curved.rows.size):
-        one, other, turning = curved.first[e], curved.second[e], curved.turning[e]
-        number, factor, count = curved.rows[e], curved.factors[e], 2.0 if one == other else 1.0
-        for lane in range(n_lanes):
-            along, slope = director(d, curved, e, q, lane)
-            if d == 3:
-                slope = 1.0
-            along, slope = factor * along, factor * slope
-            here, there, force, scaled = q[one, lane], q[other, lane], multipliers[number, lane], scale[lane]
-            x[place[one], lane] += along * there * force
-            x[place[other], lane] += along * here * force
-            x[place[turning], lane] += slope * here * there * force
+            along, slope, bend, here, there = parts_of(d, terms, e, q, lane)
+            force, scaled = multipliers[number, lane], scale[lane]
+            bent = gain_k * force
             if itself:
                 x[place[n_dofs + number], lane] += scaled * along * here * there
-            if fresh:
-                lower[of_first[e], lane] += scaled * along * there
-                lower[of_second[e], lane] += scaled * along * here
-                lower[of_turn[e], lane] += scaled * slope * here * there
-                add_entry_of_lane(of_pair[e], lane, gain_k * count * along * force, diagonal, lower)
-                add_entry_of_lane(mixed[e], lane, gain_k * slope * there * force, diagonal, lower)
-                add_entry_of_lane(also_mixed[e], lane, gain_k * slope * here * force, diagonal, lower)
-                if d == 2:  # d2 d_k / d phi2 = -d_k
-                    add_entry_of_lane(twice[e], lane, -gain_k * along * here * there * force, diagonal, lower)
+            if one >= 0:
+                x[place[one], lane] += along * there * force
+                if fresh:
+                    lower[of_first[e], lane] += scaled * along * there
+            if other >= 0:
+                x[place[other], lane] += along * here * force
+                if fresh:
+                    lower[of_second[e], lane] += scaled * along * here
+                    count = 2.0 if one == other else 1.0
+                    add_entry_of_lane(of_both[e], lane, bent * count * along, diagonal, lower)
+            if turning >= 0:
+                x[place[turning], lane] += slope * here * there * force
+                if fresh:
+                    lower[of_turn[e], lane] += scaled * slope * here * there
+                    if one >= 0:
+                        add_entry_of_lane(mixed[e], lane, bent * slope * there, diagonal, lower)
+                    if other >= 0:
+                        add_entry_of_lane(also_mixed[e], lane, bent * slope * here, diagonal, lower)
+                    if d == 2:
+                        add_entry_of_lane(twice[e], lane, bent * bend * here * there, diagonal, lower)

@@ -141,7 +141,7 @@ class FullEquations:
             spatial_masses(share, unknowns), floating_bodies(share, unknowns, gravity),
         )  # fmt: skip
         bound = ConstraintParts(self.constraints, self.chosen, kinematics.size)
-        self._acts = [_acts_here(action, unknowns, share) for action in actions_of(effects, d)]
+        self._acts = _acting(actions_of(effects, d), unknowns, share)
         self.actions = acting = self._actions_of(effects)
         dofs, entries, of_actions = pairs_of(acting, unknowns.frame)
         coordinates = mechanism.coordinates if d == 3 else ()
@@ -157,7 +157,7 @@ class FullEquations:
         n_parameters = compiled.parameters.shape[-1]
         parameters = compiled.parameters.reshape(len(acting), blocks.n_blocks, blocks.n_lanes, n_parameters)
         actions = BlockActions(
-            compiled.statements, compiled.laws, np.ascontiguousarray(np.moveaxis(parameters, 1, 0)),
+            compiled.statements, compiled.laws, np.ascontiguousarray(np.moveaxis(parameters, 1, 0)), compiled.roles,
             self.layout.unknowns(dofs), entries, self.layout.positions(*of_actions), share.owns(_first_of(dofs)),
             np.full((blocks.n_blocks, len(acting), blocks.n_lanes), np.nan),
         )  # fmt: skip
@@ -275,9 +275,16 @@ def _touching(constraints: ConstraintSet, share: Share) -> np.ndarray:
     return np.unique(of_entries[share.owns(columns)])
 
 
-def _acts_here(action: Action, unknowns: Unknowns, share: Share) -> bool:
-    """Return whether an action is on an unknown of a rank."""
-    return any(share.owns(unknowns.frame(side.node)).any() for side in action.sides if not side.on_ground)
+def _acting(actions: Sequence[Action], unknowns: Unknowns, share: Share) -> list[bool]:
+    """Return which actions are on an unknown of a rank, those that lead where the ones behind them are."""
+    acts = [
+        any(share.owns(unknowns.frame(side.node)).any() for side in action.sides if not side.on_ground)
+        for action in actions
+    ]
+    for k, action in enumerate(actions):
+        if action.leads:
+            acts[k] = acts[k + 1]
+    return acts
 
 
 def pairs_of(

@@ -15,8 +15,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.base.surroundings import Comm, needs_petsc
-from pgmp_petsc.full.batched_ldl import Symbolic
-from pgmp_petsc.full.kernel import Pattern
+from pgmp_petsc.full.batched_ldl import Pattern, Symbolic
 from pgmp_petsc.ranks.petsc import petsc_solver
 
 PREFIX = "pgmp_full_"

@@ -48,6 +48,7 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.gradients.contacts import Contact, Contacts
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised, factorise, hold, substitute
 from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.models.reduced_statics import JointAngles
 from pgmp_petsc.scene.uses import velocity_names
@@ -100,6 +101,7 @@ def differentiate(
     pulse
         Called with the number of steps that have been taken since the last call.
     """
+    check_capabilities(model.scene, Purpose.DERIVATIVES)
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
     of_sample = {name: np.array([value]) for name, value in values.items()}

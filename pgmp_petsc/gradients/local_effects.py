@@ -5,10 +5,11 @@ engine evaluates it (`reduced.action_kernel`), so that with ``H = d g/d eta``, k
 
     by_q += k g g^T + c g (H eta')^T - F H,     by_v += c g g^T,     by_parameters -= (dF/dp) g.
 
-H follows from differences of g, which is exact; they leave 1e-8 of it. Where the places of actions depend on a length
-l, ``by_parameters += (k ds/dl + c ds'/dl) g - F dg/dl`` with differences of fourth order along l of the measure, its
-rate and g, in which places are polynomials. The law itself is not differenced: the force of a stop has a corner where
-it is met, and k has to be that of ``by_q``.
+Of a law that is led by the action before it, with the measure s and the gradient l there, it is ``k g l^T + c g (L
+eta')^T - F H`` and ``c g l^T``. H follows from differences of g, which is exact; they leave 1e-8 of it. Where the
+places of actions depend on a length, ``by_parameters += (k ds/dl + c ds'/dl) g - F dg/dl`` with differences of fourth
+order along it of the measure, its rate and g, in which places are polynomials. The law itself is not differenced: the
+force of a stop has a corner where it is met, and k has to be that of ``by_q``.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.effects.action import amplitudes_over
+from pgmp_petsc.effects.action import LED, amplitudes_over
 from pgmp_petsc.effects.law import differentiate, obey
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items
@@ -80,6 +81,7 @@ class LocalDerivatives:
         }
         quantities = [[quantity for quantity in action.parameters] for action in self._actions]
         self._edges = model.actions.edges
+        self._led = np.flatnonzero(self._local.actions.roles == LED)
         self._addresses = np.array([action.law.address_of_slopes for action in self._actions], dtype=np.int64)
         # changes of the parameters of laws with those of the scene, (n_parameters, n_actions, of one law)
         self._changes = np.zeros((len(names), *self._local.actions.parameters.shape[::2]))
@@ -106,9 +108,12 @@ class LocalDerivatives:
         gradient, measured, slopes, _ = self._measured(times, states.q, states.v, self._weights)
         force, stiffness, damping = (measured[:, :, row] for row in (FORCE, STIFFNESS, DAMPING))
         residual -= _summed(force, gradient)
-        across = np.swapaxes(gradient, 1, 2)
-        by_q += np.matmul(across * stiffness[:, None], gradient)
-        by_v += np.matmul(across * damping[:, None], gradient)
+        across, leading = np.swapaxes(gradient, 1, 2), gradient
+        if self._led.size:
+            leading = gradient.copy()
+            leading[:, self._led] = gradient[:, self._led - 1]
+        by_q += np.matmul(across * stiffness[:, None], leading)
+        by_v += np.matmul(across * damping[:, None], leading)
         _bend(
             self._local, self._weights, self._terms.grid, DIFFERENCE / self._terms.scale,
             np.ascontiguousarray(states.q), np.ascontiguousarray(states.v), measured, by_q,
@@ -200,7 +205,7 @@ def _take(q, first, of_q):
 
 @njit(error_model="numpy", counted=False)
 def _project(local, action, n_angles, of_q, of_v, work):
-    """Return the measure of an action, and fill its gradient and rate, with nodes placed."""
+    """Return the statement of an action and its rate, and fill its gradient, with nodes placed."""
     places, statements = local.places, local.actions.statements
     attach(places, statements, action, work)
     turned = load(work.frames.rigid, work.frames.rigid.shape[0] - places.sides.shape[0] + action)
@@ -210,8 +215,7 @@ def _project(local, action, n_angles, of_q, of_v, work):
         statements.kinds[action], statements.axes[action], items(work.z, WIDE), turned, False,
         items(work.gradient, WIDE), items(work.hessian, WIDE), items(work.spare, WIDE),
     )  # fmt: skip
-    project(of_v, work)
-    return s
+    return s, project(of_v, work)
 
 
 @njit(cache=True, entry=True, error_model="numpy")
@@ -231,7 +235,10 @@ def _measure(local, weights, grid, strengths, q, v, addresses, gradients, measur
         _take(v, first, of_v)
         place_nodes(places, local.all.nodes, grid, d, of_q, kept, work.frames)
         for action in range(n_actions):
-            store(work.measured, MEASURE, _project(local, action, r, of_q, of_v, work))
+            s, speed = _project(local, action, r, of_q, of_v, work)
+            if actions.roles[action] != LED:
+                store(work.measured, MEASURE, s)
+                store(work.measured, RATE, speed)
             for lane in range(min(LANES, n_t - first)):
                 t, p = first + lane, actions.parameters[action, 0]
                 place, rate = work.measured[MEASURE, lane], work.measured[RATE, lane]
@@ -258,6 +265,7 @@ def _bend(local, weights, grid, steps, q, v, measured, by_q):
     work, kept = allocate_local(local, r, n), _places_kept(local, weights)
     of_q, of_v, total = empty_lanes(n, LANES), empty_lanes(n, LANES), empty_lanes(n, LANES)
     straight, laws = empty_lanes(n_actions * n, LANES), empty_lanes(2 * n_actions, LANES)
+    roles, leading = local.actions.roles, empty_lanes(1, LANES)
     for first in range(0, n_t, LANES):
         _take(q, first, of_q)
         _take(v, first, of_v)
@@ -284,6 +292,10 @@ def _bend(local, weights, grid, steps, q, v, measured, by_q):
                     bent = (load(work.projected, i) - load(straight, action * n + i)) * inverse
                     turned += bent * load(of_v, i)
                     add(total, i, -(force * bent))
+                if roles[action] == LED:
+                    turned = load(leading, 0)
+                else:
+                    store(leading, 0, turned)
                 for i in range(n):
                     add(total, i, damping * turned * load(straight, action * n + i))
             store(of_q, j, here)

@@ -1,8 +1,10 @@
-"""Joints that couple the motions of others: gears, racks, screws, cams, and any sum of motions.
+"""Joints that couple the motions of others: gears, belts, racks, screws, cams, and any sum of motions.
 
 With the motions s_i of joints, turning (rad) or sliding (m), a coupling holds
 
     sum_i r_i s_i = const.
+
+The factors r_i may be parameters. The rigid motion depends on them as it does on lengths (`scene.uses`).
 """
 
 from __future__ import annotations
@@ -12,17 +14,11 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from pgmp_petsc.scene.fields import Name, Number, Pair, TwoNames, Unit, no_parameter, refusal
+from pgmp_petsc.scene.fields import Name, NotZeroOrParameter, Pair, PositivePair, TwoNames, Unit, refusal
 from pgmp_petsc.scene.joints import CouplingEntry, Share
 
 CLOSED = 1e-9  # rad that the period of a cam may be off, and share of its lift that its ends may differ by
 FEWEST_POINTS = 4  # of a cam; fewer have no spline to speak of
-
-
-def _not_zero(value: float) -> float:
-    if value == 0.0:
-        raise refusal("a number other than 0 is needed; with 0 nothing is coupled")
-    return value
 
 
 def _closed(table: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
@@ -37,14 +33,6 @@ def _closed(table: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float]
     return table
 
 
-#: A factor of a coupling.
-Factor = Annotated[
-    Number,
-    no_parameter("couplings change the rigid motion; lengths and places of the ground alone may be parameters there"),
-    AfterValidator(_not_zero),
-]
-
-
 class Gear(CouplingEntry):
     """Two joints turn in a ratio: the turning of the second is the ratio times that of the first, from the placements
     on."""
@@ -52,12 +40,36 @@ class Gear(CouplingEntry):
     type: Literal["gear"]
     dimensions = (2, 3)
     joints: TwoNames = Field(description="names of two joints that turn")
-    ratio: Factor = Field(description="rad of the second for each rad of the first; negative where they turn against")
+    ratio: Annotated[NotZeroOrParameter, Unit("1")] = Field(
+        description="rad of the second for each rad of the first, or a parameter's name; negative where they turn "
+        "against"
+    )
 
     def shares(self, motion):
         """Return ``s_2 - ratio s_1``."""
         first, second = self.joints
-        return [Share(second, "turning", "joints", 1.0), Share(first, "turning", "joints", -self.ratio)]
+        return [Share(second, "turning", "joints"), Share(first, "turning", "joints", self.ratio, -1.0)]
+
+
+class Belt(CouplingEntry):
+    """Two joints turn with the pulleys of a belt that neither slips nor stretches: as much of it runs off one as runs
+    on to the other, from the placements on."""
+
+    type: Literal["belt"]
+    dimensions = (2, 3)
+    joints: TwoNames = Field(description="names of two joints that turn")
+    radii: Annotated[PositivePair, Unit("m")] = Field(
+        description="radius of the pulley on each (m), numbers or parameters' names"
+    )
+    crossed: bool = Field(
+        False, strict=True, description="whether the belt is crossed, so that its pulleys turn against one another"
+    )
+
+    def shares(self, motion):
+        """Return ``r_2 s_2 - r_1 s_1``, or the sum if it is crossed."""
+        (first, second), (of_first, of_second) = self.joints, self.radii
+        turning = Share(first, "turning", "joints", of_first, 1.0 if self.crossed else -1.0)
+        return [Share(second, "turning", "joints", of_second), turning]
 
 
 class Rack(CouplingEntry):
@@ -67,14 +79,14 @@ class Rack(CouplingEntry):
     type: Literal["rack"]
     dimensions = (2, 3)
     joints: TwoNames = Field(description="name of a joint that turns, and of one that slides")
-    radius: Annotated[Factor, Unit("m")] = Field(
-        description="way for each rad (m); negative where it slides back as the first turns on"
+    radius: Annotated[NotZeroOrParameter, Unit("m")] = Field(
+        description="way for each rad (m), or a parameter's name; negative where it slides back as the first turns on"
     )
 
     def shares(self, motion):
         """Return ``s_2 - radius s_1``."""
         first, second = self.joints
-        return [Share(second, "sliding", "joints", 1.0), Share(first, "turning", "joints", -self.radius)]
+        return [Share(second, "sliding", "joints"), Share(first, "turning", "joints", self.radius, -1.0)]
 
 
 class Screw(CouplingEntry):
@@ -83,14 +95,14 @@ class Screw(CouplingEntry):
     type: Literal["screw"]
     dimensions = (3,)
     joint: Name = Field(description="name of a joint that turns and slides: a cylindrical one")
-    lead: Annotated[Factor, Unit("m")] = Field(
-        description="way for each turn (m); negative where the thread is left-handed"
+    lead: Annotated[NotZeroOrParameter, Unit("m")] = Field(
+        description="way for each turn (m), or a parameter's name; negative where the thread is left-handed"
     )
 
     def shares(self, motion):
         """Return ``s_sliding - lead / (2 pi) s_turning``."""
-        rise = self.lead / (2.0 * math.pi)
-        return [Share(self.joint, "sliding", "joint", 1.0), Share(self.joint, "turning", "joint", -rise)]
+        turning = Share(self.joint, "turning", "joint", self.lead, -1.0 / (2.0 * math.pi))
+        return [Share(self.joint, "sliding", "joint"), turning]
 
 
 class SumOfMotions(CouplingEntry):
@@ -98,8 +110,9 @@ class SumOfMotions(CouplingEntry):
 
     type: Literal["coupling"]
     dimensions = (2, 3)
-    terms: dict[Name, Factor] = Field(
-        min_length=2, description="factor of the motion (rad or m) of each joint, by the joints' names"
+    terms: Annotated[dict[Name, NotZeroOrParameter], Unit()] = Field(
+        min_length=2,
+        description="factor of the motion (rad or m) of each joint, numbers or parameters' names, by the joints' names",
     )
 
     def shares(self, motion):
@@ -126,4 +139,4 @@ class Cam(CouplingEntry):
         """Return ``s_2 - f(s_1)``."""
         first, second = self.joints
         follower = motion(second, self.motion)
-        return [Share(second, follower, "joints", 1.0), Share(first, "turning", "joints", -1.0, self.table)]
+        return [Share(second, follower, "joints"), Share(first, "turning", "joints", -1.0, table=self.table)]

@@ -10,10 +10,11 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from pgmp_petsc.mechanism.joints import aligned, guided
-from pgmp_petsc.mechanism.statements import Statement, along, perpendicular
+from pgmp_petsc.mechanism.joints import aligned, guided, parallel
+from pgmp_petsc.mechanism.statements import Statement, along
 from pgmp_petsc.scene.fields import Axis, Connection, Direction
 from pgmp_petsc.scene.joints import JointEntry
+from pgmp_petsc.scene.messages import COMPONENTS, problem
 
 
 class PointOnLine(JointEntry):
@@ -55,10 +56,12 @@ class PointOnPlane(JointEntry):
         return [along(in_a[:, 0])]
 
 
-class OnAxis(JointEntry):
-    """A joint along an axis of both bodies."""
+class Cylindrical(JointEntry):
+    """The second point moves on an axis through the first, and turns about it."""
 
+    type: Literal["cylindrical"]
     dimensions = (3,)
+    motions = ("turning", "sliding")
     axis: Axis = Field(description="axis (x, y, z) in the frame of the first point's owner")
 
     @property
@@ -71,22 +74,27 @@ class OnAxis(JointEntry):
         return [*guided(in_a), *aligned(in_a, in_b)]
 
 
-class Cylindrical(OnAxis):
-    """The second point moves on an axis through the first, and turns about it."""
-
-    type: Literal["cylindrical"]
-    motions = ("turning", "sliding")
-
-
-class Prismatic(OnAxis):
+class Prismatic(JointEntry):
     """The second point moves on an axis through the first without turning."""
 
     type: Literal["prismatic"]
+    dimensions = (2, 3)
     motions = ("sliding",)
+    axis: Direction = Field(description="axis (x, y), in space (x, y, z), in the frame of the first point's owner")
+
+    @property
+    def axes(self):
+        """The axis of the motion."""
+        return (self.axis,)
 
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
-        """Return that the axes of both bodies are one line about which nothing turns."""
-        return [*super().statements(in_a, in_b), perpendicular(in_a[:, 1], in_b[:, 2])]
+        """Return that the point is on the axis, and nothing turns."""
+        return [*guided(in_a), *parallel(in_a, in_b)]
+
+    def problems(self, scene, name):
+        """Yield a line if the axis has another number of components."""
+        if len(self.axis) != scene.dimension:
+            yield problem(f"joints.{name}.axis", COMPONENTS[scene.dimension], list(self.axis))
 
 
 class Planar(JointEntry):

@@ -28,14 +28,15 @@ from pgmp_petsc.mechanism.statement_rows import ROUND_OFF, StatementRows
 from pgmp_petsc.mechanism.statements import Combination, Statement
 
 
-def to_inertial(mechanism: Mechanism, poses: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Turn vectors (n_dofs, ...) from body frames at poses (n_bodies, n_pose) into the inertial frame."""
-    return _turn(mechanism, [mechanism.space.rotation(pose) for pose in poses], vectors)
-
-
 def to_body(mechanism: Mechanism, poses: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Turn vectors (n_dofs, ...) from the inertial frame into body frames at poses (n_bodies, n_pose)."""
-    return _turn(mechanism, [mechanism.space.rotation(pose).T for pose in poses], vectors)
+    turned, d = vectors.reshape(len(vectors), -1).copy(), mechanism.space.dimension
+    nodal = mechanism.by_node(turned)
+    for body, pose in zip(mechanism.bodies, poses):
+        rotation = mechanism.space.rotation(pose).T
+        nodal[body.nodes] = np.einsum("ij,njk->nik", rotation, nodal[body.nodes])
+        body.at_points(turned)[:] = np.einsum("ij,njk->nik", rotation[:d, :d], body.at_points(turned))
+    return turned.reshape(vectors.shape)
 
 
 def rigid_positions(mechanism: Mechanism, poses: np.ndarray) -> np.ndarray:
@@ -85,16 +86,6 @@ def rigid_velocities(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray)
     ndarray, shape (n_dofs, n_theta)
     """
     return linear_motion(mechanism, [mechanism.space.velocity_field(*own) for own in zip(poses, rates)])
-
-
-def _turn(mechanism: Mechanism, rotations: list[np.ndarray], vectors: np.ndarray) -> np.ndarray:
-    shape, d = vectors.shape, mechanism.space.dimension
-    turned = vectors.reshape(len(vectors), -1).copy()
-    nodal = mechanism.by_node(turned)
-    for body, rotation in zip(mechanism.bodies, rotations):
-        nodal[body.nodes] = np.einsum("ij,njk->nik", rotation, nodal[body.nodes])
-        body.at_points(turned)[:] = np.einsum("ij,njk->nik", rotation[:d, :d], body.at_points(turned))
-    return turned.reshape(shape)
 
 
 class BodyGradients:

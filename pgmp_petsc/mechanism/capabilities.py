@@ -35,11 +35,12 @@ class Purpose(Enum):
     FULL = "a full-order run"
     COMPONENTS = "a component run"
     TRADEOFF = "pgmp tradeoff"
+    DERIVATIVES = "derivatives of runs"
 
 
 #: What prepares or uses a reduced model; ``check`` foretells it.
 OF_THE_REDUCTION = frozenset({Purpose.CHECK, Purpose.SIZES, Purpose.BUILD, Purpose.REDUCED, Purpose.TRADEOFF})
-EVERYWHERE = frozenset(Purpose)
+EVERYWHERE = frozenset(Purpose) - {Purpose.DERIVATIVES}
 #: What goes over all configurations of the coordinates.
 OVER_CONFIGURATIONS = EVERYWHERE - {Purpose.CHECK, Purpose.FULL, Purpose.COMPONENTS}
 
@@ -92,13 +93,24 @@ def _elastic(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.elastic" for name, joint in scene.joints.items() if joint.elastic is not None)
 
 
-def _with_elastic(which: Callable[[Scene], Iterable[str]]) -> Callable[[Scene], Iterator[str]]:
-    """Return what finds entries of a scene beside its elastic joints."""
-    return lambda scene: (f"{one} with {entry}" for one in which(scene) for entry in _elastic(scene))
-
-
 def _off(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset is not None)
+
+
+def _with(
+    joints: Callable[[Scene], Iterable[str]], which: Callable[[Scene], Iterable[str]]
+) -> Callable[[Scene], Iterator[str]]:
+    """Return what finds entries of a scene beside its elastic joints, or those that are off."""
+    return lambda scene: (f"{one} with {entry}" for one in which(scene) for entry in joints(scene))
+
+
+def _beside_off(scene: Scene) -> Iterator[str]:
+    """Yield entries that a reduced model has not beside joints that are off."""
+    for key in ("second_order", "sampling_tolerance", "tolerance", "parameter_modes"):
+        yield from _given(f"reduction.{key}", getattr(scene.reduction, key))
+    yield from _automatic(scene)
+    yield from _of_second_order(scene)
+    yield from _lengths(scene)
 
 
 def _of_second_order(scene: Scene) -> Iterator[str]:
@@ -111,14 +123,14 @@ def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
 
 FEATURES = (
     Feature(
-        "lengths and places with a tolerance for the step",
+        "lengths, places and ratios with a tolerance for the step",
         lambda scene: (entry for entry in _lengths(scene) if scene.simulation.tolerance is not None),
         EVERYWHERE - {Purpose.CHECK, Purpose.BUILD},
         why_not="simulation.tolerance finds the step of one mechanism",
         cure="give it a number (--override), or simulation.step; pgmp build finds one for the extreme lengths too",
     ),
     Feature(
-        "lengths and places with an automatic choice of effects",
+        "lengths, places and ratios with an automatic choice of effects",
         lambda scene: (entry for entry in _lengths(scene) if scene.reduction.effects == "auto"),
         OF_THE_REDUCTION,
         why_not="effects are chosen for one mechanism",
@@ -157,7 +169,7 @@ FEATURES = (
     ),
     Feature(
         "choice of effects with elastic joints",
-        _with_elastic(_automatic),
+        _with(_elastic, _automatic),
         OF_THE_REDUCTION,
         why_not="effects are chosen for rigid joints",
         cure="name them in [effects]",
@@ -170,18 +182,32 @@ FEATURES = (
         cure="leave these terms out, or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "lengths and places with elastic joints",
-        _with_elastic(_lengths),
+        "lengths, places and ratios with elastic joints",
+        _with(_elastic, _lengths),
         OF_THE_REDUCTION,
         why_not="models at several lengths do not part what joints release from what bends",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "joints that are off in what goes over configurations",
+        "joints that are off in modes, sizes of effects and the trade-off",
         _off,
-        EVERYWHERE - {Purpose.CHECK, Purpose.FULL, Purpose.COMPONENTS},
-        why_not="no part of reduced models and of modes over configurations",
-        cure="take pgmp simulate SCENE --full or --components",
+        frozenset({Purpose.MODES, Purpose.SIZES, Purpose.TRADEOFF}),
+        why_not="no part of modes over configurations, of sizes of effects, and of the trade-off",
+        cure="leave it out, or take pgmp simulate",
+    ),
+    Feature(
+        "joints that are off with what a reduced model has not beside them",
+        _with(_off, _beside_off),
+        OF_THE_REDUCTION,
+        why_not="not made for joints that are off, of which a reduced model has what is of first order",
+        cure="leave one of both out, or take pgmp simulate SCENE --full",
+    ),
+    Feature(
+        "derivatives with joints that are off",
+        _off,
+        frozenset({Purpose.DERIVATIVES}),
+        why_not="derivatives of runs are of joints where they should be",
+        cure="leave it out, or compare runs with other values (--set)",
     ),
     Feature(
         "joints that are off beside elastic ones",
@@ -192,7 +218,7 @@ FEATURES = (
     ),
     Feature(
         "preload with elastic joints",
-        _with_elastic(lambda scene: ["reduction.preload = true"] if scene.reduction.preload else []),
+        _with(_elastic, lambda scene: ["reduction.preload = true"] if scene.reduction.preload else []),
         frozenset({Purpose.MODES}),
         why_not="the work of loads on motions of second order is not known of what elastic joints release",
     ),

@@ -22,7 +22,9 @@ What elastic joints allow beside the motion of the coordinates: `ReleasedClosure
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -82,10 +84,12 @@ class LoopClosure:
         sides = [tuple(side.on_pose() for side in pair) for _, pair in parts]
         statements = [part for part, _ in parts]
         self._rows = StatementRows(statements, sides, self.pose_dofs, mechanism.space.dimension)
+        self._jacobian_at = _jacobian_of(self._rows, self.n_pose * len(mechanism.bodies))
         self._wanted = np.concatenate([wanted, np.zeros(self.n_coordinates)])
         self._units = np.tile(mechanism.space.units(self.size), len(mechanism.bodies))
         self._scale = np.where([part.is_length for part in statements], self.size, 1.0)
         # those that make poses rigid are no joints
+        self._tied = slice(mechanism.n_constraints, self.n_constraints)
         n_tied, n_bodies = mechanism.space.n_tied * len(mechanism.bodies), len(mechanism.bodies)
         self.has_redundant = self._rows.n - n_tied > mechanism.space.n_dofs * n_bodies
 
@@ -109,7 +113,7 @@ class LoopClosure:
 
     def jacobian(self, poses: np.ndarray) -> np.ndarray:
         """Return d(residual)/dP, shape (n, n_constraints + n_theta, n_pose n_bodies)."""
-        return jacobian_of(self._rows, poses)
+        return self._jacobian_at(poses)
 
     def scaled(self, jacobian: np.ndarray) -> np.ndarray:
         """Return J (n, n_rows, n_pose n_bodies) with lengths scaled by the size, so that singular values do not depend
@@ -346,12 +350,12 @@ class LoopClosure:
     def _least(self, poses: np.ndarray, jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Return the x (n, n_pose n_bodies, k) that keeps bodies rigid and comes nearest to ``J x = right``, for J at
         poses (n_bodies, n_pose, n) and right-hand sides (n, n_rows, k)."""
-        space, n_rows = self.mechanism.space, jacobian.shape[1]
-        tied = slice(self.mechanism.n_constraints, self.n_constraints)
+        space, n_rows, tied = self.mechanism.space, jacobian.shape[1], self._tied
+        if not space.n_tied:
+            weights = 1.0 / self._scale[:n_rows, None]
+            return _solved(weights * jacobian, weights * right)
         others = np.r_[: tied.start, tied.stop : n_rows]
         weights = 1.0 / self._scale[others, None]
-        if not space.n_tied:
-            return _solved(weights * jacobian, weights * right)
         n, n_bodies = len(jacobian), len(poses)
         own = jacobian[:, tied].reshape(n, n_bodies, space.n_tied, n_bodies, self.n_pose)
         own = own[:, np.arange(n_bodies), :, np.arange(n_bodies)].swapaxes(0, 1)  # statements of a body about itself
@@ -365,14 +369,19 @@ class LoopClosure:
         return x + (tangent @ y.reshape(n, n_bodies, space.n_dofs, -1)).reshape(x.shape)
 
 
-def jacobian_of(rows: StatementRows, poses: np.ndarray) -> np.ndarray:
-    """Return the derivatives of statements at poses (n_bodies, n_pose, n), shape (n, n_rows, n_pose n_bodies)."""
-    unknowns = _unknowns(poses)
-    (of, columns), n = rows.jacobian_pattern, len(unknowns)
+def _jacobian_of(rows: StatementRows, n: int) -> Callable[[np.ndarray], np.ndarray]:
+    """Return what gives the derivatives of statements in n unknowns of poses (n_bodies, n_pose, n_samples), shape
+    (n_samples, n_rows, n)."""
+    of, columns = rows.jacobian_pattern
     # terms of a row may have one unknown in common
     adding = sp.csr_matrix((np.ones(of.size), (n * of + columns, np.arange(of.size))), shape=(rows.n * n, of.size))
-    jacobian = adding @ rows.jacobian_values(unknowns)
-    return np.ascontiguousarray(jacobian.T).reshape(unknowns.shape[1], rows.n, n)
+    return partial(_jacobian, rows, adding)
+
+
+def _jacobian(rows: StatementRows, adding: sp.csr_matrix, poses: np.ndarray) -> np.ndarray:
+    unknowns = _unknowns(poses)
+    values = adding @ rows.jacobian_values(unknowns)
+    return np.ascontiguousarray(values.T).reshape(poses.shape[2], rows.n, len(unknowns))
 
 
 def size_of(mechanism: Mechanism) -> float:
@@ -434,6 +443,7 @@ class ReleasedClosure:
         sides = [tuple(side.on_pose() for side in pair) for _, pair in parts]
         statements = [part for part, _ in parts]
         self._rows = StatementRows(statements, sides, closure.pose_dofs, mechanism.space.dimension)
+        self._jacobian_at = _jacobian_of(self._rows, closure.n_pose * len(mechanism.bodies))
         self._scale = np.where([part.is_length for part in statements], closure.size, 1.0)
         self._chosen: np.ndarray | None = None  # numbers of the rows, all that are held and the chosen released ones
 
@@ -443,7 +453,7 @@ class ReleasedClosure:
         n_bodies, n_pose, n = poses.shape
         if self._n_held == self._rows.n:
             return np.zeros((n_bodies, n_pose, 0, n))
-        jacobian = jacobian_of(self._rows, poses)
+        jacobian = self._jacobian_at(poses)
         if self._chosen is None:
             self._chosen = self._independent(jacobian[0])
         n_released = self._chosen.size - self._n_held

@@ -112,10 +112,12 @@ def couplings_of(
     for name, entry in scene.joints.items():
         if not isinstance(entry, CouplingEntry):
             continue
-        terms = []
-        for share in entry.shares_in(scene):
+        terms, shares = [], entry.shares_in(scene)
+        factors = np.array([share.times * scene.number(share.factor) for share in shares])
+        # of the first motion itself: radii of millimetres are no weaker constraints
+        for share, factor in zip(shares, factors / factors[0]):
             joint = by_name[share.joint]
-            function = Function.through(share.factor, share.table) if share.table else Function(share.factor)
+            function = Function.through(factor, share.table) if share.table else Function(factor)
             terms.append((joint.measure(share.motion), function, joint.sides))
         terms.sort(key=lambda term: term[0].kind == ANGLE and term[0] not in known and not term[1].breaks.size)
         combination = Combination(tuple(term[:2] for term in terms))

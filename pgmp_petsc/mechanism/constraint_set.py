@@ -72,7 +72,7 @@ class ConstraintSet:
         )
         self._statements = [*parts, *driven]
         self._n_directors = len(parts) - mechanism.n_held
-        self._ties = FrameTies(unknowns)
+        self._ties = FrameTies.of(unknowns)
         self._parts = (self._joints, self._ties, self._drives)
         self._first = np.cumsum([0, *(part.n for part in self._parts)])
         self.n_driven, n_own = self._drives.n, int(self._first[2])

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,9 +19,6 @@ from pgmp_petsc.mechanism.statements import (
     perpendicular,
     within,
 )
-
-if TYPE_CHECKING:
-    from pgmp_petsc.mechanism.releases import Release
 
 
 def meeting(dimension: int) -> list[Statement]:
@@ -40,11 +36,16 @@ def aligned(in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
     return [perpendicular(in_a[:, k], in_b[:, 0]) for k in (1, 2)]
 
 
+def parallel(in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
+    """Return that triads (d, d) in a and in b have the same directions."""
+    if len(in_a) == 2:
+        return [perpendicular(in_a[:, 0], in_b[:, 1])]
+    return [*aligned(in_a, in_b), perpendicular(in_a[:, 1], in_b[:, 2])]
+
+
 def weld(in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
     """Return that two points share their position, and triads (d, d) in a and in b their directions."""
-    if len(in_a) == 2:
-        return [*meeting(2), perpendicular(in_a[:, 0], in_b[:, 1])]
-    return [*meeting(3), *aligned(in_a, in_b), perpendicular(in_a[:, 1], in_b[:, 2])]
+    return [*meeting(len(in_a)), *parallel(in_a, in_b)]
 
 
 def share_position(statements: Sequence[Statement]) -> bool:
@@ -70,6 +71,16 @@ def triad(axis: np.ndarray, second: np.ndarray | None = None) -> np.ndarray:
     second = second - first * (first @ second)
     second = second / np.linalg.norm(second)
     return np.column_stack([first, second, np.cross(first, second)])
+
+
+@dataclass(frozen=True, eq=False)
+class Release:
+    """A direction that a joint holds in the configuration, and releases in the motion."""
+
+    statement: Statement  # what is measured along or about it
+    key: str  # the entry of its stiffness, ``stiffness`` or ``turning_stiffness``
+    axis: int  # the number of its axis
+    rest: float = 0.0  # the statement in the configuration, rad; along axes and of cosines it is zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +120,11 @@ class Connection:
         if moving:
             return [(part, self.sides_held) for part in self.held]
         return [(part, self.sides) for part in self.statements]
+
+    @property
+    def straight(self) -> Connection:
+        """The joint where it should be, if it is off."""
+        return self if self.moved is self.a else replace(self, held=self.statements, moved=self.a)
 
     def measure(self, motion: str) -> Statement:
         """Return what measures ``turning`` or ``sliding``."""

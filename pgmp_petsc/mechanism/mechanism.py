@@ -7,7 +7,7 @@ centre of mass. The internal coordinates of condensed bodies follow; they are ze
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -125,6 +125,11 @@ class Mechanism:
     def n_held(self) -> int:
         """Number of scalar constraints of the motion: without those that elastic joints release."""
         return sum(len(one.holding(moving=True)) for one in self.holders)
+
+    @property
+    def straight(self) -> Mechanism:
+        """The mechanism with no joint off."""
+        return replace(self, connections=tuple(connection.straight for connection in self.connections))
 
     @property
     def mass_weights(self) -> tuple[Monomial, ...]:

@@ -16,27 +16,16 @@ never does. With f the axes of the second body that are those of the first as th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.mechanism.joints import triad
+from pgmp_petsc.mechanism.joints import Release, triad
 from pgmp_petsc.mechanism.statements import ANGLE, Statement, along, angle, perpendicular
 from pgmp_petsc.scene.joints import DAMPED_BY, PARALLEL, Elastic
 from pgmp_petsc.scene.messages import problem
 
 AXES = ("first", "second", "third")
-
-
-@dataclass(frozen=True, eq=False)
-class Release:
-    """A direction that a joint holds in the configuration, and releases in the motion."""
-
-    statement: Statement  # what is measured along or about it
-    key: str  # the entry of its stiffness, ``stiffness`` or ``turning_stiffness``
-    axis: int  # the number of its axis
-    rest: float = 0.0  # the statement in the configuration, rad; along axes and of cosines it is zero
 
 
 def parted(

@@ -203,21 +203,6 @@ def check_sets(path: Path, received: str) -> None:
             raise InputError(f"{card} is made from other sets, which meshio does not tell; its card must list numbers")
 
 
-def jacobian_determinants(nodes: np.ndarray, cells: np.ndarray, gradients: np.ndarray) -> np.ndarray:
-    """Return det J of every cell at some points (m^d), shape (n_cells, n_points).
-
-    Parameters
-    ----------
-    nodes : ndarray of float, shape (n_nodes, d)
-        Coordinates (m).
-    cells : ndarray of int, shape (n_cells, n_cell_nodes)
-    gradients : ndarray of float, shape (n_points, d, n_cell_nodes)
-        Of the shape functions at the points, in reference coordinates.
-    """
-    coordinates = nodes[cells].swapaxes(1, 2)
-    return np.column_stack([_determinants(coordinates @ gradient.T)[0] for gradient in gradients])
-
-
 def check_cells(kind: str, nodes: np.ndarray, cells: np.ndarray, received: str) -> None:
     """Refuse repeated cells, separate pieces, and cells that are inverted or have no volume.
 

@@ -14,7 +14,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
-from pgmp_petsc.effects import effects_of, motions_of
+from pgmp_petsc.effects import effects_of, motions_of, start_of
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.full.rank_solver import PREFIX
@@ -26,14 +26,14 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.models.model import require_lengths, search_of, start_of, velocities_of
+from pgmp_petsc.models.model import require_lengths, search_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.ranks.petsc import has_options
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
-from pgmp_petsc.stepping.second_order_system import State
-from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, Settled, settle
+from pgmp_petsc.stepping.second_order_system import Settled, State
+from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, settle
 
 if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import FullFields
@@ -102,15 +102,22 @@ class FullModel:
         sized = self._sized({name: float(value[0]) for name, value in values.items()})
         settled = sized.settled(values, n_samples) if self.scene.initial.equilibrium else None
         start = sized.start_of_samples(values, n_samples)
-        built_in = None
-        if settled is None and sized.is_off:
-            rates = np.broadcast_to(start[1].reshape(start[0].size, -1), (start[0].size, n_samples))
-            each = [
-                sized._built_in({name: float(value[k]) for name, value in values.items()}, rates[:, k], alone())
-                for k in range(n_samples)
-            ]
-            built_in = tuple(np.concatenate(parts, axis=1) for parts in zip(*each))
+        built_in = sized.built_in(values, start, n_samples) if settled is None else None
         return FullBatch(sized.kinematics, sized._effects, values, start, n_samples, sized._motions, settled, built_in)
+
+    def built_in(
+        self, values: Mapping[str, np.ndarray], start: tuple[np.ndarray, np.ndarray], n_samples: int
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return unknowns and velocities (n_dofs, n_samples) that samples start with where joints are off, each found
+        by itself, from `start_of_samples`; None where none is."""
+        if not self.is_off:
+            return None
+        rates = np.broadcast_to(start[1].reshape(start[0].size, -1), (start[0].size, n_samples))
+        each = [
+            self._built_in({name: float(value[k]) for name, value in values.items()}, rates[:, k], alone())
+            for k in range(n_samples)
+        ]
+        return tuple(np.concatenate(parts, axis=1) for parts in zip(*each))
 
     def start_of_samples(self, values: Mapping[str, np.ndarray], n_samples: int) -> tuple[np.ndarray, np.ndarray]:
         """Return positions (n_theta,), rad, and velocities of the coordinates at the start, rad/s; see

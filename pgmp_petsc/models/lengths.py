@@ -1,5 +1,5 @@
-"""Models whose samples have lengths and places of their own: full-order ones a mechanism and a mesh each, reduced ones
-polynomials through the models at the points of a grid.
+"""Models whose samples have lengths, places and ratios of their own: full-order and component ones a mechanism each,
+reduced ones polynomials through the models at the points of a grid.
 
 What these models observe of a sample are its outputs: a deformation is against the rigid mechanism of its own lengths.
 """
@@ -43,28 +43,37 @@ class EvaluatedOutputs:
 
 
 def of_samples(model: Model, drawn: Iterable[str]) -> Model:
-    """Return the model of samples with some parameters drawn: itself, unless some of these are lengths or places.
+    """Return the model of samples with some parameters drawn: itself, unless some of these are lengths, places or
+    ratios.
 
-    Raises `InputError` if the model is of components, whose modes are those of one mesh.
+    Raises `InputError` if the model is of components, whose modes are those of one mesh, and a body's length is drawn.
     """
-    lengths = [name for name in length_names(model.scene) if name in set(drawn)]
-    if not lengths:
+    drawn = set(drawn)
+    if drawn.isdisjoint(length_names(model.scene)):
         return model
-    if isinstance(model, ComponentModel):
+    lines = (body.line for body in model.scene.bodies.values() if body.line is not None)
+    meshed = next((line.length for line in lines if line.length in drawn), None)
+    if isinstance(model, ComponentModel) and meshed is not None:
         raise InputError(
-            f"parameters.{lengths[0]}: a length or a place that is drawn; component modes are of one mesh, so take the "
+            f"parameters.{meshed}: a body's length that is drawn; component modes are of one mesh, so take the "
             "reduced model (pgmp build) or --full, or give the length with --set or a number"
         )
     return LengthLanes(model) if isinstance(model, ReducedModel) else SeparateLengths(model)
 
 
 class SeparateLengths:
-    """Full-order samples one by one, each with a model of its own lengths; see `Model`."""
+    """Full-order or component samples one by one, each with a model of its own lengths; see `Model`.
+
+    Attributes
+    ----------
+    model
+        That with the lengths of the scene's run.
+    """
 
     largest_batch = 1
 
     def __init__(self, model: FullModel) -> None:
-        self._model = model
+        self.model = model
         self.name, self.title, self.identity = model.name, model.title, model.identity
         self.scene, self.kinematics = model.scene, model.kinematics
         self.outputs = EvaluatedOutputs(model.outputs.units)
@@ -88,7 +97,7 @@ class SeparateLengths:
     @property
     def limited(self) -> bool:
         """See `FullModel`."""
-        return self._model.limited
+        return self.model.limited
 
     def left_range(self, system: SecondOrderSystem, state: State) -> np.ndarray:
         """See `FullModel`. Collective on the system's communicator."""
@@ -100,7 +109,7 @@ class SeparateLengths:
         return _stacked(own.outputs.evaluate(own.observed(system, state)), system.n_samples)
 
     def _at(self, lengths: Mapping[str, float]) -> FullModel:
-        return self._model.at_lengths(self.scene.with_values(lengths))
+        return self.model.at_lengths(self.scene.with_values(lengths))
 
 
 class LengthLanes:

@@ -7,8 +7,6 @@ from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.effects import motions_of
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -18,7 +16,6 @@ from pgmp_petsc.scene.uses import length_names, velocity_names
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.stepping.static_equilibrium import Search
 
-AT_REST = 1e-12  # rad over a run: less is round-off of sines
 # an output below this share of the mechanism's size, of 1 rad, or of the stress of a strain of 1, is taken for zero
 ROUND_OFF = 1e-10
 
@@ -57,31 +54,6 @@ def require_lengths(scene: Scene, values: Mapping[str, np.ndarray | float]) -> N
     for name in length_names(scene):
         if name in values and np.any(values[name] != scene.values[name]):
             raise ValueError(f"{name} = {values[name]}: the model is that of {scene.values[name]}; see models.lengths")
-
-
-def start_of(scene: Scene, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions (rad) and velocities (rad/s) of the coordinates at the start, each of shape (n_theta,).
-
-    Raises `InputError` if the run is to start at rest, and a prescribed motion does not.
-    """
-    motions = motions_of(scene, mechanism)
-    start = []
-    for number, coordinate in enumerate(mechanism.coordinates):
-        if number in motions:
-            start.append(motions[number].at(0.0)[:2])
-        else:
-            state = scene.initial_state(coordinate.name)
-            start.append((state.position, scene.number(state.velocity)))
-    positions, velocities = np.array(start).T
-    for number, motion in motions.items():
-        if scene.initial.equilibrium and abs(velocities[number]) * scene.simulation.duration > AT_REST:
-            raise InputError(
-                f"effects.{motion.name}: it moves {motion.coordinate} at {velocities[number]:.6g} "
-                f"{mechanism.coordinates[number].unit}/s at time zero, "
-                "but with initial.equilibrium = true the run starts at rest; take a motion that begins at rest "
-                "(spin_up, a table, or a harmonic with phase = 1.5707963267948966), or leave initial.equilibrium out"
-            )
-    return positions, velocities
 
 
 def velocities_of(

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.effects import actions_of, effects_of, motions_of
+from pgmp_petsc.effects import actions_of, effects_of, motions_of, start_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models.model import require_lengths, search_of, start_of, velocities_of
+from pgmp_petsc.models.model import require_lengths, search_of, velocities_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduced.actions import ReducedActions
@@ -23,6 +23,7 @@ from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel, Served, served_ranges
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.scene.uses import offset_directions
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.static_equilibrium import settle
 
@@ -186,7 +187,11 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
     """
     positions, of_run = model.start
     start = positions, velocities_of(model.scene, model.kinematics.mechanism, of_run, values, n_samples).T
-    system = ReducedSystem(model.terms, model.effects, values, start, n_samples, model.motions, model.actions)
+    own = model.scene.values | dict(values)
+    given = [np.broadcast_to(1.0 if k is None else own[k], n_samples) for k in offset_directions(model.scene)]
+    system = ReducedSystem(
+        model.terms, model.effects, values, start, n_samples, model.motions, model.actions, np.array(given)
+    )
     if model.scene.initial.equilibrium:
         free = model.scene.initial.coordinates == "free"
         statics = ReducedStatics(system, None if free else angles)

@@ -43,21 +43,20 @@ class ReducedStatics:
     def __init__(self, system: ReducedSystem, angles: JointAngles | None) -> None:
         self._system, self._angles = system, angles
         self.n_samples, self._n_theta = system.n_samples, system.tables.n_coordinates
-        self._eta = np.zeros((system.n_samples, system.n_eta))
+        self._eta = system.undeformed(0.0)
         # of the loads, with which a deformation was found last; how far a joint that is not held is away
         self._share, self._away = np.zeros(system.n_samples), np.zeros(system.n_samples)
 
     def hold(self, theta: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Find the deformation, from the undeformed mechanism; see `Statics.hold`."""
-        r, before = self._n_theta, self._eta.copy()
+        before = self._eta.copy()
         self._away[samples] = 0.0
-        eta = np.zeros_like(self._eta)
-        eta[:, :r] = theta
+        eta = self._system.undeformed(theta)
         torques, lost = self._deform(eta, np.zeros((self.n_samples, 0)), None, samples)
         if self._angles is not None:
             torques, lost = self._hold_joints(eta, theta, samples & ~lost, lost)
         # one that ran away is a record: no number of it may reach what is evaluated for the whole batch
-        eta[lost, :r], eta[lost, r:] = theta[lost], 0.0
+        eta[lost] = self._system.undeformed(theta)[lost]
         self._eta = np.where(samples[:, None], eta, before)
         return torques, lost & samples
 

@@ -30,7 +30,7 @@ What rotations in space add to inertia at second order: sections and rigid bodie
 
 A node's directors are ``d_k = R exp(phi) e_k``. Their second derivative in two vectors a and b of displacements and
 rotations, ``1/2 (a x (b x e_k) + b x (a x e_k))``, is added to chi wherever chi meets the mass (`modes.curvature`).
-With the inertia J of the directors at a node (`bodies.inertia_moments`) its momentum on a rotation phi is
+With the inertia J of the directors at a node (`bodies.matrices`) its momentum on a rotation phi is
 
     phi . 1/2 ((J a) x b + (J b) x a),
 
@@ -47,8 +47,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.inertia_moments import director_inertia
-from pgmp_petsc.bodies.matrices import ThirdDerivative, axial_stiffness
+from pgmp_petsc.bodies.matrices import ThirdDerivative, axial_stiffness, director_inertia
 from pgmp_petsc.mechanism.constraints import ConstraintHessian, ConstraintHessians
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE

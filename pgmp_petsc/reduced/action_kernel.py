@@ -5,8 +5,9 @@ s, its gradient g and second derivative h in the frames adds to the equations of
 
     r -= J^T F g,     dr/d eta = J^T ((k + gain_v c) g g^T - F h) J,     k = -dF/ds,  c = -dF/ds'
 
-without the change of J with eta. An angle is that turn of its joint which is nearest to the rigid mechanism's. Laws
-are evaluated lane by lane: they have cases.
+without the change of J with eta. Of a law that is led by the action before it (`effects.action`) ``k + gain_v c`` is
+with the product of its own g and of g there. An angle is that turn of its joint which is nearest to the rigid
+mechanism's. Laws are evaluated lane by lane: they have cases.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.effects.action import Actions
+from pgmp_petsc.effects.action import LEADS, LED, Actions
 from pgmp_petsc.effects.law import obey
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items
@@ -65,13 +66,16 @@ class LocalWork(NamedTuple):
     spare: np.ndarray
     hessian: np.ndarray  # of its statement, (2 n_frame, 2 n_frame)
     jacobian: np.ndarray  # of its frames, (2 n_frame, n_eta)
-    #: bent, projected: a row of h J, and ``J^T g``, (n_eta)
+    #: bent, projected: a row of h J, and ``J^T g``, (n_eta); leading: that of the action that leads
     bent: np.ndarray
     projected: np.ndarray
-    measured: np.ndarray  # the measure and its rate, the force and its derivatives, (5)
+    leading: np.ndarray
+    measured: np.ndarray  # see below, (6)
 
 
-MEASURE, RATE, STRENGTH, STIFFNESS, DAMPING = range(5)  # rows of `LocalWork.measured`
+#: Rows of `LocalWork.measured`: the measure that the law is of and its rate, the force and its derivatives, and the
+#: rate of what it acts along.
+MEASURE, RATE, STRENGTH, STIFFNESS, DAMPING, ALONG = range(6)
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -101,7 +105,8 @@ def allocate_local(local, r, n_eta):
         empty_lanes(n * n_eta, LANES).reshape((n, n_eta, LANES)),
         empty_lanes(n_eta, LANES),
         empty_lanes(n_eta, LANES),
-        empty_lanes(DAMPING + 1, LANES),
+        empty_lanes(n_eta, LANES),
+        empty_lanes(ALONG + 1, LANES),
     )
 
 
@@ -163,15 +168,22 @@ def act(
             kind, axes, items(work.z, WIDE), turned, with_tangent, items(work.gradient, WIDE),
             items(work.hessian, WIDE), items(work.spare, WIDE),
         )  # fmt: skip
-        project(v, work)
-        store(work.measured, MEASURE, s)
+        rate, role = project(v, work), actions.roles[action]
+        store(work.measured, ALONG, rate)
+        if role != LED:
+            store(work.measured, MEASURE, s)
+            store(work.measured, RATE, rate)
         _obey(actions, action, amplitudes, samples, lanes, limiting, work.measured, known, depths)
+        if role == LEADS:
+            for i in range(n):
+                store(work.leading, i, load(work.projected, i))
+            continue
         force = load(work.measured, STRENGTH)
         for i in range(n):
             add(acting.balance, i, -force * load(work.projected, i))
         if with_tangent:
             stiffness = load(work.measured, STIFFNESS) + gain_v * load(work.measured, DAMPING)
-            _add_tangent(stiffness, force, work, acting.tangent)
+            _add_tangent(stiffness, force, work, work.leading if role == LED else work.projected, acting.tangent)
 
 
 @njit(error_model="numpy", counted=False)
@@ -225,7 +237,7 @@ def attach(places, statements, action, work):
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def project(v, work):
-    """Fill ``J^T g`` and the rate of the measure, ``g^T J eta'``."""
+    """Fill ``J^T g``, and return the rate of the statement, ``g^T J eta'``."""
     n_eta = work.projected.shape[0]
     for i in range(n_eta):
         store(work.projected, i, 0.0)
@@ -237,7 +249,7 @@ def project(v, work):
     rate = spread(0.0)
     for i in range(n_eta):
         rate += load(work.projected, i) * load(v, i)
-    store(work.measured, RATE, rate)
+    return rate
 
 
 @njit(error_model="numpy", counted=False)
@@ -249,23 +261,24 @@ def _obey(actions, action, amplitudes, samples, lanes, limiting, measured, known
             measured[STRENGTH, lane] = measured[STIFFNESS, lane] = measured[DAMPING, lane] = 0.0
             continue
         p, of_sample = actions.parameters[action, samples[lane]], known[samples[lane]]
-        s, rate = measured[MEASURE, lane], measured[RATE, lane]
+        s, rate, led = measured[MEASURE, lane], measured[RATE, lane], actions.roles[action] == LED
         about = of_sample[ABOUT, action] if limiting else np.nan
         found = obey(address, p, amplitudes[action, lane], s, rate, about, depths[samples[lane], edge:])
         measured[STRENGTH, lane], measured[STIFFNESS, lane] = found.force, found.stiffness
         measured[DAMPING, lane] = found.damping
-        of_sample[POWER, action], of_sample[STORED, action] = (found.force - found.elastic) * rate, found.stored
+        elastic, stored = (0.0, 0.0) if led else (found.elastic, found.stored)
+        of_sample[POWER, action], of_sample[STORED, action] = (found.force - elastic) * measured[ALONG, lane], stored
         of_sample[FORCE, action], of_sample[ABOUT, action] = found.force, found.about
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def _add_tangent(stiffness, force, work, tangent):
-    """Add ``J^T (stiffness g g^T - F h) J`` to the tangent (n_eta, n_eta, LANES)."""
+def _add_tangent(stiffness, force, work, leading, tangent):
+    """Add ``J^T (stiffness g l^T - F h) J`` to the tangent (n_eta, n_eta, LANES), with ``leading = J^T l``."""
     n, n_pair = work.projected.shape[0], work.z.shape[0]
     for i in range(n):
         across = stiffness * load(work.projected, i)
         for j in range(n):
-            add(tangent, i * n + j, across * load(work.projected, j))
+            add(tangent, i * n + j, across * load(leading, j))
     if differing(force, spread(0.0)) == 0:
         return
     for c in range(n_pair):

@@ -137,7 +137,7 @@ class Equations(NamedTuple):
     weights: Weights
     local: LocalEffects  # local effects
     mass_damping: float  # factor alpha of the damping proportional to the mass, 1/s
-    prescribed: np.ndarray  # whether a coordinate's motion is given, shape (n_theta,)
+    prescribed: np.ndarray  # whether a coordinate's motion is given, shape (n_eta,)
     #: displacement (in units of the mechanism's size or 1 rad) per unit of each coordinate, shape (n_eta,)
     scale: np.ndarray
 

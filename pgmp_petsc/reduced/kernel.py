@@ -4,7 +4,7 @@ The equations are those of `reduced_lagrangian`. Their tables are interpolated a
 with its own parameters.
 
 A prescribed coordinate has its position, velocity and acceleration given; its correction is zero. The residual of its
-row is the driving force.
+row is the driving force. Flexible ones that are given do not move.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from pgmp_petsc.lanes.vectors import (
     store,
 )
 from pgmp_petsc.reduced.action_kernel import act, add_tangents, allocate_local
-from pgmp_petsc.reduced.arrays import acting_of, allocate, layout_n_rigid, matrix_of, places_of
+from pgmp_petsc.reduced.arrays import acting_of, allocate, layout_n_rigid, matrix_of, pair, places_of
 from pgmp_petsc.reduced.bordered import eliminate, solve
 from pgmp_petsc.reduced.cells import locate_all, refill
 from pgmp_petsc.reduced.lagrangian import evaluate
@@ -117,7 +117,7 @@ def correct_block(equations, memory, block, amplitudes, gains, fresh, work):
     r, n = len(layout.rigid), layout.n_eta
     evaluate_block(equations, memory, block, amplitudes, gains, fresh, work)
     matrix = matrix_of(memory, block)
-    for k in range(r):
+    for k in range(n):
         if equations.prescribed[k]:
             store(work.balance, k, spread(0.0))
     if fresh:
@@ -137,6 +137,13 @@ def _hold_prescribed(equations, matrix):
                 store(matrix.corner, k * r + j, spread(1.0 if j == k else 0.0))
             for i in range(m):
                 store(matrix.row, k * m + i, spread(0.0))
+    for i in range(m):
+        if equations.prescribed[r + i]:
+            # no scene has both these and terms of second order, which have a skew part
+            for j in range(m):
+                store(matrix.factor, pair(i, j), spread(1.0 if j == i else 0.0))
+            for k in range(r):
+                store(matrix.column, k * m + i, spread(0.0))
 
 
 @njit(inline="always")

@@ -27,12 +27,9 @@ from pgmp_petsc.reduced.energy import damping_power, load_powers, reduced_energy
 from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices
 from pgmp_petsc.reduced.steps import Progress, advance
 from pgmp_petsc.reduced.terms import ReducedTerms
-from pgmp_petsc.stepping.alpha_step import Stretch
 from pgmp_petsc.stepping.energies import Energies
-from pgmp_petsc.stepping.generalised_alpha import Observer
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
-from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State
-from pgmp_petsc.stepping.static_equilibrium import Settled
+from pgmp_petsc.stepping.second_order_system import Observer, Scheme, SecondOrderSystem, Settled, State, Stretch
 from pgmp_petsc.stepping.status import Status
 
 
@@ -48,7 +45,7 @@ class ReducedLanes:
     values
         Parameter values of the samples, each of shape (n_samples,).
     prescribed
-        Whether a coordinate's motion is given, shape (n_theta,).
+        Whether a coordinate's motion is given, shape (n_eta,).
     n_samples
         Number of samples.
 
@@ -214,6 +211,8 @@ class ReducedSystem(SecondOrderSystem):
         Of the prescribed coordinates, by their numbers.
     actions
         Local effects, if there are any.
+    given
+        Values of the coordinates that are given and do not move, the last ones, shape (n_given, n_samples).
     """
 
     steps_at_once, has_range = 2**31, True  # steps each by itself
@@ -227,6 +226,7 @@ class ReducedSystem(SecondOrderSystem):
         n_samples: int,
         motions: Mapping[int, Motion] = MappingProxyType({}),
         actions: ReducedActions | None = None,
+        given: np.ndarray | None = None,
     ) -> None:
         tables, layout = terms.tables, terms.layout
         self.tables = tables
@@ -238,8 +238,11 @@ class ReducedSystem(SecondOrderSystem):
         self._load_effects = [by_name[name] for name in dict.fromkeys(tables.load_effects)]
         names = [effect.name for effect in self._load_effects]
         self._actions = actions or ReducedActions.none(len(layout.rigid))
-        prescribed = np.array([k in motions for k in layout.rigid])
-        self._lanes = ReducedLanes(terms, self._actions, names, values, prescribed, n_samples)
+        self.built_in = given if tables.n_given else None
+        self._prescribed = np.arange(self.n_eta) >= self.n_moving
+        self._prescribed[list(motions)] = True
+        self._is_rigid = np.arange(self.n_eta) < tables.n_coordinates
+        self._lanes = ReducedLanes(terms, self._actions, names, values, self._prescribed, n_samples)
         self._equations, self._memory = self._lanes.equations, self._lanes.memory
         self._passed = Reference(self._equations), Reference(self._memory)
         bounds = [(-np.inf, np.inf) if axis.periodic else (axis.lower, axis.upper) for axis in tables.samples]
@@ -256,13 +259,27 @@ class ReducedSystem(SecondOrderSystem):
         """Number of reduced coordinates."""
         return self.tables.n_coordinates + self.tables.n_modes
 
+    @property
+    def n_moving(self) -> int:
+        """Number of these but for the given ones."""
+        return self.n_eta - self.tables.n_given
+
+    def undeformed(self, theta: np.ndarray) -> np.ndarray:
+        """Return coordinates (n_samples, n_eta) without deformation but what is given, at theta, (n_samples, n_theta)
+        or the same for all."""
+        q = np.zeros((self.n_samples, self.n_eta))
+        q[:, : self.tables.n_coordinates] = theta
+        if self.built_in is not None:
+            q[:, self.n_moving :] = self.built_in.T
+        return q
+
     def start(self) -> State:
         """Return the start, undeformed or settled, with the accelerations that the equations of motion give."""
         r = self.tables.n_coordinates
-        q = np.zeros((self.n_samples, self.n_eta))
+        q = self.undeformed(self._initial[0])
         v = np.zeros_like(q)
         if self.settled is None:
-            q[:, :r], v[:, :r] = self._initial
+            v[:, :r] = self._initial[1]
         else:
             q[:] = self.settled.unknowns.T
         state = State(q, v, np.zeros_like(q), np.zeros(0))
@@ -333,7 +350,7 @@ class ReducedSystem(SecondOrderSystem):
             acting.balance[:], acting.tangent[:] = share * memory.acting.balance, share * memory.acting.tangent
         acting.balance[:] += self._lanes.packed(force.T)
         size = self._correct(
-            Reference(self._equations._replace(prescribed=np.ones(self.tables.n_coordinates, dtype=bool))),
+            Reference(self._equations._replace(prescribed=self._prescribed | self._is_rigid)),
             Reference(memory._replace(acting=acting)),
             at_start,
             state,
@@ -434,7 +451,7 @@ class ReducedSystem(SecondOrderSystem):
 
     def advance(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
         """Take some samples through equal steps, each by itself, over edges of laws too; see `SecondOrderSystem`."""
-        moment, stepper = stretch.moment, stretch.stepper
+        moment, scheme = stretch.moment, stretch.scheme
         self._lanes.regroup(moment.state.q, stretch.samples)
         progress = Progress(
             self._lanes.zeros(np.int64),
@@ -444,7 +461,6 @@ class ReducedSystem(SecondOrderSystem):
             stretch.shown,
             stretch.trail.whole,
         )
-        scheme = stepper.scheme(stretch.step)
         state = (*_parts(moment.state), moment.auxiliary, moment.before, moment.contraction[:, None])
         advance(
             *self._passed, self._strengths.over(stretch.ends), self._functions,
@@ -452,7 +468,7 @@ class ReducedSystem(SecondOrderSystem):
             state, self._bounds, self._lanes.sets(stretch.samples), progress,
         )  # fmt: skip
         stretch.beyond[:] = progress.beyond.T
-        stepper.count(progress.n_corrections, 0, 0)
+        stretch.counted[0] += progress.n_corrections.sum()
         return self._lanes.unpacked(progress.outcome), self._lanes.unpacked(progress.n_steps)
 
     def trail(self, state: State, n: int) -> ReducedTrail:
@@ -495,9 +511,10 @@ class ReducedSystem(SecondOrderSystem):
         finite = np.isfinite(state.q).all(axis=1) & np.isfinite(state.v).all(axis=1) & np.isfinite(state.a).all(axis=1)
         reasons = np.where(finite, Status.NOT_CONVERGED, Status.NOT_FINITE)
         stiffness, inertia = self.stiffness_and_inertia(time, state)
-        r = self.tables.n_coordinates
+        r, n = self.tables.n_coordinates, self.n_moving
         for sample in np.flatnonzero(finite & samples):
-            lowest = [np.linalg.eigvalsh(matrix)[0] for matrix in (inertia[sample], stiffness[sample, r:, r:])]
+            blocks = inertia[sample, :n, :n], stiffness[sample, r:n, r:n]
+            lowest = [np.linalg.eigvalsh(matrix)[0] for matrix in blocks]
             if not min(lowest) > 0.0:
                 reasons[sample] = Status.BROKE_DOWN
         return reasons[samples]

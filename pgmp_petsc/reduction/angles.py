@@ -93,7 +93,7 @@ class AngleRounds:
 
     def _for_stresses(self, axis: Samples, basis: ContinuousBasis) -> np.ndarray:
         """Return the angles, shape (n,), that stress outputs need."""
-        self._errors = stress_errors(self._scene, self._mechanism, basis.tables, basis.projection, self.static)
+        self._errors = stress_errors(self._scene, self._mechanism, basis.tables.moving, basis.projection, self.static)
         self._before.append(max(self._errors.values()))
         poor, most = [name for name, error in self._errors.items() if error > TARGET], self._scene.reduction.max_angles
         if not (poor and self._refinable):
@@ -179,7 +179,7 @@ def stress_errors(
     Parameters
     ----------
     projection
-        Flexible vectors, shape (n, n_dofs, n_delta).
+        Flexible vectors, shape (n, n_dofs, n_delta), and any behind them.
     static
         Numbers of the vectors whose loads count, too.
     """
@@ -201,7 +201,7 @@ def stress_errors(
         predicted.append(np.linalg.solve(*(half.predicted(tables, number, part) for part in (stiffness, loads))))
     for output in outputs:
         body = mechanism.bodies[output.body]
-        shapes = projection[:, body.dofs]
+        shapes = projection[:, body.dofs, : tables.n_modes]
         moves = shapes @ answers
         largest = np.maximum(_largest(output, body, moves, scene), SMALL * _reference(output, body, moves, scene))
         for number, (half, own) in enumerate(zip(halves, predicted)):

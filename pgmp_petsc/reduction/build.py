@@ -26,7 +26,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from pgmp_petsc.base.errors import Remark, gathered, note, warning
+from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bodies.component import Component
@@ -41,6 +41,7 @@ from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.modes.built_in import BuiltIn
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.ranks.agreement import agreed, on_root
@@ -74,9 +75,9 @@ from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.references import stressed_bodies
 from pgmp_petsc.scene.uses import length_names
 
-FORMAT = 7
+FORMAT = 8
 INTERVAL = 10.0  # s
-LOCAL = ("shape", "mass_kept")  # arrays of a sample of which every rank of a group has its own rows
+LOCAL = ("shape", "mass_kept", "built_in")  # arrays of a sample of which every rank of a group has its own rows
 
 
 class BuildCheckpoint(SharedCheckpoint):
@@ -223,7 +224,9 @@ def _built(
 ) -> ReducedOrderModel | None:
     """As `build_rom`, with condensed bodies."""
     with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
-        mechanism = Mechanism.from_scene(scene, meshes)
+        mechanism = Mechanism.from_scene(scene, meshes).straight
+        if _forces_change(scene, mechanism):
+            _refuse_offsets(scene)
         kinematics = RigidKinematics(mechanism)
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         matrices, effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
@@ -238,7 +241,8 @@ def _built(
             points = way.points or choose_points(scene, problem, static_loads, group)
         with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
             snapshots = opened.enter_context(ParameterSnapshots(problem, static_loads, points.points))
-            sampler = Sampler(problem, loads, static_loads, snapshots, _probe(problem, actions_of(effects)))
+            probe = _probe(problem, actions_of(effects))
+            sampler = Sampler(problem, loads, static_loads, snapshots, probe, BuiltIn(problem, scene, meshes))
         sampling = _Sampling(scene, sampler, group, way)
         joined, basis, rounds = sampling.joined(store, loads, bool(actions_of(effects)), timings)
         if scene.second_order:
@@ -258,7 +262,8 @@ def _built(
     if scene.second_order:
         changes = mode_changes(kinematics, mass, tables.samples, basis.projection, scene.reduction.interpolation)
         tables = replace(tables, changes=changes)
-    indefinite = indefinite_between(tables, scene.reduction.interpolation, *spanning_values(scene))
+    n_parameter = tables.n_modes - tables.n_given - joined.n_kept
+    indefinite = indefinite_between(tables.moving, scene.reduction.interpolation, *spanning_values(scene))
     remarks = (
         *scene.remarks,
         *(() if way.checkpoint is None else way.checkpoint.remarks),
@@ -266,7 +271,7 @@ def _built(
         *spring_remarks(effects, scene.reduction),
         *_doubts(float(joined.cosines.min()), n_redundant, indefinite),
         *rounds.remarks(store.samples, basis),
-        *_on_vectors(scene.reduction.parameter_modes, tables.n_modes - joined.n_kept),
+        *_on_vectors(scene.reduction.parameter_modes, n_parameter),
     )
     return ReducedOrderModel(
         tables=tables,
@@ -279,7 +284,7 @@ def _built(
         n_redundant=n_redundant,
         record=RunRecord(scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict(), remarks),
         curvature=basis.curvature,
-        points=replace(points, n_vectors=tables.n_modes - joined.n_kept),
+        points=replace(points, n_vectors=n_parameter),
         indefinite=indefinite,
         stiffness_changes=_stiffness_changes(store.samples, joined, basis),
         missed=missed,
@@ -290,6 +295,17 @@ def _forces_change(scene: Scene, mechanism: Mechanism) -> bool:
     """Return whether stress outputs are asked for of bodies that parameters change."""
     weights = (*mechanism.mass_weights, *mechanism.stiffness_weights)
     return bool(stressed_bodies(scene)) and any(weight.powers for weight in weights)
+
+
+def _refuse_offsets(scene: Scene) -> None:
+    """Refuse stress outputs of bodies that parameters change beside joints that are off."""
+    off = next((name for name, joint in scene.joints.items() if joint.offset is not None), None)
+    if off is not None:
+        stress = next(name for name, output in scene.outputs.items() if output.reads == "stresses")
+        raise InputError(
+            f"outputs.{stress} with joints.{off}.offset: stresses of bodies that parameters change are not made for "
+            "joints that are off; leave one of both out, or take pgmp simulate SCENE --full"
+        )
 
 
 @gathered

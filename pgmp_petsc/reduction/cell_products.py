@@ -48,7 +48,7 @@ def products_of(
     axes, table
         Grid of every coordinate and rows of the table, shape (n_rows, n_in, n_out).
     vectors
-        The first factors, shape (k, m); where there are more, they are `pair_products` of these.
+        The first factors, shape (k, m); where there are more, they are products of pairs of these.
     derivative
         Number of the coordinate that the matrices are differentiated with, -1 for the matrices themselves.
     """
@@ -162,7 +162,8 @@ def _fill_weights(theta, axes, together, along, weights):
 
 @njit(error_model="numpy", counted=False)
 def _multiply_pairs(m, factors):
-    """Fill the factors behind the first m with `pair_products` of these."""
+    """Fill the factors behind the first m with those of the packed chi in ``1/2 chi delta delta``: products of pairs
+    i >= j of these, and halves of their squares."""
     pair = m
     for i in range(m):
         for j in range(i + 1):
@@ -245,22 +246,8 @@ def unpacked(pairs: np.ndarray) -> np.ndarray:
     return matrices
 
 
-@njit(cache=True, error_model="numpy")
-def pair_products(delta):
-    """Return the factors of the packed chi in ``1/2 chi delta delta``, shape (n, n_pairs), for delta (n, n_delta)."""
-    n, m = delta.shape
-    result = np.empty((n, m * (m + 1) // 2))
-    for k in range(n):
-        pair = 0
-        for i in range(m):
-            for j in range(i + 1):
-                result[k, pair] = (0.5 if i == j else 1.0) * delta[k, i] * delta[k, j]
-                pair += 1
-    return result
-
-
 def pair_changes(delta: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Return the derivative of `pair_products` along a direction (n, n_delta), shape (n, n_pairs)."""
+    """Return the derivative of the products of pairs along a direction (n, n_delta), shape (n, n_pairs)."""
     i, j = np.tril_indices(delta.shape[1])
     return np.where(i == j, 0.5, 1.0) * (delta[:, i] * rate[:, j] + rate[:, i] * delta[:, j])
 

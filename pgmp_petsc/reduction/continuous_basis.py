@@ -46,16 +46,22 @@ class JoinedSamples:
     """All samples in order, and what makes them continuous."""
 
     tables: dict[str, np.ndarray]  # `Sample`'s arrays by name, stacked over the samples, in the eigensolver's own bases
-    shapes: np.ndarray  # flexible vectors, all rows, shape (n, n_dofs, w): kept ones and snapshots
+    shapes: np.ndarray  # flexible vectors, all rows, shape (n, n_dofs, w): kept ones, snapshots, and given ones
     rotations: np.ndarray  # ``V_continuous = V Q``, shape (n, w, w)
     cosines: np.ndarray  # cosine of the largest angle of a group of modes to a sample before, shape (n,)
     flipped: np.ndarray  # whether a vector changes its sign after a revolution of each coordinate, shape (n_theta, w)
     groups: list[np.ndarray]  # numbers of the kept vectors of each group
+    n_given: int = 0  # of the vectors, the last ones: those of joints that are off, the same in every basis
 
     @property
     def n_kept(self) -> int:
         """Number of kept vectors."""
         return sum(group.size for group in self.groups)
+
+    @property
+    def snapshots(self) -> slice:
+        """Numbers of the snapshots among the vectors."""
+        return slice(self.n_kept, self.shapes.shape[2] - self.n_given)
 
 
 def join_samples(
@@ -80,7 +86,7 @@ def join_samples(
         On the first rank, None elsewhere.
     """
     overlaps = _overlaps(group, owners, own, samples)
-    shapes = {k: _all_rows(group, own[k].shape) for k in sorted(own)}
+    shapes = {k: _all_rows(group, np.hstack([own[k].shape, own[k].built_in])) for k in sorted(own)}
     if group.roots is None:
         return None
     found = {k: ({name: getattr(sample, name) for name in TABLES}, shapes[k], overlaps[k]) for k, sample in own.items()}
@@ -94,24 +100,32 @@ def join_samples(
     neighbours = GridNeighbours(samples.shape, samples.periodic, tables["eigenvalues"], overlaps)
     basis = GridBasis.of(neighbours, tables["canonical"][0])
     # the snapshots of every parameter point turn as the kept vectors do
-    times = shapes.shape[2] // overlaps.shape[-1]
+    n_given = next(iter(own.values())).built_in.shape[1]
+    times = (shapes.shape[2] - n_given) // overlaps.shape[-1]
     return JoinedSamples(
         tables=tables,
         shapes=shapes,
-        rotations=_block_diagonal(basis.rotations, times),
+        rotations=_block_diagonal(basis.rotations, times, n_given),
         cosines=basis.cosines,
-        flipped=np.tile(basis.flipped, times),
+        flipped=_with_given(np.tile(basis.flipped, times), n_given),
         groups=basis.groups,
+        n_given=n_given,
     )
 
 
-def _block_diagonal(blocks: np.ndarray, times: int) -> np.ndarray:
-    """Return matrices (n, m, m), each several times along a diagonal, shape (n, m times, m times)."""
+def _block_diagonal(blocks: np.ndarray, times: int, n_given: int) -> np.ndarray:
+    """Return matrices (n, m, m), each several times along a diagonal, and 1 after them, shape (n, w, w) with ``w = m
+    times + n_given``."""
     n, m, _ = blocks.shape
-    result = np.zeros((n, m * times, m * times))
+    result = np.tile(np.eye(m * times + n_given), (n, 1, 1))
     for first in range(0, m * times, m):
         result[:, first : first + m, first : first + m] = blocks
     return result
+
+
+def _with_given(flipped: np.ndarray, n_given: int) -> np.ndarray:
+    """Return which vectors change their sign after a turn, (n_theta, m), with given ones, which do not, behind them."""
+    return np.hstack([flipped, np.zeros((len(flipped), n_given), dtype=bool)])
 
 
 def _overlaps(
@@ -238,13 +252,14 @@ class ContinuousBasis:
     ) -> ContinuousBasis:
         """Express the samples' tables and vectors in the continuous basis, orthonormal at `nominal` parameters."""
         n_kept, n_parameter = joined.n_kept, compression.matrix.shape[1]
-        combinations, uneven = joined.rotations @ compression.beside(n_kept), 1.0
+        combinations, uneven = joined.rotations @ compression.beside(n_kept, joined.n_given), 1.0
         if n_parameter and nominal is not None:
             c = compression.matrix
             squares, directions = np.linalg.eigh(c.T @ _grams(mechanism, nominal, joined) @ c)
             sizes, turned = np.sqrt(squares)[:, None], np.swapaxes(directions, 1, 2)
             inverse = (directions / sizes) @ turned
-            combinations[:, :, n_kept:] = combinations[:, :, n_kept:] @ inverse
+            own = slice(n_kept, n_kept + n_parameter)
+            combinations[:, :, own] = combinations[:, :, own] @ inverse
             uneven = _unevenness((directions * sizes) @ turned, inverse, samples)
         tables = ReducedTables(
             samples=samples,
@@ -252,10 +267,11 @@ class ContinuousBasis:
             stiffness_weights=mechanism.stiffness_weights,
             load_weights=tuple(load.weight for load in loads),
             load_effects=tuple(load.effect for load in loads),
+            n_given=joined.n_given,
             **{name: joined.tables[name] for name in ("mass", "inertia", "stiffness", "load")},
         ).turned(combinations)
         projection = joined.shapes @ combinations
-        flipped = np.hstack([joined.flipped[:, :n_kept], compression.flips])
+        flipped = _with_given(np.hstack([joined.flipped[:, :n_kept], compression.flips]), joined.n_given)
         groups = [*joined.groups, *np.arange(n_kept, n_kept + n_parameter)[:, None]]
         for axis in np.flatnonzero(flipped.any(axis=1)):
             signs = flipping_signs(tables.n_modes, flipped[axis])
@@ -297,10 +313,10 @@ def compression_of(
 
     Raises `InputError` if the first samples' snapshots do not span so many vectors.
     """
-    n_snapshots = joined.shapes.shape[2] - joined.n_kept
+    n_snapshots = joined.snapshots.stop - joined.n_kept
     if not n_parameter:
         return before or Compression(np.empty((n_snapshots, 0)), np.empty((len(joined.flipped), 0), dtype=bool))
-    grams, flipped = _grams(mechanism, nominal, joined), joined.flipped[:, joined.n_kept :]
+    grams, flipped = _grams(mechanism, nominal, joined), joined.flipped[:, joined.snapshots]
     if before is not None and before.holds(grams):
         return before
     return Compression.of(grams, flipped, n_parameter, fewer=before is not None)
@@ -319,8 +335,10 @@ def _unevenness(roots: np.ndarray, inverse: np.ndarray, samples: SampleGrid) -> 
 
 def _grams(mechanism: Mechanism, nominal: Mapping[str, float], joined: JoinedSamples) -> np.ndarray:
     """Return the Gram matrices of the snapshots in the continuous basis, shape (n, n_snapshots, n_snapshots)."""
-    turned = joined.rotations[:, joined.n_kept :, joined.n_kept :]
-    own = joined.tables["mass"][..., -turned.shape[1] :, -turned.shape[1] :]
+    turned = joined.rotations[:, joined.snapshots, joined.snapshots]
+    n_rigid = joined.tables["mass"].shape[-1] - joined.shapes.shape[2]
+    own = slice(joined.n_kept + n_rigid, joined.snapshots.stop + n_rigid)
+    own = joined.tables["mass"][..., own, own]
     mass = np.einsum("t,ntij->nij", evaluate_weights(mechanism.mass_weights, nominal), own)
     return np.swapaxes(turned, 1, 2) @ mass @ turned
 

@@ -88,7 +88,7 @@ class Interpolant:
         """Return factors (k, n_in) times the values at theta, matrices of shape (n_in, n_out); shape (k, n_out).
 
         In place of the values are, if asked for, their derivatives with the coordinate of a number. The factors are
-        the vectors (k, m) and, where there are more, `pair_products` of these behind them.
+        the vectors (k, m) and, where there are more, products of pairs of these behind them.
         """
         table = self.rows.reshape(int(np.prod(self.rows.shape[: self.n_theta])), *self.shape)
         return products_of(self._points(theta), self.axes, table, _contiguous(vectors), derivative)

@@ -1,4 +1,4 @@
-"""Reduced models of one scene at the points of a grid of lengths, in bases that are continuous over the lengths too.
+"""The build of models of one scene at the points of a grid of lengths, in bases that are continuous over these too.
 
 The rigid motion depends on a length l as on nothing else: ``q = rho(theta; l) + Psi(theta; l) delta``. The members of
 the family are models built at the points l_p; their bases are expressed in that of the model at the nominal lengths,
@@ -8,8 +8,6 @@ the family are models built at the points l_p; their bases are expressed in that
 so that entries of their tables are smooth in l, whatever signs, order and rotations the builds have found (Amsallem and
 Farhat 2011 join the members of a family so). In between, tables are polynomials of l (`sample_grid`). The kinematics of
 one run are exact: the mechanism is made anew with its lengths.
-
-The build of a family of reduced models over lengths: a model at each point of the grid, all in one gauge.
 """
 
 from __future__ import annotations
@@ -18,7 +16,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -32,155 +29,15 @@ from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.ranks.agreement import agreed, on_root
-from pgmp_petsc.reduction.cell_products import SecondOrderTables, pair_rotations
-from pgmp_petsc.reduction.missed_answers import MissedAnswers
-from pgmp_petsc.reduction.sample_grid import LengthGrid, SampleGrid, Samples
-from pgmp_petsc.reduction.tables import (
-    ModeChanges,
-    ReducedTables,
-    StiffnessChanges,
-    indefinite_between,
-    mode_changes,
-    rigid_inertia,
-)
+from pgmp_petsc.reduction.cell_products import pair_rotations
+from pgmp_petsc.reduction.rom import LengthCheck, LengthFamily, ReducedOrderModel
+from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints, SampleGrid, Samples
+from pgmp_petsc.reduction.tables import indefinite_between, mode_changes
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.uses import extremes, held, length_names
 
-if TYPE_CHECKING:
-    from pgmp_petsc.reduction.rom import ReducedOrderModel
-    from pgmp_petsc.reduction.sample_grid import ParameterPoints
-
-
-#: Tables by the weights that their terms have.
-OF_TABLES = {
-    "mass": "mass_weights",
-    "inertia": "mass_weights",
-    "stiffness": "stiffness_weights",
-    "load": "load_weights",
-}
-OF_SECOND_ORDER = ("cubic", "curved_load", "curved_inertia")
-OF_CHANGES = ("gyroscopic", "spread")
-OF_MISSED = ("forces", "answers")
-Arrays = TypeVar("Arrays", ReducedTables, SecondOrderTables, ModeChanges, StiffnessChanges, MissedAnswers)
-
-
-@dataclass(frozen=True, eq=False)
-class LengthCheck:
-    """How far the family is from a model that was built between its points."""
-
-    values: dict[str, float]  # lengths of that model, m
-    #: frequencies, inertia: largest difference of the reduced frequencies of the modes at any angle, and of the rigid
-    #: inertia, as shares
-    frequencies: float
-    inertia: float
-
-
-@dataclass(frozen=True, eq=False)
-class LengthFamily:
-    """Models at the points of a grid of lengths."""
-
-    grid: LengthGrid  # the grid
-    #: a model of each point, without meshes (`bodies.shape` makes them), all in continuous bases
-    members: tuple[ReducedOrderModel, ...]
-    check: LengthCheck  # of the family against a model of none of these points
-
-    def at(self, scene: Scene, nominal: ReducedOrderModel) -> ReducedOrderModel:
-        """Return the model with the lengths of a scene's run (``scene.values``).
-
-        Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths. Raises `InputError` if the
-        mechanism cannot be closed with these lengths.
-
-        Parameters
-        ----------
-        nominal
-            The model at the nominal lengths, which the family belongs to.
-        """
-        kinematics = self.kinematics(scene, nominal, None)
-        mechanism = kinematics.mechanism
-        masses = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
-        parts = [member.tables for member in self.members]
-        tables = replace(
-            self._of_parts(scene, parts, tuple(OF_TABLES)),
-            second_order=self._of_parts(scene, [part.second_order for part in parts], OF_SECOND_ORDER),
-            changes=self._of_parts(scene, [part.changes for part in parts], OF_CHANGES),
-        )
-        return replace(
-            nominal,
-            tables=tables,
-            branch=kinematics.branch,
-            rigid_inertia=rigid_inertia(tables.samples, masses, kinematics),
-            projection=self._blended(scene, [member.projection for member in self.members]),
-            curvature=None
-            if nominal.curvature is None
-            else self._blended(scene, [member.curvature for member in self.members]),
-            frequencies_hz=self._blended(scene, [member.frequencies_hz for member in self.members]),
-            stiffness_changes=self._of_parts(
-                scene, [member.stiffness_changes for member in self.members], ("influence", "stiffness")
-            ),
-            missed=self._of_parts(scene, [member.missed for member in self.members], OF_MISSED),
-            meshes=at_lengths(scene, nominal.meshes),
-        )
-
-    def kinematics(self, scene: Scene, nominal: ReducedOrderModel, number: int | None) -> RigidKinematics:
-        """Return the rigid kinematics of a scene's run, or those of a member, given by its number."""
-        branch = None
-        if number is not None:
-            scene, branch = scene.with_values(self.grid.points[number]), self.members[number].branch
-        return RigidKinematics(Mechanism.from_scene(scene, at_lengths(scene, nominal.meshes)), branch)
-
-    def merged(self, nominal: ReducedOrderModel) -> ReducedOrderModel:
-        """Return the model whose terms are affine in monomials of the lengths besides all other parameters.
-
-        Its tables and its rigid inertia are those of any lengths; kinematics and shapes are the nominal ones.
-        """
-        tables, grid, parts = nominal.tables, self.grid, [member.tables for member in self.members]
-        weights = {name: grid.weights(getattr(tables, name)) for name in dict.fromkeys(OF_TABLES.values())}
-        n_each = len(grid.points)
-        merged = replace(
-            tables,
-            **{name: grid.coefficients([getattr(part, name) for part in parts]) for name in OF_TABLES},
-            **weights,
-            load_effects=tuple(name for name in tables.load_effects for _ in range(n_each)),
-        )
-        for field, names in (("second_order", OF_SECOND_ORDER), ("changes", OF_CHANGES)):
-            own = [getattr(part, field) for part in parts]
-            if own[0] is not None:
-                arrays = {name: grid.coefficients([getattr(one, name) for one in own]) for name in names}
-                merged = replace(merged, **{field: replace(own[0], **arrays)})
-        rigid = grid.coefficients([member.rigid_inertia for member in self.members])
-        return replace(nominal, tables=merged, rigid_inertia=rigid, stiffness_changes=self._merged_changes(tables))
-
-    def _merged_changes(self, tables: ReducedTables) -> StiffnessChanges | None:
-        """Return the influences of terms that are affine in monomials of the lengths, of whose units these are."""
-        members, grid = [member.stiffness_changes for member in self.members], self.grid
-        if members[0] is None:
-            return None
-        influence = np.swapaxes(grid.coefficients([np.swapaxes(one.influence, 1, 2) for one in members]), 1, 2)
-        r, n_mass, n_each = tables.n_coordinates, len(tables.mass_weights), len(grid.points)
-        n_moving = r + r * (r + 1) // 2
-        rest, inertia = np.split(influence, [influence.shape[2] - n_mass * n_moving * n_each], axis=2)
-        # monomials belong to the weights of terms, motions to each of these
-        inertia = np.swapaxes(inertia.reshape(*inertia.shape[:2], n_mass, n_moving, n_each), 3, 4)
-        influence = np.concatenate([rest, inertia.reshape(*rest.shape[:2], n_mass * n_moving * n_each)], axis=2)
-        return StiffnessChanges(influence, grid.coefficients([one.stiffness for one in members]))
-
-    def _of_parts(self, scene: Scene, parts: Sequence[Arrays | None], names: Sequence[str]) -> Arrays | None:
-        """Return the polynomials of some fields of dataclasses; None where there is nothing."""
-        if parts[0] is None:
-            return None
-        return replace(
-            parts[0], **{name: self._blended(scene, [getattr(one, name) for one in parts]) for name in names}
-        )
-
-    def _blended(self, scene: Scene, arrays: Sequence[np.ndarray]) -> np.ndarray:
-        shares = self.grid.shares(scene.values)
-        return sum(share * array for share, array in zip(shares, arrays))
-
-
-Build = Callable[
-    [Scene, Mapping[str, BodyShape], SampleGrid | None, "ParameterPoints | None"], "ReducedOrderModel | None"
-]
+Build = Callable[[Scene, Mapping[str, BodyShape], SampleGrid | None, ParameterPoints | None], ReducedOrderModel | None]
 
 HIGH = 0.5  # |T_n| where the family is checked; at points of the grid, where it vanishes, nothing could be seen
 LARGE = 1e-4  # share by which frequencies between the points may be off without a warning
@@ -197,7 +54,7 @@ def build_over_lengths(
     Parameters
     ----------
     scene, meshes
-        The scene, with parameters that are lengths or places, and the mesh of every body at any lengths.
+        The scene, with parameters that are lengths, places or ratios, and the mesh of every body at any lengths.
     build
         Builds the model of a scene whose lengths are those of its run, at given configurations and with vectors from
         given parameter values, or those that the scene asks for; collective, None on all ranks but the first.

@@ -64,7 +64,7 @@ class Reconstruction:
     def displacements(self) -> Interpolant:
         """Displacements and rotations of the nodes in body frames, values of shape (n_factors, n_unknowns).
 
-        Factors are the flexible coordinates and, where the model is curved, their `pair_products`.
+        Factors are the flexible coordinates and, where the model is curved, the products of their pairs.
         """
         return self._shapes
 

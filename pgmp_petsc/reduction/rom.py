@@ -7,7 +7,7 @@ deviations, or bounds): at these its matrices were looked at, and bases by toler
 served without a word; six standard deviations cost 1.6 % of the deformation where three cost 0.3 %
 (`tests/hard_cases/test_far_from_nominal.py`). What lies outside is counted and warned of. Three times as far away as
 the span it is refused: values of single runs, samples of a file, and distributions of which the greater part lies
-there. Lengths and places are not served beyond the points of their polynomials at all. Of parameters that no
+there. Lengths, places and ratios are not served beyond the points of their polynomials at all. Of parameters that no
 distribution and no bounds of the build's scene say anything of, 30 % around the nominal value are taken for the span.
 What tables do not depend on, loads and local effects, may be anything.
 """
@@ -15,20 +15,24 @@ What tables do not depend on, loads and local effects, may be anything.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, gathered, warning
 from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.matrices import mass_of_bodies
+from pgmp_petsc.bodies.shape import at_lengths
 from pgmp_petsc.files.hdf5 import BUILD_AGAIN, RunRecord, open_file, shapes_of
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mechanism.continuation import PoseBranch
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.reduction.cell_products import SecondOrderTables
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
@@ -45,16 +49,24 @@ from pgmp_petsc.reduction.rom_file import (
     StiffnessChangesFile,
 )
 from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints
-from pgmp_petsc.reduction.tables import ModeChanges, ReducedTables, StiffnessChanges
+from pgmp_petsc.reduction.tables import ModeChanges, ReducedTables, StiffnessChanges, rigid_inertia
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import Parameter, spanning_values
 
-if TYPE_CHECKING:
-    from pgmp_petsc.reduction.length_family import LengthFamily
-
-
 CURVED = ("cubic", "curved_load", "curved_inertia")  # of `SecondOrderTables`
 OWN = ("n_redundant", "indefinite", "projection", "curvature", "frequencies_hz", "cosines")  # as the file has it
+
+
+#: Tables by the weights that their terms have.
+OF_TABLES = {
+    "mass": "mass_weights",
+    "inertia": "mass_weights",
+    "stiffness": "stiffness_weights",
+    "load": "load_weights",
+}
+OF_CHANGES = ("gyroscopic", "spread")
+OF_MISSED = ("forces", "answers")
+Arrays = TypeVar("Arrays", ReducedTables, SecondOrderTables, ModeChanges, StiffnessChanges, MissedAnswers)
 
 
 @dataclass(frozen=True)
@@ -82,7 +94,7 @@ class ReducedOrderModel:
     #: what the basis misses of the forces in bodies with stress outputs away from the nominal parameters; None where no
     #: parameter changes them, or lengths are parameters
     missed: MissedAnswers | None = None
-    #: models at other lengths, where parameters are lengths or places; the model itself is that at the nominal ones
+    #: models at other lengths, where parameters are lengths, places or ratios; the model itself has the nominal ones
     family: LengthFamily | None = field(default=None, repr=False)
     _displacements: dict[str, Interpolant] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -102,8 +114,8 @@ class ReducedOrderModel:
     def displacements(self, scheme: str, dofs: np.ndarray) -> Interpolant:
         """Return displacements and rotations of some unknowns in body frames, values of shape (n_factors, dofs.size).
 
-        Factors are the flexible coordinates and, where the model is curved, their `pair_products`. All unknowns are
-        interpolated at once, and kept: outputs, fields and estimates of errors take each a part of them.
+        Factors are the flexible coordinates and, where the model is curved, the products of their pairs. All unknowns
+        are interpolated at once, and kept: outputs, fields and estimates of errors take each a part of them.
         """
         if scheme not in self._displacements:
             shapes = [self.projection] if self.curvature is None else [self.projection, self.curvature]
@@ -133,7 +145,10 @@ class ReducedOrderModel:
         if tables.second_order is not None:
             second_order = SecondOrderFile(**vars(tables.second_order), **vars(tables.changes), **weights)
         return {
-            **{name: getattr(tables, name) for name in ("mass", "inertia", "stiffness", "load", "load_effects")},
+            **{
+                name: getattr(tables, name)
+                for name in ("mass", "inertia", "stiffness", "load", "load_effects", "n_given")
+            },
             **{name: getattr(self, name) for name in OWN},
             **ModelFile.of_samples(tables.samples),
             **weights,
@@ -180,6 +195,7 @@ class ReducedOrderModel:
             inertia=found.inertia,
             stiffness=found.stiffness,
             load=found.load,
+            n_given=found.n_given,
             second_order=second and SecondOrderTables(**{name: second[name] for name in CURVED}),
             changes=second and ModeChanges(second["gyroscopic"], second["spread"]),
         )
@@ -197,8 +213,6 @@ class ReducedOrderModel:
 
     @classmethod
     def _family(cls, found: LengthsFile, record: RunRecord) -> LengthFamily:
-        from pgmp_petsc.reduction.length_family import LengthCheck, LengthFamily  # lengths are parameters in few scenes
-
         ranges = tuple((float(low), float(high)) for low, high in zip(found.lower, found.upper))
         values = dict(zip(found.names, (float(value) for value in found.checked)))
         return LengthFamily(
@@ -206,6 +220,119 @@ class ReducedOrderModel:
             tuple(cls._of(member, record) for member in found.members.values()),
             LengthCheck(values, found.frequencies, found.inertia),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class LengthCheck:
+    """How far the family is from a model that was built between its points."""
+
+    values: dict[str, float]  # lengths of that model, m
+    #: frequencies, inertia: largest difference of the reduced frequencies of the modes at any angle, and of the rigid
+    #: inertia, as shares
+    frequencies: float
+    inertia: float
+
+
+@dataclass(frozen=True, eq=False)
+class LengthFamily:
+    """Models at the points of a grid of lengths."""
+
+    grid: LengthGrid  # the grid
+    #: a model of each point, without meshes (`bodies.shape` makes them), all in continuous bases
+    members: tuple[ReducedOrderModel, ...]
+    check: LengthCheck  # of the family against a model of none of these points
+
+    def at(self, scene: Scene, nominal: ReducedOrderModel) -> ReducedOrderModel:
+        """Return the model with the lengths of a scene's run (``scene.values``).
+
+        Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths. Raises `InputError` if the
+        mechanism cannot be closed with these lengths.
+
+        Parameters
+        ----------
+        nominal
+            The model at the nominal lengths, which the family belongs to.
+        """
+        kinematics = self.kinematics(scene, nominal, None)
+        mechanism = kinematics.mechanism
+        masses = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
+        parts = [member.tables for member in self.members]
+        tables = replace(
+            self._of_parts(scene, parts, tuple(OF_TABLES)),
+            second_order=self._of_parts(scene, [part.second_order for part in parts], CURVED),
+            changes=self._of_parts(scene, [part.changes for part in parts], OF_CHANGES),
+        )
+        return replace(
+            nominal,
+            tables=tables,
+            branch=kinematics.branch,
+            rigid_inertia=rigid_inertia(tables.samples, masses, kinematics),
+            projection=self._blended(scene, [member.projection for member in self.members]),
+            curvature=None
+            if nominal.curvature is None
+            else self._blended(scene, [member.curvature for member in self.members]),
+            frequencies_hz=self._blended(scene, [member.frequencies_hz for member in self.members]),
+            stiffness_changes=self._of_parts(
+                scene, [member.stiffness_changes for member in self.members], ("influence", "stiffness")
+            ),
+            missed=self._of_parts(scene, [member.missed for member in self.members], OF_MISSED),
+            meshes=at_lengths(scene, nominal.meshes),
+        )
+
+    def kinematics(self, scene: Scene, nominal: ReducedOrderModel, number: int | None) -> RigidKinematics:
+        """Return the rigid kinematics of a scene's run, or those of a member, given by its number."""
+        branch = None
+        if number is not None:
+            scene, branch = scene.with_values(self.grid.points[number]), self.members[number].branch
+        return RigidKinematics(Mechanism.from_scene(scene, at_lengths(scene, nominal.meshes)), branch)
+
+    def merged(self, nominal: ReducedOrderModel) -> ReducedOrderModel:
+        """Return the model whose terms are affine in monomials of the lengths besides all other parameters.
+
+        Its tables and its rigid inertia are those of any lengths; kinematics and shapes are the nominal ones.
+        """
+        tables, grid, parts = nominal.tables, self.grid, [member.tables for member in self.members]
+        weights = {name: grid.weights(getattr(tables, name)) for name in dict.fromkeys(OF_TABLES.values())}
+        n_each = len(grid.points)
+        merged = replace(
+            tables,
+            **{name: grid.coefficients([getattr(part, name) for part in parts]) for name in OF_TABLES},
+            **weights,
+            load_effects=tuple(name for name in tables.load_effects for _ in range(n_each)),
+        )
+        for kind, names in (("second_order", CURVED), ("changes", OF_CHANGES)):
+            own = [getattr(part, kind) for part in parts]
+            if own[0] is not None:
+                arrays = {name: grid.coefficients([getattr(one, name) for one in own]) for name in names}
+                merged = replace(merged, **{kind: replace(own[0], **arrays)})
+        rigid = grid.coefficients([member.rigid_inertia for member in self.members])
+        return replace(nominal, tables=merged, rigid_inertia=rigid, stiffness_changes=self._merged_changes(tables))
+
+    def _merged_changes(self, tables: ReducedTables) -> StiffnessChanges | None:
+        """Return the influences of terms that are affine in monomials of the lengths, of whose units these are."""
+        members, grid = [member.stiffness_changes for member in self.members], self.grid
+        if members[0] is None:
+            return None
+        influence = np.swapaxes(grid.coefficients([np.swapaxes(one.influence, 1, 2) for one in members]), 1, 2)
+        r, n_mass, n_each = tables.n_coordinates, len(tables.mass_weights), len(grid.points)
+        n_moving = r + r * (r + 1) // 2
+        rest, inertia = np.split(influence, [influence.shape[2] - n_mass * n_moving * n_each], axis=2)
+        # monomials belong to the weights of terms, motions to each of these
+        inertia = np.swapaxes(inertia.reshape(*inertia.shape[:2], n_mass, n_moving, n_each), 3, 4)
+        influence = np.concatenate([rest, inertia.reshape(*rest.shape[:2], n_mass * n_moving * n_each)], axis=2)
+        return StiffnessChanges(influence, grid.coefficients([one.stiffness for one in members]))
+
+    def _of_parts(self, scene: Scene, parts: Sequence[Arrays | None], names: Sequence[str]) -> Arrays | None:
+        """Return the polynomials of some fields of dataclasses; None where there is nothing."""
+        if parts[0] is None:
+            return None
+        return replace(
+            parts[0], **{name: self._blended(scene, [getattr(one, name) for one in parts]) for name in names}
+        )
+
+    def _blended(self, scene: Scene, arrays: Sequence[np.ndarray]) -> np.ndarray:
+        shares = self.grid.shares(scene.values)
+        return sum(share * array for share, array in zip(shares, arrays))
 
 
 def _lengths_file(family: LengthFamily) -> LengthsFile:
@@ -353,7 +480,7 @@ def _of_parameter(name: str, served: Served, scene: Scene) -> Iterator[str]:
         f"parameters.{name}.distribution: {100 * share:.2g} % of it lie outside [{served.low:.6g}, {served.high:.6g}]"
     )
     if served.is_sharp and beyond > ROUND_OFF:
-        raise InputError(f"{what}, beyond which the reduced model serves no length and no place; {CURE}")
+        raise InputError(f"{what}, beyond which the reduced model serves no length, place or ratio; {CURE}")
     if beyond > 0.5:
         raise InputError(
             f"{what}, the range that the reduced model was built for, and the greater part beyond what it serves, "

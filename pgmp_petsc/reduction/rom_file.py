@@ -420,6 +420,9 @@ class ModelFile(Record):
     indefinite: str = attribute(
         "@indefinite", absent="", about="where interpolated mass or stiffness is indefinite, empty where nowhere"
     )
+    n_given: int = attribute(
+        "@n_given", absent=0, about="of the modes, the last ones: displacements per unit of the joints' offsets"
+    )
     theta: np.ndarray = array("configuration", "coordinate?", unit="rad or m", about="sampled configurations")
     lower: np.ndarray = attribute("theta@lower", "coordinate?", about="lower end of the range")
     upper: np.ndarray = attribute("theta@upper", "coordinate?", about="upper end; of a revolution no sample")
@@ -518,12 +521,16 @@ class ModelFile(Record):
 class LengthsFile(Record):
     """Models at the points of a grid of lengths."""
 
-    names: tuple[str, ...] = attribute("@parameters", "parameter", about="parameters that are lengths or places")
-    lower: np.ndarray = attribute("@lower", "parameter", about="smallest value of each, m")
-    upper: np.ndarray = attribute("@upper", "parameter", about="largest value of each, m")
+    names: tuple[str, ...] = attribute(
+        "@parameters", "parameter", about="parameters that are lengths, places or ratios"
+    )
+    lower: np.ndarray = attribute("@lower", "parameter", about="smallest value of each, in its unit")
+    upper: np.ndarray = attribute("@upper", "parameter", about="largest value of each, in its unit")
     n_points: int = attribute("@n_points", about="points along each")
-    values: np.ndarray = array("model", "parameter", unit="m", about="lengths of every model")
-    checked: np.ndarray = array("parameter", at="check/values", unit="m", about="lengths of the model compared with")
+    values: np.ndarray = array("model", "parameter", unit="m or 1", about="lengths of every model")
+    checked: np.ndarray = array(
+        "parameter", at="check/values", unit="m or 1", about="lengths of the model compared with"
+    )
     frequencies: float = attribute("check@frequencies", about="largest difference of its frequencies, a share")
     inertia: float = attribute("check@inertia", about="largest difference of its rigid inertia, a share")
     members: dict[str, ModelFile] = array(

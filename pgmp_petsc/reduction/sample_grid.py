@@ -177,7 +177,7 @@ class ParameterPoints:
 class LengthGrid:
     """A tensor grid of Chebyshev points (of the first kind)."""
 
-    names: tuple[str, ...]  # parameters that are lengths or places, sorted
+    names: tuple[str, ...]  # parameters that are lengths, places or ratios, sorted
     ranges: tuple[tuple[float, float], ...]  # smallest and largest value of each, m
     n_points: int  # along each
 

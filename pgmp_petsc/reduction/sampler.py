@@ -11,6 +11,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.effects import Load
 from pgmp_petsc.mechanism.body_frames import to_body
+from pgmp_petsc.modes.built_in import BuiltIn
 from pgmp_petsc.modes.continuity import canonical_rotation
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.modes.static_modes import static_modes
@@ -29,7 +30,8 @@ class Sample:
 
     The kept vectors are the eigenmodes, ascending, after them what elastic joints allow, and the static modes of the
     loads. Snapshots of every
-    parameter point follow, M-orthogonal to them: candidates, of which the build takes a few combinations.
+    parameter point follow, M-orthogonal to them: candidates, of which the build takes a few combinations. Tables are of
+    all these, and last of what joints that are off build in.
     """
 
     eigenvalues: np.ndarray  # full-order eigenvalues at the nominal parameters, shape (n_modes,), (rad/s)^2
@@ -41,6 +43,7 @@ class Sample:
     canonical: np.ndarray  # rotation that fixes the signs of the kept vectors by itself, shape (n_kept, n_kept)
     shape: np.ndarray  # flexible vectors V in body frames, local rows, shape (n_local, n_kept + n_snapshots)
     mass_kept: np.ndarray  # m times the kept vectors, local rows, shape (n_local, n_kept)
+    built_in: np.ndarray  # what joints that are off build in, local rows, shape (n_local, n_given)
     #: of loads on the stiffness of the eigenmodes (`stiffness_changes`), shape (n_modes, n_columns); without columns
     #: where it is not wanted
     influence: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
@@ -76,6 +79,8 @@ class Sampler:
         Snapshots at other parameter values, or None.
     probe
         Of the influence of loads on the stiffness of modes, or None.
+    built_in
+        What joints that are off build in, or None.
     """
 
     def __init__(
@@ -85,6 +90,7 @@ class Sampler:
         static_loads: StaticLoads,
         snapshots: ParameterSnapshots | None = None,
         probe: InfluenceProbe | None = None,
+        built_in: BuiltIn | None = None,
     ) -> None:
         self.problem = problem
         mechanism = problem.mechanism
@@ -94,7 +100,7 @@ class Sampler:
         self._waves = self._incommensurate(problem.n_modes)
         self._static_loads = static_loads
         self._snapshots = snapshots
-        self._probe = probe
+        self._probe, self._built_in = probe, built_in
 
     def sample(self, theta: np.ndarray, scramble: Scramble) -> Sample:
         """Sample one configuration (n_theta,), rad.
@@ -111,16 +117,18 @@ class Sampler:
                 self._snapshots.at(theta, kept), np.hstack([modes.rigid[:, modes.free], kept])
             )
             shape = np.hstack([kept, missed])
-        basis = np.hstack([modes.rigid, shape])
+        built_in = shape[:, :0] if self._built_in is None else self._built_in.at(modes)
+        flexible = np.hstack([shape, built_in])
+        basis = np.hstack([modes.rigid, flexible])
         n_theta = modes.rigid.shape[1]
         inertia = self._times(self._mass, basis)
         accelerations = modes.rigid_curvature.reshape(len(basis), n_theta**2)
         work = problem.inner(accelerations, inertia[..., n_theta:])
         for weight, forces in problem.lost_inertia(theta).items():
             work[problem.mechanism.mass_weights.index(weight)] += problem.inner(
-                forces.reshape(accelerations.shape), shape
+                forces.reshape(accelerations.shape), flexible
             )
-        stiffness = _symmetric(problem.inner(shape, self._times(self._stiffness, shape)))
+        stiffness = _symmetric(problem.inner(flexible, self._times(self._stiffness, flexible)))
         released = slice(problem.n_modes, problem.n_modes + problem.n_released)
         stiffness[:, released] = stiffness[:, :, released] = 0.0  # but for round-off
         return Sample(
@@ -132,6 +140,7 @@ class Sampler:
             canonical=self._canonical(modes, kept.shape[1]),
             shape=shape,
             mass_kept=problem.times_mass(kept),
+            built_in=built_in,
             influence=np.zeros((0, 0)) if self._probe is None else self._probe.at(modes, loads),
         )
 

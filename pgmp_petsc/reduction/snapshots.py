@@ -153,9 +153,10 @@ class Compression:
         squares = np.linalg.eigvalsh(self.matrix.T @ grams @ self.matrix)
         return bool(squares.min(initial=np.inf) >= INDEPENDENT)
 
-    def beside(self, n_kept: int) -> np.ndarray:
-        """Return the matrix leaving kept vectors as they are, shape (n_kept + n_snapshots, n_kept + n_parameter)."""
-        return block_diag(np.eye(n_kept), self.matrix)
+    def beside(self, n_kept: int, n_given: int) -> np.ndarray:
+        """Return the matrix leaving kept vectors before, and given ones after these, as they are, shape (n_kept +
+        n_snapshots + n_given, n_kept + n_parameter + n_given)."""
+        return block_diag(np.eye(n_kept), self.matrix, np.eye(n_given))
 
 
 def _independent(grams: np.ndarray, squares: np.ndarray, vectors: np.ndarray, most: int) -> list[int]:

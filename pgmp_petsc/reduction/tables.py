@@ -20,7 +20,7 @@ How modes change with theta: the kinetic energy of ``D_k = d(R Psi)/d theta_k``,
 
 A flexible mode moves with the velocity ``sum_k theta_k' D_k delta`` even where delta is constant. In body frames
 ``D_k = d_k Psi + W_k Psi``, with d_k Psi from the interpolated projection and W_k = R^T d_k R the body's spin per unit
-of theta_k, which turns its points (`bodies.inertia_moments`).
+of theta_k, which turns its points (`bodies.matrices`).
 
 How the forces in the bodies change the stiffness of each mode: what geometric stiffness a model has, or would lack.
 
@@ -51,7 +51,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
-from pgmp_petsc.bodies.inertia_moments import Moments, inertia_moments, turned
+from pgmp_petsc.bodies.matrices import Moments, inertia_moments, turned
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.cell_products import SecondOrderTables, congruent
 from pgmp_petsc.reduction.interpolation import interpolant
@@ -158,6 +158,8 @@ class ReducedTables:
     inertia: np.ndarray  # shape (n, n_mass_terms, n_theta, n_theta, n_delta)
     stiffness: np.ndarray  # shape (n, n_stiffness_terms, n_delta, n_delta)
     load: np.ndarray  # shape (n, n_load_terms, n_eta)
+    #: of the flexible coordinates, the last ones: how far joints are off, given and constant in time
+    n_given: int = 0
     #: tables of second order in the flexible coordinates, None where the scene does not ask for them
     second_order: SecondOrderTables | None = None
     #: kinetic energy of the modes' change with theta, which comes with them. It is known once the whole basis is
@@ -225,7 +227,16 @@ class ReducedTables:
     @property
     def unstrained(self) -> np.ndarray:
         """Numbers of the flexible coordinates without stiffness at any parameters: what elastic joints allow."""
-        return np.flatnonzero(~self.stiffness.any(axis=(0, 1, 2)))
+        return np.flatnonzero(~self.stiffness[..., : self.n_modes - self.n_given].any(axis=(0, 1, 2)))
+
+    @property
+    def moving(self) -> ReducedTables:
+        """The tables without given coordinates."""
+        if not self.n_given:
+            return self
+        own = slice(-self.n_given)
+        parts = self.mass[..., own, own], self.inertia[..., own], self.stiffness[..., own, own], self.load[..., own]
+        return replace(self, n_given=0, **dict(zip(("mass", "inertia", "stiffness", "load"), parts)))
 
     def frequencies_hz(
         self, mass_weights: np.ndarray, stiffness_weights: np.ndarray, free: Sequence[int] | None = None
@@ -243,6 +254,8 @@ class ReducedTables:
         -------
         ndarray, shape (n, n_delta - n_unstrained), Hz
         """
+        if self.n_given:
+            return self.moving.frequencies_hz(mass_weights, stiffness_weights, free)
         r = self.n_coordinates
         mass = np.einsum("t,ntij->nij", mass_weights, self.mass)
         stiffness = np.einsum("t,ntij->nij", stiffness_weights, self.stiffness)

@@ -23,11 +23,13 @@ from pgmp_petsc.report.film import stress_of
 from pgmp_petsc.report.sources import (
     Build,
     Datum,
-    Interval,
     Place,
     Sentence,
     Source,
+    chance_of,
+    failed_of,
     in_words,
+    mean_of,
     read_sources,
     sentence_case,
 )
@@ -113,14 +115,17 @@ def _estimated(sources: Sequence[Source]) -> ModelError | None:
         if errors is not None and errors.what != OF_STEP:
             shares = {name: errors.share(name) for name in errors.outputs}
             how = "estimated from a run with smaller steps and residuals of the full-order equations, over the run"
-            datums = {
-                name: Datum(share, share_text(share), source.name, f"/errors/{name}@share")
-                for name, share in shares.items()
-            }
+            datums = {name: _share(source, name) for name in shares}
             ends = {name: abs(float(values[-1])) / errors.largest[name] if errors.largest[name] > 0.0 else float("nan")
                     for name, values in errors.outputs.items()}  # fmt: skip
             return ModelError(shares, how, datums, at_end=ends, doubt=DOUBT, absent=errors.absent)
     return None
+
+
+def _share(source: Source, name: str) -> Datum:
+    """Return the estimated error of an output of a run, as a share of its largest value."""
+    share = source.result.errors.share(name)
+    return Datum(share, share_text(share), source.name, f"/errors/{name}@share")
 
 
 def error_budget(sources: Sequence[Source], error: ModelError | None) -> list[Line]:
@@ -164,12 +169,8 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
             known = values[np.isfinite(values)]
             if not known.size:
                 continue
-            place = int(np.nanargmax(values))
-            factor, unit = axis_unit(result.units.get(name, "1"), known)
-            median = float(np.median(known))
-            largest = Datum(known.max(), plain(factor * known.max()), source.name, f"/errors/{name}", str(place))
-            size = ["median ", Datum(median, plain(factor * median)), ", largest ", largest]
-            size.append("" if unit == "1" else f" {unit}")
+            (largest, factor, unit), median = _largest_error(source, name), float(np.median(known))
+            size = ["median ", Datum(median, plain(factor * median)), ", largest ", largest, unit]
             yield Line(
                 f"model, in samples: {in_words(name)}", size, f"estimated for {known.size} of {len(values)} samples"
             )
@@ -181,8 +182,7 @@ def _of_steps(sources: Sequence[Source]) -> Iterator[Line]:
         run = source.result
         part = "" if errors.time[-1] >= run.time[-1] * (1.0 - 1e-9) else f", up to {errors.time[-1]:.4g} s only"
         for name in errors.outputs:
-            share = errors.share(name)
-            size = [Datum(share, share_text(share), source.name, f"/errors/{name}@share")] if np.isfinite(share) else []
+            size = [_share(source, name)] if np.isfinite(errors.share(name)) else []
             what = f"time step, {MODELS[run.model]}: {in_words(name)}"
             yield Line(what, size, f"estimated from a run with a coarser step{part}")
 
@@ -339,21 +339,18 @@ def _of_ensemble(source: Source, several: bool, error: ModelError | None, stops:
         s = ensemble.statistics.get(name)
         if s is None or not s.count:
             continue
-        factor, unit = axis_unit(ensemble.units.get(name, "1"), s.quantiles)
-        unit = "" if unit == "1" else f" {unit}"
-        place = Place(source.name, f"/statistics/{name}")
+        mean, factor, unit = mean_of(source, name)
         if s.constant:
-            yield [f"{ahead}{sentence_case(in_words(name))} at the end is constant: ",
-                   place.datum("mean", s.mean, f"{factor * s.mean:.6g}"), f"{unit}."]  # fmt: skip
+            yield [f"{ahead}{sentence_case(in_words(name))} at the end is constant: ", *mean, f"{unit}."]
             continue
-        figure = place.figure("mean", s.mean, "mean_interval", s.mean_interval, factor)
+        place = Place(source.name, f"/statistics/{name}")
         low, high = int(np.argmin(s.probabilities)), int(np.argmax(s.probabilities))
         spread = percent(float(s.probabilities[high] - s.probabilities[low]))
         texts = end_texts(factor * s.quantiles[[low, high]])
         ends = [place.datum("quantiles", s.quantiles[k], text, str(k)) for k, text in zip((low, high), texts)]
         words = in_words(name) if ahead else sentence_case(in_words(name))
         yield [
-            f"{ahead}{words} at the end: mean ", *figure, f"{unit}; {spread} of the samples lie between ",
+            f"{ahead}{words} at the end: mean ", *mean, f"{unit}; {spread} of the samples lie between ",
             ends[0], " and ", ends[1], f"{unit}.",
         ]  # fmt: skip
 
@@ -397,15 +394,8 @@ def _of_run(source: Source) -> Iterator[Sentence]:
 
 def _of_rare_event(source: Source) -> Iterator[Sentence]:
     """Yield the probability of a rare event."""
-    found, place = source.result, Place(source.name, "/probability")
-    ends = [place.datum("interval", end, f"{end:.3g}", str(k)) for k, end in enumerate(found.interval)]
-    what = found.event.replace("_", " ")
-    if found.reached:
-        yield [f"{what}: ", place.datum("estimate", found.estimate, f"{found.estimate:.3g}"), " ", Interval(*ends), "."]
-    elif found.interval[0] > 0.0:
-        yield [f"{what}: not decided, as parts of it may be missing; ", ends[0], " to ", ends[1], "."]
-    elif np.isfinite(found.interval[1]):
-        yield [f"{what}: not reached; its probability is at most ", ends[1], "."]
+    if chance := chance_of(source):
+        yield [f"{source.result.event.replace('_', ' ')}: ", *chance, "."]
 
 
 def _of_error(error: ModelError | None, sources: Sequence[Source], ensembles: Sequence[Source]) -> Iterator[Sentence]:
@@ -460,33 +450,35 @@ def _of_time_steps(sources: Sequence[Source]) -> Iterator[Sentence]:
         known = {name: share for name, share in known.items() if np.isfinite(share)}
         if known:
             worst = max(known, key=known.__getitem__)
-            share = Datum(known[worst], share_text(known[worst]), source.name, f"/errors/{worst}@share")
             model = MODELS[source.result.model]
             of = f" of the largest {in_words(worst)}."
-            yield [f"Error of the time step of the {model} run, estimated: ", share, of]
+            yield [f"Error of the time step of the {model} run, estimated: ", _share(source, worst), of]
 
 
 def _checked(source: Source) -> Iterator[str | Datum]:
     """Yield the largest estimated error of every output of an ensemble, commas between them and at the end."""
     for name, values in source.result.errors.items():
         if np.isfinite(values).any():
-            place = int(np.nanargmax(values))
-            factor, unit = axis_unit(source.result.units.get(name, "1"), values)
-            text = plain(factor * values[place])
-            yield Datum(values[place], text, source.name, f"/errors/{name}", str(place))
-            yield f"{'' if unit == '1' else f' {unit}'} ({in_words(name)})"
-            yield ", "
+            largest, _, unit = _largest_error(source, name)
+            yield from (largest, f"{unit} ({in_words(name)})", ", ")
+
+
+def _largest_error(source: Source, name: str) -> tuple[Datum, float, str]:
+    """Return the largest estimated error of an output in an ensemble, with factor and unit as of `mean_of`."""
+    values = source.result.errors[name]
+    place = int(np.nanargmax(values))
+    factor, unit = axis_unit(source.result.units.get(name, "1"), values[np.isfinite(values)])
+    datum = Datum(values[place], plain(factor * values[place]), source.name, f"/errors/{name}", str(place))
+    return datum, factor, "" if unit == "1" else f" {unit}"
 
 
 def _of_failures(ensembles: Sequence[Source], runs: Sequence[Source]) -> Iterator[Sentence]:
     for source in ensembles:
-        failed = int(np.count_nonzero(source.result.status))
-        if failed:
-            n = len(source.result.status)
+        if source.result.status.any():
             fate = "are in no figure above, which may bias them"
             if source.result.probabilities:
                 fate = "count both ways in intervals of probabilities; all other figures are without them"
-            yield [f"{source.name}: {failed} of {n} samples failed, and {fate}."]
+            yield [f"{failed_of(source)}, and {fate}."]
     for source in runs:
         if captions.ended_early(source.result):
             end = captions.planned_end(source.result)

@@ -27,9 +27,9 @@ from matplotlib.tri import Triangulation
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.declare.records import number_name
 from pgmp_petsc.figures.mechanism import AT_REST, FLAT, ends, shown_positions
-from pgmp_petsc.figures.motion import VALUES, WORDS, coarsened, outlines, skin_of, uncoloured
+from pgmp_petsc.figures.motion import VALUES, WORDS, coarsened, in_space, outlines, skin_of, uncoloured
 from pgmp_petsc.figures.solids import COLOURS, EDGE, PLAIN, RIGID, view_of
-from pgmp_petsc.figures.style import PALETTE, QUIET, axis_unit, new_figure, scene_of
+from pgmp_petsc.figures.style import PALETTE, QUIET, axis_unit, new_figure, round_below, scene_of
 from pgmp_petsc.report.sources import Datum
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import BodyField, truncated
@@ -84,7 +84,7 @@ def _with_field(name: str, own: BodyField, most: int) -> FilmBody:
     skin = skin_of(name, own, 1.0, VALUES["mises"])
     known = np.isfinite(own.deformation).all(axis=(1, 2))
     kind = "rigid" if own.rigid else "flexible"
-    nothing, moved = np.zeros((0, 2), dtype=int), _in_space(np.nan_to_num(own.deformation))
+    nothing, moved = np.zeros((0, 2), dtype=int), in_space(np.nan_to_num(own.deformation))
     if own.kind == "line":
         none = np.zeros((0, 3), dtype=int)
         return FilmBody(name, kind, own.nodes, skin.points, moved, known, own.cells, none, nothing, skin.values)
@@ -120,7 +120,7 @@ def _of_frames(run: Trajectory, name: str) -> FilmBody:
     kind = "mass" if not len(cells) else "rigid" if name in frames.rigid else "flexible"
     known = np.full(len(places), bool(np.abs(moved).max(initial=0.0) > 0.0))
     none = np.zeros((0, 3), dtype=int)
-    points, moved = _in_space(places), _in_space(moved)
+    points, moved = in_space(places), in_space(moved)
     return FilmBody(name, kind, frames.nodes[name], points, moved, known, cells, none, none[:, :2], None)
 
 
@@ -254,7 +254,7 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
     bodies, stress = bodies_of(run), stress_of(run)
     peak = 0 if stress is None else stress.frame
     picture, height = _picture(bodies)
-    joints = {body: picture.places(_in_space(at)) for body, at in frames.positions.items()}
+    joints = {body: picture.places(in_space(at)) for body, at in frames.positions.items()}
     chosen = _chosen(bodies, len(frames.time), peak)
     start = int(np.searchsorted(chosen, peak))
     shown = [body.at(chosen) for body in bodies]
@@ -265,7 +265,7 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
     packed = [_packed(body, picture, stress) for body in shown]
     reach = max((entry["step"] * np.iinfo(np.int16).max for entry in packed if "step" in entry), default=0.0)
     time = frames.time[chosen]
-    bar = _bar(picture.unit)
+    bar = round_below(SIZE / 6.0 / picture.unit)  # m, about a sixth of the picture
     stops = [to_hex(colour) for colour in matplotlib.colormaps[COLOURS](np.linspace(0.0, 1.0, N_STOPS))]
     legend = None if stress is None else _legend(stress, name, stops, run.record.system.unit("Pa"))
     data: dict[str, Any] = {
@@ -438,11 +438,6 @@ def _left_out(run: Trajectory, bodies: list[FilmBody], n_shown: int, name: str) 
     return found
 
 
-def _in_space(points: np.ndarray) -> np.ndarray:
-    """Return points (..., 2 or 3) in space."""
-    return np.concatenate([points, np.zeros((*points.shape[:-1], 3 - points.shape[-1]))], axis=-1)
-
-
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
@@ -450,13 +445,6 @@ def _finite(value: float) -> float | None:
 def _decimals(time: np.ndarray) -> int:
     """Return digits behind the point that tell frames apart."""
     return int(np.clip(1 - np.floor(np.log10(np.diff(time).min()) + 1e-9), 0, 12)) if len(time) > 1 else 3
-
-
-def _bar(unit: float) -> float:
-    """Return a round length of about a sixth of the picture, m."""
-    metres = SIZE / 6.0 / unit
-    power = 10.0 ** np.floor(np.log10(metres))
-    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= metres))
 
 
 def _length(metres: float, metre: str) -> str:

@@ -21,12 +21,12 @@ from typing import Any
 
 import numpy as np
 
-from pgmp_petsc import __version__
+from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, counted, visible
 from pgmp_petsc.figures.style import MODELS, axis_unit, quantity, scene_of
 from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired
-from pgmp_petsc.files.claims import check_output
-from pgmp_petsc.files.hdf5 import KINDS, replacing
+from pgmp_petsc.files.claims import check_output, replacing
+from pgmp_petsc.files.hdf5 import KINDS
 from pgmp_petsc.report import charts
 from pgmp_petsc.report.budget import Line, error_budget, model_error, verdict
 from pgmp_petsc.report.charts import Chart, Curve
@@ -35,12 +35,14 @@ from pgmp_petsc.report.sources import (
     READERS,
     Build,
     Datum,
-    Interval,
     Place,
     Sentence,
     Source,
+    chance_of,
     compact_json,
+    failed_of,
     in_words,
+    mean_of,
     read_sources,
     sentence_case,
 )
@@ -222,22 +224,19 @@ def _statistics(source: Source, several: bool) -> Table:
             never = "no sample has one" if name in ensemble.first_passages else "not known: no sample tells"
             rows.append([[_title(ensemble, name)], [never], *([[]] * (len(head) - 2))])
             continue
-        factor, unit = axis_unit(ensemble.units.get(name, "1"), s.quantiles, np.array([s.mean]))
+        mean, factor, unit = mean_of(source, name)
         place = Place(source.name, f"/statistics/{name}")
+        title = _title(ensemble, name) + (unit and f" ({unit.strip()})")
+        count = place.datum("count", s.count, str(s.count))
         if s.constant:
-            mean = place.datum("mean", s.mean, f"{factor * s.mean:.6g}")
-            count = place.datum("count", s.count, f"{s.count}")
-            title = _title(ensemble, name) + ("" if unit in ("", "1") else f" ({unit})")
-            rows.append([[title], [mean], ["constant"], [count], *([[]] * s.probabilities.size)])
+            rows.append([[title], mean, ["constant"], [count], *([[]] * s.probabilities.size)])
             continue
         quantiles = [
             place.figure("quantiles", q, "quantile_intervals", ends, factor, str(k))
             for k, (q, ends) in enumerate(zip(s.quantiles, s.quantile_intervals))
         ]
-        title = _title(ensemble, name) + ("" if unit in ("", "1") else f" ({unit})")
-        mean = place.figure("mean", s.mean, "mean_interval", s.mean_interval, factor)
         std = place.figure("std", s.std, "std_interval", s.std_interval, factor)
-        rows.append([[title], mean, std, [place.datum("count", s.count, str(s.count))], *quantiles])
+        rows.append([[title], mean, std, [count], *quantiles])
     of = f"{source.name}: " if several else ""
     note = f"{of}{MODEL_WORDS[ensemble.model]}; brackets hold {100 * first.confidence:g} % intervals of sampling alone."
     return Table(head, rows, note)
@@ -334,21 +333,13 @@ def _failures(source: Source) -> Table:
     units = [ensemble.units.get(name, "1") for name in names]
     head = ["sample", *(n if u == "1" else f"{n} ({u})" for n, u in zip(names, units)), "at (s)", "reason"]
     left = len(failed) - len(rows)
-    note = f"{source.name}: {len(failed)} of {len(ensemble.status)} samples failed"
-    return Table(head, rows, f"{note}; {left} more are in its data." if left else f"{note}.")
+    return Table(head, rows, failed_of(source) + (f"; {left} more are in its data." if left else "."))
 
 
 def _rare_event(source: Source) -> Table:
     """Return the probability of a rare event, and where it is most likely."""
-    found, place = source.result, Place(source.name, "/probability")
-    ends = [place.datum("interval", end, f"{end:.3g}", str(k)) for k, end in enumerate(found.interval)]
-    if found.reached:
-        chance = [place.datum("estimate", found.estimate, f"{found.estimate:.3g}"), " ", Interval(*ends)]
-    elif found.interval[0] > 0.0:
-        chance = ["not decided: ", ends[0], " to ", ends[1]]
-    else:
-        chance = ["not reached: at most ", ends[1]] if np.isfinite(found.interval[1]) else ["not reached"]
-    rows: list[list[Sentence]] = [[["probability"], chance, [""]]]
+    found = source.result
+    rows: list[list[Sentence]] = [[["probability"], chance_of(source) or ["not reached"], [""]]]
     likely = found.most_likely
     for k in range(0 if likely is None else len(likely.beta)):
         beta = Datum(likely.beta[k], f"{likely.beta[k]:.4g}", source.name, "/most_likely/beta", str(k))

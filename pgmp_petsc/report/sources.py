@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc.figures.captions import mechanism_key, short_names
+from pgmp_petsc.figures.style import axis_unit
 from pgmp_petsc.files.hdf5 import RunRecord, open_file
 from pgmp_petsc.results import Ensemble, Selection, Tradeoff, Trajectory
 from pgmp_petsc.results.numbers import end_texts, number_text
@@ -133,6 +134,35 @@ class Place:
             for k, (end, text) in enumerate(zip(ends, end_texts(factor * ends, factor * float(value))))
         )
         return [shown, Interval(low, high)]
+
+
+def mean_of(source: Source, name: str) -> tuple[Sentence, float, str]:
+    """Return the mean of a quantity of an ensemble, with its interval unless it is constant, how many of the unit that
+    it is shown in the file's unit is, and that unit behind a space; empty where there is none."""
+    s, place = source.result.statistics[name], Place(source.name, f"/statistics/{name}")
+    factor, unit = axis_unit(source.result.units.get(name, "1"), s.quantiles, np.array([s.mean]))
+    if s.constant:
+        mean = [place.datum("mean", s.mean, f"{factor * s.mean:.6g}")]
+    else:
+        mean = place.figure("mean", s.mean, "mean_interval", s.mean_interval, factor)
+    return mean, factor, "" if unit in ("", "1") else f" {unit}"
+
+
+def chance_of(source: Source) -> Sentence:
+    """Return the probability of a rare event; nothing where not even a bound of it is known."""
+    found, place = source.result, Place(source.name, "/probability")
+    ends = [place.datum("interval", end, f"{end:.3g}", str(k)) for k, end in enumerate(found.interval)]
+    if found.reached:
+        return [place.datum("estimate", found.estimate, f"{found.estimate:.3g}"), " ", Interval(*ends)]
+    if found.interval[0] > 0.0:
+        return ["not decided, as parts of it may be missing; ", ends[0], " to ", ends[1]]
+    return ["not reached; its probability is at most ", ends[1]] if np.isfinite(found.interval[1]) else []
+
+
+def failed_of(source: Source) -> str:
+    """Return how many samples of an ensemble failed."""
+    status = source.result.status
+    return f"{source.name}: {np.count_nonzero(status)} of {len(status)} samples failed"
 
 
 def in_words(name: str) -> str:

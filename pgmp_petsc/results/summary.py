@@ -34,8 +34,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgmp_petsc.files.claims import TABLE, check_output, is_table
-from pgmp_petsc.files.hdf5 import replacing
+from pgmp_petsc.files.claims import TABLE, check_output, is_table, replacing
 
 if TYPE_CHECKING:
     from pgmp_petsc.files.hdf5 import RunRecord

@@ -16,11 +16,11 @@ from xml.etree import ElementTree
 import h5py
 import numpy as np
 
-from pgmp_petsc import __version__
+from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.records import number_name
-from pgmp_petsc.files.claims import check_output
-from pgmp_petsc.files.hdf5 import open_file, replacing, shapes_of, take
+from pgmp_petsc.files.claims import check_output, replacing
+from pgmp_petsc.files.hdf5 import open_file, shapes_of, take
 from pgmp_petsc.results.trajectory import GROUP, PLACES
 
 #: XDMF's topologies by meshio's names of cells, whose order of nodes it shares.

@@ -18,6 +18,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import UNITS, UnknownUnit, take_unit
 from pgmp_petsc.declare.ideas import EFFECTS, PACKAGE, Found, refuse
 from pgmp_petsc.scene.fields import (
+    AnyScene,
     LoadHarmonic,
     LoadTable,
     NumberOrParameter,
@@ -28,11 +29,10 @@ from pgmp_petsc.scene.fields import (
     quantities_of,
     refusal,
 )
-from pgmp_petsc.scene.uses import Use, slides
+from pgmp_petsc.scene.uses import Use, motion_over
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.messages import Finding
-    from pgmp_petsc.scene.schema import Scene
 
 TABLE = (
     "rows [time (s), value]; linear between rows, constant before and after them; each value a number or a parameter's "
@@ -92,12 +92,12 @@ class EffectEntry(Table):
         """
         raise NotImplementedError
 
-    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+    def problems(self, scene: AnyScene, name: str) -> Iterator[str]:
         """Yield a line for each entry that does not fit the rest of the scene; joints and points are looked at."""
         yield from ()
 
     def doubts(
-        self, scene: Scene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
+        self, scene: AnyScene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
     ) -> Iterator[Finding]:
         """Yield what probably is not meant, or cannot be, beyond what holds for all effects of its kind.
 
@@ -111,7 +111,7 @@ class EffectEntry(Table):
         yield from ()
 
     @classmethod
-    def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
+    def if_added(cls, scene: AnyScene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
         """Return how much it would matter in a scene that has none, as a share and in words; None if nobody can say.
 
         Parameters
@@ -133,7 +133,7 @@ class EffectEntry(Table):
                 if value is not None:
                     yield Use(f"{entry}.{key}", value, sign, unit.turning if turns else unit.sliding)
 
-    def measured(self, scene: Scene, entry: str) -> Iterator[Use]:
+    def measured(self, scene: AnyScene, entry: str) -> Iterator[Use]:
         """Yield the entries that no parameter can be, and whose unit hangs on the scene; `entry` is the effect's."""
         yield from ()
 
@@ -232,7 +232,7 @@ class OverTime(EffectEntry):
 
     @property
     def is_over_time(self) -> bool:
-        """Whether its table is not over the motion of its joint."""
+        """Whether its table is not over the motion of a joint."""
         return getattr(self, "over", None) is None
 
     @property
@@ -260,9 +260,9 @@ class OverTime(EffectEntry):
         for key, value in self.values_over_time:
             yield Use(f"{entry}.{key}", value, "any", (self.unit_of_values,))
 
-    def measured(self, scene: Scene, entry: str) -> Iterator[Use]:
-        """Yield the times of a table, or where its rows are along the motion of its joint."""
-        unit = "s" if self.is_over_time else "m" if slides(scene, self) else "rad"
+    def measured(self, scene: AnyScene, entry: str) -> Iterator[Use]:
+        """Yield the times of a table, or where its rows are along the motion of a joint."""
+        unit = "s" if self.is_over_time else "m" if motion_over(scene, self) == "sliding" else "rad"
         for row in range(len(self.table or ())):
             yield Use(f"{entry}.table[{row}][0]", 0.0, "any", (unit,))
 
@@ -296,7 +296,7 @@ class OnJoint(EffectEntry):
         raise NotImplementedError
 
     @classmethod
-    def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
+    def if_added(cls, scene: AnyScene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
         """Return from which strength on it would matter: the smallest of joints that turn, of those that slide, and of
         those that turn about several axes."""
         texts, note = [], ""

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Annotated, Any, Literal, TypeGuard, get_args
+from typing import Annotated, Any, Literal, Protocol, Self, TypeGuard, get_args
 
 from pydantic import (
     AfterValidator,
@@ -29,11 +29,11 @@ from pydantic import (
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from pgmp_petsc.base.errors import visible
-from pgmp_petsc.base.units import QUANTITY, SI, UnknownUnit, number_of
+from pgmp_petsc.base.units import QUANTITY, SI, UnitSystem, UnknownUnit, number_of
 
 GROUND = "ground"
 #: Which numbers make sense in an entry. A spring may be negative: a magnet, or one past its dead point.
-Sign = Literal["positive", "not negative", "any"]
+Sign = Literal["positive", "not negative", "not zero", "any"]
 #: Largest magnitude of a number, and smallest other than 0: fourth powers of lengths and products of a few numbers stay
 #: far within what a float can hold (1e-308 to 1e308).
 LARGEST, SMALLEST = 1e30, 1e-30
@@ -46,6 +46,42 @@ class Table(BaseModel):
     """A table of a scene: unknown keys are refused and values never change after validation."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+
+class AnyScene(Protocol):
+    """A scene as its own entries and their checks see it: `Scene`, whose entries are of the kinds that are found."""
+
+    #: tables, as of `Scene`
+    ground: Any
+    parameters: Mapping[str, Any]
+    materials: Mapping[str, Any]
+    bodies: Mapping[str, Any]
+    joints: Mapping[str, Any]
+    coordinates: Mapping[str, Any]
+    effects: Mapping[str, Any]
+    reduction: Any
+    initial: Any
+    simulation: Any
+    correlation: Mapping[str, Mapping[str, float]]
+    fields: Mapping[str, Any]
+    ensemble: Any
+    outputs: Mapping[str, Any]
+    #: what follows from these, as of `Scene`
+    system: UnitSystem
+    dimension: int
+    values: dict[str, float]
+    nominal: dict[str, float]
+    positive_parameters: frozenset[str]
+    parameters_not_negative: frozenset[str]
+
+    def number(self, entry: float | str, values: Mapping[str, float] | None = None) -> float:
+        """Return the number behind an entry that is a number or a parameter's name."""
+
+    def initial_state(self, coordinate: str) -> Any:
+        """Return where a coordinate starts."""
+
+    def model_copy(self, *, update: Mapping[str, Any]) -> Self:
+        """Return the scene with other tables."""
 
 
 @dataclass(frozen=True)
@@ -298,7 +334,6 @@ AngleOrPlace = Annotated[Number, AfterValidator(_no_more_turns), Unit("rad", "m"
 #: A time (s).
 Time = Annotated[Number, Unit("s")]
 #: A length (m).
-Length = Annotated[Number, Unit("m")]
 #: An integer; numbers with a decimal point are refused.
 Integer = Annotated[int, Field(strict=True)]
 #: A number, or the name of a parameter.
@@ -307,6 +342,16 @@ NumberOrParameter = Annotated[
     _needed("a finite number or the name of a parameter is needed", _is_number_or_name),
     AfterValidator(_sensible_numbers),
     Quantified("any"),
+]
+#: A number other than 0, or the name of a parameter.
+NotZeroOrParameter = Annotated[
+    float | str,
+    _needed(
+        "a number other than 0 or the name of a parameter is needed",
+        lambda value: _is_number_or_name(value) and value != 0,
+    ),
+    AfterValidator(_sensible_numbers),
+    Quantified("not zero"),
 ]
 #: A positive number, or the name of a parameter.
 PositiveOrParameter = Annotated[
@@ -317,6 +362,19 @@ PositiveOrParameter = Annotated[
     ),
     AfterValidator(_sensible_numbers),
     _either(exclusiveMinimum=0),
+    Quantified("positive"),
+]
+#: Two positive numbers, or names of parameters.
+PositivePair = Annotated[
+    tuple[float | str, float | str],
+    _needed(
+        "two positive numbers in brackets are needed, such as [0.05, 0.1], each a number or a parameter's name",
+        lambda value: (
+            _is_list(value, 2) and all(_is_number_or_name(x) and (isinstance(x, str) or x > 0) for x in value)
+        ),
+    ),
+    AfterValidator(_sensible_numbers),
+    WithJsonSchema({"type": "array", "items": _either(exclusiveMinimum=0).json_schema, "minItems": 2, "maxItems": 2}),
     Quantified("positive"),
 ]
 #: A number that is not negative, or the name of a parameter.

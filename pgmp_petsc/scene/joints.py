@@ -6,10 +6,10 @@ A joint is one class: its entries, what it holds, and what it leaves free. The j
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
@@ -18,6 +18,7 @@ from pydantic_core import CoreSchema
 from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.declare.ideas import JOINTS, Found, refuse
 from pgmp_petsc.scene.fields import (
+    AnyScene,
     Connection,
     Direction,
     Interval,
@@ -34,9 +35,6 @@ from pgmp_petsc.scene.fields import (
     refusal,
 )
 from pgmp_petsc.scene.messages import problem
-
-if TYPE_CHECKING:
-    from pgmp_petsc.scene.schema import Scene
 
 ORIGIN = "origin"
 MEASURED = ("turning", "sliding")
@@ -127,6 +125,18 @@ class Offset(Table):
         for key, (sign, unit) in quantities_of(type(self)).items():
             yield from ((key, value, sign, unit.turning) for value in getattr(self, key))
 
+    def part(self, name: str | None, size: float) -> Self:
+        """Return an offset by the entries alone that name a parameter, at a value; of none by the numbers, times it."""
+
+        def of(value: float | str) -> float:
+            if isinstance(value, str):
+                return size if value == name else 0.0
+            return size * value if name is None else 0.0
+
+        return self.model_copy(
+            update={key: tuple(of(value) for value in getattr(self, key)) for key in ("place", "turn")}
+        )
+
     def problems(self, dimension: int, entry: str) -> Iterator[str]:
         """Yield a line if it has nothing, or not as many numbers as directions or turns."""
         if not self.place and not self.turn:
@@ -208,7 +218,7 @@ class JointTable(Table):
         """Return the number of statements in the plane or in space."""
         raise NotImplementedError
 
-    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+    def problems(self, scene: AnyScene, name: str) -> Iterator[str]:
         """Yield a line for each entry that does not fit the rest of the scene."""
         yield from ()
 
@@ -286,13 +296,14 @@ class JointEntry(JointTable):
 
 @dataclass(frozen=True)
 class Share:
-    """What the motion of one joint has in a coupling: a factor, and the points of a spline (rad, and rad or m) that
-    the factor is of, where it is not of the motion itself."""
+    """What the motion of one joint has in a coupling: a factor, a number or a parameter's name, times a number, and the
+    points of a spline (rad, and rad or m) that both are of, where they are not of the motion itself."""
 
     joint: str
     motion: str | None  # turning or sliding; None where the joint has both and the scene says neither
     entry: str  # that names the joint, behind the coupling's own name
-    factor: float
+    factor: float | str = 1.0
+    times: float = 1.0
     table: tuple[tuple[float, float], ...] = ()
 
 
@@ -325,7 +336,28 @@ class CouplingEntry(JointTable):
         """Return what is added; `motion` gives that of a joint by its name, of several the one that is said."""
         raise NotImplementedError
 
-    def shares_in(self, scene: Scene) -> list[Share]:
+    def uses(self) -> Iterator[tuple[str, float | str, Sign, tuple[str, ...]]]:
+        """Yield key, value, sign and units of what may name a parameter."""
+        for key, (sign, unit) in quantities_of(type(self)).items():
+            given, units = getattr(self, key), tuple(filter(None, unit.turning))
+            if isinstance(given, dict):
+                yield from ((f"{key}.{name}", value, sign, units) for name, value in given.items())
+            else:
+                yield from ((key, value, sign, units) for value in (given if isinstance(given, tuple) else (given,)))
+
+    def with_numbers(self, values: Mapping[str, float]) -> Self:
+        """Return the coupling with numbers in place of parameters, by their names."""
+        numbers = {}
+        for key in quantities_of(type(self)):
+            given = getattr(self, key)
+            if isinstance(given, dict):
+                numbers[key] = {name: values.get(one, one) for name, one in given.items()}
+            else:
+                found = tuple(values.get(one, one) for one in (given if isinstance(given, tuple) else (given,)))
+                numbers[key] = found if isinstance(given, tuple) else found[0]
+        return self.model_copy(update=numbers)
+
+    def shares_in(self, scene: AnyScene) -> list[Share]:
         """Return what is added in a scene whose joints it has."""
 
         def motion(joint: str, said: str | None = None) -> str | None:
@@ -334,7 +366,7 @@ class CouplingEntry(JointTable):
 
         return self.shares(motion)
 
-    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+    def problems(self, scene: AnyScene, name: str) -> Iterator[str]:
         """Yield a line for each joint that there is not, or that does not move as is needed."""
         found = self.shares_in(scene)
         for share in found:
@@ -360,7 +392,7 @@ class CouplingEntry(JointTable):
             if moved[k] in moved[:k]:
                 yield problem(f"joints.{name}.{share.entry}", "the same joint is named twice", share.joint)
 
-    def _turns_unknown(self, scene: Scene, name: str, found: Sequence[Share]) -> Iterator[str]:
+    def _turns_unknown(self, scene: AnyScene, name: str, found: Sequence[Share]) -> Iterator[str]:
         """Yield a line if turns of more than one angle are not known: directors tell angles up to turns."""
         known = {one.joint for one in scene.coordinates.values() if one.motion != "sliding"}
         turning = [share for share in found if share.motion == "turning" and not share.table]

@@ -26,7 +26,7 @@ from pydantic import ValidationError
 
 from pgmp_petsc.base.errors import InputError, irregular, nearest_name, shortened
 from pgmp_petsc.base.units import SI, UnitSystem, UnknownUnit
-from pgmp_petsc.files.hdf5 import replacing
+from pgmp_petsc.files.claims import replacing
 from pgmp_petsc.files.seal import SIGNATURE, SIZE
 from pgmp_petsc.scene.messages import DEEPEST, dotted_name, explain, problem, toml_text
 from pgmp_petsc.scene.parameters import add_field_parameters
@@ -472,3 +472,14 @@ def _check_free(target: Path, content: bytes, force: bool) -> None:
 
 def _text(name: str) -> str:
     return (_FOLDER / f"{name}{ENDING}").read_text(encoding="utf-8")
+
+
+def changed(scene: Scene, overrides: Sequence[str], settings: Sequence[str]) -> Scene:
+    """Return a scene with other entries and values of parameters; by every rank alike. Raises `InputError`.
+
+    What the scene does not give stays open: a tolerance may choose it.
+    """
+    if not overrides and not settings:
+        return scene
+    tables = scene.model_dump(exclude_none=True, exclude_unset=True)
+    return scene_from_tables(tables, scene.directory, overrides, settings)

@@ -10,16 +10,14 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin
+from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
 from pgmp_petsc.base.errors import InputError, nearest_name, shortened
 from pgmp_petsc.base.units import SI, UnitSystem
 from pgmp_petsc.declare.ideas import Found
-
-if TYPE_CHECKING:
-    from pgmp_petsc.scene.schema import Scene
+from pgmp_petsc.scene.fields import AnyScene
 
 MAX_LINES = 8
 MAX_RECEIVED = 60
@@ -43,6 +41,8 @@ ALLOWED = {
     "less_than": "must be less than {lt}",
     "less_than_equal": "must be at most {le}",
 }
+#: What a place or direction needs, by the dimension of the scene.
+COMPONENTS = {2: "two numbers (x, y) are needed in the plane", 3: "three numbers (x, y, z) are needed in space"}
 #: What pydantic appends to the location of a refused key of a table.
 KEY_MARK = "[key]"
 _NOTHING = object()
@@ -226,7 +226,7 @@ def refusal(entry: str, reason: str, *received: object) -> Finding:
     return Finding(problem(entry, reason, *received), refused=True)
 
 
-def named(scene: Scene, entry: str, value: float | str) -> tuple[str, float]:
+def named(scene: AnyScene, entry: str, value: float | str) -> tuple[str, float]:
     """Return the entry that a number is in, and the number: of a parameter's name, the parameter's own entry."""
     if not isinstance(value, str):
         return entry, value

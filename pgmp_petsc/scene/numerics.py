@@ -6,13 +6,14 @@ An ensemble: many runs with drawn parameters, and which figures of them are aske
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.scene.fields import (
     AngleOrPlace,
+    AnyScene,
     Integer,
     Name,
     Number,
@@ -27,9 +28,6 @@ from pgmp_petsc.scene.fields import (
     refusal,
 )
 from pgmp_petsc.scene.messages import problem
-
-if TYPE_CHECKING:
-    from pgmp_petsc.scene.schema import Scene
 
 Share = Annotated[Number, Field(gt=0.0, lt=1.0)]
 
@@ -55,8 +53,8 @@ class Reduction(Table):
     length_points: Annotated[Integer, at_most(8, "polynomials of degree 7 are as good as the eigensolvers")] = Field(
         5,
         ge=2,
-        description="Chebyshev points of every parameter that is a length or a place, over its bounds; the modes of "
-        "all angles are built at each, and once more at the nominal lengths",
+        description="Chebyshev points of every parameter that is a length, a place or a ratio, over its bounds; the "
+        "modes of all angles are built at each, and once more at the nominal lengths",
     )
     sampling_tolerance: Number | None = Field(
         None,
@@ -316,7 +314,7 @@ class Ensemble(Table):
         return self
 
 
-def ensemble_problems(scene: Scene) -> Iterator[str]:
+def ensemble_problems(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each event that does not fit the scene's outputs."""
     for label, event in scene.ensemble.probabilities.items():
         entry = f"ensemble.probabilities.{label}"

@@ -6,13 +6,10 @@ An output is one class: its entries, what it reads of a motion, and what is decl
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pgmp_petsc.declare.ideas import OUTPUTS, Found, refuse
-from pgmp_petsc.scene.fields import Table
-
-if TYPE_CHECKING:
-    from pgmp_petsc.scene.schema import Scene
+from pgmp_petsc.scene.fields import AnyScene, Table
 
 Axis = Literal["x", "y", "z"]
 #: Quantities of a stress output by the kind of element, with their units.
@@ -61,7 +58,7 @@ class OutputEntry(Table):
         if bool(cls.joints) != ("joint" in cls.model_fields):
             raise refuse(cls, 'an output with the entry joint says what of it is free: joints = ("turning",)')
 
-    def unit_in(self, scene: Scene) -> str:
+    def unit_in(self, scene: AnyScene) -> str:
         """Return its unit, where that is not the same for all."""
         return self.unit
 
@@ -86,7 +83,7 @@ class OutputEntry(Table):
         """Whether it is the largest at many points: its history has kinks where another point takes over."""
         return False
 
-    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+    def problems(self, scene: AnyScene, name: str) -> Iterator[str]:
         """Yield a line for each entry that does not fit the rest of the scene; joints and points are looked at."""
         yield from ()
 

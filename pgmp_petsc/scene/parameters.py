@@ -39,15 +39,13 @@ from pydantic import ConfigDict, Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
 from pgmp_petsc.base.errors import nearest_name
-from pgmp_petsc.scene.fields import Integer, Interval, Number, PositiveNumber, Table, Unit, at_most, refusal
+from pgmp_petsc.scene.fields import AnyScene, Integer, Interval, Number, PositiveNumber, Table, Unit, at_most, refusal
 from pgmp_petsc.scene.laws import Discrete, Empirical, Mixture, Normal, Uniform, quick
 from pgmp_petsc.scene.messages import problem
 
 if TYPE_CHECKING:
     from scipy.stats import rv_continuous
     from scipy.stats._distn_infrastructure import rv_frozen
-
-    from pgmp_petsc.scene.schema import Scene
 
 
 POINTS = 200  # of Gauss's quadrature over probabilities
@@ -303,7 +301,7 @@ MOST_ALIKE, MOST_JOINED = 0.97, 20  # coefficient and parameters of theirs, beyo
 SMALLEST_EIGENVALUE = 1e-10  # below, round-off decides whether the matrix has a factor
 
 
-def correlation_matrix(scene: Scene, names: Sequence[str]) -> np.ndarray | None:
+def correlation_matrix(scene: AnyScene, names: Sequence[str]) -> np.ndarray | None:
     """Return the matrix for parameters of some names, shape (d, d); None where none of them is correlated."""
     matrix = np.eye(len(names))
     for one, others in scene.correlation.items():
@@ -314,7 +312,7 @@ def correlation_matrix(scene: Scene, names: Sequence[str]) -> np.ndarray | None:
     return matrix if np.any(matrix != np.eye(len(names))) else None
 
 
-def correlation_problems(scene: Scene) -> Iterator[str]:
+def correlation_problems(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each coefficient that cannot be, or for a matrix that is none of correlations."""
     seen: dict[frozenset[str], str] = {}
     lines = [
@@ -362,7 +360,9 @@ def _not_alike(copula: str, names: Sequence[str], matrix: np.ndarray) -> Iterato
         )
 
 
-def _of_pair(scene: Scene, one: str, other: str, coefficient: float, seen: dict[frozenset[str], str]) -> Iterator[str]:
+def _of_pair(
+    scene: AnyScene, one: str, other: str, coefficient: float, seen: dict[frozenset[str], str]
+) -> Iterator[str]:
     """Yield what is wrong with one coefficient, and remember its pair."""
     entry = f"correlation.{one}.{other}"
     for name, where in ((one, f"correlation.{one}"), (other, entry)):
@@ -464,12 +464,12 @@ def add_field_parameters(data: dict[str, Any]) -> None:
             parameters.setdefault(parameter, field.parameter(name, number))
 
 
-def variables_of(scene: Scene) -> dict[str, str]:
+def variables_of(scene: AnyScene) -> dict[str, str]:
     """Return the parameters that are variables of fields, with the field of each."""
     return {parameter: name for name, field in scene.fields.items() for parameter in field.names(name)}
 
 
-def field_problems(scene: Scene) -> Iterator[str]:
+def field_problems(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each field that does not fit its body, or whose parameters are other ones."""
     taken: dict[tuple[str, str], str] = {}
     for name, field in scene.fields.items():
@@ -491,7 +491,7 @@ def field_problems(scene: Scene) -> Iterator[str]:
                 yield problem(f"correlation.{one}", f"{parameter} is a variable of {field}, all uncorrelated")
 
 
-def _of_body(scene: Scene, name: str, field: RandomField) -> Iterator[str]:
+def _of_body(scene: AnyScene, name: str, field: RandomField) -> Iterator[str]:
     entry, body = f"fields.{name}", scene.bodies.get(field.body)
     if body is None:
         yield problem(f"{entry}.body", f"there is no such body{nearest_name(field.body, scene.bodies)}", field.body)
@@ -518,12 +518,12 @@ BESIDE = 2.0  # a value that is given with --set over the nominal one, or under 
 MOST_CORNERS = 3  # parameters whose corners are all taken; of more, only all low and all high
 
 
-def uncertain_names(scene: Scene) -> list[str]:
+def uncertain_names(scene: AnyScene) -> list[str]:
     """Return the parameters with a distribution, sorted."""
     return sorted(name for name, parameter in scene.parameters.items() if parameter.distribution is not None)
 
 
-def spanning_values(scene: Scene, names: Sequence[str] | None = None) -> tuple[dict[str, np.ndarray], int]:
+def spanning_values(scene: AnyScene, names: Sequence[str] | None = None) -> tuple[dict[str, np.ndarray], int]:
     """Return the values of every parameter, shape (n_samples,), the nominal ones first, and n_samples.
 
     Parameters
@@ -547,7 +547,7 @@ def spanning_values(scene: Scene, names: Sequence[str] | None = None) -> tuple[d
     return {name: np.array([sample[name] for sample in once]) for name in scene.parameters}, len(once)
 
 
-def outermost_values(scene: Scene, share: float) -> dict[str, tuple[float, float]]:
+def outermost_values(scene: AnyScene, share: float) -> dict[str, tuple[float, float]]:
     """Return what samples of each parameter lie between, but for a share of them on either side, its nominal value with
     them; of a parameter that is not drawn `BESIDE` it."""
     spans = {}
@@ -558,7 +558,7 @@ def outermost_values(scene: Scene, share: float) -> dict[str, tuple[float, float
     return spans
 
 
-def _levels(scene: Scene, name: str, share: float = OUTERMOST) -> tuple[float, float]:
+def _levels(scene: AnyScene, name: str, share: float = OUTERMOST) -> tuple[float, float]:
     """Return the outermost values of a parameter, bounds applied as an ensemble applies them."""
     parameter = scene.parameters[name]
     if parameter.distribution is None:

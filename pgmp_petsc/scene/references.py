@@ -37,23 +37,22 @@ import numpy as np
 from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
-from pgmp_petsc.scene.fields import GROUND, split_point
+from pgmp_petsc.scene.fields import GROUND, AnyScene, split_point
 from pgmp_petsc.scene.joints import MEASURED, CouplingEntry, JointEntry, joints_with
-from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.messages import COMPONENTS, problem
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry
-from pgmp_petsc.scene.uses import Use, ordered_ends, slides, uses_of
+from pgmp_petsc.scene.uses import Use, motion_over, ordered_ends, slides, uses_of
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.bodies import Body, Rigid
     from pgmp_petsc.scene.joints import Coordinate
-    from pgmp_petsc.scene.schema import Scene
 
 
 LOST_IMPULSE = 0.01  # share of an impulse that steps may miss
 STEPS_A_PERIOD = 8  # fewest steps in a period of a harmonic
 
 
-def effect_problems(scene: Scene) -> Iterator[str]:
+def effect_problems(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each entry of an effect that does not fit."""
     for name, effect in scene.effects.items():
         entry = f"effects.{name}"
@@ -76,10 +75,11 @@ def effect_problems(scene: Scene) -> Iterator[str]:
     yield from _ends_apart(scene)
 
 
-def joint_problems(scene: Scene, entry: str, joint: str, allowed: tuple[type, ...]) -> Iterator[str]:
+def joint_problems(scene: AnyScene, entry: str, joint: str, allowed: tuple[type, ...]) -> Iterator[str]:
     """Yield a line if there is no such joint, or it is of a kind that is not allowed."""
     fitting = [name for name, candidate in scene.joints.items() if isinstance(candidate, allowed)]
-    named = " or ".join(kind.model_fields["type"].annotation.__args__[0] for kind in allowed)
+    *others, last = (kind.model_fields["type"].annotation.__args__[0] for kind in allowed)
+    named = f"{', '.join(others)} or {last}" if others else last
     if joint not in scene.joints:
         yield problem(entry, f"there is no such {named} joint{nearest_name(joint, fitting)}", joint)
     elif joint not in fitting:
@@ -91,8 +91,17 @@ def joint_problems(scene: Scene, entry: str, joint: str, allowed: tuple[type, ..
         )
 
 
+def over_problems(scene: AnyScene, entry: str, effect: Any) -> Iterator[str]:
+    """Yield a line if there is no such joint as an effect hangs on, or that joint has two motions."""
+    known = list(joint_problems(scene, f"{entry}.over", effect.over, joints_with(*MEASURED, dimension=scene.dimension)))
+    yield from known
+    if not known and motion_over(scene, effect) is None:
+        words = f"is {scene.joints[effect.over].type}, which turns and slides; take a joint that has one motion"
+        yield problem(f"{entry}.over", words, effect.over)
+
+
 def motion_problems(
-    scene: Scene, entry: str, on_joint: Any, allowed: tuple[str, ...] = MEASURED, all_said: bool = False
+    scene: AnyScene, entry: str, on_joint: Any, allowed: tuple[str, ...] = MEASURED, all_said: bool = False
 ) -> Iterator[str]:
     """Yield a line if the motion of a joint with several is not said, or one that it has not is.
 
@@ -110,7 +119,7 @@ def motion_problems(
         yield problem(f"{entry}.motion", f"{on_joint.joint} is {joint.type}: allowed is {needed}", motion)
 
 
-def point_problems(scene: Scene, entry: str, point: str, ground_allowed: bool) -> Iterator[str]:
+def point_problems(scene: AnyScene, entry: str, point: str, ground_allowed: bool) -> Iterator[str]:
     """Check the owner of a point, and the point if on the ground; only its mesh knows a body's points."""
     owner, name = split_point(point)
     if owner == GROUND and not ground_allowed:
@@ -130,14 +139,14 @@ def unknown(entry: str, kind: str, name: str, known: Iterable[str]) -> str:
     return problem(entry, f"there is no such {kind}{nearest_name(name, known)}", name)
 
 
-def points_problems(scene: Scene, entry: str, points: tuple[str, str]) -> Iterator[str]:
+def points_problems(scene: AnyScene, entry: str, points: tuple[str, str]) -> Iterator[str]:
     """Yield a line for each of two points that there is not, and if their distance cannot change."""
     for point in points:
         yield from point_problems(scene, entry, point, True)
     yield from apart_problems(scene, entry, points)
 
 
-def apart_problems(scene: Scene, entry: str, points: tuple[str, str]) -> Iterator[str]:
+def apart_problems(scene: AnyScene, entry: str, points: tuple[str, str]) -> Iterator[str]:
     """Check that the distance of two points can change."""
     owners = [split_point(point)[0] for point in points]
     body = scene.bodies.get(owners[0])
@@ -149,20 +158,20 @@ def apart_problems(scene: Scene, entry: str, points: tuple[str, str]) -> Iterato
         yield problem(entry, f"{owners[0]} is rigid; the distance of its points does not change", list(points))
 
 
-def load_problems(scene: Scene, name: str, effect: OverTime) -> Iterator[str]:
+def load_problems(scene: AnyScene, name: str, effect: OverTime) -> Iterator[str]:
     """Yield a line for each part of a load that steps do not resolve; harmonics have one frequency, told once."""
     parts = parts_of(name, effect).values()
     yield from dict.fromkeys(line for part in parts for line in _part_problems(scene, f"effects.{name}", part))
 
 
-def _part_problems(scene: Scene, entry: str, effect: OverTime) -> Iterator[str]:
+def _part_problems(scene: AnyScene, entry: str, effect: OverTime) -> Iterator[str]:
     if effect.harmonic is not None:
         yield from harmonic_problems(scene, entry, effect)
     elif scene.simulation.tolerance is None:  # otherwise the step is not known yet
         yield from _impulse(scene, f"{entry}.table", effect)
 
 
-def harmonic_problems(scene: Scene, entry: str, effect: OverTime | Driving) -> Iterator[str]:
+def harmonic_problems(scene: AnyScene, entry: str, effect: OverTime | Driving) -> Iterator[str]:
     """Yield a line if steps are too few in a period: the integrator sees values at the ends of steps."""
     run = scene.simulation
     if run.tolerance is None and run.step * effect.harmonic.frequency_hz * STEPS_A_PERIOD > 1.0:
@@ -174,7 +183,7 @@ def harmonic_problems(scene: Scene, entry: str, effect: OverTime | Driving) -> I
         )
 
 
-def _impulse(scene: Scene, entry: str, effect: OverTime) -> Iterator[str]:
+def _impulse(scene: AnyScene, entry: str, effect: OverTime) -> Iterator[str]:
     run = scene.simulation
     n_steps = max(1, math.ceil(run.duration / run.step * (1 - 1e-12)))
     found = impulse_of(effect.table, run.duration, n_steps)
@@ -188,7 +197,7 @@ def _impulse(scene: Scene, entry: str, effect: OverTime) -> Iterator[str]:
         )
 
 
-def _ends_apart(scene: Scene) -> Iterator[str]:
+def _ends_apart(scene: AnyScene) -> Iterator[str]:
     """Check that entries that are in order are, nominally and in a single run."""
     for entry, other, lower, upper, share in ordered_ends(scene):
         if any(isinstance(end, str) and end not in scene.parameters for end in (lower, upper)):
@@ -221,7 +230,7 @@ def parts_of(name: str, effect: EffectEntry) -> dict[str, EffectEntry]:
     return parts if len(parts) > 1 else {name: next(iter(parts.values()))}
 
 
-def part_problems(scene: Scene) -> Iterator[str]:
+def part_problems(scene: AnyScene) -> Iterator[str]:
     """Yield a line for each effect that has the name of a part of another one."""
     for name, effect in scene.effects.items():
         for part in parts_of(name, effect):
@@ -299,12 +308,12 @@ def _magnitude(values: np.ndarray, at: np.ndarray) -> float:
 PLACES = ("at", "group", "region")
 
 
-def stressed_bodies(scene: Scene) -> set[str]:
+def stressed_bodies(scene: AnyScene) -> set[str]:
     """Return the names of the bodies that stress outputs name."""
     return {output.body for output in scene.outputs.values() if output.reads == "stresses"}
 
 
-def stress_problems(scene: Scene, name: str, output: OutputEntry) -> Iterator[str]:
+def stress_problems(scene: AnyScene, name: str, output: OutputEntry) -> Iterator[str]:
     """Yield one line for each entry of a stress output that does not fit the body it names."""
     entry = f"outputs.{name}"
     if output.body not in scene.bodies:
@@ -350,7 +359,7 @@ def _place(entry: str, output: OutputEntry, body: Body) -> Iterator[str]:
         yield problem(f"{entry}.region", why, output.region)
 
 
-def points_used(scene: Scene, body: str) -> dict[str, str]:
+def points_used(scene: AnyScene, body: str) -> dict[str, str]:
     """Return the points of a body that the scene names, each with the entry that names it first."""
     addresses: list[tuple[str, str]] = []
     for name, joint in scene.joints.items():
@@ -373,7 +382,7 @@ MOST_RADIANS_OF_RANGE = 100.0  # 5,000 configurations to be assembled one after 
 DEGREES, FEW_TURNS = 5.0, 25.0  # angles in degrees are multiples of 5 as a rule; rad that nobody gives as such a range
 
 
-def reference_problems(scene: Scene) -> list[str]:
+def reference_problems(scene: AnyScene) -> list[str]:
     """Return one line for each entry that does not fit the others, empty if the scene is consistent."""
     return list(
         chain(
@@ -389,7 +398,7 @@ def reference_problems(scene: Scene) -> list[str]:
     )
 
 
-def _bodies(scene: Scene) -> Iterator[str]:
+def _bodies(scene: AnyScene) -> Iterator[str]:
     connected = {split_point(point)[0] for joint in scene.joints.values() for point in joint.connect}
     for name, body in scene.bodies.items():
         if name not in connected:
@@ -405,7 +414,7 @@ def _bodies(scene: Scene) -> Iterator[str]:
                 yield unknown(f"bodies.{name}.regions.{region}", "material", material, scene.materials)
 
 
-def _mass_properties(scene: Scene, entry: str, rigid: Rigid) -> Iterator[str]:
+def _mass_properties(scene: AnyScene, entry: str, rigid: Rigid) -> Iterator[str]:
     """Yield a line if no body has such an inertia, nominally or in a single run, or its centre is said twice."""
     if "centre" in rigid.points:
         words = f"this point is the centre of mass; give its place as {entry}.centre"
@@ -420,7 +429,7 @@ def _mass_properties(scene: Scene, entry: str, rigid: Rigid) -> Iterator[str]:
             break
 
 
-def _joints(scene: Scene) -> Iterator[str]:
+def _joints(scene: AnyScene) -> Iterator[str]:
     for name, joint in scene.joints.items():
         entry = f"joints.{name}.connect"
         owners = [split_point(point)[0] for point in joint.connect]
@@ -453,7 +462,7 @@ def _joints(scene: Scene) -> Iterator[str]:
                     yield problem(f"effects.{name}", words)
 
 
-def _coordinates(scene: Scene) -> Iterator[str]:
+def _coordinates(scene: AnyScene) -> Iterator[str]:
     taken: dict[tuple[str, bool], str] = {}
     for name, coordinate in scene.coordinates.items():
         low, high = coordinate.range
@@ -489,7 +498,7 @@ def _coordinates(scene: Scene) -> Iterator[str]:
 
 
 def _joint_of_coordinate(
-    scene: Scene, name: str, coordinate: Coordinate, taken: dict[tuple[str, bool], str]
+    scene: AnyScene, name: str, coordinate: Coordinate, taken: dict[tuple[str, bool], str]
 ) -> Iterator[str]:
     """Yield a line if a coordinate's joint does not have its motion, or another one has the same."""
     entry, key = f"coordinates.{name}", (coordinate.joint, slides(scene, coordinate))
@@ -502,7 +511,7 @@ def _joint_of_coordinate(
     taken.setdefault(key, name)
 
 
-def _outputs(scene: Scene) -> Iterator[str]:
+def _outputs(scene: AnyScene) -> Iterator[str]:
     for name, output in scene.outputs.items():
         if name in scene.parameters:
             yield problem(f"outputs.{name}", "a parameter has the same name; give the output another one")
@@ -519,7 +528,7 @@ def _outputs(scene: Scene) -> Iterator[str]:
         yield from output.problems(scene, name)
 
 
-def _initial_states(scene: Scene) -> Iterator[str]:
+def _initial_states(scene: AnyScene) -> Iterator[str]:
     for name, state in scene.simulation.initial.items():
         if scene.initial.equilibrium and state.velocity != 0.0:
             yield problem(
@@ -541,7 +550,7 @@ def _initial_states(scene: Scene) -> Iterator[str]:
             )
 
 
-def _parameter_uses(scene: Scene) -> Iterator[str]:
+def _parameter_uses(scene: AnyScene) -> Iterator[str]:
     for use in uses_of(scene):
         if use.parameter is None:
             continue
@@ -560,16 +569,18 @@ def _sign(use: Use, entry: str, number: float) -> Iterator[str]:
         yield problem(entry, f"must be positive, because {use.entry} uses it", number)
     elif use.sign == "not negative" and number < 0.0:
         yield problem(entry, f"must not be negative, because {use.entry} uses it", number)
+    elif use.sign == "not zero" and number == 0.0:
+        yield problem(entry, f"must not be 0, because {use.entry} uses it", number)
 
 
-def space_problems(scene: Scene) -> Iterator[str]:
+def space_problems(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each entry that does not fit the space."""
     space = scene.dimension == 3
     yield from _vectors(scene)
     yield from _in_space(scene) if space else _in_the_plane(scene)
 
 
-def _vectors(scene: Scene) -> Iterator[str]:
+def _vectors(scene: AnyScene) -> Iterator[str]:
     """Yield points and directions with the wrong number of components."""
     n = scene.dimension
     entries = {f"ground.points.{name}": point for name, point in scene.ground.points.items() if any(point)}
@@ -587,22 +598,17 @@ def _vectors(scene: Scene) -> Iterator[str]:
                 entries[f"{table}.{name}.direction"] = direction
     for entry, value in entries.items():
         if len(value) != n:
-            words = (
-                "two numbers (x, y) are needed in the plane"
-                if n == 2
-                else "three numbers (x, y, z) are needed in space"
-            )
-            yield problem(entry, words, list(value))
+            yield problem(entry, COMPONENTS[n], list(value))
 
 
-def _in_the_plane(scene: Scene) -> Iterator[str]:
+def _in_the_plane(scene: AnyScene) -> Iterator[str]:
     for name, body in scene.bodies.items():
         if body.placement is not None and body.placement.rotation is not None:
             rotation = list(body.placement.rotation)
             yield problem(f"bodies.{name}.placement.rotation", "for mechanisms in space; give angle", rotation)
 
 
-def _in_space(scene: Scene) -> Iterator[str]:
+def _in_space(scene: AnyScene) -> Iterator[str]:
     for name, body in scene.bodies.items():
         if body.dimension == 2:
             others = ", ".join(

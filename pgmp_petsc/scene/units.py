@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import (
@@ -30,13 +30,10 @@ from pgmp_petsc.base.units import (
     plain,
     times,
 )
-from pgmp_petsc.scene.fields import is_number
+from pgmp_petsc.scene.fields import AnyScene, is_number
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.parameters import OWN
 from pgmp_petsc.scene.uses import Use, measured_uses, uses_of
-
-if TYPE_CHECKING:
-    from pgmp_petsc.scene.schema import Scene
 
 
 def said_system(data: Mapping[str, Any]) -> UnitSystem:
@@ -112,7 +109,7 @@ def setting_of(text: str, parameter: dict[str, Any], system: UnitSystem) -> floa
     return value
 
 
-def unit_problems(scene: Scene, given: Mapping[str, str]) -> Iterator[str]:
+def unit_problems(scene: AnyScene, given: Mapping[str, str]) -> Iterator[str]:
     """Yield a line for each parameter whose unit is unknown or none of what uses it, or whose uses differ.
 
     Parameters
@@ -159,7 +156,7 @@ def _contradiction(name: str, uses: list[Use]) -> str:
     return problem(f"parameters.{name}", f"{used} use it, which are different quantities; take a parameter for each")
 
 
-def text_problems(scene: Scene, raw: Mapping[str, Any]) -> Iterator[str]:
+def text_problems(scene: AnyScene, raw: Mapping[str, Any]) -> Iterator[str]:
     """Yield a line for each number that is a text with a unit of another motion than it is about: N/m on a hinge.
 
     Parameters

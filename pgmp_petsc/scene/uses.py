@@ -2,7 +2,8 @@
 
 What an effect on a joint, or between points, acts on: a rotation, or a displacement along a line.
 
-Parameters that are lengths or places: the length of a straight body, the place of a joint on the ground.
+Parameters that are lengths, places or ratios: the length of a straight body, the place of a joint on the ground, a
+factor of a coupling.
 
 They change the rigid motion, and nothing is affine in them: a reduced model is built at some of their values and
 interpolates between these (`reduction.length_family`), so that each needs a range: its bounds, within what its
@@ -14,18 +15,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from pgmp_petsc.scene.fields import Sign, quantities_of
-from pgmp_petsc.scene.joints import MEASURED
+from pgmp_petsc.scene.fields import AnyScene, Sign, quantities_of
+from pgmp_petsc.scene.joints import MEASURED, CouplingEntry
 from pgmp_petsc.scene.messages import problem
 
-if TYPE_CHECKING:
-    from pgmp_petsc.scene.schema import Scene
-
-
+SomeScene = TypeVar("SomeScene", bound=AnyScene)
 MATRICES = ("stiffness_scale", "mass_scale")
 
 
@@ -46,23 +44,27 @@ class Use:
         return self.value if isinstance(self.value, str) else None
 
 
-def length_uses(scene: Scene) -> Iterator[Use]:
-    """Yield the entries of lengths and places: of straight lines, and of points of the ground."""
+def length_uses(scene: AnyScene) -> Iterator[Use]:
+    """Yield the entries of lengths, places and ratios: of straight lines, of points of the ground, and of couplings."""
     for name, body in scene.bodies.items():
         if body.line is not None:
             yield Use(f"bodies.{name}.line.length", body.line.length, "positive", ("m",))
     for name, place in scene.ground.points.items():
         for axis, value in zip("xyz", place):
             yield Use(f"ground.points.{name}.{axis}", value, "any", ("m",))
+    for name, joint in scene.joints.items():
+        if isinstance(joint, CouplingEntry):
+            for key, *use in joint.uses():
+                yield Use(f"joints.{name}.{key}", *use)
 
 
-def velocity_names(scene: Scene) -> dict[str, str]:
+def velocity_names(scene: AnyScene) -> dict[str, str]:
     """Return the parameters that are velocities at the start, by the names of the coordinates."""
     starts = scene.simulation.initial.items()
     return {coordinate: state.velocity for coordinate, state in starts if isinstance(state.velocity, str)}
 
 
-def uses_of(scene: Scene) -> Iterator[Use]:
+def uses_of(scene: AnyScene) -> Iterator[Use]:
     """Yield every entry that may name a parameter."""
     yield from length_uses(scene)
     for name, material in scene.materials.items():
@@ -97,7 +99,7 @@ def uses_of(scene: Scene) -> Iterator[Use]:
         yield from effect.uses(f"effects.{name}", not slides(scene, effect))
 
 
-def measured_uses(scene: Scene) -> Iterator[Use]:
+def measured_uses(scene: AnyScene) -> Iterator[Use]:
     """Yield entries that no parameter can be, and whose unit hangs on what the rest of the scene says."""
     of = {name: slides(scene, coordinate) for name, coordinate in scene.coordinates.items()}
     for name, slid in of.items():
@@ -114,13 +116,21 @@ def measured_uses(scene: Scene) -> Iterator[Use]:
             yield Use(f"ensemble.probabilities.{label}.{key}", 0.0, "any", (output.unit_in(scene),))
 
 
-def offset_names(scene: Scene) -> set[str]:
+def offset_names(scene: AnyScene) -> set[str]:
     """Return the parameters that are offsets of joints."""
     offsets = (joint.offset for joint in scene.joints.values() if joint.offset is not None)
     return {value for offset in offsets for _, value, *_ in offset.uses() if isinstance(value, str)}
 
 
-def ordered_ends(scene: Scene) -> Iterator[tuple[str, str, float | str, float | str, float]]:
+def offset_directions(scene: AnyScene) -> tuple[str | None, ...]:
+    """Return what joints are off by, each by its own amount: the parameters, sorted, and None for numbers if any is
+    not zero."""
+    offsets = (joint.offset for joint in scene.joints.values() if joint.offset is not None)
+    numbers = any(value for offset in offsets for _, value, *_ in offset.uses() if not isinstance(value, str))
+    return (*sorted(offset_names(scene)), *((None,) if numbers else ()))
+
+
+def ordered_ends(scene: AnyScene) -> Iterator[tuple[str, str, float | str, float | str, float]]:
     """Yield pairs of entries of which the first is below the second, or a share of it: the first one's dotted name, the
     second one in words, both values, and the share."""
     sections = {f"bodies.{name}.section": body.section for name, body in scene.bodies.items() if body.section}
@@ -132,7 +142,7 @@ def ordered_ends(scene: Scene) -> Iterator[tuple[str, str, float | str, float | 
                 yield f"{name}.{low}", f"{share:g} {high}" if rest else high, *ends, share
 
 
-def slides(scene: Scene, entry: Any) -> bool:
+def slides(scene: AnyScene, entry: Any) -> bool:
     """Whether an effect or output acts along a line: at points, between two of them, or on a joint that slides."""
     if getattr(entry, "points", None) is not None or getattr(entry, "point", None) is not None:
         return True
@@ -143,16 +153,27 @@ def slides(scene: Scene, entry: Any) -> bool:
     return joint.motion_of(getattr(entry, "motion", None), allowed, scene.dimension) == "sliding"
 
 
+def motion_over(scene: AnyScene, entry: Any) -> str | None:
+    """Return the motion of a joint that an effect is over, ``turning`` or ``sliding``; None where the joint has both.
+
+    Of the joint that it acts on it is the one that it acts on.
+    """
+    if entry.over == entry.joint:
+        return "sliding" if slides(scene, entry) else "turning"
+    joint = scene.joints.get(entry.over)
+    return None if joint is None else joint.motion_of(None, MEASURED, scene.dimension)
+
+
 MOST_BUILDS = 64  # of all lengths together: each has the price of a build, and as much in the file
 
 
-def length_names(scene: Scene) -> tuple[str, ...]:
-    """Return the parameters that are lengths or places, sorted."""
+def length_names(scene: AnyScene) -> tuple[str, ...]:
+    """Return the parameters that are lengths, places or ratios, sorted."""
     return tuple(sorted({use.parameter for use in length_uses(scene) if use.parameter is not None}))
 
 
-def length_range(scene: Scene, name: str) -> tuple[float, float]:
-    """Return the smallest and largest value (m) of a parameter; infinite where nothing says an end."""
+def length_range(scene: AnyScene, name: str) -> tuple[float, float]:
+    """Return the smallest and largest value (m or 1) of a parameter; infinite where nothing says an end."""
     parameter, (low, high) = scene.parameters[name], (-np.inf, np.inf)
     if parameter.bounds is not None:
         low, high = parameter.bounds
@@ -162,7 +183,7 @@ def length_range(scene: Scene, name: str) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def extremes(scene: Scene) -> Iterator[dict[str, float]]:
+def extremes(scene: AnyScene) -> Iterator[dict[str, float]]:
     """Yield the ends of every length with nominal others, and those of all together, where there are several."""
     ranges = {name: length_range(scene, name) for name in length_names(scene)}
     nominal = {name: scene.nominal[name] for name in ranges}
@@ -173,7 +194,7 @@ def extremes(scene: Scene) -> Iterator[dict[str, float]]:
         yield {name: ends[side] for name, ends in ranges.items()}
 
 
-def held(scene: Scene, values: Mapping[str, float]) -> Scene:
+def held(scene: SomeScene, values: Mapping[str, float]) -> SomeScene:
     """Return a scene whose lengths are numbers, but for their names: nothing is drawn, and there is no other value."""
     fixed = {"distribution": None, "bounds": None}
     changed = {
@@ -183,8 +204,8 @@ def held(scene: Scene, values: Mapping[str, float]) -> Scene:
     return scene.model_copy(update={"parameters": {**scene.parameters, **changed}})
 
 
-def with_numbers(scene: Scene, values: Mapping[str, float]) -> Scene:
-    """Return a scene in which lengths and places are numbers, by the name of the parameter that each was."""
+def with_numbers(scene: SomeScene, values: Mapping[str, float]) -> SomeScene:
+    """Return a scene in which lengths, places and ratios are numbers, by the name of the parameter that each was."""
     bodies = dict(scene.bodies)
     for name, body in bodies.items():
         if body.line is not None and body.line.length in values:
@@ -195,11 +216,15 @@ def with_numbers(scene: Scene, values: Mapping[str, float]) -> Scene:
         for name, place in scene.ground.points.items()
     }
     ground = scene.ground.model_copy(update={"points": points})
-    return held(scene, values).model_copy(update={"bodies": bodies, "ground": ground})
+    joints = {
+        name: joint.with_numbers(values) if isinstance(joint, CouplingEntry) else joint
+        for name, joint in scene.joints.items()
+    }
+    return held(scene, values).model_copy(update={"bodies": bodies, "ground": ground, "joints": joints})
 
 
-def length_problems(scene: Scene) -> Iterator[str]:
-    """Yield one line for each length or place that a parameter cannot be as it is given."""
+def length_problems(scene: AnyScene) -> Iterator[str]:
+    """Yield one line for each length, place or ratio that a parameter cannot be as it is given."""
     names = [name for name in length_names(scene) if name in scene.parameters]
     first = {use.parameter: use for use in reversed(list(length_uses(scene)))}
     others = {use.parameter: use for use in uses_of(scene) if use.entry not in _entries(scene)}
@@ -209,8 +234,8 @@ def length_problems(scene: Scene) -> Iterator[str]:
     if count > MOST_BUILDS:
         yield problem(
             "reduction.length_points",
-            f"of {len(names)} lengths and places ({', '.join(names)}) make {count} builds; at most {MOST_BUILDS} are "
-            "made. Take fewer points, or numbers in place of some parameters",
+            f"of {len(names)} lengths, places and ratios ({', '.join(names)}) make {count} builds; at most "
+            f"{MOST_BUILDS} are made. Take fewer points, or numbers in place of some parameters",
             scene.reduction.length_points,
         )
     for name, field in scene.fields.items():
@@ -224,27 +249,30 @@ def length_problems(scene: Scene) -> Iterator[str]:
             )
 
 
-def _entries(scene: Scene) -> set[str]:
+def _entries(scene: AnyScene) -> set[str]:
     return {use.entry for use in length_uses(scene)}
 
 
-def _of_parameter(scene: Scene, name: str, use: Use, other: Use | None) -> Iterator[str]:
+def _of_parameter(scene: AnyScene, name: str, use: Use, other: Use | None) -> Iterator[str]:
     entry, parameter = f"parameters.{name}", scene.parameters[name]
     if other is not None:
         yield problem(
             entry,
-            f"{use.entry} and {other.entry} use it; what is a length or a place cannot be anything else, so take a "
-            "parameter for each",
+            f"{use.entry} and {other.entry} use it; what is a length, a place or a ratio cannot be anything else, so "
+            "take a parameter for each",
         )
     low, high = length_range(scene, name)
     if not (math.isfinite(low) and math.isfinite(high)):
         yield problem(
             f"{entry}.bounds",
-            f"missing; {use.entry} uses it, and the reduced model is built between its ends: give bounds = [low, high] "
-            "(m), or a distribution that has both, such as uniform",
+            f"missing; {use.entry} uses it, and the reduced model is built between its ends: give bounds = [low, high]"
+            f"{' (m)' if use.units == ('m',) else ''}, or a distribution that has both, such as uniform",
         )
     elif use.sign == "positive" and low <= 0.0:
         yield problem(f"{entry}.bounds", f"must be positive, because {use.entry} uses it", [low, high])
+    elif use.sign == "not zero" and low <= 0.0 <= high:
+        words = f"must be on one side of 0, because {use.entry} uses it, and with 0 nothing is coupled"
+        yield problem(f"{entry}.bounds", words, [low, high])
     else:
         for key in ("nominal", "value"):
             number = getattr(parameter, key)

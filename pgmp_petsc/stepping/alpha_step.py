@@ -7,13 +7,19 @@ IV.8), after the first one from that of the step before.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import beyond, select
-from pgmp_petsc.stepping.second_order_system import Moment, Scheme, SecondOrderSystem, State
+from pgmp_petsc.stepping.second_order_system import (
+    Moment,
+    Scheme,
+    SecondOrderSystem,
+    State,
+    StepsAsked,
+    StepsTaken,
+    Stretch,
+)
 from pgmp_petsc.stepping.status import Outcome
 
 MAX_ITERATIONS = 12
@@ -78,102 +84,6 @@ def judge(iteration, size, last, expected, active, lost):
             last[sample] = size[sample]
 
 
-@dataclass(frozen=True, eq=False)
-class StepsTaken:
-    """Equal steps, one after the other; arrays have a leading axis of steps."""
-
-    #: states, auxiliary: states and auxiliary accelerations at their ends
-    states: State
-    auxiliary: np.ndarray
-    contraction: np.ndarray  # of Newton's iteration, as it is expected in the next step, shape (n, n_samples)
-    lost: np.ndarray  # mask of the samples whose iteration failed in the last of them, shape (n_samples,)
-    n_corrections: np.ndarray  # Newton corrections, all samples together, shape (n,)
-    n_calls: int = 1  # calls of the system
-
-    def __len__(self) -> int:
-        return len(self.auxiliary)
-
-    def after(self, n: int, before: np.ndarray) -> Moment:
-        """Return where samples are after the first n steps, n > 0; `before` are the accelerations they began with."""
-        before = before if n == 1 else self.states.a[n - 2]
-        return Moment(self.states.at(n - 1), self.auxiliary[n - 1], before, self.contraction[n - 1])
-
-
-@dataclass(frozen=True, eq=False)
-class StepsAsked:
-    """Equal steps that a system is asked to take."""
-
-    moment: Moment  # at the beginning
-    #: ends, step: ends of the steps, shape (n,), and length of each, s
-    ends: np.ndarray
-    step: float
-    probed: np.ndarray  # which of them are corrected as if nothing were known of the contraction, shape (n,)
-    scheme: Scheme  # coefficients for a step
-    samples: np.ndarray  # mask of the samples to advance, shape (n_samples,)
-
-    def taken_by_corrections(self, system: SecondOrderSystem) -> StepsTaken:
-        """Return the first step, taken by a system's corrections one by one."""
-        state, auxiliary, before, contraction = self.moment
-        expected = np.where(self.probed[0], FIRST_CONTRACTION, contraction)
-        ahead = _predicted(self.scheme, self.step, self.moment, state.a + (state.a - before))
-        lost, n_corrections, n_calls = iterate(
-            system, float(self.ends[0]), ahead, self.scheme, self.samples, REFRESH_EVERY, expected
-        )
-        system.count_turns(ahead)
-        expected[lost] = FIRST_CONTRACTION
-        follows = _following(self.scheme, auxiliary, ahead.a, state.a)
-        states = State(*(part[None] for part in ahead.parts()))
-        return StepsTaken(states, follows[None], expected[None], lost, np.array([n_corrections]), n_calls)
-
-
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """Steps of a run that some samples are to take, each until it is done or something happens to it."""
-
-    stepper: AlphaStep  # steps of the system
-    #: where samples are; brought up to date. One to which something happens stays at the beginning of that step.
-    moment: Moment
-    #: first, ends: number of the first step in the run; ends of the steps, shape (n,), s
-    first: int
-    ends: np.ndarray
-    step: float  # s
-    samples: np.ndarray  # mask, shape (n_samples,)
-    #: whether the edges of laws are crossed, shape (n_events, n_samples); brought up to date where the system passes
-    #: them by itself
-    beyond: np.ndarray
-    shown: np.ndarray  # numbers of the steps that somebody wants to see, increasing, shape (n_t,)
-    trail: State  # the states after these, of the samples that are advanced; filled
-
-    def advanced_together(self, system: SecondOrderSystem) -> tuple[np.ndarray, np.ndarray]:
-        """Advance the samples side by side, up to a step that is too much for one, and none over an edge; return as
-        `SecondOrderSystem.advance` does."""
-        begun = self.moment.state.a.copy()
-        taken = self.stepper.take(self.moment, self.ends, self.step, self.samples)
-        n_steps, outcome = np.where(self.samples, len(taken), 0), np.full(self.samples.size, Outcome.DONE)
-        n_steps[taken.lost], outcome[taken.lost] = len(taken) - 1, Outcome.LOST
-        for k in range(len(taken) if self.beyond.size or system.has_range else 0):
-            state, here = taken.states.at(k), n_steps > k
-            crossed = np.zeros_like(here)
-            if self.beyond.size:
-                crossed = here & np.any((system.depths(float(self.ends[k]), state) > 0.0) != self.beyond, axis=0)
-            outside = here & ~crossed & system.outside(state)
-            outcome[crossed], outcome[outside] = Outcome.CROSSED, Outcome.OUTSIDE
-            n_steps[crossed | outside] = k
-            if not here.any():
-                break
-        for n in set(n_steps.tolist()) - {0}:
-            there = n_steps == n
-            put(system, self.moment, taken.after(n, begun), there)
-            rows = slice(*np.searchsorted(self.shown, [self.first + 1, self.first + n + 1]))
-            steps = self.shown[rows] - self.first - 1
-            if steps.size and not there.all():
-                system.restore_all(self.trail.at(rows), taken.states.at(steps), there)
-            elif steps.size:
-                for part, found in zip(self.trail.parts(), taken.states.parts()):
-                    part[rows] = found[:n] if steps.size == n else found[steps]
-        return outcome, n_steps
-
-
 class AlphaStep:
     """Steps of any length of a system.
 
@@ -195,8 +105,8 @@ class AlphaStep:
     Attributes
     ----------
     counted
-        Newton corrections so far, all samples together; those of them that found a matrix and its factors anew, known of
-        a single sample; and calls of the system, for steps or for a correction.
+        Newton corrections so far, all samples together; those of them that found a matrix and its factors anew, known
+        of a single sample; and calls of the system, for steps or for a correction.
     """
 
     def __init__(self, system: SecondOrderSystem, spectral_radius: float, patient: bool = True) -> None:
@@ -215,7 +125,10 @@ class AlphaStep:
         """Take equal steps of some samples, a mask, up to one in which an iteration fails."""
         ends, scheme = ends[:1] if self._projects else ends, self.scheme(step)
         probed = (np.rint(ends / step) % PROBED_EVERY == 0) | self._system.rubs
-        taken = self._system.take_steps(StepsAsked(moment, ends, step, probed, scheme, samples))
+        asked = StepsAsked(moment, ends, step, probed, scheme, samples)
+        taken = self._system.take_steps(asked)
+        if taken is None:
+            taken = _taken_by_corrections(self._system, asked)
         self.count(taken.n_corrections, -(-taken.n_corrections // REFRESH_EVERY), taken.n_calls)
         if self._projects:
             state = taken.states.at(0)
@@ -259,6 +172,41 @@ class AlphaStep:
         follows = _following(scheme, moment.auxiliary, state.a, moment.state.a)
         return Moment(state, follows, moment.state.a.copy(), known), lost
 
+    def advance(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
+        """Take some samples through equal steps; see `SecondOrderSystem.advance`."""
+        found = self._system.advance(stretch)
+        return self._advanced_together(stretch) if found is None else found
+
+    def _advanced_together(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
+        """Advance samples side by side, up to a step that is too much for one, and none over an edge."""
+        begun = stretch.moment.state.a.copy()
+        taken = self.take(stretch.moment, stretch.ends, stretch.step, stretch.samples)
+        n_steps, outcome = np.where(stretch.samples, len(taken), 0), np.full(stretch.samples.size, Outcome.DONE)
+        n_steps[taken.lost], outcome[taken.lost] = len(taken) - 1, Outcome.LOST
+        for k in range(len(taken) if stretch.beyond.size or self._system.has_range else 0):
+            state, here = taken.states.at(k), n_steps > k
+            crossed = np.zeros_like(here)
+            if stretch.beyond.size:
+                crossed = here & np.any(
+                    (self._system.depths(float(stretch.ends[k]), state) > 0.0) != stretch.beyond, axis=0
+                )
+            outside = here & ~crossed & self._system.outside(state)
+            outcome[crossed], outcome[outside] = Outcome.CROSSED, Outcome.OUTSIDE
+            n_steps[crossed | outside] = k
+            if not here.any():
+                break
+        for n in set(n_steps.tolist()) - {0}:
+            there = n_steps == n
+            put(self._system, stretch.moment, taken.after(n, begun), there)
+            rows = slice(*np.searchsorted(stretch.shown, [stretch.first + 1, stretch.first + n + 1]))
+            steps = stretch.shown[rows] - stretch.first - 1
+            if steps.size and not there.all():
+                self._system.restore_all(stretch.trail.at(rows), taken.states.at(steps), there)
+            elif steps.size:
+                for part, found in zip(stretch.trail.parts(), taken.states.parts()):
+                    part[rows] = found[:n] if steps.size == n else found[steps]
+        return outcome, n_steps
+
     def count(self, n_corrections: np.ndarray | int, n_fresh: np.ndarray | int, n_calls: int) -> None:
         """Count corrections, those with a matrix of their own, and calls of the system."""
         self.counted += (np.sum(n_corrections), np.sum(n_fresh), n_calls)
@@ -294,6 +242,21 @@ class AlphaStep:
             if not active.any():
                 break
         return lost | active
+
+
+def _taken_by_corrections(system: SecondOrderSystem, asked: StepsAsked) -> StepsTaken:
+    """Return the first of the steps that are asked for, taken by a system's corrections one by one."""
+    state, auxiliary, before, contraction = asked.moment
+    expected = np.where(asked.probed[0], FIRST_CONTRACTION, contraction)
+    ahead = _predicted(asked.scheme, asked.step, asked.moment, state.a + (state.a - before))
+    lost, n_corrections, n_calls = iterate(
+        system, float(asked.ends[0]), ahead, asked.scheme, asked.samples, REFRESH_EVERY, expected
+    )
+    system.count_turns(ahead)
+    expected[lost] = FIRST_CONTRACTION
+    follows = _following(asked.scheme, auxiliary, ahead.a, state.a)
+    states = State(*(part[None] for part in ahead.parts()))
+    return StepsTaken(states, follows[None], expected[None], lost, np.array([n_corrections]), n_calls)
 
 
 def iterate(

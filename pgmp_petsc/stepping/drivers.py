@@ -11,16 +11,17 @@ or change its steps without a word.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.surroundings import Comm, has_petsc
 from pgmp_petsc.ranks.petsc import as_raised, options_of, petsc_solver
+from pgmp_petsc.stepping.second_order_system import State
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
-
-    from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha
 
 PREFIX = "pgmp_ts_"
 ERROR_PREFIX = "pgmp_error_ts_"  # of the integration of estimated errors
@@ -71,23 +72,38 @@ def _name(ts: PETSc.TS, reason: int) -> str:
     return names.get(reason, "unknown")
 
 
-def driver_here() -> Callable[[GeneralisedAlpha, Comm, str], None]:
+class Integration(Protocol):
+    """Interface of an integrator for its driver; see `GeneralisedAlpha`."""
+
+    instants: np.ndarray  # of the start and the ends of all steps, shape (n_steps + 1,), s
+    stops: np.ndarray  # numbers of the steps at which the driver sees the state, 0 and the last one included
+    n_done: int  # steps that are behind it
+
+    @property
+    def state(self) -> State:
+        """The current state."""
+
+    def advance(self) -> None:
+        """Advance to the next stop."""
+
+
+def driver_here() -> Callable[[Integration, Comm, str], None]:
     """Return the driver of this Python.
 
-    It goes through all stops of an integration, collective on a communicator, with a prefix of the options of PETSc that
-    reach it. It raises `InputError` if PETSc refuses the value of an option, and `RunError` if it ends early, with
+    It goes through all stops of an integration, collective on a communicator, with a prefix of the options of PETSc
+    that reach it. It raises `InputError` if PETSc refuses the value of an option, and `RunError` if it ends early, with
     PETSc's reason.
     """
     return drive_by_petsc if has_petsc() else drive_in_a_loop
 
 
-def drive_in_a_loop(integration: GeneralisedAlpha, comm: Comm, prefix: str) -> None:
+def drive_in_a_loop(integration: Integration, comm: Comm, prefix: str) -> None:
     """Go through all stops in a plain loop, which takes no options; see `driver_here`."""
     while integration.n_done < integration.stops[-1]:
         integration.advance()
 
 
-def drive_by_petsc(integration: GeneralisedAlpha, comm: Comm, prefix: str) -> None:
+def drive_by_petsc(integration: Integration, comm: Comm, prefix: str) -> None:
     """Go through all stops as steps of PETSc's TS; see `driver_here`."""
     from petsc4py import PETSc
 
@@ -118,7 +134,7 @@ def drive_by_petsc(integration: GeneralisedAlpha, comm: Comm, prefix: str) -> No
 class _Context:
     """Context of a TS of type python, which calls it."""
 
-    def __init__(self, integration: GeneralisedAlpha) -> None:
+    def __init__(self, integration: Integration) -> None:
         self._integration = integration
 
     def solveStep(self, ts: PETSc.TS, end: float, u: PETSc.Vec) -> None:  # noqa: N802 (PETSc's name)

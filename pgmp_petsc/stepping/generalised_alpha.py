@@ -33,10 +33,10 @@ import numpy as np
 
 from pgmp_petsc.ranks.petsc import has_options
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.stepping.alpha_step import AlphaStep, Stretch, first_accelerations, n_first_steps, put, standing
+from pgmp_petsc.stepping.alpha_step import AlphaStep, first_accelerations, n_first_steps, put, standing
 from pgmp_petsc.stepping.drivers import PREFIX, check_ts_options, driver_here
 from pgmp_petsc.stepping.edge_search import EventLocation
-from pgmp_petsc.stepping.second_order_system import Moment, SecondOrderSystem, State
+from pgmp_petsc.stepping.second_order_system import Moment, Observer, SecondOrderSystem, State, Stretch
 from pgmp_petsc.stepping.status import Outcome, Status
 
 MOST_AT_ONCE = 4000  # steps in one of the TS
@@ -44,34 +44,6 @@ DIVISORS = (1, 2, 4, 8)  # of the scene's step; the last is as far as a first tr
 RETRIED = (Status.NOT_CONVERGED, Status.NOT_FINITE, Status.SOLVER_FAILED, Status.BROKE_DOWN)
 
 EachStep = Callable[[int, float, State], object]
-
-
-class Observer:
-    """Sees the states of a run as it goes on. Those that it is shown do not change afterwards."""
-
-    every: int = 1  # steps of which it is to see one, beside start and end; it may be shown more
-
-    def __call__(self, number: int, time: float, state: State) -> None:
-        """See the state after a step, given by its number, 0 for the start."""
-        raise NotImplementedError
-
-    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """See positions, velocities and accelerations after some steps of a reduced system.
-
-        Parameters
-        ----------
-        numbers, times
-            Of these steps, increasing, and of their ends, s, each of shape (n_t,).
-        trail
-            Shape (n_t, 3, n_samples, n); of samples that have failed, where they stand.
-        """
-        for number, time, parts in zip(numbers, times, trail):
-            self(int(number), float(time), State(*parts, np.zeros(0)))
-
-    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
-        """See the states after some steps of another system, with a leading axis of steps; others are as of `over`."""
-        for k, number in enumerate(numbers):
-            self(int(number), float(times[k]), states.at(k))
 
 
 class Called(Observer):
@@ -216,14 +188,15 @@ class GeneralisedAlpha:
         """
         system, at, todo = self.system, np.full(self._alive.size, self.n_done), self._alive.copy()
         shown = self._shown(last)
-        trail = system.trail(self.state, shown.size)
+        trail, scheme = system.trail(self.state, shown.size), self._stepper.scheme(self._step)
         self._stand(trail, ~todo)
         while todo.any():
             first = int(at[todo].min())
             together, ends = todo & (at == first), self.instants[first + 1 : last + 1]
-            outcome, n_steps = system.advance(
-                Stretch(self._stepper, self._moment, first, ends, self._step, together, self._beyond, shown, trail)
+            stretch = Stretch(
+                self._moment, first, ends, self._step, scheme, together, self._beyond, shown, trail, self.counted
             )
+            outcome, n_steps = self._stepper.advance(stretch)
             at[together] += n_steps[together]
             # one that is through its step with care is not to be taken up with others that are stuck in the next one
             stuck_at = np.where(together & (outcome != Outcome.DONE), at, last)

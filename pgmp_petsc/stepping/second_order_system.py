@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
-
-if TYPE_CHECKING:
-    from pgmp_petsc.stepping.alpha_step import StepsAsked, StepsTaken, Stretch
-    from pgmp_petsc.stepping.generalised_alpha import Observer
-    from pgmp_petsc.stepping.static_equilibrium import Settled
+from pgmp_petsc.mechanism.mechanism import Coordinate
 
 # What surrounds a call takes the time of some hundred steps of a single sample in compiled code; where Python goes from
 # step to step more gain nothing.
@@ -83,6 +80,119 @@ class Scheme:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class StepsTaken:
+    """Equal steps, one after the other; arrays have a leading axis of steps."""
+
+    #: states, auxiliary: states and auxiliary accelerations at their ends
+    states: State
+    auxiliary: np.ndarray
+    contraction: np.ndarray  # of Newton's iteration, as it is expected in the next step, shape (n, n_samples)
+    lost: np.ndarray  # mask of the samples whose iteration failed in the last of them, shape (n_samples,)
+    n_corrections: np.ndarray  # Newton corrections, all samples together, shape (n,)
+    n_calls: int = 1  # calls of the system
+
+    def __len__(self) -> int:
+        return len(self.auxiliary)
+
+    def after(self, n: int, before: np.ndarray) -> Moment:
+        """Return where samples are after the first n steps, n > 0; `before` are the accelerations they began with."""
+        before = before if n == 1 else self.states.a[n - 2]
+        return Moment(self.states.at(n - 1), self.auxiliary[n - 1], before, self.contraction[n - 1])
+
+
+@dataclass(frozen=True, eq=False)
+class StepsAsked:
+    """Equal steps that a system is asked to take."""
+
+    moment: Moment  # at the beginning
+    #: ends, step: ends of the steps, shape (n,), and length of each, s
+    ends: np.ndarray
+    step: float
+    probed: np.ndarray  # which of them are corrected as if nothing were known of the contraction, shape (n,)
+    scheme: Scheme  # coefficients for a step
+    samples: np.ndarray  # mask of the samples to advance, shape (n_samples,)
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Steps of a run that some samples are to take, each until it is done or something happens to it."""
+
+    #: where samples are; brought up to date. One to which something happens stays at the beginning of that step.
+    moment: Moment
+    #: first, ends: number of the first step in the run; ends of the steps, shape (n,), s
+    first: int
+    ends: np.ndarray
+    step: float  # s
+    scheme: Scheme  # coefficients for a step
+    samples: np.ndarray  # mask, shape (n_samples,)
+    #: whether the edges of laws are crossed, shape (n_events, n_samples); brought up to date where the system passes
+    #: them by itself
+    beyond: np.ndarray
+    shown: np.ndarray  # numbers of the steps that somebody wants to see, increasing, shape (n_t,)
+    trail: State  # the states after these, of the samples that are advanced; filled
+    counted: np.ndarray  # see `AlphaStep`; brought up to date
+
+
+class Observer:
+    """Sees the states of a run as it goes on. Those that it is shown do not change afterwards."""
+
+    every: int = 1  # steps of which it is to see one, beside start and end; it may be shown more
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """See the state after a step, given by its number, 0 for the start."""
+        raise NotImplementedError
+
+    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
+        """See positions, velocities and accelerations after some steps of a reduced system.
+
+        Parameters
+        ----------
+        numbers, times
+            Of these steps, increasing, and of their ends, s, each of shape (n_t,).
+        trail
+            Shape (n_t, 3, n_samples, n); of samples that have failed, where they stand.
+        """
+        for number, time, parts in zip(numbers, times, trail):
+            self(int(number), float(time), State(*parts, np.zeros(0)))
+
+    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        """See the states after some steps of another system, with a leading axis of steps; others are as of `over`."""
+        for k, number in enumerate(numbers):
+            self(int(number), float(times[k]), states.at(k))
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """Where samples start."""
+
+    theta: np.ndarray  # rigid coordinates, shape (n_samples, n_theta), rad
+    unknowns: np.ndarray  # of the model, a column a sample
+    reasons: dict[int, str]  # why a sample has no equilibrium, by its number
+    unstable: np.ndarray  # mask of the samples whose equilibrium is unstable
+    coordinates: tuple[Coordinate, ...]  # all of them
+    free: bool  # whether any coordinate was free
+
+    @property
+    def lost(self) -> np.ndarray:
+        """Mask of the samples without equilibrium."""
+        return np.isin(np.arange(len(self.theta)), list(self.reasons))
+
+    def at_rest(self, state: State, n_driven: int) -> State:
+        """Return a start without the accelerations that round-off of the forces gives light nodes, in place.
+
+        Only where all coordinates are free there are none: held ones are let go, driven ones (`n_driven`) move.
+        """
+        if self.free and n_driven == 0:
+            state.a[:] = 0.0
+        return state
+
+    def require(self) -> None:
+        """Refuse a single run without equilibrium. Raises `InputError`, with the reason."""
+        if self.reasons:
+            raise InputError(self.reasons[min(self.reasons)])
+
+
 class SecondOrderSystem:
     """Interface of a model for the integrator; a batch of samples is one system.
 
@@ -93,8 +203,9 @@ class SecondOrderSystem:
     comm: Comm  # ranks that share the samples
     n_samples: int  # number of samples
     settled: Settled | None = None  # static equilibria that the samples start from, None where they start without loads
-    #: unknowns and velocities that samples start with where joints that are off deform them, None where none does
-    built_in: tuple[np.ndarray, np.ndarray] | None = None
+    #: what samples start with where joints that are off deform them, such as unknowns and velocities; None where none
+    #: does
+    built_in: tuple[np.ndarray, np.ndarray] | np.ndarray | None = None
     n_events: int = 0  # edges of laws whose crossing is to be found in time
     steps_at_once: int = 1  # steps that the samples are to take at most until they meet
     #: whether a run begins with other accelerations than those of the start; see `first_accelerations`
@@ -176,14 +287,14 @@ class SecondOrderSystem:
     def project(self, time: float, state: State, step: float, samples: np.ndarray) -> None:
         """Make velocities and accelerations of some samples consistent with the constraints at the end of a step."""
 
-    def take_steps(self, asked: StepsAsked) -> StepsTaken:
-        """Take equal steps, up to one in which an iteration fails."""
-        return asked.taken_by_corrections(self)
+    def take_steps(self, asked: StepsAsked) -> StepsTaken | None:
+        """Take equal steps, up to one in which an iteration fails; None where they are taken by corrections."""
 
-    def advance(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
+    def advance(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray] | None:
         """Take some samples through equal steps, each until it is done or something happens to it; return an `Outcome`
-        and the number of steps of each, shape (n_samples,). One that is done with fewer than all is to go on."""
-        return stretch.advanced_together(self)
+        and the number of steps of each, shape (n_samples,). One that is done with fewer than all is to go on.
+
+        None where samples are taken through the same steps together."""
 
     def trail(self, state: State, n: int) -> State:
         """Return room for n states such as a given one."""

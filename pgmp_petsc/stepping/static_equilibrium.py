@@ -21,11 +21,11 @@ from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, Remark, note, warning
+from pgmp_petsc.base.errors import Remark, note, warning
 from pgmp_petsc.mechanism.mechanism import Coordinate, words_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Driving
-from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, Settled
 
 SHARES = (1, 4, 16, 64)  # steps in which loads are put on, one after the other where fewer do not converge
 MAX_CORRECTIONS = 60  # forces that turn with a body have no exact tangent: the iteration is then linear
@@ -69,37 +69,6 @@ class Statics(Protocol):
 
     def inertia(self) -> np.ndarray:
         """Return the inertia of the rigid mechanism against each coordinate at the start, (n_samples, n_theta)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Settled:
-    """Where samples start."""
-
-    theta: np.ndarray  # rigid coordinates, shape (n_samples, n_theta), rad
-    unknowns: np.ndarray  # of the model, a column a sample
-    reasons: dict[int, str]  # why a sample has no equilibrium, by its number
-    unstable: np.ndarray  # mask of the samples whose equilibrium is unstable
-    coordinates: tuple[Coordinate, ...]  # all of them
-    free: bool  # whether any coordinate was free
-
-    @property
-    def lost(self) -> np.ndarray:
-        """Mask of the samples without equilibrium."""
-        return np.isin(np.arange(len(self.theta)), list(self.reasons))
-
-    def at_rest(self, state: State, n_driven: int) -> State:
-        """Return a start without the accelerations that round-off of the forces gives light nodes, in place.
-
-        Only where all coordinates are free there are none: held ones are let go, driven ones (`n_driven`) move.
-        """
-        if self.free and n_driven == 0:
-            state.a[:] = 0.0
-        return state
-
-    def require(self) -> None:
-        """Refuse a single run without equilibrium. Raises `InputError`, with the reason."""
-        if self.reasons:
-            raise InputError(self.reasons[min(self.reasons)])
 
 
 @dataclass(frozen=True, eq=False)

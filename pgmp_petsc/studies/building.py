@@ -150,9 +150,9 @@ def _price(scene: Scene, resume: bool) -> str:
         first = f"; reduction.sampling_tolerance takes {count} builds before, to find angles, and may add some to all"
     anew = "; a build over lengths keeps nothing on the way, so --resume begins anew" if resume else ""
     return (
-        f"lengths and places ({', '.join(names)}): models at {n_points} points, {reduction.length_points} along each, "
-        f"and one more to compare with, times {np.prod(angles)} configurations are {(n_points + 1) * np.prod(angles)} "
-        f"eigenproblems{first}{anew}"
+        f"lengths, places and ratios ({', '.join(names)}): models at {n_points} points, {reduction.length_points} "
+        f"along each, and one more to compare with, times {np.prod(angles)} configurations are "
+        f"{(n_points + 1) * np.prod(angles)} eigenproblems{first}{anew}"
     )
 
 

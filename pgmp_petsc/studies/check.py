@@ -14,18 +14,17 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError, counted
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.assembled import MassProperties
-from pgmp_petsc.bodies.inertia_moments import directors
+from pgmp_petsc.bodies.linear_fields import directors
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.shape import BodyShape, given_properties
 from pgmp_petsc.components.condensing import Trial, check_slender
-from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of
+from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of, start_of
 from pgmp_petsc.effects.springs import spring_force
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
-from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.references import parts_of, points_used
@@ -199,7 +198,7 @@ def _effects(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load]) -> 
     for name, effect in scene.effects.items():
         counts = {
             "load term": sum(load.effect in parts_of(name, effect) for load in loads),
-            "local force": sum(action.effect in parts_of(name, effect) for action in actions),
+            "local force": sum(not one.leads and one.effect in parts_of(name, effect) for one in actions),
         }
         adds = [counted(n, what) for what, n in counts.items() if n]
         lines.append(f"  effect        {name}: {effect.type}, {', '.join(adds) or effect.adds}")

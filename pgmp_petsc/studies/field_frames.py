@@ -20,6 +20,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, note
 from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.effects import start_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -28,7 +29,6 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.body_fields import Fields, ReducedFields, joined, placed, undeformed
 from pgmp_petsc.models.field_points import FieldPoints, FieldSet
-from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.readings import RigidReference
 from pgmp_petsc.results.selection import Assembly
 from pgmp_petsc.results.trajectory import BodyField, Frames, Trajectory
@@ -89,14 +89,27 @@ def _field(field: FieldPoints, kinematics: RigidKinematics, poses: np.ndarray, v
     own, n = values[name], poses.shape[2]
     rigid = placed(kinematics.mechanism.space, poses[field.number], undeformed(field))
     places = own.positions[..., :n]
+    tables = ({quantity: table[:, :n] for quantity, table in part.items()} for part in (own.at_nodes, own.at_cells))
+    return body_field(field, places, places - rigid, *tables)
+
+
+def body_field(
+    field: FieldPoints,
+    positions: np.ndarray,
+    deformation: np.ndarray,
+    at_nodes: Mapping[str, np.ndarray],
+    at_cells: Mapping[str, np.ndarray],
+) -> BodyField:
+    """Return the record of a body at n instants, from positions and deformation (n_nodes, d, n), m, and quantities at
+    nodes and cells, each of shape (n_nodes or n_cells, n)."""
     return BodyField(
         kind=field.kind,
         nodes=field.mesh.nodes,
         cells=field.mesh.cells,
-        positions=np.moveaxis(places, 2, 0),
-        deformation=np.moveaxis(places - rigid, 2, 0),
-        at_nodes={quantity: table[:, :n].T for quantity, table in own.at_nodes.items()},
-        at_cells={quantity: table[:, :n].T for quantity, table in own.at_cells.items()},
+        positions=np.moveaxis(positions, 2, 0),
+        deformation=np.moveaxis(deformation, 2, 0),
+        at_nodes={quantity: table.T for quantity, table in at_nodes.items()},
+        at_cells={quantity: table.T for quantity, table in at_cells.items()},
         units=field.units,
         rigid=field.stresses is None,
         radius=field.radius,

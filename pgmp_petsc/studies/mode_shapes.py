@@ -27,6 +27,7 @@ from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.tables import smoother
 from pgmp_petsc.results.trajectory import BodyField, ModeShape
 from pgmp_petsc.scene.fields import MOST_RADIANS
+from pgmp_petsc.studies.field_frames import body_field
 
 
 def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> ModeShape:
@@ -139,15 +140,4 @@ def _field(model: ReducedModel, field: FieldPoints, pose: np.ndarray, moved: np.
     if stresses is not None:
         at_nodes = stresses.at_nodes(stresses.nodal.of_displacements(moved), values)
         at_cells = stresses.at_cells(stresses.inner.of_displacements(moved), values)
-    return BodyField(
-        kind=field.kind,
-        nodes=field.mesh.nodes,
-        cells=field.mesh.cells,
-        positions=np.moveaxis(rest, 2, 0),
-        deformation=np.moveaxis(there - rest, 2, 0),
-        at_nodes={name: table.T for name, table in at_nodes.items()},
-        at_cells={name: table.T for name, table in at_cells.items()},
-        units=field.units,
-        rigid=stresses is None,
-        radius=field.radius,
-    )
+    return body_field(field, rest, there - rest, at_nodes, at_cells)

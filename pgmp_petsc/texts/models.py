@@ -82,9 +82,10 @@ def report(rom: ReducedOrderModel, path: Path, said: Sequence[Remark] = ()) -> s
 
 def beside_modes(rom: ReducedOrderModel) -> str:
     """Name what a basis has besides modes."""
-    n_parameter, n_released = rom.n_parameter, rom.tables.unstrained.size
-    n_static = rom.tables.n_modes - rom.frequencies_hz.shape[1] - n_released - n_parameter
+    n_parameter, n_released, n_given = rom.n_parameter, rom.tables.unstrained.size, rom.tables.n_given
+    n_static = rom.tables.n_modes - rom.frequencies_hz.shape[1] - n_released - n_parameter - n_given
     counts = {"of elastic joints": n_released, "static": n_static, "of other parameters": n_parameter}
+    counts["of joints that are off"] = n_given
     return "".join(f", {n} {what}" for what, n in counts.items() if n)
 
 

@@ -4,12 +4,11 @@ import compiled_elements
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from solids import rule_of
+from solids import jacobian_determinants, rule_of
 
 from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
 from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, SOLID_KINDS, reference_element, shape_gradients
-from pgmp_petsc.mesh.solid_mesh_reading import jacobian_determinants
 
 KINDS = (*PLANE_KINDS, *SOLID_KINDS)
 CURVED = ("triangle6", "quad8", "quad9", "tetra10", "hexahedron20", "hexahedron27")

@@ -14,8 +14,8 @@ from solids import body_of, matrices_of, mesh_of, rod
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity, evaluate_weights
 from pgmp_petsc.bodies.component import Component
-from pgmp_petsc.bodies.inertia_moments import linear_fields
 from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LongAxis, stretching_of
+from pgmp_petsc.bodies.linear_fields import linear_fields
 from pgmp_petsc.bodies.profile import SectionScale
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.component_modes import condense

@@ -11,9 +11,8 @@ from spatial_beams import lines_of, slider_crank_of_beams
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.framed_solid import framed_solid
-from pgmp_petsc.bodies.inertia_moments import inertia_moments
 from pgmp_petsc.bodies.large_deformation import FieldsOnCells
-from pgmp_petsc.bodies.matrices import ThirdDerivative, assemble, weighted_sum
+from pgmp_petsc.bodies.matrices import ThirdDerivative, assemble, inertia_moments, weighted_sum
 from pgmp_petsc.bodies.profile import UNIFORM
 from pgmp_petsc.bodies.random_fields import checked_expansion, field_remarks, profiles_of
 from pgmp_petsc.bodies.sections.section import BeamSection

@@ -37,8 +37,8 @@ class LocalForces:
         compiled = compile_actions([action], {}, 1, d)
         self._dofs, self.turns = dofs[0], np.zeros((1, 1))
         self._actions = BlockActions(
-            compiled.statements, compiled.laws, compiled.parameters[None], dofs, entries, self.pattern[0],
-            np.ones(1, dtype=bool),
+            compiled.statements, compiled.laws, compiled.parameters[None], compiled.roles, dofs, entries,
+            self.pattern[0], np.ones(1, dtype=bool),
         )  # fmt: skip
 
     def evaluate(self, q: np.ndarray, v: np.ndarray, gain_v: float) -> Acted:

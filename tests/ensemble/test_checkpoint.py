@@ -11,7 +11,7 @@ import pytest
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished, remove_checkpoint
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, Shard
-from pgmp_petsc.files import checkpoint_folder, hdf5
+from pgmp_petsc.files import checkpoint_folder, claims
 from pgmp_petsc.files.seal import SIZE as SEAL
 
 SCENE = "[scene]\nname = 'a'\n"
@@ -275,7 +275,7 @@ def test_pieces_are_pushed_to_the_disk_now_and_then(plan: Plan, monkeypatch: pyt
     monkeypatch.setattr(checkpoint_folder.time, "monotonic", lambda: clock[0])
     checkpoint = started(plan)
     monkeypatch.setattr(
-        hdf5, "synchronise_file", lambda path: path.is_file() and pushed.append((clock[0], path.name.split(".")[1]))
+        claims, "synchronise_file", lambda path: path.is_file() and pushed.append((clock[0], path.name.split(".")[1]))
     )
     for first in range(12):
         add(checkpoint, first, 1)

@@ -50,7 +50,7 @@ def watched(model: Model, divisor: int = 1, status: np.ndarray | None = None, at
     samples = np.arange(N)
     watch = watcher.watch(Begun(SimpleNamespace(n_samples=N, values={}), {}, samples, simulation))
     numbers = np.arange(N_STEPS * divisor + 1)
-    numbers = numbers[(numbers % watch.every == 0) | (numbers == numbers[-1])]
+    numbers = numbers[(numbers % watch.observer.every == 0) | (numbers == numbers[-1])]
     times = numbers * STEP / divisor
     q = SIZES * np.sin(2.0 * np.pi * times)[:, None]
     trail = np.repeat(q[:, None, :, None], 3, axis=1)
@@ -153,7 +153,7 @@ def test_nothing_is_looked_at_where_nothing_is_asked_for() -> None:
     assert OverTimeWatcher(Model(extremes=True), with_bands=False).is_asked
     assert OverTimeWatcher(Model(bands=5), with_bands=True).watch(
         Begun(SimpleNamespace(n_samples=N), {}, np.arange(N), Model().scene.simulation)
-    ).every == 25  # fmt: skip
+    ).observer.every == 25  # fmt: skip
 
 
 def test_figures_of_a_part_of_the_samples_are_said_to_be() -> None:

@@ -22,9 +22,9 @@ from pgmp_petsc.estimates.own_error import step_remarks, too_few_steps
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import load_scene
-from pgmp_petsc.stepping.alpha_step import AlphaStep, StepsTaken
+from pgmp_petsc.stepping.alpha_step import AlphaStep
 from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha
-from pgmp_petsc.stepping.second_order_system import Moment, SecondOrderSystem
+from pgmp_petsc.stepping.second_order_system import Moment, SecondOrderSystem, StepsTaken
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate

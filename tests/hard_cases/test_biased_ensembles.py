@@ -8,6 +8,7 @@ import pytest
 from mpi4py import MPI
 from runs import pgmp
 
+from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
@@ -17,7 +18,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.status import Status
-from pgmp_petsc.studies.inputs import read_rom, read_scene
+from pgmp_petsc.studies.inputs import read_scene
 
 SCENE = Path(__file__).parent / "press_linkage_ensemble.toml"
 N, SEED = 64, 0

@@ -3,10 +3,11 @@
 import compiled_elements
 import numpy as np
 import pytest
+from frames import to_inertial
 
 from pgmp_petsc.bodies.body import element_dofs
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
-from pgmp_petsc.mechanism.body_frames import linear_motion, rigid_velocities, to_body, to_inertial
+from pgmp_petsc.mechanism.body_frames import linear_motion, rigid_velocities, to_body
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from frames import to_inertial
 from runs import quick_return
 from scipy.spatial.transform import Rotation
 from spatial import kinematics_in_space, slider_crank_in_space, spatial_slider_crank
 
-from pgmp_petsc.mechanism.body_frames import to_inertial
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.constraints import ConstraintHessians
 from pgmp_petsc.mechanism.mechanism import Mechanism

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from pgmp_petsc.mechanism.frame_ties import CurvedTies, Quadratics
+from pgmp_petsc.mechanism.frame_ties import FrameTies, bent_terms
 
 N, ROW, N_ROWS = 3, 1, 6  # amplitudes, first row of the tie, rows of all ties
 
 
-def ties_of(d: int) -> tuple[CurvedTies, np.ndarray, int]:
+def ties_of(d: int) -> tuple[FrameTies, np.ndarray, int]:
     """Return the tie of a frame whose unknowns come before three amplitudes, a, and the number of unknowns."""
     n_pose = 3 if d == 2 else 12
     bent = np.random.default_rng(0).normal(size=(d, N, N))
     bent += bent.swapaxes(1, 2)
-    part = Quadratics.of(ROW, 0, n_pose + np.arange(N), bent)
-    return CurvedTies([part], d, N_ROWS), bent, n_pose + N
+    terms = bent_terms(d, ROW, 0, n_pose + np.arange(N), bent)
+    return FrameTies(terms, d, N_ROWS, n_pose + N), bent, n_pose + N
 
 
 def dense(pattern: tuple[np.ndarray, np.ndarray], values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -59,5 +59,4 @@ def test_derivatives_are_those_of_differences(d: int) -> None:
 
 
 def test_there_are_none_without_curvature() -> None:
-    part = Quadratics.of(0, 0, np.arange(3, 6), np.zeros((2, 3, 3)))
-    assert part.rows.size == 0
+    assert bent_terms(2, 0, 0, np.arange(3, 6), np.zeros((2, 3, 3))).rows.size == 0

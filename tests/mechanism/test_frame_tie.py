@@ -5,11 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from frames import to_inertial
 from solid_scenes import solid_meshes, solid_slider_crank
 from solids import mesh_of
 
 from pgmp_petsc.bodies.face_frame import FaceFrame
-from pgmp_petsc.mechanism.body_frames import to_body, to_inertial
+from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.frame_ties import FrameTies
@@ -37,7 +38,9 @@ def tie_of(places: np.ndarray, frame: FaceFrame) -> FrameTies:
     faces = {"faces": frame}
     body = SimpleNamespace(face_frames=faces, first_node=0, first_internal=N_TIES, blocks=lambda kind: ())
     n_dofs = N_TIES + places.size
-    return FrameTies(SimpleNamespace(dimension=2, n_dofs=n_dofs, bodies=(body,), frame=lambda node: np.arange(N_TIES)))
+    return FrameTies.of(
+        SimpleNamespace(dimension=2, n_dofs=n_dofs, bodies=(body,), frame=lambda node: np.arange(N_TIES))
+    )
 
 
 def jacobian_of(tie: FrameTies, q: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from joint_arrays import jacobian, joint, residual
 from pgmp_petsc.mechanism.joints import share_position, triad
 from pgmp_petsc.mechanism.space import PLANE
 
-COUNTS = {"revolute": 2, "point_on_line": 1, "fixed": 3}
+COUNTS = {"revolute": 2, "point_on_line": 1, "fixed": 3, "prismatic": 2}
 EPSILON = 1e-15  # round-off of sums of products of numbers of order 1
 NATURAL = PLANE.natural
 
@@ -21,7 +21,7 @@ def line(direction: tuple[float, float]):
 def test_the_number_of_constraints(kind: str) -> None:
     made = joint(kind, np.eye(2), np.eye(2))
     assert len(made) == COUNTS[kind]
-    assert share_position(made) == (kind != "point_on_line")
+    assert share_position(made) == (kind in ("revolute", "fixed"))
 
 
 def test_a_line_on_the_ground_holds_the_distance() -> None:
@@ -55,3 +55,13 @@ def test_a_weld_holds_the_angle_that_the_bodies_are_placed_at(away: float) -> No
     found = residual(weld, *frames)
     np.testing.assert_array_equal(found[:2], 0.0)
     assert abs(found[2]) == pytest.approx(abs(np.sin(away)), abs=EPSILON)
+
+
+def test_a_prismatic_joint_lets_nothing_turn() -> None:
+    axes = triad(np.array([3.0, 4.0]))
+    rail = joint("prismatic", axes, axes)
+    carrier = np.array([1.0, 2.0, 0.7])
+    along = carrier + [5.0 * np.cos(0.7 + np.arctan2(4.0, 3.0)), 5.0 * np.sin(0.7 + np.arctan2(4.0, 3.0)), 0.0]
+    np.testing.assert_allclose(residual(rail, *map(NATURAL, (carrier, along))), 0.0, atol=10 * EPSILON)
+    away = residual(rail, *map(NATURAL, (carrier, along + [0.0, 0.0, 0.1])))
+    np.testing.assert_allclose(np.abs(away), [0.0, np.sin(0.1)], atol=10 * EPSILON)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pgmp_petsc.bodies.inertia_moments import TURNS, linear_fields
+from pgmp_petsc.bodies.linear_fields import TURNS, linear_fields
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import triad
 from pgmp_petsc.mechanism.space import PLANE, SPATIAL, Space, cross_matrix, directors

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from refusals import cases
-from solids import SIDES, box_mesh, grid, rectangle_mesh
+from solids import SIDES, box_mesh, grid, jacobian_determinants, rectangle_mesh
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mesh import SolidMesh
@@ -24,7 +24,7 @@ from pgmp_petsc.mesh.solid_mesh import (
     set_numbers,
     shape_gradients,
 )
-from pgmp_petsc.mesh.solid_mesh_reading import entity_groups, jacobian_determinants, read_solid_mesh, solid_mesh
+from pgmp_petsc.mesh.solid_mesh_reading import entity_groups, read_solid_mesh, solid_mesh
 
 ENTRY = "bodies.crank.mesh"
 KINDS = (*PLANE_KINDS, *SOLID_KINDS)

@@ -52,7 +52,7 @@ def test_two_ranks_build_and_draw_lengths_as_one_does(mpirun: Callable, tmp_path
         np.testing.assert_array_equal(several.parameters["rod_length"], expected.parameters["rod_length"])
         for output, values in expected.outputs.items():
             np.testing.assert_array_equal(several.outputs[output], values)
-        words = "contain what they are off by" if name == "reduced" else "each sample has a mesh of its own lengths"
+        words = "contain what they are off by" if name == "reduced" else "each sample has a mechanism of its own"
         assert any(words in remark.text for remark in several.record.remarks)
         assert bool(several.validity) == (name == "reduced") and several.errors
         for kind in ("errors", "validity"):

@@ -4,12 +4,13 @@ import itertools
 
 import numpy as np
 import pytest
+from frames import to_inertial
 from runs import quick_return, reduced_model, rom_of, run_model, samples
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.effects import effects_of
-from pgmp_petsc.mechanism.body_frames import rigid_velocities, to_inertial
+from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from frames import pair_products
 from scipy.interpolate import CubicSpline
 
 from pgmp_petsc.reduction import interpolation as module
-from pgmp_petsc.reduction.cell_products import pair_products
 from pgmp_petsc.reduction.interpolation import FINE, Interpolant, interpolant, samples_for
 from pgmp_petsc.reduction.sample_grid import Samples
 from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, Axis, stencil

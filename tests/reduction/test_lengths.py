@@ -22,8 +22,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import LengthLanes, ReducedModel, SeparateLengths, of_samples
 from pgmp_petsc.reduction import length_family
-from pgmp_petsc.reduction.length_family import LengthCheck
-from pgmp_petsc.reduction.rom import ReducedOrderModel, check_served, refuse_beyond, served_ranges
+from pgmp_petsc.reduction.rom import LengthCheck, ReducedOrderModel, check_served, refuse_beyond, served_ranges
 from pgmp_petsc.reduction.sample_grid import LengthGrid
 from pgmp_petsc.scene.uses import length_names, length_range
 from pgmp_petsc.studies.inputs import with_meshes
@@ -105,7 +104,7 @@ def test_more_builds_than_are_made_are_refused() -> None:
     points = 'ground.points={guide=["x", "y"], a=["z", 0.0]}'
     spans = [f"parameters.{name}={{nominal=0.0, bounds=[-0.1, 0.1]}}" for name in "xyz"]
     with pytest.raises(
-        InputError, match="reduction.length_points = 5: of 4 lengths and places .* make 625 builds; at most"
+        InputError, match="reduction.length_points = 5: of 4 lengths, places and ratios .* make 625 builds; at most"
     ):
         long_crank(points, *spans)
 
@@ -142,7 +141,7 @@ def test_nothing_is_served_outside_the_range_of_a_length(rom: ReducedOrderModel)
         check_served(served, long_crank(wider, "parameters.rod_length.distribution={name='uniform', loc=0.6, "
                                         "scale=0.2}", settings=("rod_length=0.66",)))  # fmt: skip
     shifted = 'parameters.rod_length.distribution={name="uniform", loc=0.66, scale=0.07}'
-    with pytest.raises(InputError, match="serves no length and no place"):
+    with pytest.raises(InputError, match="serves no length, place or ratio"):
         check_served(served, long_crank(wider, shifted))
     with pytest.raises(InputError, match="samples are beyond what the reduced model serves"):
         refuse_beyond(served, {"rod_length": np.array([0.7, 0.74])}, "--samples")

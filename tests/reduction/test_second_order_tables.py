@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from frames import pair_products
 
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.cell_products import SecondOrderTables, pair_products, pair_rotations, symmetric, unpacked
+from pgmp_petsc.reduction.cell_products import SecondOrderTables, pair_rotations, symmetric, unpacked
 from pgmp_petsc.reduction.tables import ReducedTables
 from scenes import meshes_of, slider_crank
 

@@ -13,38 +13,69 @@ from pgmp_petsc.scene import scene_from_toml
 
 REFUSED = {
     ROTORS: """
-joints.mesh.ratio=0.0 -> = 0.0: a number other than 0 is needed; with 0 nothing is coupled
-joints.mesh.ratio="r" -> = "r": numbers are needed, no parameter: couplings change the rigid motion
-joints.mesh.ratio=true -> = true
+joints.mesh.ratio=0.0 -> = 0.0: a number other than 0 or the name of a parameter is needed
+joints.mesh.ratio="r" -> = "r": there is no such parameter
+joints.mesh.ratio=true -> = true: a number other than 0 or the name of a parameter is needed
+joints.mesh.ratio="r" & parameters.r={nominal=0.5} -> \
+    parameters.r.bounds: missing; joints.mesh.ratio uses it, and the reduced model is built between its ends: give \
+bounds = [low, high], or a distribution
+joints.mesh.ratio="r" & parameters.r={nominal=0.5, bounds=[-0.1, 0.6]} -> \
+    parameters.r.bounds = [-0.1, 0.6]: must be on one side of 0, because joints.mesh.ratio uses it
+joints.mesh.ratio="r" & parameters.r={nominal=0.0, bounds=[-0.1, 0.6]} -> \
+    parameters.r.nominal = 0.0: must not be 0, because joints.mesh.ratio uses it || \
+    parameters.r.bounds = [-0.1, 0.6]: must be on one side of 0
+joints.mesh.ratio="r" & parameters.r={nominal=0.5, bounds=[0.4, 0.6], unit="m"} -> \
+    parameters.r.unit = "m": joints.mesh.ratio uses it, which needs 1 (no unit)
+joints.mesh.ratio="r" & parameters.r={nominal=0.5, bounds=[0.4, 0.6]} & bodies.one.rigid.mass="r" -> \
+    parameters.r: joints.mesh.ratio and bodies.one.rigid.mass use it; what is a length, a place or || \
+    parameters.r: joints.mesh.ratio (1) and bodies.one.rigid.mass (kg) use it, which are different quantities
 joints.mesh.joints=["input"] -> = ["input"]: the names of two joints in brackets are needed
 joints.mesh.joints="input" -> = "input": the names of two joints in brackets are needed
 joints.mesh.joints=["input", 3] -> = ["input", 3]: the names of two joints in brackets are needed
 joints.mesh={type="coupling", terms=3} -> joints.mesh.terms = 3
-joints.mesh={type="coupling", terms={input="r", output=1.0}} -> joints.mesh.terms.input = "r": numbers are needed, no
+joints.mesh={type="coupling", terms={input="r", output=1.0}} -> joints.mesh.terms.input = "r": there is no such param
 joints.mesh={type="gear", joints=["input", "output"]} -> joints.mesh.ratio: missing
 joints.mesh.connect=["ground:origin", "one:hub"] -> = | unknown key
 joints.mesh.joints=["input", "outptu"] -> = "outptu": there is no such joint; did you mean 'output'?
 joints.mesh.joints=["input", "mesh"] -> = "mesh": a joint that has the motion turning is needed; this one is gear
 joints.mesh.joints=["input", "input"] -> = "input": the same joint is named twice
 joints.mesh.elastic={stiffness=1.0} -> joints.mesh.elastic | unknown key
-joints.mesh.type="belt" -> = "belt": unknown
+joints.mesh.type="chain" -> = "chain": unknown
+joints.mesh={type="belt", joints=["input", "output"]} -> joints.mesh.radii: missing
+joints.mesh={type="belt", joints=["input", "output"], radii=[0.1, 0.0]} -> \
+    joints.mesh.radii = [0.1, 0.0]: two positive numbers in brackets are needed, such as [0.05, 0.1], each a number or
+joints.mesh={type="belt", joints=["input", "output"], radii=0.1} -> joints.mesh.radii = 0.1: two positive numbers
+joints.mesh={type="belt", joints=["input", "output"], radii=[0.1, "5 kg"]} -> \
+    joints.mesh.radii = [0.1, "5 kg"]: 'kg' is the unit of a mass; needed is a length (m)
+joints.mesh={type="belt", joints=["input", "output"], radii=[0.1, "r"]} -> joints.mesh.radii = "r": there is no such
+joints.mesh={type="belt", joints=["input", "output"], radii=["r", 0.1]} & parameters.r={nominal=1.0, bounds=[0, 2]} \
+    -> parameters.r.bounds = [0.0, 2.0]: must be positive, because joints.mesh.radii uses it
+joints.mesh={type="belt", joints=["input", "output"], radii=[0.1, 0.2], crossed=1} -> joints.mesh.crossed = 1
+joints.mesh={type="belt", joints=["input", "input"], radii=[0.1, 0.2]} -> joints.mesh.joints = "input": the same joint
 joints.mesh={type="screw", joint="input", lead=1.0} -> joints.mesh.type = "screw": for mechanisms in space
 joints.mesh={type="rack", joints=["input", "output"], radius=1.0} -> \
     joints.mesh.joints = "output": a joint that has the motion sliding is needed; this one is revolute
 joints.mesh={type="coupling", terms={input=1.0}} -> joints.mesh.terms
-joints.mesh={type="coupling", terms={input=1.0, output=0.0}} -> joints.mesh.terms.output = 0.0: a number other than 0
+joints.mesh={type="coupling", terms={input=1.0, output=0.0}} -> joints.mesh.terms.output = 0.0: a number other than
 joints.mesh={type="coupling", terms={input=1.0, outptu=2.0}} -> joints.mesh.terms = "outptu": there is no such joint
 coordinates.phi.joint="mesh" -> = "mesh": a | joint is needed, this one is a gear
 outputs.one.joint="mesh" -> = "mesh": a | joint is needed, this one is a gear
 effects.motor.joint="mesh" -> = "mesh": a | joint is needed, this one is a gear
 """,
     RACK: """
-joints.teeth.radius=0.0 -> = 0.0: a number other than 0 is needed
+joints.teeth.radius=0.0 -> = 0.0: a number other than 0 or the name of a parameter is needed
+joints.teeth.radius="r" & parameters.r={nominal=0.05, bounds=[0.04, 0.06], unit="kg"} -> \
+    parameters.r.unit = "kg": joints.teeth.radius uses it, which needs m
+joints.teeth.radius="r" & parameters.r={nominal=0.05} -> \
+    parameters.r.bounds: missing; joints.teeth.radius uses it, and the reduced model is built between its ends: give \
+bounds = [low, high] (m)
 joints.teeth.radius="5 kg" -> = "5 kg": 'kg' is the unit of a mass; needed is a length (m)
+joints.teeth={type="belt", joints=["axle", "teeth"], radii=[0.1, 0.2]} -> \
+    joints.teeth.joints = "teeth": a joint that has the motion turning is needed; this one is belt
 joints.teeth.joints=["rail", "teeth"] -> = "teeth": a joint that has the motion sliding is needed; this one is rack
 """,
     SCREW: """
-joints.thread.lead=0.0 -> = 0.0: a number other than 0 is needed
+joints.thread.lead=0.0 -> = 0.0: a number other than 0 or the name of a parameter is needed
 joints.thread.joint="thread" -> = "thread": a joint that has the motion sliding is needed; this one is screw || \
     joints.thread.joint = "thread": a joint that has the motion turning is needed; this one is screw
 joints.thread={type="coupling", terms={shaft=1.0, thread=1.0}} -> \

@@ -112,7 +112,7 @@ joints.elbow.connect=['ground:orign', 'rod:hinge'] -> = "ground:orign": there is
 joints.elbow.connect=['crank:tip', 'crank:hinge'] -> = ["crank:tip", "crank:hinge"]: a joint connects two different
 joints.a={type='revolute', connect=['ground:origin', 'ground:origin']} -> \
     joints.a.connect = ["ground:origin", "ground:origin"]: a joint connects two different bodies, or a body and the
-coordinates.theta.joint='elbw' -> = "elbw": there is no such point_on_line or revolute joint; did you mean 'elbow'?
+coordinates.theta.joint='elbw' -> = "elbw": there is no such point_on_line, prismatic or revolute joint; did
 coordinates.theta.joint='slider' -> coordinates.theta.motion: missing; slider is point_on_line: "sliding" or "turning"
 coordinates.theta.motion='sliding' -> = "sliding": crank_hinge is revolute: allowed is "turning"
 coordinates.theta={joint='slider', motion='sliding', range=[0, 1], periodic=true} -> \

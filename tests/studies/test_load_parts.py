@@ -2,10 +2,10 @@
 
 import pytest
 
+from pgmp_petsc.api.sources import _check_tables_hold
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.effects.time_function import amplitude_of
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.studies.inputs import _check_tables_hold
 from scenes import slider_crank
 
 PARAMETERS = ("parameters.A={nominal=2.0}", "parameters.B={nominal=-0.5}")

@@ -5,7 +5,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
 import h5py
@@ -338,7 +338,7 @@ def test_installed_packages_have_ideas_behind_entry_points(tmp_path: Path, monke
 
     def named(name: str) -> None:
         found = EntryPoint(name, points[name], "pgmp.effects")
-        monkeypatch.setattr(ideas, "entry_points", lambda group: [found] if group == "pgmp.effects" else [])
+        monkeypatch.setattr(ideas, "_installed", lambda: EntryPoints([found]))
         monkeypatch.setattr(ideas.EFFECTS, "_looked_through", False)
 
     named("broken")

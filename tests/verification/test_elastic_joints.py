@@ -10,11 +10,11 @@ from runs import history, motion, read_meshes, reduced_model, rom_of, samples, t
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
+from pgmp_petsc.api.sources import scene_of_rom
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.studies.inputs import scene_of_rom
 from pgmp_petsc.studies.modes_table import reduced_vibrations, springs_of
 from scenes import STEEL
 

@@ -225,9 +225,9 @@ def test_loads_that_set_in_at_once(tmp_path, step, n_attempts) -> None:
     """Steps that fail are tried as the program tries them; with an attempt less a step fails, and is not taken."""
     model = reduced_model(scene_from_toml(CYLINDER.replace("STEP", str(step)), "."))
     exported.assert_same_in_c(model, tmp_path)
-    text, n = re.subn("attempt < N_ATTEMPTS", f"attempt < {n_attempts - 1}", (tmp_path / "model.c").read_text())
+    text, n = re.subn("attempt < N_ATTEMPTS", f"attempt < {n_attempts - 1}", (tmp_path / "steps.c").read_text())
     assert n == 1
-    (tmp_path / "model.c").write_text(text)
+    (tmp_path / "steps.c").write_text(text)
     command = [exported.COMPILER, *exported.OPTIONS, "-o", "run", "main.c", *COMPILED, "-lm"]
     subprocess.run(command, cwd=tmp_path, check=True, timeout=TIMEOUT_SECONDS)
     _assert_stopped(tmp_path / "run")

@@ -136,4 +136,4 @@ def test_a_model_in_c_has_the_lengths_of_its_export(tmp_path: Path) -> None:
     model = ReducedModel(scene, rom_of(long_crank(*SMALL)))
     found = assert_same_in_c(model, tmp_path)
     assert found["slider_position"][0] == pytest.approx(0.3 + 0.68, rel=1e-12)
-    assert "rod_length" not in (tmp_path / "model.c").read_text()
+    assert "rod_length" not in (tmp_path / "steps.c").read_text()

@@ -1,18 +1,27 @@
-"""Loads over the angle or the way of their joint: against an integration of scipy's, the work over a turn, in C."""
+"""Loads over the angle or the way of a joint: against scipy, the work over a turn, derivatives, in C, on ranks."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from differences import SHARES, ToRoundOff, compare
 from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
+from length_scenes import SMALL, long_crank
 from machine_scenes import MODELS, RIGID, CartAndPole, cart, rail, run
 from mpi4py import MPI
 from refusals import cases, check_said
-from runs import full_model, reduced_model
+from runs import PGMP, full_model, reduced_model
 from scipy.integrate import cumulative_trapezoid
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.effects.over_joint import table_law
+from pgmp_petsc.gradients import differentiated
+from pgmp_petsc.models import of_samples
+from pgmp_petsc.results import Trajectory
+from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.scene.uses import motion_over
+from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.studies.simulate import simulate_full
 from scenes import slider_crank
 
@@ -33,6 +42,8 @@ def test_the_law_of_a_table() -> None:
         assert found.force == pytest.approx(2.0 * np.interp(s, *zip(*ROWS)), abs=1e-14)
         slope = np.diff(np.interp([s - h, s + h], *zip(*ROWS)))[0] / (2 * h)
         assert found.stiffness == pytest.approx(-2.0 * slope, abs=1e-8) and found.damping == 0.0
+        law.code.slopes([2.0], 0.0, s, 0.3, slopes := [0.0, 0.0])
+        assert slopes == [found.force / 2.0, 0.0]
     turn = ((0.5, 1.0), (2.0, -1.0), (0.5 + 2.0 * np.pi, 1.0))
     law = table_law(turn, True)
     for s in np.linspace(0.5, 0.5 + 2.0 * np.pi, 31)[:-1] + 1e-3:
@@ -82,14 +93,99 @@ def test_loads_over_joints_in_c(tmp_path: Path) -> None:
     assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
 
 
+#: Each acts on one joint, and hangs on the other: a torque and a formula, forces along a joint and at a point.
+ACROSS = (
+    'effects.motor={type="torque",joint="pivot",over="rail",table=[[-0.2,-0.6],[0.0,0.0],[0.2,0.8]],scale="factor"}',
+    'effects.follow={type="law",joint="rail",over="pivot",force="k * (s + 1.2) - c * v",constants={k=2.0,c="drag"}}',
+    'effects.push={type="force",joint="rail",over="pivot",table=[[-3.0,1.0],[-1.5,-0.5],[0.0,1.5]]}',
+    'effects.blow={type="force",point="pole:tip",direction=[1.0,0.0],over="rail",table=[[-0.1,1.0],[0.3,0.2]]}',
+    "parameters.factor={nominal=2.0}", "parameters.drag={nominal=0.3}", "simulation.initial.x.velocity=0.3",
+)  # fmt: skip
+
+
+def blow(x: float) -> float:
+    return float(np.interp(x, [-0.1, 0.3], [1.0, 0.2]))
+
+
+def force(t: float, x: float, phi: float, v: float, w: float) -> float:
+    return 2.0 * (phi + 1.2) - 0.3 * w + float(np.interp(phi, [-3.0, -1.5, 0.0], [1.0, -0.5, 1.5])) + blow(x)
+
+
+def torque(t: float, x: float, phi: float, v: float, w: float) -> float:
+    return 2.0 * float(np.interp(x, [-0.2, 0.0, 0.2], [-0.6, 0.0, 0.8])) - 0.5 * np.sin(phi) * blow(x)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_loads_over_the_other_joint_move_a_cart_and_a_pole(model: str) -> None:
+    # a reduced model has bodies that deform, if only a little
+    stiff = ("materials.steel.E=2e14", "reduction.angles=28") if model == "reduced" else RIGID
+    times, found = run(cart(*stiff, *ACROSS, "simulation.step=5e-4"), model)
+    exact = CartAndPole().motion(times, (0.0, 0.0, 0.3, 0.0), force, torque)
+    # the step leaves 2e-6, and a quarter of it at half the step; 28 angles 6e-6, half as many 8e-5
+    for name, values in zip(("x", "swing"), exact):
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-5 * np.abs(values).max())
+
+
+def test_loads_over_the_other_joint_in_every_model() -> None:
+    (_, full), (_, components), (_, reduced) = (run(cart(*ACROSS), model) for model in MODELS)
+    for name, share in (("x", 2e-4), ("swing", 2e-4), ("bent", 0.03)):
+        largest = np.abs(full[name]).max()
+        np.testing.assert_allclose(reduced[name], full[name], rtol=0, atol=share * largest, err_msg=name)
+        np.testing.assert_allclose(components[name], full[name], rtol=0, atol=share * largest, err_msg=name)
+
+
+def test_derivatives_of_loads_over_the_other_joint() -> None:
+    compare(reduced_model(cart(*ACROSS, "simulation.duration=0.1")))
+
+
+def test_derivatives_with_a_length_of_what_leads(monkeypatch) -> None:
+    """The way of the slider hangs on the rod's length, and the crank's torque on that; the elbow's on the crank."""
+    scene = long_crank(
+        *SMALL, "simulation.initial.theta={position=0.4,velocity=-20.0}", "parameters.rod_length.value=0.698",
+        'effects.brake={type="law",joint="crank_hinge",over="slider",force="-0.3 * s - 0.02 * v"}',
+        'effects.turn={type="torque",joint="elbow",over="crank_hinge",table=[[-1.0,0.3],[1.0,-0.2]]}',
+    )  # fmt: skip
+
+    def carefully(system: Any, *arguments: Any, **named: Any) -> Run:
+        return integrate(ToRoundOff(system), *arguments, **named)
+
+    monkeypatch.setattr(differentiated, "integrate", carefully)
+    compare(of_samples(reduced_model(scene), ["rod_length"]), SHARES, "rod_length")
+
+
+@needs_compiler
+def test_loads_over_the_other_joint_in_c(tmp_path: Path) -> None:
+    model = reduced_model(cart(*ACROSS))
+    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+
+
+@pytest.mark.parametrize("model", ["--full", "--components", "reduced"])
+def test_loads_over_the_other_joint_on_ranks(mpirun, tmp_path: Path, model: str) -> None:
+    """The action that leads is measured on every rank that has what it leads."""
+    scene, found = tmp_path / "cart.toml", []
+    scene.write_text(scene_to_toml(cart(*ACROSS, "simulation.duration=0.05", "reduction.angles=6")))
+    for n_ranks in (1, 3):
+        rom, path = (tmp_path / f"{kind}_{n_ranks}.h5" for kind in ("rom", "run"))
+        if model == "reduced":
+            mpirun(n_ranks, *PGMP, "build", scene, "-o", rom)
+        mpirun(n_ranks, *PGMP, "simulate", *([rom] if model == "reduced" else [scene, model]), "-o", path)
+        found.append(Trajectory.read(path).outputs)
+    assert_equal(*found)
+
+
 REFUSED = """
-effects.e={type="torque",joint="pivot",over="rail",table=[[0,1],[1,2]]} -> \
-    effects.e.over = "rail": a load hangs on the joint that it acts on, which is pivot
-effects.e={type="force",point="pole:tip",direction=[1,0],over="rail",table=[[0,1]]} -> \
-    effects.e.over = "rail": a load hangs on the joint that it acts on, which is none here
+effects.e={type="torque",joint="pivot",over="crank",table=[[0,1],[1,2]]} -> \
+    effects.e.over = "crank": there is no such
+effects.e={type="law",joint="pivot",over="raill",force="s"} -> effects.e.over = "raill": there is no such
+effects.e={type="law",joint="pivot",over="clamp",force="s"} -> \
+    effects.e.over = "clamp": there is no such | known: pivot, rail, rail2
+effects.e={type="force",point="pole:tip",direction=[1,0],over="rail",harmonic={amplitude=1,frequency_hz=1}} -> \
+    effects.e.over = "rail": needs a table; a harmonic is over time
 effects.e={type="torque",joint="pivot",over="pivot",harmonic={amplitude=1,frequency_hz=1}} -> \
     effects.e.over = "pivot": needs a table; a harmonic is over time
 effects.e={type="torque",joint="pivot",over="pivot",table=[[0,1],[6.283185307179586,2]]} -> \
+    effects.e.table: is over a whole turn, and its ends differ; it has to close
+effects.e={type="force",joint="rail",over="pivot",table=[[0,1],[6.283185307179586,"k"]]} -> \
     effects.e.table: is over a whole turn, and its ends differ; it has to close
 effects.e={type="torque",joint="pivot",over="pivot",table=[[1,1],[0,2]]} -> effects.e.table
 """
@@ -98,7 +194,7 @@ effects.e={type="torque",joint="pivot",over="pivot",table=[[1,1],[0,2]]} -> effe
 @pytest.mark.parametrize(("override", "said"), cases(REFUSED))
 def test_what_hangs_on_nothing_is_explained(override: str, said: str) -> None:
     with pytest.raises(InputError) as caught:
-        cart(override)
+        cart(override, "parameters.k={nominal=1.0}")
     check_said(str(caught.value), said, override)
 
 
@@ -111,3 +207,29 @@ def test_a_parameter_in_a_row_is_a_load_of_its_own() -> None:
             run(rail(*own, *moving), model) for own in ((named, "parameters.one={nominal=3.0}"), (plain,))
         )
         np.testing.assert_allclose(one["x"], other["x"], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("model", ["full", "reduced"])
+def test_a_parameter_in_a_table_over_a_whole_turn(model: str) -> None:
+    """Each part of it is over the whole turn, and goes on for ever."""
+    last, found = 1.0 + 2.0 * np.pi, []
+    for one in ('"one"', 2.0):
+        rows = f"[[1.0,{one}],[3.0,0.5],[{last!r},{one}]]"
+        scene = cart(
+            f'effects.push={{type="force",joint="rail",over="pivot",table={rows}}}', "parameters.one.nominal=2.0"
+        )
+        found.append(run(scene, model)[1])
+    np.testing.assert_allclose(found[0]["x"], found[1]["x"], rtol=0, atol=1e-9)
+
+
+def test_a_joint_that_turns_and_slides_is_no_motion_to_hang_on() -> None:
+    """Unless it is the joint that the load acts on, where the motion is the same."""
+    both = 'joints.rail.type="cylindrical"', 'coordinates.x.motion="sliding"', 'outputs.v.motion="sliding"'
+    table = 'over="rail",table=[[0.0,1.0],[1.0,2.0]]'
+    with pytest.raises(InputError) as caught:
+        rail(*both, f'effects.e={{type="force",point="arm:tip",direction=[1.0,0.0,0.0],{table}}}')
+    said = 'effects.e.over = "rail": is cylindrical, which turns and slides; take a joint that has one motion'
+    assert str(caught.value) == said
+    for kind, motion in (("force", "sliding"), ("torque", "turning")):
+        scene = rail(*both, f'effects.e={{type="{kind}",joint="rail",{table}}}')
+        assert motion_over(scene, scene.effects["e"]) == motion

@@ -183,7 +183,7 @@ def test_a_model_in_c_takes_the_numbers(tmp_path: Path) -> None:
     without = "effects.stop={type='joint_damping',joint='crank_hinge',coefficient=0.01}"
     scene = named(without, "parameters.lump.bounds=[0.01, 0.04]")
     program = compiled(reduced_model(scene), tmp_path)
-    assert "throw" not in (tmp_path / "model.c").read_text()
+    assert "throw" not in (tmp_path / "steps.c").read_text()
     changed = scene.with_values({name: SECOND[name] for name in ("slow", "length", "lump")})
     model = ReducedModel(changed, rom_of(scene))
     found = outputs_of(program, *(f"{name}={SECOND[name]}" for name in ("slow", "length", "lump")))

@@ -8,7 +8,7 @@ import pytest
 from crooked_scenes import pivot_off, spatial_four_bar
 from machine_scenes import MODELS
 from mpi4py import MPI
-from offset_scenes import CLAMPED, HEIGHT, LENGTH, WIDTH, clamped_beam, offset
+from offset_scenes import CLAMPED, SHEAR, E, G, clamped_beam, clamped_stiffness, offset
 from refusals import cases, check_said
 from runs import PGMP, full_model, overridden, read_meshes
 
@@ -19,8 +19,6 @@ from pgmp_petsc.results import Ensemble
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.simulate import simulate
 
-E, NU = 210e9, 0.3
-G, SHEAR = E / (2.0 * (1.0 + NU)), 10.0 * (1.0 + NU) / (12.0 + 11.0 * NU)  # Cowper 1966, of rectangles
 TILT = float(np.radians(5.0))
 FREE = ("effects={}", "simulation.initial.theta.velocity=20.0", "simulation.spectral_radius=1.0")
 
@@ -39,14 +37,6 @@ def extrapolated(values: Sequence[float]) -> float:
     # elements of the first order: 4 from one to the next, where terms of fourth order are small
     assert (first - second) / (second - third) == pytest.approx(4.0, rel=0.05)
     return third + (third - second) / 3.0
-
-
-def clamped_stiffness() -> np.ndarray:
-    """Return force and moment at the end of a clamped Timoshenko beam for its displacement and rotation there."""
-    inertia, area = WIDTH * HEIGHT**3 / 12.0, WIDTH * HEIGHT
-    phi = 12.0 * E * inertia / (SHEAR * G * area * LENGTH**2)
-    own = np.array([[12.0, -6.0 * LENGTH], [-6.0 * LENGTH, (4.0 + phi) * LENGTH**2]])
-    return E * inertia / (LENGTH**3 * (1.0 + phi)) * own
 
 
 @pytest.mark.parametrize(("d", "phi"), [(1e-5, 0.0), (0.0, 1e-5), (1e-5, 2e-5)])
@@ -250,10 +240,10 @@ def test_refused_with_the_scene(asked: str, said: str) -> None:
     check_said(str(error.value), said, asked)
 
 
-@pytest.mark.parametrize("purpose", [Purpose.BUILD, Purpose.REDUCED, Purpose.MODES, Purpose.TRADEOFF, Purpose.SIZES])
+@pytest.mark.parametrize("purpose", [Purpose.MODES, Purpose.TRADEOFF, Purpose.SIZES])
 def test_what_goes_over_configurations_refuses_offsets(purpose: Purpose) -> None:
     scene = clamped_beam(offset("right", place=[0.0, 1e-5]))
-    with pytest.raises(InputError, match=r"^joints\.right\.offset: .*no part of reduced models"):
+    with pytest.raises(InputError, match=r"^joints\.right\.offset: .*no part of modes over configurations"):
         check_capabilities(scene, purpose, read_meshes(scene))
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import scipy.linalg
+from frames import pair_products, to_inertial
 from mpi4py import MPI
 from runs import quick_return, rom_of
 from static_equilibrium import StaticEquilibrium
@@ -14,7 +15,6 @@ from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, loads_of, patterns_of
-from pgmp_petsc.mechanism.body_frames import to_inertial
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.modes import problem as problem_module
@@ -22,7 +22,7 @@ from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.modes.static_modes import static_modes
 from pgmp_petsc.reduction.build import Manifold
-from pgmp_petsc.reduction.cell_products import SecondOrderTables, pair_products, unpacked
+from pgmp_petsc.reduction.cell_products import SecondOrderTables, unpacked
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sampler import Sample, Sampler

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from frames import pair_products
 from green_lagrange import energy_of
 from mpi4py import MPI
 from runs import motion, rom_of
@@ -24,7 +25,6 @@ from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.build import Manifold
-from pgmp_petsc.reduction.cell_products import pair_products
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sampler import Sampler

@@ -49,13 +49,14 @@ def test_all_models_agree_on_a_flexible_pole() -> None:
     assert np.abs(full["bent"]).max() > 1e-5
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("model", MODELS)
-def test_a_rail_with_a_spring_and_a_damper_is_an_oscillator(model: str) -> None:
+def test_a_rail_with_a_spring_and_a_damper_is_an_oscillator(model: str, dimension: int) -> None:
     """A stiff arm of mass m: x = v / w sin(w t) exp(-d t)."""
     scene = rail(
         'effects.held={type="spring_damper",joint="rail",stiffness=400.0,damping=4.0}',
         "simulation.initial.x.velocity=1.0", "materials.steel.E=2e13", "simulation.step=5e-4",
-        "simulation.duration=0.2",
+        "simulation.duration=0.2", dimension=dimension,
     )  # fmt: skip
     times, found = run(scene, model)
     decay = 4.0 / (2.0 * RAIL_MASS)
@@ -74,10 +75,11 @@ EFFECTS = {
 }
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("effect", EFFECTS)
-def test_effects_act_on_what_slides(effect: str) -> None:
+def test_effects_act_on_what_slides(effect: str, dimension: int) -> None:
     moving = () if effect == "driven" else ("simulation.initial.x.velocity=0.5",)
-    scene = rail(EFFECTS[effect], *moving, "simulation.step=5e-4", "simulation.duration=0.2")
+    scene = rail(EFFECTS[effect], *moving, "simulation.step=5e-4", "simulation.duration=0.2", dimension=dimension)
     (_, full), (_, components), (_, reduced) = (run(scene, model) for model in MODELS)
     for name, share in (("x", 1e-4), ("tip", 0.02 if effect == "stop" else 0.01)):
         largest = np.abs(full[name]).max()

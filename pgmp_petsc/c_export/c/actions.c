@@ -2,7 +2,8 @@
 
      r -= J^T F g,     dr/d eta = J^T ((k + gain_v c) g g^T - F h) J,     k = -dF/ds,  c = -dF/ds'
 
-   without the change of J with eta. A node's frame is that of its rigid body, moved and turned by Psi delta + 1/2 chi
+   without the change of J with eta. Of a law that is led by the effect before it k + gain_v c is with the product of its
+   own g and of g there. A node's frame is that of its rigid body, moved and turned by Psi delta + 1/2 chi
    delta delta in the body's frame; rigid frames and the angles of the effects are tables over theta.
 
    written by pgmp_petsc */
@@ -154,10 +155,10 @@ static void attach_pair(const struct action *action, const struct moving nodes[]
     }
 }
 
-static void add_tangent(double stiffness, double force, const double projected[N], double hessian[][2 * N_FRAME],
-                        double jacobian[2 * N_FRAME][N], double tangent[N][N]) {
+static void add_tangent(double stiffness, double force, const double projected[N], const double leading[N],
+                        double hessian[][2 * N_FRAME], double jacobian[2 * N_FRAME][N], double tangent[N][N]) {
     for (int i = 0; i < N; i++)
-        for (int j = 0; j < N; j++) tangent[i][j] += stiffness * projected[i] * projected[j];
+        for (int j = 0; j < N; j++) tangent[i][j] += stiffness * projected[i] * leading[j];
     for (int c = 0; c < 2 * N_FRAME; c++)
         for (int d = 0; d < 2 * N_FRAME; d++) {
             double bent = force * hessian[c][d];
@@ -181,6 +182,7 @@ void add_actions(const struct pgmp_model *m, const struct stencil *stencil, cons
                  const double q[N], const double v[N], double gain_v, int fresh, double about[], double depths[],
                  double r[N], struct matrix *matrix) {
     double rigid[1 + R][AT_LEAST_ONE(N_ACTION_ENTRIES)] = {{0}}, tangent[N][N] = {{0}};
+    double leading[N] = {0}, place = 0.0, speed = 0.0; /* of the effect whose measure a law is of */
     struct moving nodes[AT_LEAST_ONE(N_ACTION_NODES)];
     struct stencil fine;
     if (N_ACTIONS == 0) return;
@@ -203,13 +205,22 @@ void add_actions(const struct pgmp_model *m, const struct stencil *stencil, cons
             for (int c = 0; c < 2 * N_FRAME; c++) projected[i] += gradient[c] * jacobian[c][i];
             rate += projected[i] * v[i];
         }
-        action->law(m->laws[number], action->strength < 0 ? 0.0 : strengths[action->strength], s, rate,
+        if (action->role != LED) {
+            place = s, speed = rate;
+            memcpy(leading, projected, sizeof leading);
+        }
+        if (action->role == LEADS) {
+            if (about) about[number] = rate;
+            continue;
+        }
+        action->law(m->laws[number], action->strength < 0 ? 0.0 : strengths[action->strength], place, speed,
                     about && fresh ? about[number] : NAN, found);
         if (about) about[number] = found[LAW_ABOUT];
         for (int e = 0; depths && e < action->n_edges; e++) depths[action->edge + e] = found[LAW_END + e];
         for (int i = 0; i < N; i++) r[i] -= found[LAW_FORCE] * projected[i];
         if (fresh)
-            add_tangent(found[LAW_STIFFNESS] + gain_v * found[LAW_DAMPING], found[LAW_FORCE], projected, hessian, jacobian, tangent);
+            add_tangent(found[LAW_STIFFNESS] + gain_v * found[LAW_DAMPING], found[LAW_FORCE], projected, leading,
+                        hessian, jacobian, tangent);
     }
     if (fresh) add_to_matrix(tangent, matrix);
 }

@@ -6,7 +6,7 @@
 
    written by pgmp_petsc */
 
-#define FAIL(...) return (status)unit_say(c, UNIT_ERROR, __VA_ARGS__)
+#define REFUSE(...) return (status)unit_say(c, UNIT_ERROR, __VA_ARGS__)
 
 EXPORT status FMI(SetDebugLogging)(instance c, boolean on, size_t n, const FMI(String) categories[]) {
     (void)c, (void)on, (void)n, (void)categories;
@@ -55,7 +55,7 @@ EXPORT status FMI(GetNominalsOfContinuousStates)(instance c, real nominals[], si
 
 EXPORT status FMI(GetEventIndicators)(instance c, real indicators[], size_t n) {
     (void)indicators;
-    if (n > 0) FAIL("there are no event indicators");
+    if (n > 0) REFUSE("there are no event indicators");
     return FMI(OK);
 }
 
@@ -63,6 +63,6 @@ EXPORT status FMI(GetEventIndicators)(instance c, real indicators[], size_t n) {
 #define CANNOT(NAME, WHY, IGNORED, ...)              \
     EXPORT status FMI(NAME)(instance c, __VA_ARGS__) { \
         IGNORED;                                     \
-        FAIL(WHY);                                   \
+        REFUSE(WHY);                                   \
     }
 #define NOT_KEPT "states are not kept"

@@ -59,7 +59,7 @@ EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String 
 EXPORT fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean given, fmi2Real tolerance, fmi2Real start,
                                       fmi2Boolean stops, fmi2Real stop) {
     (void)given, (void)tolerance, (void)stops, (void)stop;
-    if (start != 0.0) FAIL("the start time is %g s; this model starts at 0", start);
+    if (start != 0.0) REFUSE("the start time is %g s; this model starts at 0", start);
     return fmi2OK;
 }
 
@@ -86,7 +86,7 @@ EXPORT fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[],
 
 EXPORT fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2String value[]) {
     (void)vr, (void)value;
-    if (n > 0) FAIL("there are no Strings");
+    if (n > 0) REFUSE("there are no Strings");
     return fmi2OK;
 }
 
@@ -96,7 +96,7 @@ EXPORT fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], si
 
 EXPORT fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer value[]) {
     (void)vr, (void)value;
-    if (n > 0) FAIL("no whole number can be set");
+    if (n > 0) REFUSE("no whole number can be set");
     return fmi2OK;
 }
 
@@ -108,7 +108,7 @@ EXPORT fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference vr[],
 
 EXPORT fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2String value[]) {
     (void)vr, (void)value;
-    if (n > 0) FAIL("there are no Strings");
+    if (n > 0) REFUSE("there are no Strings");
     return fmi2OK;
 }
 
@@ -119,7 +119,7 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real current, fmi2Real size, f
     return (status)unit_step(c, current, size);
 }
 
-EXPORT fmi2Status fmi2CancelStep(fmi2Component c) { FAIL("steps are not asynchronous"); }
+EXPORT fmi2Status fmi2CancelStep(fmi2Component c) { REFUSE("steps are not asynchronous"); }
 
 /* Model exchange. */
 

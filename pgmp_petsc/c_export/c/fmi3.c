@@ -68,7 +68,7 @@ EXPORT fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3Strin
 EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean given, fmi3Float64 tolerance,
                                               fmi3Float64 start, fmi3Boolean stops, fmi3Float64 stop) {
     (void)given, (void)tolerance, (void)stops, (void)stop;
-    if (start != 0.0) FAIL("the start time is %g s; this model starts at 0", start);
+    if (start != 0.0) REFUSE("the start time is %g s; this model starts at 0", start);
     return fmi3OK;
 }
 
@@ -78,7 +78,7 @@ MODE(EnterConfigurationMode)
 MODE(ExitConfigurationMode)
 
 static fmi3Status check(fmi3Instance c, size_t n, size_t n_values) {
-    if (n != n_values) FAIL("%lu values of %lu variables; all are scalars", (unsigned long)n_values, (unsigned long)n);
+    if (n != n_values) REFUSE("%lu values of %lu variables; all are scalars", (unsigned long)n_values, (unsigned long)n);
     return fmi3OK;
 }
 
@@ -122,7 +122,7 @@ EXPORT fmi3Status fmi3SetBoolean(fmi3Instance c, const fmi3ValueReference vr[], 
     EXPORT fmi3Status fmi3Get##KIND(fmi3Instance c, const fmi3ValueReference vr[], size_t n, TYPE value[],          \
                                     size_t n_values) {                                                              \
         (void)vr, (void)value, (void)n_values;                                                                      \
-        if (n > 0) FAIL("there are no variables of type %s", #KIND);                                                \
+        if (n > 0) REFUSE("there are no variables of type %s", #KIND);                                                \
         return fmi3OK;                                                                                              \
     }                                                                                                               \
     NOT_SET(KIND, TYPE)
@@ -130,7 +130,7 @@ EXPORT fmi3Status fmi3SetBoolean(fmi3Instance c, const fmi3ValueReference vr[], 
     EXPORT fmi3Status fmi3Set##KIND(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const TYPE value[],    \
                                     size_t n_values) {                                                              \
         (void)vr, (void)value, (void)n_values;                                                                      \
-        if (n > 0) FAIL("no variable of type %s can be set", #KIND);                                                \
+        if (n > 0) REFUSE("no variable of type %s can be set", #KIND);                                                \
         return fmi3OK;                                                                                              \
     }
 NONE(Float32, float)
@@ -147,14 +147,14 @@ NOT_SET(Int32, int32_t)
 EXPORT fmi3Status fmi3GetBinary(fmi3Instance c, const fmi3ValueReference vr[], size_t n, size_t sizes[],
                                 const uint8_t *value[], size_t n_values) {
     (void)vr, (void)sizes, (void)value, (void)n_values;
-    if (n > 0) FAIL("there are no variables of type Binary");
+    if (n > 0) REFUSE("there are no variables of type Binary");
     return fmi3OK;
 }
 
 EXPORT fmi3Status fmi3SetBinary(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const size_t sizes[],
                                 const uint8_t *const value[], size_t n_values) {
     (void)vr, (void)sizes, (void)value, (void)n_values;
-    if (n > 0) FAIL("no variable of type Binary can be set");
+    if (n > 0) REFUSE("no variable of type Binary can be set");
     return fmi3OK;
 }
 

@@ -26,8 +26,10 @@ struct spline_piece { double begin, end, cubic[4]; };
 enum { LAW_FORCE, LAW_STIFFNESS, LAW_DAMPING, LAW_ABOUT, LAW_END };
 typedef void law_function(const double p[], double amplitude, double s, double rate, double about, double found[]);
 /* A local effect: numbers of its nodes among those of the effects, -1 on the ground, of its strength, and of
-   its first edge among those of all; how many edges its law has. */
-struct action { int a, b, strength, edge, n_edges; law_function *law; double winding[R]; struct statement statement; };
+   its first edge among those of all; how many edges its law has; and whose measure the law is of. One that leads does
+   nothing but measure, for the law of the one behind it. */
+enum { ALONE, LEADS, LED };
+struct action { int a, b, strength, edge, n_edges, role; law_function *law; double winding[R]; struct statement statement; };
 struct output { int kind, axis, in_body, rate; double origin; struct statement statement; };
 
 enum { MEASURE, ROTATION, POSITION, DEFORMATION };

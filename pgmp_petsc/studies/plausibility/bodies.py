@@ -61,9 +61,9 @@ def first_frequency(scene: Scene, meshes: Mapping[str, BodyShape]) -> float | No
 
     None where it takes more than a moment (bodies of cells, meshes that are not at hand), or cannot be had.
     """
+    from pgmp_petsc.effects import start_of
     from pgmp_petsc.mechanism.kinematics import RigidKinematics
     from pgmp_petsc.mechanism.mechanism import Mechanism
-    from pgmp_petsc.models.model import start_of
     from pgmp_petsc.modes.problem import ModalProblem
 
     meshes = _with_lines(scene, meshes)

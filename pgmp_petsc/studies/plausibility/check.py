@@ -210,7 +210,7 @@ def _without_effect(scene: Scene) -> Iterator[Finding]:
         why = "without effect, as there is no reduction.sampling_tolerance, no parameter_modes and no stress output"
         yield doubt("reduction.max_angles", why, reduction.max_angles)
     if _is_set(reduction, "length_points") and not length_names(scene):
-        why = "without effect, as no parameter is a length or a place"
+        why = "without effect, as no parameter is a length, a place or a ratio"
         yield doubt("reduction.length_points", why, reduction.length_points)
     ensemble = scene.ensemble
     if _is_set(ensemble, "replicates") and ensemble.sampler not in ("sobol", "saltelli"):
@@ -299,7 +299,8 @@ def _distribution(entry: str, parameter: Parameter, sign: str) -> Iterator[Findi
             )
     least = 0.0 if parameter.bounds is None else max(0.0, parameter.bounds[0])
     without_sense = float(law.cdf(0.0)) if least == 0.0 else 0.0
-    if sign != "any" and without_sense > NOT_POSITIVE and (parameter.bounds is None or parameter.bounds[0] < 0.0):
+    one_sided = sign in ("positive", "not negative") and (parameter.bounds is None or parameter.bounds[0] < 0.0)
+    if one_sided and without_sense > NOT_POSITIVE:
         yield doubt(
             f"{entry}.distribution",
             f"{100 * without_sense:.3g} % of it is below 0, where this parameter makes no sense; give bounds, or a "

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from pgmp_petsc.base.units import SI, UnitSystem
+from pgmp_petsc.effects import start_of
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.formula import FormulaEffect, not_finite
 from pgmp_petsc.effects.joint_effects import joint_measure
@@ -22,7 +23,6 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import ANGLE, Statement
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.models.model import start_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass, Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
@@ -254,17 +254,18 @@ def formula_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | 
     theta, rates = start_of(scene, kinematics.mechanism)
     moment = MOMENT / max(1.0, np.max(np.abs(rates)))
     for name, effect in named.items():
-        for action in effect.forces(name, kinematics.mechanism).actions():
+        actions = effect.forces(name, kinematics.mechanism).actions()  # of one law, perhaps led by another action
+        measured, acting = actions[0], actions[-1]
 
-            def at(time: float, action: Action = action) -> float:
-                return _value(kinematics, action.statement, action.sides, theta + time * rates)
+        def at(time: float, measured: Action = measured) -> float:
+            return _value(kinematics, measured.statement, measured.sides, theta + time * rates)
 
-            s = float(theta[action.coordinate]) if action.coordinate >= 0 else at(0.0)
-            v = (at(moment) - at(-moment)) / (2.0 * moment) if np.any(rates) else 0.0
-            why = not_finite(action, s, v, scene.values)
-            if why:
-                where = f"at the start, where s = {s:.6g}, v = {v:.6g} and t = 0; write where(...) around such places"
-                yield refusal(f"effects.{name}.force", f"{why} {where}", effect.force)
+        s = float(theta[measured.coordinate]) if measured.coordinate >= 0 else at(0.0)
+        v = (at(moment) - at(-moment)) / (2.0 * moment) if np.any(rates) else 0.0
+        why = not_finite(acting, s, v, scene.values)
+        if why:
+            where = f"at the start, where s = {s:.6g}, v = {v:.6g} and t = 0; write where(...) around such places"
+            yield refusal(f"effects.{name}.force", f"{why} {where}", effect.force)
 
 
 MANY_TURNS = 1e3 * 2 * math.pi  # rad

@@ -1,0 +1,255 @@
+"""Reduced models with joints that are off: closed forms, full order, samples, and refusals."""
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from crooked_scenes import FOUR_BAR, spatial_four_bar
+from machine_scenes import MODELS
+from mpi4py import MPI
+from offset_scenes import CLAMPED, LENGTH, clamped_beam, clamped_stiffness, offset
+from refusals import cases, check_said
+from runs import PGMP, built_rom, full_model, overridden, read_meshes, reduced_model
+from scipy.stats import norm
+
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.c_export.constants import constants_of
+from pgmp_petsc.design.sensitivities import sensitivities
+from pgmp_petsc.estimates.error_indicator import indicator_of
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.results import Ensemble
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.studies.simulate import simulate
+
+TILT = float(np.radians(5.0))
+SMOOTH = ("reduction.interpolation='spectral'", "effects={}")
+TURNING = (
+    "coordinates.theta={joint='A',range=[0.0,6.283185307179586],periodic=true}",
+    "effects={drive={type='prescribed_motion',coordinate='theta',constant_speed={speed=20.0}}}",
+    "reduction.angles=48", "simulation.duration=0.3", "simulation.step=1e-3",
+)  # fmt: skip
+DRAWN = (
+    "parameters.tilt={nominal=0.0,unit='rad',distribution={name='norm',loc=0.0,scale=1e-3}}",
+    "parameters.bore={nominal=0.0,unit='m',distribution={name='norm',loc=0.0,scale=1e-4}}",
+    "joints.C.offset={turn=['tilt',0.0,0.0]}", "joints.D.offset={place=[0.0,0.0,'bore']}",
+)  # fmt: skip
+
+
+def begun(model: Model) -> tuple[float, dict[str, float]]:
+    """Return strain energy and outputs at the start of a run."""
+    system = model.batch({}, 1)
+    state = system.start()
+    outputs = model.outputs.evaluate(model.observed(system, state))
+    return float(system.energies(0.0, state).strain[0]), {name: float(value[0]) for name, value in outputs.items()}
+
+
+def test_a_clamped_beam_is_bent_as_its_mesh_is() -> None:
+    # within the plane of the beam, whose elements are linear: what differs is of second order in 1e-5 m over 0.5 m
+    scene = clamped_beam(offset("right", place=[0.0, 1e-5], turn=[2e-5]))
+    (energy, outputs), (expected, others) = begun(reduced_model(scene)), begun(full_model(scene))
+    assert energy == pytest.approx(expected, rel=2e-6)
+    assert outputs["middle"] == pytest.approx(others["middle"], rel=1e-6)
+
+
+def test_section_forces_of_a_clamped_beam_are_those_of_the_closed_form() -> None:
+    d, entries = 1e-5, ("bending_moment", "shear_force")
+    asked = (f"outputs.{name}={{type='stress',body='beam',at=[0.0,0.0],quantity='{name}'}}" for name in entries)
+    scene = clamped_beam(offset("right", place=[0.0, d]), *asked, "bodies.beam.line.elements=32")
+    found = begun(reduced_model(scene))[1]
+    # the force 12 E I d / L^3 and moments of half of it times L, made smaller by shear
+    force = float(clamped_stiffness()[0, 0]) * d
+    # elements of first order: 1e-3 with 32 of them; the moment in the middle of the first one, 1 - 1 / 32
+    assert abs(found["shear_force"]) == pytest.approx(force, rel=2e-3)
+    assert abs(found["bending_moment"]) == pytest.approx(0.5 * force * LENGTH, rel=0.035)
+
+
+@pytest.mark.parametrize("off", [offset("C", turn=[TILT, 0.0, 0.0]), offset("C", place=[0.0, 0.0, 2e-3])])
+def test_the_energy_of_a_crooked_linkage_over_a_revolution(off: str) -> None:
+    reduced, full = (
+        simulate(MODELS[name](spatial_four_bar(off, *TURNING)), MPI.COMM_SELF) for name in ("reduced", "full")
+    )
+    strain, expected = reduced.balance.strain, full.balance.strain
+    # it takes a torque to turn it, the slope of this energy: it changes by a fifth and more
+    assert np.ptp(expected) > 0.2 * expected.max()
+    # second order in 5 degrees, 2e-4 at the start, and vibrations, of which few modes are kept: 3e-6 J of 2.7 J, 0.15 J
+    np.testing.assert_allclose(strain, expected, rtol=0, atol=6e-4 * expected.max())
+    for name, values in full.outputs.items():
+        np.testing.assert_allclose(reduced.outputs[name], values, rtol=0, atol=2e-3 * np.abs(values).max())
+        error = np.abs(reduced.errors.outputs[name]).max()
+        true = np.abs(reduced.outputs[name] - values).max()
+        # both have errors of the step in common, which the estimate counts
+        assert 0.8 * true < error < 1.25 * true + 1e-3 * np.abs(values).max(), name
+
+
+@pytest.mark.parametrize(
+    ("key", "direction", "sizes"),
+    [("turn", (0.0, 1.0, 0.0), TILT * 0.5 ** np.arange(3)), ("place", (0.0, 0.0, 1.0), 8e-3 * 0.5 ** np.arange(3))],
+)
+def test_what_is_left_out_is_of_second_order_in_the_offset(key: str, direction: tuple, sizes: np.ndarray) -> None:
+    errors = []
+    for size in sizes:
+        scene = spatial_four_bar(offset("C", **{key: [float(size * x) for x in direction]}), *SMOOTH)
+        (energy, outputs), (expected, others) = begun(reduced_model(scene)), begun(full_model(scene))
+        errors.append(
+            [energy / expected - 1.0, outputs["aside"] / others["aside"] - 1.0, outputs["angle"] - others["angle"]]
+        )
+    orders = np.log2(np.abs(np.array(errors[:-1]) / np.array(errors[1:])))
+    np.testing.assert_allclose(orders, 2.0, atol=0.1)
+
+
+def test_without_an_offset_it_is_the_model_of_the_rigid_joint() -> None:
+    straight, none = (
+        simulate(reduced_model(spatial_four_bar(*given)), MPI.COMM_SELF)
+        for given in ((), (offset("C", place=[0.0, 0.0, 0.0], turn=[0.0, 0.0, 0.0]),))
+    )
+    nominal = simulate(reduced_model(spatial_four_bar(*DRAWN)), MPI.COMM_SELF)
+    for found in (none, nominal):
+        for name, values in straight.outputs.items():
+            # sums with zeros in another order
+            np.testing.assert_allclose(found.outputs[name], values, rtol=0, atol=1e-12)
+
+
+def test_springs_act_on_what_is_built_in() -> None:
+    spring = "effects={pull={type='spring_damper',points=['ground:high','coupler:tip'],stiffness=2e5,rest=0.5}}"
+    given = (
+        offset("C", turn=[0.02, 0.0, 0.0]),
+        spring,
+        "ground.points.high=[0.22647580015448898,0.159427400463467,0.5]",
+    )
+    full, reduced = (
+        begun(MODELS[name](spatial_four_bar(*given, "initial.equilibrium=true", "reduction.angles=24")))
+        for name in ("full", "reduced")
+    )
+    alone = begun(full_model(spatial_four_bar(given[0], "effects={}")))
+    # the spring undoes a part of it
+    assert abs(full[1]["aside"]) < 0.95 * abs(alone[1]["aside"])
+    assert reduced[1]["aside"] == pytest.approx(full[1]["aside"], rel=2e-3)
+    assert reduced[0] == pytest.approx(full[0], rel=2e-3)
+
+
+def test_every_sample_has_its_own_offsets_and_its_own_error() -> None:
+    scene = spatial_four_bar(*DRAWN, "effects={}", "simulation.initial.theta.velocity=20.0", "simulation.step=1e-4")
+    model, values = reduced_model(scene), {"tilt": np.array([0.0, TILT]), "bore": np.array([1e-4, 0.0])}
+    watched = indicator_of(model).watch(values, np.arange(2))
+    system = model.batch(values, 2)
+    estimate = watched.estimate(integrate(system, scene.simulation, observer=watched).status)
+    energies = system.energies(0.0, system.start()).strain
+    for k in range(2):
+        own = scene.with_values({name: float(value[k]) for name, value in values.items()})
+        reduced, full = (simulate(MODELS[name](own), MPI.COMM_SELF) for name in ("reduced", "full"))
+        assert energies[k] == pytest.approx(reduced.balance.strain[0], rel=1e-9)
+        for name, expected in full.outputs.items():
+            true = np.abs(reduced.outputs[name] - expected).max()
+            # both have errors of the step in common, which the estimate counts: 1e-4 of the angle
+            assert 0.8 * true < estimate.largest[name][k] < 1.25 * true + 1e-4 * np.abs(expected).max(), (k, name)
+
+
+def test_files_keep_what_is_built_in(tmp_path: Path) -> None:
+    scene = spatial_four_bar(*DRAWN)
+    rom = built_rom(scene)
+    assert rom.tables.n_given == 2
+    rom.write(tmp_path / "rom.h5")
+    again = ReducedModel(scene, ReducedOrderModel.read(tmp_path / "rom.h5"))
+    values = {"tilt": np.array([1e-3]), "bore": np.array([2e-5])}
+    systems = [model.batch(values, 1) for model in (ReducedModel(scene, rom), again)]
+    first, second = (system.energies(0.0, system.start()).strain[0] for system in systems)
+    assert first == second > 0.0
+
+
+UNCERTAIN = CLAMPED + "[parameters.d]\nnominal=1e-5\nunit='m'\ndistribution={name='norm',loc=1e-5,scale=1e-6}\n"
+ASKED = overridden("joints.right.offset={place=[0.0,'d']}")
+
+
+@pytest.mark.parametrize("ranks", [1, 3])
+def test_commands(mpirun: Callable, ranks: int, tmp_path: Path) -> None:
+    """Build, samples and the probability of an event, on any number of ranks."""
+    scene, rom, found = tmp_path / "clamped.toml", tmp_path / "rom.h5", tmp_path / "samples.h5"
+    scene.write_text(UNCERTAIN)
+    done = mpirun(ranks, *PGMP, "build", scene, *ASKED, "-o", rom)
+    assert "1 of joints that are off" in done.stdout
+    done = mpirun(ranks, *PGMP, "montecarlo", rom, "-n", "16", "--seed", "1", "-o", found)
+    assert "starts with the stress that joints that are off build in" in " ".join(done.stdout.split())
+    samples = Ensemble.read(found)
+    # the middle of the beam follows half of its end; the estimates are of every sample's own mesh
+    np.testing.assert_allclose(samples.outputs["middle"], 0.5 * samples.parameters["d"], rtol=1e-6)
+    assert np.nanmax(samples.errors["middle"]) < 1e-6 * np.max(samples.outputs["middle"])
+    if ranks == 1:
+        asked = ("--rare", "middle > 6.5e-6", "-n", "2000", "--seed", "1")
+        done = mpirun(1, *PGMP, "montecarlo", rom, *asked, "--json", "-o", tmp_path / "rare.h5")
+        figures = json.loads(done.stdout)
+        assert figures["estimate"] == pytest.approx(norm.sf(3.0), rel=0.1)
+
+
+REFUSED = cases("""
+reduction.second_order=true -> reduction.second_order = true with joints.C.offset: not made for joints that are off
+reduction={sampling_tolerance=1e-3,interpolation='spline'} -> reduction.sampling_tolerance = 0.001 with joints.C.offset
+reduction.tolerance=1e-2 -> reduction.tolerance = 0.01 with joints.C.offset: not made
+reduction.parameter_modes=2 -> reduction.parameter_modes = 2 with joints.C.offset: not made
+reduction.effects='auto' -> reduction.effects = "auto" with joints.C.offset: not made
+effects={stiff={type='geometric_stiffening'},swing={type='mode_inertia'}} -> effects.stiff with joints.C.offset
+bodies.rocker.line.length='reach' -> bodies.rocker.line.length = "reach" with joints.C.offset: not made
+""")
+
+
+@pytest.mark.parametrize(("asked", "said"), REFUSED)
+def test_refused_beside_offsets(asked: str, said: str) -> None:
+    scene = spatial_four_bar(
+        offset("C", turn=[1e-3, 0.0, 0.0]), "parameters.reach={nominal=0.16,unit='m',bounds=[0.15,0.17]}", asked
+    )
+    with pytest.raises(InputError) as error:
+        check_capabilities(scene, Purpose.BUILD, read_meshes(scene))
+    check_said(str(error.value), said, asked)
+
+
+def test_stresses_of_bodies_that_parameters_change_are_refused() -> None:
+    given = (
+        "parameters.E={nominal=210e9,unit='Pa'}", "materials.steel.E='E'",
+        "outputs.root={type='stress',body='beam',at=[0.0,0.0],quantity='bending_moment'}",
+        offset("right", place=[0.0, 1e-5]),
+    )  # fmt: skip
+    with pytest.raises(
+        InputError, match=r"^outputs\.root with joints\.right\.offset: stresses of bodies that parameters"
+    ):
+        built_rom(clamped_beam(*given))
+
+
+def test_derivatives_and_models_in_c_are_refused() -> None:
+    model = reduced_model(spatial_four_bar(*DRAWN))
+    with pytest.raises(InputError, match=r"^joints\.C\.offset: derivatives of runs are of joints where they should be"):
+        sensitivities(model, [], MPI.COMM_SELF)
+    with pytest.raises(InputError, match=r"^joints\.C\.offset: in a model in C joints are where they should be"):
+        constants_of(model, "it")
+
+
+RIGID = overridden(
+    "bodies.crank.flexible=false", "bodies.coupler.flexible=false", "bodies.rocker.flexible=false", "outputs={}",
+    "bodies.arm={line={length=0.1,elements=2},element='beam3d',material='steel',orientation=[0.0,1.0,0.0],"
+    "section={shape='rectangle',width=0.01,height=0.01},placement={origin=[0.0,0.0,0.0],rotation=[0.0,0.0,0.0]}}",
+    "joints.weld={type='fixed',connect=['ground:origin','arm:hinge']}",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("place=[0.0,0.0,1e-3]", r"a gap of 0.000\d+ m remains at theta = "),
+        ("turn=['tilt',0.0,0.0]", r"an angle of 0\.\d+ rad for 1 of tilt remains at theta = "),
+    ],
+)
+@pytest.mark.parametrize("ranks", [1, 3])
+def test_an_offset_that_nothing_takes_is_refused(
+    mpirun: Callable, ranks: int, given: str, said: str, tmp_path: Path
+) -> None:
+    scene = tmp_path / "rigid.toml"
+    scene.write_text(FOUR_BAR + "[parameters.tilt]\nnominal=0.0\n")
+    asked = overridden(f"joints.C.offset={{{given}}}")
+    done = mpirun(ranks, *PGMP, "build", scene, *RIGID, *asked, "-o", tmp_path / "rom.h5", check_status=2)
+    said_all = " ".join(done.stderr.split())
+    assert "joints are off by what no redundancy explains and no elasticity takes" in said_all
+    assert re.search(r"joints\.[A-D]: " + said, said_all), said_all
+    assert "Traceback" not in done.stderr
