@@ -111,13 +111,15 @@ def test_nobody_asks_bodies_for_their_kind() -> None:
     assert len(asked) <= MOST_ASKED, asked
 
 
-def test_modules_do_not_import_each_other_in_circles() -> None:
-    """Nor for types, nor within functions."""
-    graph = {}
+@pytest.mark.parametrize("level", ["modules", "rooms"])
+def test_no_circles(level: str) -> None:
+    """Neither modules nor rooms, those within rooms too, import each other in a circle: for types and in functions."""
+    graph: dict[str, set[str]] = {}
     for path in files("."):
         parts = path.relative_to(ROOT).with_suffix("").parts
-        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-        graph[name] = {found for found in imports_of(path) if found.startswith("pgmp_petsc")} - {name}
+        own = _place(".".join(parts[:-1] if parts[-1] == "__init__" else parts), level)
+        found = {_place(found, level) for found in imports_of(path) if found.startswith("pgmp_petsc")}
+        graph[own] = graph.get(own, set()) | found - {own}
     done: set[str] = set()
 
     def visit(name: str, above: tuple[str, ...]) -> None:
@@ -129,6 +131,12 @@ def test_modules_do_not_import_each_other_in_circles() -> None:
 
     for name in graph:
         visit(name, ())
+
+
+def _place(module: str, level: str) -> str:
+    """Return a module, or the room that it is in."""
+    is_room = level == "modules" or ROOT.joinpath(*module.split(".")).is_dir()
+    return module if is_room else module.rpartition(".")[0]
 
 
 @pytest.mark.parametrize("package", WITHOUT_PETSC)

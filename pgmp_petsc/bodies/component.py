@@ -26,7 +26,6 @@ from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.linear_fields import TURNS, directors, linear_fields, rigid_motions
 from pgmp_petsc.bodies.recovery import Recovery
-from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.scene.bodies import MOMENTS, Rigid
@@ -144,14 +143,14 @@ def rigid_component(meshed: FramedSolid) -> Component:
     return replace(component, recovery=Recovery(solid.mesh, shapes))
 
 
-def rigid_line(name: str, mesh: LineMesh, section: BeamSection, axes: np.ndarray) -> Component:
-    """Return the component of a rigid body with the mass of beams in space, their axes of shape (n_cells, 3, 3).
+def rigid_line(name: str, mesh: LineMesh, terms: Mapping[Monomial, tuple[float, ...]], axes: np.ndarray) -> Component:
+    """Return the component of a rigid body with the mass of beams in space, `terms` of a section, their axes of shape
+    (n_cells, 3, 3).
 
     A line of length L with its middle at m and the axes e has ``int rho X X^T dV = rho A L (m m^T + L^2 / 12 e_1 e_1^T)
     + L (rho I_3 e_2 e_2^T + rho I_2 e_3 e_3^T)``. Raises `InputError` if lengths and sections have densities that vary
     apart: inertia forces would not be affine in them.
     """
-    terms = section.terms("mass")
     if len(terms) > 1:
         raise InputError(
             f"bodies.{name}.flexible = false: a rigid body in space has a section of numbers, but its mass has the "

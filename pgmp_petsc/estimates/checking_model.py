@@ -72,9 +72,9 @@ class CheckingModel:
         scheme, nodes = scene.reduction.interpolation, range(mechanism.n_nodes)
         self._reconstruction = Reconstruction(self.full.kinematics, rom, scheme, nodes, internal=True)
 
-    def unknowns_of(self, eta: np.ndarray) -> np.ndarray:
-        """Return the unknowns, shape (n_dofs, n), for reduced coordinates (n, n_eta)."""
-        return self._reconstruction.unknowns(eta)
+    def unknowns_of(self, paths: np.ndarray) -> np.ndarray:
+        """Return the unknowns, (n_dofs, n_points, n), on paths of reduced states; see `Reconstruction.unknowns`."""
+        return self._reconstruction.unknowns(paths)
 
     def batch(self, values: Mapping[str, np.ndarray], n: int) -> FullBatch:
         """Return n samples."""

@@ -118,11 +118,13 @@ def most_evaluations(mechanism: Mechanism) -> int:
     return int(DEAR / price_of_evaluation(mechanism))
 
 
-Unknowns = Callable[[np.ndarray], np.ndarray]  # reduced coordinates (k, n_eta) to unknowns (n_dofs, k)
+#: From points (n_points, k, n_eta) of paths of reduced coordinates to unknowns (n_dofs, n_points, k).
+Unknowns = Callable[[np.ndarray], np.ndarray]
 
 # rad that a rigid coordinate turns from point to point: a difference is wrong by TURN^4 / 90 of the sixth derivative,
-# which in a four-bar is 1e5 times the second where it turns round, and by the closure of the mechanism, 1e-12, over
-# TURN^2. Both are about 1e-7 here; with 1e-2 the error of an angle was 3 times as large as it is
+# which in a four-bar, whose table closes its loops, is 1e5 times the second where it turns round, and by round-off of
+# the table, 1e-12, over TURN^2. Both are about 1e-7 here; with 1e-2 the error of an angle was 3 times as large as it is.
+# Where loops are closed one by one, the points are on parabolas, which have exact first and second differences
 TURN = 3e-3
 BEND = 0.1  # rad that frames turn in their bodies from point to point, at most; wrong by BEND^4 / 90 likewise
 # weights of the points on both sides for first and second derivatives, and of the point itself
@@ -207,7 +209,7 @@ class ReferenceMotion:
         tau = TURN / np.sqrt(np.maximum(np.maximum(pace, bent), (TURN / self._longest) ** 2))
         eta = np.empty((1 + len(AT), *tau.shape, states.shape[3]))
         fill_path(states, tau, eta)
-        found = self._unknowns(eta.reshape(-1, eta.shape[-1]))
+        found = self._unknowns(eta.reshape(len(eta), -1, eta.shape[-1]))
         fill_motion(found.reshape(-1, *eta.shape[:-1]), tau, *kept)
 
 

@@ -40,6 +40,7 @@ from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE, SINGULAR_TOLERANCE, 
 MOST_HALVINGS = 3
 PROBES = (0.25, 0.5, 0.75)  # of a cell; polynomials are furthest from the solution in the middle
 SHARE = 0.5  # of the closure's tolerance that is left between them
+ROUND_OFF = 1e-14  # of the range, by which angles that are taken to the first turn may be outside it
 SHARE_OF_GAP = 1e-2  # that poses between them may be open by, where redundant constraints leave a gap
 
 
@@ -111,8 +112,12 @@ class PoseBranch:
         return bool(np.max(apart) < SHARE * (CLOSURE_TOLERANCE + SHARE_OF_GAP * np.max(gap)))
 
     def covers(self, theta: np.ndarray) -> bool:
-        """Return whether theta (n, n_theta) are all within the range."""
-        return all(np.all((part >= axis[0]) & (part <= axis[-1])) for part, axis in zip(theta.T, self.axes))
+        """Return whether theta (n, n_theta) are all within the range, but for round-off."""
+        for part, axis in zip(theta.T, self.axes):
+            beyond = ROUND_OFF * (axis[-1] - axis[0])
+            if np.any((part < axis[0] - beyond) | (part > axis[-1] + beyond)):
+                return False
+        return True
 
     def guess(self, theta: np.ndarray) -> np.ndarray:
         """Return poses (n_bodies, n_pose, n) near the solution at theta (n, n_theta)."""

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -199,11 +200,14 @@ class RigidKinematics:
             poses = self._closure.close(poses, inside)
         return self.mechanism.space.turned(poses, np.einsum("kb,nk->bn", self.branch.winding, turns))
 
-    def near(self, theta: np.ndarray, poses: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    def near(
+        self, theta: np.ndarray, poses: np.ndarray, order: Literal[1, 2] = 1
+    ) -> Callable[[np.ndarray], np.ndarray]:
         """Return what gives poses next to known ones, for central differences of what is made of poses.
 
         Where a table closes the loops these are `poses`; otherwise they lie on the tangents, and no loop is closed
-        again: both sides then miss the same, of second order, which differences do not see.
+        again: both sides then miss the same, of second order, which first differences do not see. Of second `order`
+        they lie on parabolas, of which first and second differences are those of the poses.
 
         Parameters
         ----------
@@ -224,7 +228,16 @@ class RigidKinematics:
         known = np.isfinite(poses).all(axis=(0, 1))
         rates = np.full((*poses.shape[:2], *theta.T.shape), np.nan)
         rates[..., known] = self.rates(poses[..., known])
-        return lambda beside: poses + np.einsum("bpkn,nk->bpn", rates, self.configurations(beside) - theta)
+        bends = np.full((*rates.shape[:3], *theta.T.shape), np.nan) if order == 2 else None
+        if bends is not None:
+            bends[..., known] = self.curvatures(poses[..., known], rates[..., known])
+
+        def beside(there: np.ndarray) -> np.ndarray:
+            away = self.configurations(there) - theta
+            slopes = rates if bends is None else rates + 0.5 * np.einsum("bpkln,nl->bpkn", bends, away)
+            return poses + np.einsum("bpkn,nk->bpn", slopes, away)
+
+        return beside
 
     def _turns(self, theta: np.ndarray) -> np.ndarray:
         """Return how often periodic coordinates have turned at theta, both (n, n_theta)."""

@@ -76,16 +76,25 @@ class Reconstruction:
         theta = self._theta(eta)
         return self._frames(theta, self._kinematics.poses(theta), self._displacements(eta))
 
-    def unknowns(self, eta: np.ndarray) -> np.ndarray:
+    def unknowns(self, paths: np.ndarray) -> np.ndarray:
         """Return positions, in space with directors, and internal coordinates as a full-order model numbers them, shape
-        (n_dofs, n); see `mechanism.unknowns`."""
+        (n_dofs, n_points, n), at the points (n_points, n, n_eta) of n short paths; see `mechanism.unknowns`.
+
+        First and second differences from the first point of each, at which loops are closed, are those of the
+        mechanism: poses at the others are those of `RigidKinematics.near`.
+        """
+        eta = paths.reshape(-1, paths.shape[2])
+        theta, middle = self._theta(eta), self._theta(paths[0])
+        poses = self._kinematics.poses(middle)
+        if len(paths) > 1:
+            near = self._kinematics.near(middle, poses, order=2)
+            poses = np.concatenate([poses, *(near(self._theta(point)) for point in paths[1:])], axis=2)
         local, n_pose = self._displacements(eta), self._space.n_pose
         n_of_frames = n_pose * self._nodes.size
         found = np.empty((n_of_frames + local.shape[1] - self._n_nodal, len(eta)))
-        theta, frames = self._theta(eta), found[:n_of_frames].reshape(self._nodes.size, n_pose, len(eta))
-        self._fill_frames(theta, self._kinematics.poses(theta), local, frames)
+        self._fill_frames(theta, poses, local, found[:n_of_frames].reshape(self._nodes.size, n_pose, len(eta)))
         found[n_of_frames:] = local[:, self._n_nodal :].T
-        return found
+        return found.reshape(-1, *paths.shape[:2])
 
     def _theta(self, eta: np.ndarray) -> np.ndarray:
         return eta[:, : self._kinematics.n_coordinates]

@@ -84,8 +84,12 @@ def test_accelerations_of_bodies_that_are_shaken_hard(turning: float) -> None:
     states[:, 2, :, 0] = 1e3
     states[:, 2, :, 1:] *= 1e9
     motion = motion_of(model, states)
-    unknowns = CheckingModel(model).unknowns_of
-    rotations = CheckingModel(model).rotations
+    checking = CheckingModel(model)
+
+    def unknowns(eta: np.ndarray) -> np.ndarray:
+        return checking.unknowns_of(eta[None])[:, 0]
+
+    rotations = checking.rotations
     tau = module.TURN / np.sqrt(module.TURN * 1e3 + turning**2)
     assert np.max(tau**2 * np.abs(states[:, 2, :, 1:]) @ rotations) > 30.0
     for number, (q, v, a, _) in enumerate(states):

@@ -100,7 +100,12 @@ def test_poses_next_to_known_ones_lie_on_tangents(linkage: RigidKinematics, monk
     np.testing.assert_array_equal(near(THETA), poses)
     # round-off of angles, 15 rad, over the step
     np.testing.assert_allclose((near(THETA + step * way) - near(THETA - step * way)) / (2 * step), rates, atol=1e-9)
-    unknown = poses.copy()
+    bent = np.einsum("bpkln,nk,nl->bpn", linkage.curvatures(poses, linkage.rates(poses)), way, way)
+    near, step = linkage.near(THETA, poses, order=2), 1e-2
+    np.testing.assert_allclose((near(THETA + step * way) - near(THETA - step * way)) / (2 * step), rates, atol=1e-11)
+    second = (near(THETA + step * way) - 2 * poses + near(THETA - step * way)) / step**2
+    np.testing.assert_allclose(second, bent, atol=1e-9)
+    near, step, unknown = linkage.near(THETA, poses), 1e-4, poses.copy()
     unknown[..., 3] = np.nan
     found = linkage.near(THETA, unknown)(THETA + step * way)
     assert np.isnan(found[..., 3]).all()

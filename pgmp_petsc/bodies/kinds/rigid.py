@@ -53,7 +53,7 @@ class RigidBody(Body):
             section = BeamSection.of(scene, name)
             if scene.dimension == 2:
                 return cls.of_lines(name, shape, section)
-            component = rigid_line(name, shape, section, axes_of(scene, name, shape))
+            component = rigid_line(name, shape, section.terms("mass"), axes_of(scene, name, shape))
             return cls(name, cls._centre(component.centre_of_mass), shape, component=component, drawn=shape)
         if isinstance(shape, Component):
             return cls.of_component(name, shape)
