@@ -166,6 +166,17 @@ def parallel_scripts() -> Path:
 
 
 @pytest.fixture
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tabulate what is rigid on 24 x 24 configurations instead of 192 x 192, which takes half a minute in space.
+
+    Splines over 2.2 rad then err by 2e-7 of its fourth derivatives.
+    """
+    from pgmp_petsc.reduction import tables
+
+    monkeypatch.setattr(tables, "N_FINE_OF_MORE", 24)
+
+
+@pytest.fixture
 def no_plugins() -> Iterator[None]:
     """Forget the plugins of a test: other tests list what there is."""
     from pgmp_petsc.base.plugins import IN_USE

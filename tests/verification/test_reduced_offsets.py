@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from crooked_scenes import FOUR_BAR, spatial_four_bar
 from machine_scenes import MODELS
 from mpi4py import MPI
@@ -23,6 +24,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Ensemble
+from pgmp_petsc.scene import load_scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.simulate import simulate
 
@@ -147,6 +149,19 @@ def test_every_sample_has_its_own_offsets_and_its_own_error() -> None:
             true = np.abs(reduced.outputs[name] - expected).max()
             # both have errors of the step in common, which the estimate counts: 1e-4 of the angle
             assert 0.8 * true < estimate.largest[name][k] < 1.25 * true + 1e-4 * np.abs(expected).max(), (k, name)
+
+
+def test_machines_of_the_scene_are_those_of_their_meshes() -> None:
+    scene = load_scene(ROOT / "scenes" / "crooked_four_bar.toml")
+    model, random = reduced_model(scene), np.random.default_rng(1)
+    values = {name: random.normal(0.0, one.distribution.scale, 3) for name, one in scene.parameters.items()}
+    system = model.batch(values, 3)
+    found = model.outputs.evaluate(model.observed(system, system.start()))
+    each = [begun(full_model(scene.with_values({n: float(v[k]) for n, v in values.items()})))[1] for k in range(3)]
+    # a spring reads the torque, which is the slope of an energy between 48 angles: 3e-3; the rest is of first order
+    for name, limit in (("angle", 1e-2), ("aside", 1e-4), ("moment", 1e-4)):
+        expected = np.array([one[name] for one in each])
+        np.testing.assert_allclose(found[name], expected, rtol=0, atol=limit * np.abs(expected).max(), err_msg=name)
 
 
 def test_files_keep_what_is_built_in(tmp_path: Path) -> None:
