@@ -5,6 +5,7 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,6 +16,11 @@ import warm_start
 
 ROOT = Path(__file__).resolve().parent.parent
 SCRIPTS = Path(__file__).resolve().parent / "parallel"
+if sys.dont_write_bytecode:
+    # Every process of the suite would compile all of the package anew, and the tests with it, some ten seconds each:
+    # what is compiled is kept, where it is in nobody's way.
+    sys.dont_write_bytecode, sys.pycache_prefix = False, str(ROOT / ".pytest_cache" / "bytecode")
+    os.environ |= {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": sys.pycache_prefix}
 # Against hangs only, so that no test fails because the machine is busy. Multiply it by PGMP_TEST_PATIENCE.
 TIMEOUT_SECONDS = 1200.0 * float(os.environ.get("PGMP_TEST_PATIENCE", "1"))
 
@@ -78,6 +84,8 @@ THOROUGH = (
     "verification/test_interpolation_order.py::test_the_order_in_the_angle_spacing[overhauser-3.0]",
     "verification/test_scenes.py::test_the_reduced_model_follows_the_full_order_one[spatial_mixed]",
 )
+# Folders whose dearest files take a quarter to a minute and a half of a processor, as measured file by file; elsewhere
+# one takes seconds. What begins with them ends on both processes at about the same time.
 LONG = ("parallel/", "verification/", "commands/", "hard_cases/")
 # Random cases are the same in every run, and none has a limit of time: neither luck nor load decides about a test.
 hypothesis.settings.register_profile("suite", derandomize=True, deadline=None, database=None)
@@ -155,6 +163,17 @@ def folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 def parallel_scripts() -> Path:
     """Return the directory of the scripts that tests run on several ranks."""
     return SCRIPTS
+
+
+@pytest.fixture
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tabulate what is rigid on 24 x 24 configurations instead of 192 x 192, which takes half a minute in space.
+
+    Splines over 2.2 rad then err by 2e-7 of its fourth derivatives.
+    """
+    from pgmp_petsc.reduction import tables
+
+    monkeypatch.setattr(tables, "N_FINE_OF_MORE", 24)
 
 
 @pytest.fixture

@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT, TIMEOUT_SECONDS
-from mpi4py import MPI
+from runs import motion, trajectory
 
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.source import COMPILED, write_sources
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene
-from pgmp_petsc.studies.simulate import simulate_reduced
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler (cc, gcc) in PATH")
@@ -54,13 +53,20 @@ def outputs_of(program: Path, *settings: str) -> dict[str, np.ndarray]:
 
 def simulated(model: ReducedModel) -> Trajectory:
     """Return what ``pgmp simulate`` gives."""
-    return simulate_reduced(model, MPI.COMM_SELF)
+    return trajectory(model)
 
 
 def assert_equal(found: dict[str, np.ndarray], wanted: dict[str, np.ndarray], share: float = 1e-9) -> None:
     """Check outputs to a share of each one's largest value."""
     for name, values in wanted.items():
         np.testing.assert_allclose(found[name], values, rtol=0.0, atol=share * np.max(np.abs(values)), err_msg=name)
+
+
+def assert_same_in_c(model: ReducedModel, folder: Path, share: float = 1e-9) -> dict[str, np.ndarray]:
+    """Check that the model in C gives what ``pgmp simulate`` gives; return what it gives."""
+    found = outputs_of(compiled(model, folder))
+    assert_equal(found, motion(model).outputs, share)
+    return found
 
 
 class Callbacks(ctypes.Structure):

@@ -4,20 +4,25 @@ Meshes are those of the scene's files; an entry ``mesh`` that is ``"first:last:n
 of cells, as in `spatial`.
 """
 
+import io
+import json
 import os
 import re
 import subprocess
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 import warm_start
-from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
+from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS, run_mpi
 from mpi4py import MPI
 
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.shape import BodyShape, shape_in_scene
+from pgmp_petsc.cli.main import main
 from pgmp_petsc.mesh import read_line_mesh
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
@@ -212,20 +217,45 @@ def assert_close(exact: Mapping[str, np.ndarray], found: Mapping[str, np.ndarray
 
 
 def pgmp(*arguments: object, status: int | None = 0, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run ``pgmp`` on one rank, as a user does, and check its exit status (None: any)."""
-    environment = os.environ | MPI_ENVIRONMENT
-    done = subprocess.run(
-        [*warm_start.python(environment), *PGMP, *map(str, arguments)],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        env=environment,
-        cwd=cwd,
-        timeout=TIMEOUT_SECONDS,
-    )
-    shown = f"{arguments} ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
+    """Run ``pgmp`` on one rank and check its exit status (None: any).
+
+    It runs in this process, or in one of its own where that is given a folder or options for PETSc, which starts once.
+    """
+    words = [str(argument) for argument in arguments]
+    if cwd is None and "--" not in words:
+        out, err = io.StringIO(), io.StringIO()
+        with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as end:
+            main(words)
+        done = subprocess.CompletedProcess(words, end.value.code or 0, out.getvalue(), err.getvalue())
+    else:
+        done = subprocess.run(
+            [*warm_start.python(), *PGMP, *words], stdin=subprocess.DEVNULL, capture_output=True, text=True,
+            env=os.environ | MPI_ENVIRONMENT, cwd=cwd, timeout=TIMEOUT_SECONDS,
+        )  # fmt: skip
+    shown = f"{words} ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
     assert status is None or done.returncode == status, shown
     return done
+
+
+def in_turn(n: int, commands: Iterable[Iterable[object]]) -> tuple[list, subprocess.CompletedProcess[str]]:
+    """Run commands one after the other in one start of n ranks; return all ranks' statuses of each and what was
+    printed."""
+    words = json.dumps([[str(word) for word in command] for command in commands])
+    done = run_mpi(n, "-c", IN_TURN, words)
+    assert "Traceback" not in done.stderr, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")], done
+
+
+def refused(n: int, commands: Sequence[Iterable[object]]) -> list[str]:
+    """Run commands that are bad input in one start of n ranks; return the only message of each.
+
+    Every rank ends with status 2, and none waits for another.
+    """
+    statuses, done = in_turn(n, commands)
+    assert statuses == [n * [2]] * len(commands), f"{done.stdout}\n{done.stderr}"
+    messages = besides_progress(done.stderr).split("pgmp: error: ")[1:]
+    assert len(messages) == len(commands), messages
+    return [message.removesuffix("\n") for message in messages]
 
 
 def besides_progress(stderr: str) -> str:

@@ -27,7 +27,7 @@ from conftest import MPI_ENVIRONMENT, ROOT
 
 SCENES = sorted((ROOT / "scenes").glob("*.toml"))
 # what makes a run short: as many steps, angles and samples as every path needs
-STEPS = 12
+STEPS = 5
 ANGLES = 12  # along the only coordinate; with two, modes cannot be followed over fewer than the scene's
 MOST_COORDINATES = 2  # of reduced models
 TRACE = ("Traceback", "Warning:", "Segmentation", "PETSC ERROR")

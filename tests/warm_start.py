@@ -10,6 +10,7 @@ command does is left for the next. Under mpirun a small stand-in waits for it an
 
 import array
 import atexit
+import ctypes
 import gc
 import json
 import os
@@ -35,9 +36,10 @@ READ_AT_START = ("PYTHON", "NUMBA", "LD_", "OMP_NUM", "OPENBLAS", "MPL")
 NUMBER = 8  # bytes of a number on the connection
 
 
-def python(environment: Mapping[str, str]) -> list[str]:
+def python(environment: Mapping[str, str] | None = None) -> list[str]:
     """Return the words that run Python: the stand-in, or the interpreter where an environment starts it otherwise."""
     path, started = _server()
+    environment = started if environment is None else environment
     names = {name for name in {*environment, *started} if name.startswith(READ_AT_START)} - {"PYTHONPATH"}
     if any(environment.get(name) != started.get(name) for name in names):
         return [sys.executable]
@@ -71,7 +73,11 @@ def stand_in(path: str, arguments: Sequence[str]) -> NoReturn:
 
 def serve(path: str) -> None:
     """Fork a process for every connection to a socket, until stdin is closed."""
+    before = set(sys.modules)
+    atexit.register(_leave_libraries, libraries := [])  # before what libraries register, so that it runs after that
     _preload()
+    own = {name for name in sys.modules if name.startswith("pgmp_petsc")}
+    libraries += set(sys.modules) - before - own
     gc.freeze()  # Python looks through what it will collect when a process ends, and would copy all of it for that
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     listener.bind(path)
@@ -157,6 +163,16 @@ def _become(wanted: Mapping, files: Sequence[int]) -> NoReturn:
         sys.path[0], sys.argv = os.path.dirname(os.path.abspath(first)), [first, *others]
         runpy.run_path(first, run_name="__main__")
     sys.exit(0)
+
+
+def _leave_libraries(names: Sequence[str]) -> None:
+    """Leave modules to the system, which frees a process's memory at once: an interpreter that ends empties them first.
+
+    That takes most of the processor time of a command that does little. What the package and a command brought is
+    emptied as ever, so that objects of PETSc that ranks left behind are destroyed as they are with users.
+    """
+    left = [sys.modules.pop(name) for name in names if name in sys.modules]
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(left))
 
 
 def _preload() -> None:

@@ -14,7 +14,6 @@ from pgmp_petsc.api.scenes import SCENE, Overrides, Parameters
 from pgmp_petsc.base.errors import InputError, counted
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.components.condensing import Trial
 from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.ranks.agreement import on_root
@@ -23,6 +22,7 @@ from pgmp_petsc.studies.check import describe_scene, describe_trial, summary_of_
 from pgmp_petsc.studies.inputs import scene_and_meshes
 
 if TYPE_CHECKING:
+    from pgmp_petsc.components.condensing import Trial
     from pgmp_petsc.results.selection import EffectSizes
 
 

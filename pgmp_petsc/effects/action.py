@@ -1,7 +1,7 @@
 """Local effects: a force law on a statement about two frames, or on a combination of statements.
 
-Torques and forces that keep their direction are loads (`effect.Load`); what depends on the state acts locally, on the frames
-of two attachments, and is described once for the full-order and the reduced model, in the plane and in space: an
+Torques and forces that keep their direction are loads (`effect.Load`); what depends on the state acts locally, on the
+frames of two attachments, and is described once for the full-order and the reduced model, in the plane and in space: an
 `Action` is a statement s (`mechanism.statements`), the two attachments and a law F(t, s, s') (`laws`). With the
 statement's gradient g the frames feel ``F g``, and the power is ``F s'`` in every model alike. The full-order model
 gives the frames from its unknowns, the reduced one from its coordinates.

@@ -5,10 +5,13 @@ is. What the loads leave over, ``f(theta)``, is that torque with the opposite si
 where ``f = 0``. The search follows f downhill from the given start with steps of `LONGEST` at most: with ``S = - df /
 dtheta`` by differences,
 
-    step = |S|^-1 f,     |S| = V |Lambda| V^T  of the symmetric part of S, or S itself where it is positive definite,
+    step = |S|^-1 f,     |S| = V |Lambda| V^T  of the symmetric part of S, or S itself where it pulls back,
 
 Newton's method with the modified Hessian (Nocedal and Wright 2006, section 3.4): it goes to the equilibrium that loads
-pull the mechanism to, and stays at an unstable one only if it starts there. Every sample is searched by itself.
+pull the mechanism to, and stays at an unstable one only if it starts there. S pulls back where the eigenvalues of
+``I^-1 S`` with the coordinates' inertia I have positive real parts: where it is positive definite if it is symmetric;
+forces that turn with a body, or hang on another joint, are not. That such forces feed vibrations is not looked for.
+Every sample is searched by itself.
 
 What is said of runs and samples that start from static equilibrium.
 """
@@ -206,7 +209,7 @@ def _slopes(
 
 
 def _downhill(slopes: np.ndarray, torques: np.ndarray, still: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return steps (n_samples, n_free), and whether S is positive definite, or as good as zero.
+    """Return steps (n_samples, n_free), and whether S pulls back, or is as good as zero.
 
     `still` are torques that move a coordinate by 1 rad within the run, shape (n_samples, n_free), N m.
     """
@@ -214,15 +217,16 @@ def _downhill(slopes: np.ndarray, torques: np.ndarray, still: np.ndarray) -> tup
     for sample, (slope, torque, least) in enumerate(zip(slopes, torques, still)):
         if not (np.all(np.isfinite(slope)) and np.all(np.isfinite(torque))):
             continue
-        values, vectors = np.linalg.eigh(0.5 * (slope + slope.T))
-        faint = STILL * float(np.min(least))
+        pulls = np.linalg.eigvals(slope / np.where(least > 0.0, least, 1.0)[:, None]).real
         # differences of torques as small as round-off are no stiffness
-        definite[sample] = bool(np.all(values > -faint / DIFFERENCE))
+        definite[sample] = bool(np.all(pulls > -STILL / DIFFERENCE))
         if np.all(np.abs(torque) <= STILL * least):
             continue
-        if np.all(values > 0.0):
+        if np.all(pulls > 0.0):
             steps[sample] = np.linalg.solve(slope, torque)
         else:
+            faint = STILL * float(np.min(least))
+            values, vectors = np.linalg.eigh(0.5 * (slope + slope.T))
             steps[sample] = vectors @ ((vectors.T @ torque) / np.maximum(np.abs(values), faint))
     return steps, definite
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from pgmp_petsc.bodies.assembled import MassProperties
 from pgmp_petsc.bodies.linear_fields import directors
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.shape import BodyShape, given_properties
-from pgmp_petsc.components.condensing import Trial, check_slender
 from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of, start_of
 from pgmp_petsc.effects.springs import spring_force
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
@@ -28,6 +27,9 @@ from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.references import parts_of, points_used
+
+if TYPE_CHECKING:
+    from pgmp_petsc.components.condensing import Trial
 
 BYTES = 8
 ROUND_OFF = 1e-12  # of the largest moment of inertia
@@ -42,6 +44,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     check_capabilities(scene, Purpose.CHECK, meshes)
     mechanism = Mechanism.from_scene(scene, meshes)
     for framed in (framed for body in mechanism.bodies for framed in body.to_condense):
+        from pgmp_petsc.components.condensing import check_slender  # few scenes have such bodies
+
         check_slender(scene, framed)
     kinematics = RigidKinematics(mechanism)
     outputs = OutputSet.of(scene, kinematics)

@@ -1,5 +1,6 @@
 """The frame of the commands: exit status, who prints what, options for PETSc; on one rank and on three."""
 
+import json
 import os
 import re
 import subprocess
@@ -37,56 +38,73 @@ def test_arguments_are_split_at_the_first_bare_dashes():
     assert split_arguments(["a"]) == (["a"], [])
 
 
-@pytest.mark.parametrize("n", RANKS)
-def test_rank_0_alone_prints(run, n):
-    done = run(n, "fine")
-    assert done.stdout.splitlines() == ["said", "printed"]
-    assert done.stderr == ""
+# commands in one start, their status and how their only message begins; None where there is none
+HELPS = ("", "--help", "info --help", "--version")
+ENDINGS = {
+    "some_failed": (1, None),
+    "agreeing": (2, "bodies.rod.mesh: not found"),
+    "failing": (1, "no convergence"),
+    "inof": (2, "no command 'inof'; did you mean 'info'? (see 'pgmp --help')"),
+    "xyzzy": (2, "no command 'xyzzy'; known: agreeing, alone, "),
+    "info --scen f.h5": (2, "no option '--scen'; did you mean '--scene'? (see 'pgmp info --help')"),
+    "info": (2, "Missing argument 'FILE' (see 'pgmp info --help')"),
+    "modes s.toml -o m.h5 --angles 1e3": (2, "Invalid value for '--angles': '1e3' is not a whole number"),
+    "animate f.h5 -o f.gif --fps fast": (2, "Invalid value for '--fps': 'fast' is not a number in the range"),
+    "plot f.h5 -o d --exaggerate nan": (2, "Invalid value for '--exaggerate': 'nan' is not a number in the range"),
+    "info no.h5": (2, ""),
+    "export rom.h5 --output=": (2, "Invalid value for '-o' / '--output': it is empty; a name is needed, or . for"),
+    "montecarlo rom.h5 -o e.h5 --samples=": (2, "Invalid value for '--samples': it is empty; a name is needed"),
+    "fine -- -options_left": (2, ""),
+    "fine -- -log_view": (2, "'fine' does not use PETSc, but was given PETSc options after '--': -log_view"),
+    "options": (2, "Missing option '-o' / '--output' (see 'pgmp options --help')"),
+}
+# what is no error of this program's, on a rank alone
+OF_SYSTEM = {
+    "refused memory": (1, "not enough memory: 16 GiB; take a smaller problem or more ranks on more nodes"),
+    "refused permission": (1, "/data/x: Permission denied"),
+    "refused nesting": (1, "something is nested too deeply to be worked on"),
+    "refused text": (1, "a text or a name is not valid in its encoding: "),
+}
+OPTIONS = "options -o f.h5 --set r1=5e-3 --set a=1 --override scene.name=a=b"
 
 
-@pytest.mark.parametrize("n", RANKS)
-@pytest.mark.parametrize("arguments", [(), ("--help",), ("info", "--help"), ("--version",)])
-def test_help_is_printed_once(run, n, arguments):
-    done = run(n, *arguments)
-    assert done.stdout.count("Usage: pgmp") + done.stdout.count("pgmp, version") == 1
-    assert done.stderr == ""
+@pytest.fixture(scope="module", params=RANKS)
+def told(request, mpirun, parallel_scripts):
+    """Return what every command came to on all ranks, in one start: status, standard output, standard error."""
+    commands = [*HELPS, "fine", *ENDINGS, *(OF_SYSTEM if request.param == 1 else ()), OPTIONS]
+    words = json.dumps([command.split() for command in commands])
+    lines = mpirun(request.param, parallel_scripts / "commands.py", "each", words).stdout.splitlines()
+    return {command: json.loads(line) for command, line in zip(commands, lines, strict=True)}
 
 
-@pytest.mark.parametrize("n", RANKS)
-@pytest.mark.parametrize(
-    ("command", "status", "message"),
-    [
-        ("agreeing", 2, "bodies.rod.mesh: not found"),
-        ("failing", 1, "no convergence"),
-        ("inof", 2, "no command 'inof'; did you mean 'info'? (see 'pgmp --help')"),
-        ("xyzzy", 2, None),
-        ("info --scen f.h5", 2, "no option '--scen'; did you mean '--scene'? (see 'pgmp info --help')"),
-        ("info", 2, "Missing argument 'FILE' (see 'pgmp info --help')"),
-        ("modes s.toml -o m.h5 --angles 1e3", 2, "Invalid value for '--angles': '1e3' is not a whole number in the"),
-        ("animate f.h5 -o f.gif --fps fast", 2, "Invalid value for '--fps': 'fast' is not a number in the range"),
-        ("plot f.h5 -o d --exaggerate nan", 2, "Invalid value for '--exaggerate': 'nan' is not a number in the range"),
-        ("info no.h5", 2, None),
-        ("export rom.h5 --output=", 2, "Invalid value for '-o' / '--output': it is empty; a name is needed, or . for"),
-        ("montecarlo rom.h5 -o e.h5 --samples=", 2, "Invalid value for '--samples': it is empty; a name is needed"),
-        ("fine -- -options_left", 2, None),
-        ("options", 2, "Missing option '-o' / '--output' (see 'pgmp options --help')"),
-    ],
-)
-def test_an_error_is_one_message_and_a_status(run, n, command, status, message):
-    done = run(n, *command.split(), check_status=status)
-    lines = messages(done)
-    assert len(lines) == 1 and lines[0].startswith("pgmp: error: ")
-    assert message is None or lines[0].startswith(f"pgmp: error: {message}")
-    assert done.stdout == "" and "Traceback" not in done.stderr
+def test_rank_0_alone_prints(told):
+    (first, *others) = told["fine"]
+    assert first == [0, "said\nprinted\n", ""] and all(other == [0, "", ""] for other in others)
 
 
-def test_unknown_names_list_the_known_ones(run):
-    assert "; known: agreeing, alone, " in messages(run(1, "xyzzy", check_status=2))[0]
+def test_commands_that_do_not_need_petsc_do_not_import_it(run):
+    assert run(1, "modules").stdout.strip() == "petsc4py imported: False"
 
 
-@pytest.mark.parametrize("n", RANKS)
-def test_a_status_without_message(run, n):
-    assert messages(run(n, "some_failed", check_status=1)) == []
+@pytest.mark.parametrize("command", HELPS)
+def test_help_is_printed_once(told, command):
+    out = "".join(out for _, out, _ in told[command])
+    assert out.count("Usage: pgmp") + out.count("pgmp, version") == 1
+    assert all((status, err) == (0, "") for status, _, err in told[command])
+
+
+@pytest.mark.parametrize("command", [*ENDINGS, *OF_SYSTEM])
+def test_an_error_is_one_message_and_a_status(told, command):
+    if command not in told:
+        return
+    status, message = (ENDINGS | OF_SYSTEM)[command]
+    assert all(ended == status and out == "" for ended, out, _ in told[command])
+    lines = [line for _, _, err in told[command] for line in err.splitlines()]
+    assert len(lines) == (message is not None) and all(line.startswith(f"pgmp: error: {message}") for line in lines)
+
+
+def test_shared_options(told):
+    assert told[OPTIONS][0] == [0, "('r1=5e-3', 'a=1') ('scene.name=a=b',) f.h5\n", ""]
 
 
 @pytest.mark.parametrize("n", RANKS)
@@ -113,30 +131,14 @@ def test_a_failure_that_was_not_agreed_on_does_not_hang(run):
     assert all(line.startswith("pgmp: stopped by SIGTERM: ") for line in others)
 
 
-@pytest.mark.parametrize(
-    ("kind", "message"),
-    [
-        ("memory", "pgmp: error: not enough memory: 16 GiB; take a smaller problem or more ranks on more nodes"),
-        ("permission", "pgmp: error: /data/x: Permission denied"),
-        ("nesting", "pgmp: error: something is nested too deeply to be worked on"),
-        ("text", "pgmp: error: a text or a name is not valid in its encoding: "),
-    ],
-)
-def test_what_the_system_refuses_is_one_message(run, kind, message):
-    done = run(1, "refused", kind, check_status=1)
-    assert [line[: len(message)] for line in messages(done)] == [message]
-    assert "Traceback" not in done.stderr
-
-
 @pytest.mark.parametrize("n", RANKS)
 def test_an_interrupted_run(run, n):
     done = run(n, "interrupted", check_status=130)
     assert "pgmp: interrupted" in done.stderr
 
 
-@pytest.mark.parametrize("n", RANKS)
-def test_options_after_the_dashes_reach_petsc(run, n):
-    done = run(n, "petsc", "--", "-pgmp_modes_eps_tol", "1e-9", "-flag", "1")
+def test_options_after_the_dashes_reach_petsc(run):
+    done = run(3, "petsc", "--", "-pgmp_modes_eps_tol", "1e-9", "-flag", "1")
     assert done.stdout.strip() == "[('flag', '1'), ('options_left', 'no'), ('pgmp_modes_eps_tol', '1e-9')]"
 
 
@@ -149,7 +151,6 @@ def test_options_that_nothing_used_are_named(run, n):
     assert [message[: len(line)] for message in messages(done)] == [line]
 
 
-@pytest.mark.parametrize("n", RANKS)
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -160,8 +161,8 @@ def test_options_that_nothing_used_are_named(run, n):
         (("-pgmp_ts_ksp_rtol", "x"), "PETSc options -pgmp_ts_ksp_rtol x: Input string x has no numeric value"),
     ],
 )
-def test_a_wrong_option_for_petsc_is_one_message(run, n, given, message):
-    done = run(n, "solving", "--", *given, check_status=2)
+def test_a_wrong_option_for_petsc_is_one_message(run, given, message):
+    done = run(3, "solving", "--", *given, check_status=2)
     (line,) = messages(done)
     assert line.startswith(f"pgmp: error: {message}")
     assert "PETSC ERROR" not in done.stderr and "Traceback" not in done.stderr
@@ -180,15 +181,6 @@ def test_every_prefix_is_listed():
     assert found == set(PREFIXES)
     text = (ROOT / "docs" / "petsc_options.md").read_text(encoding="utf-8")
     assert all(f"| `{prefix}` |" in text for prefix in PREFIXES)
-
-
-def test_options_for_petsc_where_it_is_not_used(run):
-    done = run(1, "fine", "--", "-log_view", check_status=2)
-    assert "'fine' does not use PETSc, but was given PETSc options after '--': -log_view" in done.stderr
-
-
-def test_commands_that_do_not_need_petsc_do_not_import_it(run):
-    assert run(1, "modules").stdout.strip() == "petsc4py imported: False"
 
 
 @pytest.mark.parametrize(("given", "daemons", "folders"), [({}, 0, 0), ({"SLURM_JOB_ID": "1"}, 1, 1)])
@@ -210,16 +202,9 @@ def test_a_process_alone_starts_no_daemon(tmp_path, given, daemons, folders):
     assert done.stdout.split(maxsplit=3) == ["1", str(daemons), str(folders), "[]\n"]
 
 
-def test_shared_options(run):
-    settings = ("--set", "r1=5e-3", "--set", "a=1", "--override", 'scene.name="a=b"')
-    done = run(1, "options", "-o", "f.h5", *settings)
-    assert done.stdout.strip() == "('r1=5e-3', 'a=1') ('scene.name=\"a=b\"',) f.h5"
-
-
-@pytest.mark.parametrize("n", RANKS)
-def test_info_describes_a_file(mpirun, n, tmp_path):
+def test_info_describes_a_file(mpirun, tmp_path):
     synthetic.trajectory("reduced", n_frames=4).write(tmp_path / "t.h5")
-    lines = mpirun(n, *PGMP, "info", tmp_path / "t.h5").stdout.splitlines()
+    lines = mpirun(3, *PGMP, "info", tmp_path / "t.h5").stdout.splitlines()
     text = "\n".join(lines)
     assert lines[0].endswith("t.h5: trajectory of the reduced model")
     for expected in ("by pgmp", "slider_crank", "r1 = 0.0056", "seed       none", "ranks      2", "1.250 s"):

@@ -1,13 +1,12 @@
 """pgmp sensitivities, fit and optimize: files, messages and pictures, the same on one rank and on two."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from runs import IN_TURN, paper_scene, pgmp, rom_of
+from runs import in_turn, paper_scene, pgmp, refused, rom_of
 
 from pgmp_petsc.api.files import contents, describe
 from pgmp_petsc.figures.collection import draw
@@ -89,8 +88,7 @@ def made(source: Path, mpirun: Callable, tmp_path_factory) -> Callable[[int], tu
                 files = {word for word in options if word.endswith((".h5", ".csv")) or word in places}
                 own = [str(places.get(word, folder) / word) if word in files else word for word in options]
                 wanted.append([command, str(source / "rom.h5"), *own])
-            done = mpirun(n, "-c", IN_TURN, json.dumps(wanted))
-            statuses = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
+            statuses, done = in_turn(n, wanted)
             assert statuses == [[0] * n] * len(ASKED), f"{done.stdout}\n{done.stderr}"
             known[n] = folder, done.stdout
         return known[n]
@@ -169,14 +167,10 @@ def test_a_tolerance_chooses_the_step_first(source: Path) -> None:
     assert step != SCENE.simulation.step and n_steps * step == pytest.approx(SCENE.simulation.duration, abs=step)
 
 
-def test_bad_input_is_one_message_on_every_rank(source: Path, mpirun: Callable) -> None:
+def test_bad_input_is_one_message_on_every_rank(source: Path) -> None:
     wanted = []
     for command, *options in BAD:
-        own = [str(source / word) if ".csv" in word else word for word in options]
-        wanted.append([command, str(source / "rom.h5"), *own])
-    done = mpirun(2, "-c", IN_TURN, json.dumps(wanted))
-    for message in BAD.values():
-        assert done.stderr.count(message) == 1, f"{message}\n{done.stderr}"
-    assert "Traceback" not in done.stderr
-    printed = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
-    assert printed == [[2, 2]] * len(BAD)
+        own = [source / word if ".csv" in word else word for word in options]
+        wanted.append([command, source / "rom.h5", *own])
+    for said, message in zip(BAD.values(), refused(2, wanted)):
+        assert said in message

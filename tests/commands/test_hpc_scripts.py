@@ -1,6 +1,7 @@
 """The job scripts, with stand-ins for the scheduler: what they run, when they stop, and what they submit again."""
 
 import os
+import shlex
 import shutil
 import signal
 import stat
@@ -11,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
-from runs import PAPER_SCENE, SMALL, overridden, pgmp
+from runs import PAPER_SCENE, PGMP, SMALL, overridden, pgmp
 
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Ensemble
@@ -50,7 +52,6 @@ PBS_AGAIN = (
     "qsub -V -l select=2:ncpus=2:mpiprocs=2:mem=4gb -l place=scatter -l walltime=01:00:00 -N many -A steel -q work "
 )
 STOPPED = 75
-PROGRAM = f'exec {sys.executable} -m pgmp_petsc.cli.main "$@"\n'
 # leaves a part of its work every tenth of a second, and has all with the fifth one
 WORKER = """
 [ "${OMPI_COMM_WORLD_RANK:-0}" = 0 ] || exit 0
@@ -87,7 +88,7 @@ def checkout(tmp_path: Path) -> Path:
     shutil.copy(ROOT / "scripts" / "mpi_env.sh", tmp_path / "scripts")
     for name, text in STUBS.items():
         executable(tmp_path / "bin" / name, text)
-    executable(tmp_path / ".venv" / "bin" / "pgmp", PROGRAM)
+    executable(tmp_path / ".venv" / "bin" / "pgmp", f'exec {shlex.join(warm_start.python())} {shlex.join(PGMP)} "$@"\n')
     executable(tmp_path / ".venv" / "bin" / "python", f'exec {sys.executable} "$@"\n')
     return tmp_path
 

@@ -3,13 +3,13 @@
 import os
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import synthetic
+import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT
 from runs import PGMP, SMALL, besides_progress, overridden, paper_scene, pgmp, rom_of
 from sealed import resealed
@@ -183,7 +183,7 @@ def killed_ensemble(folder: Path) -> list[object]:
     few = overridden("simulation.duration=0.005", "ensemble.batch=4")
     command = ["montecarlo", folder / "rom.h5", "-n", 20, *few, "-o", folder / "e.h5"]
     environment = os.environ | MPI_ENVIRONMENT
-    killed = subprocess.run([sys.executable, "-c", KILLED, *map(str, command)], cwd=ROOT, env=environment)
+    killed = subprocess.run([*warm_start.python(), "-c", KILLED, *map(str, command)], cwd=ROOT, env=environment)
     assert killed.returncode == -9 and not (folder / "e.h5").exists()
     return [*command, "--resume"]
 
@@ -233,7 +233,7 @@ def test_ranks_in_different_directories_build_and_resume(mpirun: Callable, tmp_p
 def test_a_full_disk_under_standard_output_is_one_message(folder: Path, command: str) -> None:
     options = () if command == "info" else (*SHORT, "-o", folder / "run.h5")
     with open("/dev/full", "w") as full:
-        arguments = [sys.executable, *PGMP, command, folder / "rom.h5", *options]
+        arguments = [*warm_start.python(), *PGMP, command, folder / "rom.h5", *options]
         done = subprocess.run(
             [*map(str, arguments)], stdout=full, stderr=subprocess.PIPE, text=True, env=os.environ | MPI_ENVIRONMENT
         )
@@ -249,7 +249,7 @@ def test_a_reader_that_has_gone_is_no_error(folder: Path, tmp_path: Path, comman
     options = () if command == "info" else (*SHORT, "-o", tmp_path / "run.h5")
     read, write = os.pipe()
     os.close(read)
-    arguments = [sys.executable, *PGMP, command, folder / "rom.h5", *options]
+    arguments = [*warm_start.python(), *PGMP, command, folder / "rom.h5", *options]
     done = subprocess.run(
         [*map(str, arguments)], stdout=write, stderr=subprocess.PIPE, text=True, env=os.environ | MPI_ENVIRONMENT
     )
@@ -262,7 +262,7 @@ def test_a_run_on_a_full_disk_keeps_its_pieces(folder: Path) -> None:
     """A limit of the size of files stands for the disk."""
     few = overridden("simulation.duration=0.005", "ensemble.batch=4")
     command = ("montecarlo", folder / "rom.h5", "-n", 20, *few, "-o", folder / "e.h5")
-    words, environment = [sys.executable, "-c", FULL, *map(str, command)], os.environ | MPI_ENVIRONMENT
+    words, environment = [*warm_start.python(), "-c", FULL, *map(str, command)], os.environ | MPI_ENVIRONMENT
     done = subprocess.run(words, capture_output=True, text=True, env=environment)
     assert done.returncode == 1 and "Traceback" not in done.stderr
     assert "could not be written: File too large" in done.stderr and "--resume takes it up" in done.stderr

@@ -3,13 +3,13 @@
 import json
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+import warm_start
 from conftest import ROOT, TIMEOUT_SECONDS
 from runs import PGMP, overridden, pgmp
 
@@ -99,7 +99,7 @@ def test_another_scene_is_done_anew(scene: Path, first: str, capfd: pytest.Captu
 def test_two_jobs_in_one_folder(scene: Path, tmp_path: Path) -> None:
     """Begun at once, of other values: one has the folder, and the other is refused, or has it after the first."""
     values = ("6e-3", "5e-3")
-    command = [sys.executable, *PGMP, "run", str(scene), "-o", str(tmp_path / "out"), "-n", "4", *SHORT]
+    command = [*warm_start.python(), *PGMP, "run", str(scene), "-o", str(tmp_path / "out"), "-n", "4", *SHORT]
     jobs = [subprocess.Popen([*command, "--set", f"radius={v}"], stdout=-1, stderr=-1, text=True) for v in values]
     done = [job.communicate(timeout=TIMEOUT_SECONDS) for job in jobs]
     fine = [value for value, job in zip(values, jobs) if job.returncode == 0]

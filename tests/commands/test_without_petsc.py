@@ -2,11 +2,11 @@
 
 import os
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from mpi4py import MPI
 from result_files import KINDS, assert_same, in_turn, statuses, written_by_commands
@@ -101,7 +101,7 @@ def test_the_python_interface(commands: Path, without: Path, tmp_path: Path) -> 
         "    print(error)\n"
         "print('mpi4py' in sys.modules)\n"
     )
-    words = [sys.executable, LAUNCHER, "-c", code, commands / "rom.h5", tmp_path / "run.h5", SOLIDS]
+    words = [*warm_start.python(), LAUNCHER, "-c", code, commands / "rom.h5", tmp_path / "run.h5", SOLIDS]
     environment = os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(words, capture_output=True, text=True, env=environment, timeout=TIMEOUT_SECONDS, check=True)
     of_ranks, of_bodies, loaded = done.stdout.splitlines()

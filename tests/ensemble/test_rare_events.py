@@ -69,12 +69,12 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_a_probability_of_1e_4_is_known_within_20_percent_from_5000_samples(case: str) -> None:
     d, limit_state, exact = CASES[case]
-    found = [find(limit_state, d, 5000, seed) for seed in range(10)]
+    found = [find(limit_state, d, 5000, seed) for seed in range(5)]
     estimates = np.array([one.probability for one in found]) / exact
     assert all(one.limit_state.size <= 5000 for one in found)
     assert np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.2
     held = sum(one.interval(0.95)[0] <= exact <= one.interval(0.95)[1] for one in found)
-    assert held >= binom(10, 0.95).ppf(1e-4)
+    assert held >= binom(5, 0.95).ppf(1e-4)
 
 
 def both_sides(u: np.ndarray) -> np.ndarray:
@@ -83,15 +83,15 @@ def both_sides(u: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("limit_state", [plane(2, float(norm.isf(ONE_IN_A_THOUSAND))), both_sides])
 def test_the_estimated_variation_is_that_of_repeated_runs(limit_state: LimitState) -> None:
-    found = [find(limit_state, 2, 1000, seed) for seed in range(60)]
+    found = [find(limit_state, 2, 1000, seed) for seed in range(30)]
     spread = np.std([one.probability for one in found], ddof=1) / ONE_IN_A_THOUSAND
-    # the deviation of 60 values is known to 9 %, three times that
-    assert np.sqrt(np.mean([one.variation**2 for one in found])) == pytest.approx(spread, rel=0.28)
+    # the deviation of 30 values is known to 13 %, three times that
+    assert np.sqrt(np.mean([one.variation**2 for one in found])) == pytest.approx(spread, rel=0.39)
     mean = np.mean([one.probability for one in found])
-    assert mean == pytest.approx(ONE_IN_A_THOUSAND, rel=3 * spread / np.sqrt(60))
+    assert mean == pytest.approx(ONE_IN_A_THOUSAND, rel=3 * spread / np.sqrt(30))
     ends = np.array([one.interval(0.95) for one in found])
     held = np.sum((ends[:, 0] <= ONE_IN_A_THOUSAND) & (ONE_IN_A_THOUSAND <= ends[:, 1]))
-    assert held >= binom(60, 0.95).ppf(1e-4)
+    assert held >= binom(30, 0.95).ppf(1e-4)
 
 
 def test_rounds_but_the_first_make_the_probability() -> None:
@@ -140,11 +140,11 @@ def test_events_beyond_outputs_that_are_constant_nearly_everywhere_are_found(kin
         "plateau": lambda u: np.minimum(beyond(u), 1.0),
         "stairs": lambda u: np.ceil(beyond(u) / 1.5),
     }[kind]
-    found = [find(limit_state, d, 5000, seed) for seed in range(8)]
+    found = [find(limit_state, d, 5000, seed) for seed in range(4)]
     assert all(one.limit_state.size <= 5000 for one in found)
     # of the stairs in 10 variables 94 of 100; others are bounded
     found = [one for one in found if one.reached]
-    assert len(found) >= 6
+    assert len(found) >= 3
     estimates = np.array([one.probability for one in found]) / exact
     # measured 5 to 12 %
     assert np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.25
@@ -155,9 +155,9 @@ def test_events_beyond_outputs_that_are_constant_nearly_everywhere_are_found(kin
 def test_an_event_that_nothing_leads_to_is_counted_by_plain_samples() -> None:
     """Of a thin slab near the origin samples from farther out find less than plain ones."""
     exact = float(np.diff(norm.cdf([0.5, 0.508]))[0])
-    found = [find(lambda u: np.where(np.abs(u[:, 0] - 0.504) < 0.004, -1.0, 1.0), 3, 3000, seed) for seed in range(10)]
+    found = [find(lambda u: np.where(np.abs(u[:, 0] - 0.504) < 0.004, -1.0, 1.0), 3, 3000, seed) for seed in range(5)]
     ends = np.array([one.interval(0.95) for one in found])
-    assert np.sum((ends[:, 0] <= exact) & (exact <= ends[:, 1])) >= 8
+    assert np.sum((ends[:, 0] <= exact) & (exact <= ends[:, 1])) >= 4
     assert all(one.limit_state.size > 2990 for one in found)
     plain = [one for one in found if one.is_plain and one.reached]
     for one in plain:
@@ -169,23 +169,17 @@ def test_one_in_a_thousand_million_is_known_from_5000_samples() -> None:
     """Levels of 620 samples each came to an end at 1e-6, whatever their number in all."""
     exact = 1e-9
     for d, limit_state in ((2, plane(2, float(norm.isf(exact)))), (50, plane(50, float(norm.isf(exact))))):
-        found = [find(limit_state, d, 5000, seed) for seed in range(6)]
+        found = [find(limit_state, d, 5000, seed) for seed in range(3)]
         estimates = np.array([one.probability for one in found]) / exact
         # measured 8 and 12 %
         assert np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.3 and all(one.limit_state.size <= 5000 for one in found)
-
-
-def test_fifty_parameters_at_1e_6_are_reached() -> None:
-    found = [find(plane(50, float(norm.isf(1e-6))), 50, 5000, seed) for seed in range(6)]
-    estimates = np.array([one.probability for one in found]) / 1e-6
-    assert np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.25  # measured 9 %
 
 
 def test_an_event_that_is_worth_nothing_is_bounded() -> None:
     """An indicator in 50 variables whose values step, so that it has no design points: few samples weigh all."""
     beyond = plane(50, float(norm.isf(1e-6)))
     event = lambda u: np.where(beyond(u) <= 0.0, -1.0, 1.0)  # noqa: E731
-    found = [find(event, 50, 5000, seed, has_design=False) for seed in range(4)]
+    found = [find(event, 50, 5000, seed, has_design=False) for seed in range(2)]
     weak = [one for one in found if one.is_weak]
     assert weak and all(one.interval(0.95)[0] == 0.0 < 1e-6 < one.interval(0.95)[1] < 0.01 for one in weak)
     said = rare_remarks(weak[0], np.zeros(5000), True)[0].text
@@ -198,11 +192,11 @@ def test_the_border_of_an_indicator_in_50_variables_is_found_by_bisection() -> N
     for parts in (1, 2):
         b = norm.isf(1e-9 / parts)
         along = (lambda u: u @ turned[:, 0]) if parts == 1 else (lambda u: np.abs(u @ turned[:, 0]))
-        found = [find(lambda u: np.where(along(u) >= b, -1.0, 1.0), 50, 8000, seed) for seed in range(3)]
+        found = [find(lambda u: np.where(along(u) >= b, -1.0, 1.0), 50, 8000, seed) for seed in range(2)]
         for one in (each for each in found if each.reached):
             np.testing.assert_allclose(one.design.beta, b, atol=0.35)
             assert abs(one.probability / 1e-9 - 1.0) < 4.0 * max(one.variation, 0.05)
-        assert sum(one.reached for one in found) >= 2
+        assert any(one.reached for one in found)
 
 
 def test_all_of_twenty_parts_are_found_and_more_than_can_be_are_not_decided() -> None:
@@ -287,10 +281,10 @@ def test_what_a_shift_of_the_border_makes_of_a_probability_is_known(chance: floa
         (lambda u: np.exp(beta) - np.exp(u[:, 0]), lambda p: np.exp(beta) - np.exp(norm.isf(p))),
     )
     for limit_state, shift in cases:
-        found = [find(limit_state, 6, 1500, seed) for seed in range(5)]
+        found = [find(limit_state, 6, 1500, seed) for seed in range(3)]
         for times in (0.5, 1.2, 2.0):
             said = np.mean([np.log(one.factor_of(shift(times * chance))) for one in found])
-            # hazards that rise or fall beyond the border: 4 to 15 %, and 4 % of five runs
+            # hazards that rise or fall beyond the border: 4 to 15 %, and 5 % of three runs
             assert said == pytest.approx(np.log(times), rel=0.25)
 
 
@@ -303,7 +297,7 @@ def test_a_shift_that_no_sample_knows_of_changes_nothing() -> None:
 @pytest.mark.parametrize(("d", "n"), [(2, 500), (5, 500), (10, 600), (20, 1000)])
 def test_few_samples_for_many_parameters_end_with_a_bound(d: int, n: int) -> None:
     """From a design point beyond the last level more samples were taken than were left."""
-    for seed in range(6):
+    for seed in range(3):
         one = find(plane(d, float(norm.isf(1e-9))), d, n, seed)
         low, high = one.interval(0.95)
         assert one.limit_state.size <= n and low < 1e-9 < high
@@ -373,10 +367,10 @@ def test_spread_is_believed_as_far_as_it_is_no_noise() -> None:
 def test_a_border_that_bends_towards_the_origin_is_known_at_1e_9() -> None:
     """Its event spreads wider than a standard normal density; with kernels of that width 42 of 50 intervals held."""
     name, d, limit_state = next(one for one in limit_states(1e-9) if one[0] == "paraboloid, bend -0.1")
-    found = [one for one in (find(limit_state, d, 5000, seed) for seed in range(10)) if one.reached]
+    found = [one for one in (find(limit_state, d, 5000, seed) for seed in range(5)) if one.reached]
     estimates = np.array([one.probability for one in found]) / 1e-9
     # measured 17 to 23 %
-    assert len(found) >= 8 and np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.45
+    assert len(found) >= 4 and np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.45
     held = sum(one.interval(0.95)[0] <= 1e-9 <= one.interval(0.95)[1] for one in found)
     assert held >= binom(len(found), 0.95).ppf(1e-3)
 
@@ -386,8 +380,8 @@ def test_all_design_points_of_a_series_in_10_variables_are_found_at_1e_9() -> No
     name, d, limit_state = next(one for one in limit_states(1e-9) if one[:2] == ("series of four", 10))
     turned = np.linalg.qr(np.random.default_rng(7).standard_normal((d, d)))[0]
     for some in (limit_state, lambda u: limit_state(u @ turned)):
-        found = [find(some, d, 5000, seed) for seed in range(6)]
-        assert sum(one.design.beta.size == 4 for one in found) >= 5
+        found = [find(some, d, 5000, seed) for seed in range(3)]
+        assert all(one.design.beta.size == 4 for one in found)
 
 
 def test_the_chosen_density_wastes_little_on_a_plane_and_on_a_ring() -> None:
@@ -423,7 +417,7 @@ def test_outside_of_a_ball_is_drawn_from_where_it_is_all_of_the_event() -> None:
 
 def test_two_sides_in_20_variables_are_known_and_their_variation_too() -> None:
     """With means as they come, and clusters as large as chains left them, errors were 39 % and 22 % were said."""
-    found = [find(lambda u: norm.isf(0.5e-4) - np.abs(u[:, 0]), 20, 5000, seed) for seed in range(12)]
+    found = [find(lambda u: norm.isf(0.5e-4) - np.abs(u[:, 0]), 20, 5000, seed) for seed in range(5)]
     estimates = np.array([one.probability for one in found]) / 1e-4
     # measured 2 % with either said; a side that is missed is half
     assert np.median(np.abs(estimates - 1.0)) < 0.12
@@ -517,7 +511,7 @@ def test_directions_are_those_of_the_parts_of_an_event() -> None:
 
 def test_all_parts_of_a_series_in_10_variables_have_their_shares() -> None:
     """Chains alone lost one of the four in a quarter of the runs, and left another to a few heavy samples."""
-    for seed in range(5):
+    for seed in range(2):
         found = find(lambda u: norm.isf(2.5e-6) - u[:, :4].max(axis=1), 10, 5000, seed)
         part = found.points[-found.weights.size :, :4].argmax(axis=1)
         shares = np.bincount(part, weights=found.contributions, minlength=4) / found.contributions.sum()

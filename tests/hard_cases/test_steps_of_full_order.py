@@ -70,10 +70,10 @@ def test_the_estimate_can_be_left_out() -> None:
 def test_file_terminal_and_report_have_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path, page = tmp_path / "run.h5", tmp_path / "page.html"
     scene = str(ROOT / "scenes" / "slider_crank.toml")
-    ends_with(0, "simulate", scene, "--full", "-o", path)
+    ends_with(0, "simulate", scene, "--full", "-o", path, "--override", "simulation.duration=0.2")
     assert "estimated errors over the run, of the time step" in capfd.readouterr().out
     errors = Trajectory.read(path).errors
-    assert errors.what == OF_STEP and errors.time[-1] == pytest.approx(1.0)
+    assert errors.what == OF_STEP and errors.time[-1] == pytest.approx(0.2)
     ends_with(0, "info", path)
     assert "estimated errors over the run, of the time step" in capfd.readouterr().out
     ends_with(0, "info", path, "--json")
@@ -93,7 +93,7 @@ def test_file_terminal_and_report_have_it(tmp_path: Path, capfd: pytest.CaptureF
 )
 def test_a_tolerance_is_met(scene: str, outputs: tuple[str, ...], model: str, tmp_path: Path) -> None:
     """Of the step that `simulation.tolerance` chooses, against a sixteenth of the scene's own step."""
-    tolerance, short = 1e-3, "simulation.duration=0.3"
+    tolerance, short = 1e-3, "simulation.duration=0.15"
     source = tmp_path / f"{scene}.toml"
     text = (ROOT / "scenes" / f"{scene}.toml").read_text().replace('"../', f'"{ROOT}/')
     own = float(re.search(r"^step = (\S+)", text, re.MULTILINE)[1])

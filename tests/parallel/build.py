@@ -26,7 +26,7 @@ from pgmp_petsc.ranks.groups import RankGroup  # noqa: E402
 from pgmp_petsc.reduction.build import build_rom  # noqa: E402
 
 # as few angles as modes can be followed over: models are compared with each other, not with the mechanism
-FEW, FINE = "reduction.angles=12", "reduction.angles=16"
+FEW = "reduction.angles=12"
 GRAVITY = 'effects.weight={type="gravity"}'
 STATIC = "reduction.static_modes=true"
 SECOND = "reduction.second_order=true"
@@ -40,6 +40,7 @@ UNCERTAIN_BAR = (
 PART = (
     "coordinates.theta.range=[0.2,1.4]", "coordinates.theta.periodic=false", "simulation.initial.theta.position=0.2",
 )  # fmt: skip
+SHARE = (*PART, "reduction.angles=5")
 LIMITED = (
     "coordinates.theta1.range=[0.2,1.4]", "coordinates.theta1.periodic=false", "simulation.initial.theta1.position=0.2",
 )  # fmt: skip
@@ -57,12 +58,12 @@ CASES = {
     "adaptive": lambda: slider_crank(
         'reduction.interpolation="spline"', "reduction.sampling_tolerance=0.3", "reduction.angles=6",
         "reduction.modes=3",),
-    "extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SPLINE, FINE),
-    "extended_reflected": lambda: four_bar(*UNCERTAIN_BAR, SPLINE, "reduction.parameter_modes=1", FINE),
+    "extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SPLINE, *SHARE),
+    "extended_reflected": lambda: four_bar(*UNCERTAIN_BAR, SPLINE, "reduction.parameter_modes=1", FEW),
     "extended_adaptive": lambda: slider_crank(UNCERTAIN, *EXTENDED, SPLINE, "reduction.sampling_tolerance=0.3", FEW),
-    "curved_extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SECOND, SPLINE, FINE),
-    "two": lambda: over(double_pendulum(GRAVITY), (7, 8)),
-    "two_static": lambda: over(double_pendulum(GRAVITY, STATIC, "reduction.inertia_modes=true", *LIMITED), (5, 7)),
+    "curved_extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SECOND, SPLINE, *SHARE),
+    "two": lambda: over(double_pendulum(GRAVITY), (5, 6)),
+    "two_static": lambda: over(double_pendulum(GRAVITY, STATIC, "reduction.inertia_modes=true", *LIMITED), (3, 5)),
     "two_crossing": lambda: five_bar("reduction.modes=2", "reduction.angles=14"),
     "part": lambda: trammel(*PART),
     "fails": lambda: slider_crank("reduction.angles=8", "reduction.modes=3"),

@@ -2,8 +2,11 @@
 
 from __future__ import annotations  # the declaration of commands reads annotations as text
 
+import io
+import json
 import sys
 import time
+from contextlib import redirect_stderr, redirect_stdout
 from os import PathLike
 from pathlib import Path
 
@@ -185,5 +188,24 @@ for _command in (*STARTED, *OTHERS):
     _head = Found(__name__, _name, _name, "For a test.", 0, _command in STARTED)
     frame.COMMANDS[_name] = Own(_head)
 
+
+def each(commands: list[list[str]]) -> None:
+    """Run commands one after the other; print a line each, of every rank's status, output and errors, as JSON."""
+    from mpi4py import MPI
+
+    for words in commands:
+        out, err, status = io.StringIO(), io.StringIO(), 0
+        with redirect_stdout(out), redirect_stderr(err):
+            try:
+                frame.main(words)
+            except SystemExit as end:
+                status = end.code or 0
+        if ranks := MPI.COMM_WORLD.gather((status, out.getvalue(), err.getvalue())):
+            print(json.dumps(ranks), flush=True)
+
+
 if __name__ == "__main__":
-    frame.main()
+    if sys.argv[1:2] == ["each"]:
+        each(json.loads(sys.argv[2]))
+    else:
+        frame.main()

@@ -3,7 +3,6 @@
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from functools import reduce
@@ -12,6 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 
 TABLES = ("mass", "inertia", "stiffness", "load")
@@ -72,7 +72,7 @@ def interrupted(path: Path, scene: tuple[str, ...], n_ranks: int, n_pieces: int)
     """Start a build and kill it, all of its ranks, as soon as there are so many finished pieces."""
     # together the ranks reach the number of pieces, and are held before the 12 configurations are complete
     script = slowly(seconds=0.15, held=10 // n_ranks)
-    command = [sys.executable, "-c", script, "build", *scene, "-o", str(path)]
+    command = [*warm_start.python(), "-c", script, "build", *scene, "-o", str(path)]
     if n_ranks > 1:
         command = ["mpirun", "-n", str(n_ranks), *command]
     environment = os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": str(ROOT)}

@@ -1,13 +1,12 @@
 """Lengths as parameters: built and drawn by two ranks as by one, and refused without a hang."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from length_scenes import SLIDER_CRANK, SMALL, long_crank
 from mpi4py import MPI
-from runs import IN_TURN, full_model, overridden, rom_of
+from runs import PGMP, full_model, in_turn, overridden, rom_of
 
 from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan
@@ -19,7 +18,7 @@ from pgmp_petsc.results import Ensemble
 N, SEED, BATCH = 9, 3, "ensemble.batch=4"
 
 
-def test_two_ranks_build_and_draw_lengths_as_one_does(mpirun: Callable, tmp_path: Path) -> None:
+def test_two_ranks_build_and_draw_lengths_as_one_does(tmp_path: Path) -> None:
     path, rom = tmp_path / "scene.toml", tmp_path / "rom.h5"
     path.write_text(SLIDER_CRANK, encoding="utf-8")
     few = ["--seed", str(SEED), *overridden(BATCH)]
@@ -30,8 +29,7 @@ def test_two_ranks_build_and_draw_lengths_as_one_does(mpirun: Callable, tmp_path
         ["simulate", str(rom), "--set", "rod_length=0.6", "-o", str(tmp_path / "run.h5")],
         ["info", str(rom)],
     ]
-    done = mpirun(2, "-c", IN_TURN, json.dumps(wanted))
-    statuses = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
+    statuses, done = in_turn(2, wanted)
     said = f"{done.stdout}\n{done.stderr}"
     assert statuses == [[0, 0]] * 3 + [[2, 2]] + [[0, 0]], said
     # 3 points, of which one is nominal, and a model between them
@@ -67,8 +65,7 @@ def test_two_ranks_take_angles_and_values_of_the_nominal_lengths_as_one_does(mpi
     path, rom = tmp_path / "scene.toml", tmp_path / "rom.h5"
     path.write_text(SLIDER_CRANK, encoding="utf-8")
     settings = ("reduction.parameter_modes=2", "reduction.length_points=2", "reduction.second_order=false")
-    done = mpirun(2, "-c", IN_TURN, json.dumps([["build", str(path), *overridden(*settings), "-o", str(rom)]]))
-    assert "[0, 0]" in done.stdout, f"{done.stdout}\n{done.stderr}"
+    mpirun(2, *PGMP, "build", path, *overridden(*settings), "-o", rom)
     found, own = ReducedOrderModel.read(rom), rom_of(long_crank(*settings))
     for one, other in zip(found.family.members, own.family.members, strict=True):
         np.testing.assert_array_equal(one.tables.samples.theta, other.tables.samples.theta)

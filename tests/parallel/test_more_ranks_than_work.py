@@ -1,19 +1,17 @@
 """More ranks than angles, bodies, samples and results: every command ends, with the result of one rank.
 
-The commands of a group run one after the other in one start of MPI. That this process ends is part of the test: ranks
+The commands run one after the other in one start of MPI. That this process ends is part of the test: ranks
 that had no work must not leave the others waiting at the end of PETSc. ``PGMP_RANKS=7`` takes another number of ranks.
 """
 
-import json
 import os
-import subprocess
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import ROOT
-from runs import IN_TURN, PGMP, overridden
+from runs import PGMP, in_turn, overridden
 
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Ensemble, ModesTable, Trajectory
@@ -25,8 +23,8 @@ MANY = int(os.environ.get("PGMP_RANKS", "5"))
 SHORT = overridden("simulation.duration=0.003", "simulation.step=1e-3")
 
 
-def commands(folder: Path, n_ranks: int) -> list[list[list[str]]]:
-    """Return groups of commands with fewer angles, bodies, samples, results than ranks; pairs of ranks share angles."""
+def commands(folder: Path, n_ranks: int) -> list[list[str]]:
+    """Return commands with fewer angles, bodies, samples, results than ranks; pairs of ranks share angles."""
     pairs = ["--ranks-per-angle", "2"] if n_ranks > 1 else []
 
     def to(name: str) -> list[str]:
@@ -59,26 +57,19 @@ def commands(folder: Path, n_ranks: int) -> list[list[list[str]]]:
         ["plot", trajectory, *to("pictures")],
         ["export", trajectory, *to("shapes.xdmf")],
     ]
-    return [[*beams, *solids], [*runs, *inspected]]
-
-
-def run_in_turn(mpirun: Callable, n: int, wanted: list[list[str]]) -> tuple[list, subprocess.CompletedProcess[str]]:
-    """Run commands on n ranks; return the statuses of all ranks for each, and what was printed."""
-    done = mpirun(n, "-c", IN_TURN, json.dumps(wanted))
-    assert "Traceback" not in done.stderr, done.stderr
-    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")], done
+    return [*beams, *solids, *runs, *inspected]
 
 
 @pytest.fixture(scope="module")
-def folder(mpirun: Callable, tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Path]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Path]:
     """Return a function that gives the results of a number of ranks."""
 
     def made_by(n: int) -> Path:
         if n not in made:
             made[n] = tmp_path_factory.mktemp(f"ranks_{n}")
-            for wanted in commands(made[n], n):
-                statuses, done = run_in_turn(mpirun, n, wanted)
-                assert statuses == [[0] * n] * len(wanted), f"{done.stdout}\n{done.stderr}"
+            wanted = commands(made[n], n)
+            statuses, done = in_turn(n, wanted)
+            assert statuses == [[0] * n] * len(wanted), f"{done.stdout}\n{done.stderr}"
         return made[n]
 
     made: dict[int, Path] = {}
@@ -126,7 +117,7 @@ def test_seven_ranks(mpirun: Callable, folder: Callable, tmp_path: Path) -> None
     close(Ensemble.read(samples).outputs, Ensemble.read(folder(1) / "three.h5").outputs)
 
 
-def test_errors_end_too(mpirun: Callable, tmp_path: Path) -> None:
+def test_errors_end_too(tmp_path: Path) -> None:
     """Bad input, found by the first rank alone and by all; runs that stop, and samples that fail."""
     pushed = [*SHORT, *overridden("effects.motor.table=[[0.0, 1e9], [1.0, 1e9]]")]
     missing, output = str(tmp_path / "missing.h5"), ["-o", str(tmp_path / "none.h5")]
@@ -145,7 +136,7 @@ def test_errors_end_too(mpirun: Callable, tmp_path: Path) -> None:
         ["simulate", BEAMS, "--full", *pushed, "-o", str(tmp_path / "stopped.h5")],
         ["montecarlo", BEAMS, "--full", *pushed, "-n", "2", "-o", str(tmp_path / "failed.h5")],
     ]
-    statuses, done = run_in_turn(mpirun, MANY, bad + failing)
+    statuses, done = in_turn(MANY, bad + failing)
     assert statuses == [[2] * MANY] * len(bad) + [[1] * MANY] * len(failing), f"{done.stdout}\n{done.stderr}"
     # samples that fail are told on standard output
     assert sum(line.startswith("pgmp: error: ") for line in done.stderr.splitlines()) == len(bad) + 1

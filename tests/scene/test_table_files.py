@@ -1,11 +1,10 @@
 """Tables of effects in CSV files: read as rows that a scene writes, or refused with the line."""
 
-import json
 from pathlib import Path
 
 import pytest
 from machine_scenes import CART
-from runs import IN_TURN, overridden
+from runs import overridden, refused
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
@@ -87,12 +86,8 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
         scene_from_toml(CART, tmp_path, [FORCE.format('"push.csv"')])
 
 
-@pytest.mark.parametrize("n_ranks", [1, 3])
-def test_a_command_ends_with_the_line(mpirun, tmp_path: Path, n_ranks: int) -> None:
+def test_a_command_ends_with_the_line(tmp_path: Path) -> None:
     (tmp_path / "cart.toml").write_text(CART)
     (tmp_path / "push.csv").write_text("0,1\n0.1,x\n")
-    command = ["check", str(tmp_path / "cart.toml"), *overridden(FORCE.format('"push.csv"'))]
-    done = mpirun(n_ranks, "-c", IN_TURN, json.dumps([command]))
-    statuses = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
-    assert statuses == [[2] * n_ranks] and "effects.e.table" in done.stderr and "line 2 is '0.1, x'" in done.stderr
-    assert "Traceback" not in done.stderr
+    (said,) = refused(3, [["check", tmp_path / "cart.toml", *overridden(FORCE.format('"push.csv"'))]])
+    assert "effects.e.table" in said and "line 2 is '0.1, x'" in said

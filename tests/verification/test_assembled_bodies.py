@@ -9,6 +9,7 @@ import pytest
 import scipy.sparse as sp
 from assembled import WRITERS, labels_of, write_body, write_csv
 from mpi4py import MPI
+from runs import motion
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 from solid_scenes import GRAVITY, HEIGHT, THICKNESS, solid_meshes, solid_slider_crank
@@ -16,7 +17,6 @@ from solids import body_of, matrices_of, mesh_of
 from spatial import SLIDER_CRANK as IN_SPACE
 from spatial import bar
 
-from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.assembled import Assembled, AssembledBody
 from pgmp_petsc.bodies.assembled_reading import read_assembled
@@ -28,7 +28,6 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.check import describe_scene
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 
 MODULUS, DENSITY, N_MODES = 210e9, 7800.0, 6
 MM_T_S = (1e-3, 1e3, 1.0)
@@ -110,8 +109,8 @@ def on_the_mesh() -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarr
 def runs_of(scene: Scene, meshes: dict) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
     rom = rom_of(scene, meshes)
     stiffness, mass = rom.tables.stiffness[:, 0], rom.tables.mass[:, 0]
-    reduced = simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF)
-    whole = simulate_full(component_model(scene, meshes, MPI.COMM_SELF), MPI.COMM_SELF)
+    reduced = motion(ReducedModel(scene, rom))
+    whole = motion("components", scene, meshes)
     squares = [eigh(k, m[1:, 1:], eigvals_only=True) for k, m in zip(stiffness, mass)]
     return np.sqrt(np.array(squares)[:, :N_MODES]) / (2.0 * np.pi), reduced.outputs, whole.outputs
 

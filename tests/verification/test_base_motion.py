@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
+from exported import assert_same_in_c, needs_compiler
 from machine_scenes import MODELS, RAIL_MASS, cart, rail, run
 from refusals import cases, check_said
 from runs import reduced_model
@@ -64,7 +64,7 @@ def test_what_is_given_is_differentiated(of: str) -> None:
 @needs_compiler
 def test_a_shaken_model_in_c(tmp_path: Path) -> None:
     model = reduced_model(cart(BASE.format(ROWS)))
-    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+    assert_same_in_c(model, tmp_path)
 
 
 REFUSED = """

@@ -7,19 +7,15 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from effect_scenes import CANTILEVER, line_meshes, scene_of
-from mpi4py import MPI
-from runs import history, samples
+from runs import components_model, full_model, history, motion, samples
 from solid_scenes import solid_meshes, solid_slider_crank
 from spatial import bars_of, slider_crank_in_space
 from spatial_beams import lines_of, slider_crank_of_beams
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mesh.line_mesh import straight_beam
-from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import Scene, load_scene
-from pgmp_petsc.studies.simulate import simulate_full
 from scenes import tables
 
 # the fundamental frequency in the plane of rotation over the spin, in units of sqrt(EI / rho A L^4); published
@@ -59,6 +55,7 @@ def spinning(
     stiffened: bool = True,
     direction: tuple[float, ...] = (0.0, 1.0),
     duration: float = 20.0,
+    step: float = 5e-3,
 ) -> tuple[Scene, dict]:
     """Return a cantilever that spins at a constant speed and is pushed across for half a period of its bending."""
     push = 0.5 * np.pi / 3.5
@@ -69,7 +66,7 @@ effects.push: type = "force"; point = "beam:tip"; direction = {list(direction)};
     table = [[0.0, 0.0], [{push}, 1e-3], [{2 * push}, 0.0], [100.0, 0.0]]
 outputs.tip: type = "deformation"; point = "beam:tip"; axis = "{"xyz"[int(np.argmax(direction))]}"; frame = "body"
 reduction: modes = 4
-simulation: duration = {duration}; step = 5e-3
+simulation: duration = {duration}; step = {step}
 """),
         f"effects.hold.constant_speed.speed={spin}",
     )
@@ -77,7 +74,7 @@ simulation: duration = {duration}; step = 5e-3
 
 def fundamental(scene: Scene, meshes: dict) -> float:
     """Return the angular frequency of the component model's bending after the push, from where it crosses zero."""
-    times, found = history(component_model(scene, meshes, MPI.COMM_SELF), samples(scene, 1), 1)
+    times, found = history(components_model(scene, meshes), samples(scene, 1), 1)
     tip = found["tip"][times > 2.0, 0]
     times = times[times > 2.0]
     tip = tip - 0.5 * (tip.max() + tip.min())
@@ -99,11 +96,11 @@ def test_the_frequency_of_a_rotating_beam(spin: float, published: float) -> None
     + [("bar of solids", *PUBLISHED[-1])],
 )
 def test_the_frequency_of_every_other_kind(kind: str, spin: float, published: float) -> None:
-    # the reduced model of the same bodies has up to 4e-3 too
+    # the reduced model of the same bodies has up to 4e-3 too; the step: a twentieth of a radian of the turn
     direction = (0.0, 1.0, 0.0)[: 2 if kind == "plate of cells" else 3]
-    assert fundamental(*spinning(of_kind(kind), spin, direction=direction, duration=8.0)) == pytest.approx(
-        published, rel=6e-3
-    )
+    assert fundamental(
+        *spinning(of_kind(kind), spin, direction=direction, duration=8.0, step=0.05 / spin)
+    ) == pytest.approx(published, rel=6e-3)
 
 
 @pytest.mark.parametrize(
@@ -113,7 +110,9 @@ def test_the_frequency_of_every_other_kind(kind: str, spin: float, published: fl
 def test_the_frequency_out_of_the_plane_of_rotation(kind: str, ratio: float) -> None:
     """``omega^2 = omega_in^2 + Omega^2`` with the published one of a beam that is stiffer by a ratio."""
     root, (spin, published) = np.sqrt(ratio), PUBLISHED[1]
-    found = fundamental(*spinning(of_kind(kind), root * spin, direction=ACROSS, duration=8.0))
+    found = fundamental(
+        *spinning(of_kind(kind), root * spin, direction=ACROSS, duration=8.0, step=0.05 / (root * spin))
+    )
     assert found == pytest.approx(root * np.sqrt(published**2 + spin**2), rel=6e-3)
 
 
@@ -126,8 +125,8 @@ def test_a_spin_up_is_that_of_the_mesh() -> None:
     """Simo and Vu-Quoc's beam lags behind by more than half a metre, swings forward and ends straight, stretched."""
     scene = load_scene(SPIN_UP, ["simulation.step=1e-2"])
     meshes = line_meshes(scene)
-    exact = simulate_full(FullModel(scene, meshes), MPI.COMM_SELF)
-    found = simulate_full(component_model(scene, meshes, MPI.COMM_SELF), MPI.COMM_SELF)
+    exact = motion("full", scene, meshes)
+    found = motion("components", scene, meshes)
     deflection = exact.outputs["tip_deflection"]
     assert deflection.min() == pytest.approx(-0.574, abs=1e-3)
     # the reduced model with the same effect: 0.13 %
@@ -157,7 +156,7 @@ def test_a_slider_crank_is_that_of_the_mesh(kind: str) -> None:
     for effects in ((), EFFECTS):
         scene = make(*SHORT, *effects)
         meshes = meshes_of(scene)
-        models = FullModel(scene, meshes), component_model(scene, meshes, MPI.COMM_SELF)
+        models = full_model(scene, meshes), components_model(scene, meshes)
         (_, exact), (_, found) = (history(model, samples(scene, 1), 1) for model in models)
         left.append(float(np.abs(found["slide"] - exact["slide"]).max() / np.abs(exact["slide"]).max()))
     # measured: 6e-5, 7e-5 and 3e-5 of 5e-3
@@ -177,7 +176,7 @@ def test_energy_is_kept(make: Callable[..., tuple[Scene, dict]], direction: tupl
         start = {"theta": scene.initial_state("theta").model_copy(update={"velocity": 6.0})}
         run = {"duration": 0.3, "step": step, "spectral_radius": 1.0, "initial": start}
         scene = scene.model_copy(update={"simulation": scene.simulation.model_copy(update=run)})
-        balance = simulate_full(component_model(scene, meshes, MPI.COMM_SELF), MPI.COMM_SELF).balance
+        balance = motion("components", scene, meshes).balance
         kept.append(np.ptp(balance.kinetic + balance.strain) / balance.kinetic[0])
     assert kept[1] < 1e-5
     assert np.log2(kept[0] / kept[1]) == pytest.approx(2.0, abs=0.2)

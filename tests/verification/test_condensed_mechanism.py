@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import assert_close
+from runs import assert_close, full_model, motion, rom_of
 from solid_scenes import GRAVITY, solid_meshes, solid_slider_crank
 from solids import rectangle_mesh
 
@@ -16,15 +16,13 @@ from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.effects import effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.sampler import Sampler, TurnedLoads
 from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import HEADER, mechanism_of, slider_crank, tables
 
 N_MODES, ANGLES = 6, (0.0, 0.7, 2.5, 4.0)
@@ -158,7 +156,7 @@ def test_a_bar_that_a_single_frame_holds() -> None:
     # tan b = tanh b, Euler and Bernoulli; shear and rotary inertia take 1e-3 of the second, the mesh adds some of it
     exact = np.array([3.92660231, 7.06858275]) ** 2 / (2 * np.pi) * np.sqrt(210e9 / 7800.0 * 0.02**2 / 12)
     np.testing.assert_allclose(found[1], exact, rtol=3e-3)
-    run = simulate_full(FullModel(scene, meshes), MPI.COMM_SELF)
+    run = motion("full", scene, meshes)
     # a rigid bar falls by 3 g / (4 L) t^2 (1 - 0.025 (3 g / (2 L) t^2)^2 ...); its bending adds 1e-3 rad at most
     fall = 0.75 * 9.80665 * 0.1**2
     assert run.coordinates[-1, 0] == pytest.approx(-fall, abs=2e-3)
@@ -170,13 +168,12 @@ def timed(duration: float, step: float, *overrides: str) -> Scene:
 
 
 def full_run(scene: Scene, n_per_metre: int = 20) -> Trajectory:
-    return simulate_full(FullModel(scene, solid_meshes("quad8", n_per_metre)), MPI.COMM_SELF)
+    return motion("full", scene, solid_meshes("quad8", n_per_metre))
 
 
 def both(scene: Scene) -> tuple[Trajectory, Trajectory]:
     """Return the full-order run and the reduced one."""
-    rom = build_rom(scene, solid_meshes("quad8", 20), alone())
-    return full_run(scene), simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF)
+    return full_run(scene), motion("reduced", scene, solid_meshes("quad8", 20))
 
 
 def test_the_reduced_run_is_that_of_the_full_order_model() -> None:
@@ -236,12 +233,12 @@ def test_the_reduced_run_with_a_scaled_cross_section_is_that_of_the_full_order_m
     """The basis is that of the nominal section; the full-order model takes the scale of the run or of the sample."""
     scene, meshes = timed(0.1, 1e-3, *SCALED), solid_meshes("quad8", 20)
     run_of = scene.model_copy(update={"parameters": {"s": scene.parameters["s"].model_copy(update={"value": scale})}})
-    full = simulate_full(FullModel(run_of, meshes), MPI.COMM_SELF)
-    reduced = simulate_reduced(ReducedModel(run_of, build_rom(scene, meshes, alone())), MPI.COMM_SELF)
+    full = motion("full", run_of, meshes)
+    reduced = motion(ReducedModel(run_of, rom_of(scene, meshes=meshes)))
     # a basis of the other section is 1.1e-4 and 1.2 % off, that of the nominal one for itself 3e-6 and 0.8 %
     for name, share in (("crank_angle", 2e-4), ("slider_position", 1e-6), ("slider_deformation", 0.02)):
         values = full.outputs[name]
         size = np.abs(values).max()
         np.testing.assert_allclose(reduced.outputs[name], values, rtol=0, atol=share * size, err_msg=name)
-    with FullModel(scene, meshes).batch({"s": np.array([scale])}, 1) as sample:
-        np.testing.assert_array_equal(sample.start().q, FullModel(run_of, meshes).batch({}, 1).start().q)
+    with full_model(scene, meshes).batch({"s": np.array([scale])}, 1) as sample:
+        np.testing.assert_array_equal(sample.start().q, full_model(run_of, meshes).batch({}, 1).start().q)

@@ -22,6 +22,7 @@ from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.models import ReducedModel, of_samples
+from pgmp_petsc.reduction import tables
 from pgmp_petsc.results import Derivatives, Design, Fit
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.stepping.edge_search import EventLocation
@@ -70,7 +71,9 @@ SCENES = {
 
 @pytest.fixture(scope="module", params=list(SCENES))
 def model(request) -> ReducedModel:
-    return reduced_model(SCENES[request.param])
+    with pytest.MonkeyPatch.context() as patch:  # runs and their derivatives are of one table, over 0.6 rad
+        patch.setattr(tables, "N_FINE_OF_MORE", 24)
+        return reduced_model(SCENES[request.param])
 
 
 def test_derivatives_are_central_differences(model: ReducedModel) -> None:

@@ -7,23 +7,19 @@ import h5py
 import numpy as np
 import pytest
 from counting import count_calls
-from effect_scenes import BAR, BAR_INERTIA, STEP, G, line_meshes, line_model, scene_of, turning
-from mpi4py import MPI
-from runs import full_model, history, samples
+from effect_scenes import BAR, BAR_INERTIA, STEP, G, line_model, scene_of, turning
+from runs import full_model, history, motion, reduced_model, rom_of, samples, trajectory
 from runs import reduced_model as in_memory
 from test_damping_and_drives import DECAYS, MOTIONS, SPINNER
 from test_effects_full import TURNED
 
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduced.system import ReducedSystem
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.edge_search import EventLocation
 from pgmp_petsc.stepping.second_order_system import State
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import slider_crank, tables
 
 # so stiff that it is straight to 1e-5, with modes all the same; without the answer to a spring in the hinge, which is
@@ -42,7 +38,7 @@ reduction: modes = 2; angles = 24; interpolation = "spline"
 
 def build(scene: Scene) -> ReducedModel:
     """Build the reduced model of a scene whose bodies are lines."""
-    return ReducedModel(scene, build_rom(scene, line_meshes(scene), RankGroup.split(MPI.COMM_SELF, 1)))
+    return reduced_model(scene)
 
 
 def run_of(text: str, duration: float, *overrides: str, **initial: float) -> Trajectory:
@@ -51,7 +47,7 @@ def run_of(text: str, duration: float, *overrides: str, **initial: float) -> Tra
     simulation = f"[simulation]\nduration = {duration}\nstep = {STEP}\nspectral_radius = 0.9\n"
     begin = f"[simulation.initial.theta]\n{start}" if initial else ""
     scene = scene_of(BAR, f"{ANGLE}{text}\n{simulation}{begin}", *STIFF, *overrides)
-    return simulate_reduced(build(scene), MPI.COMM_SELF)
+    return motion(build(scene))
 
 
 # --- closed forms ----------------------------------------------------------------------------------------------------
@@ -211,10 +207,10 @@ def written(folder: Path, scene: Scene) -> dict[str, object]:
     Return the shapes of all datasets, timed phases among them, by ``file:path``, and the effects with loads.
     """
     found: dict[str, object] = {}
-    rom = build_rom(scene, line_meshes(scene), RankGroup.split(MPI.COMM_SELF, 1))
+    rom = rom_of(scene)
     rom.write(folder / "rom.h5")
-    simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF).write(folder / "reduced.h5")
-    simulate_full(line_model(scene), MPI.COMM_SELF).write(folder / "full.h5")
+    trajectory(ReducedModel(scene, rom)).write(folder / "reduced.h5")
+    trajectory(line_model(scene)).write(folder / "full.h5")
     for name in ("rom", "reduced", "full"):
         with h5py.File(folder / f"{name}.h5") as file:
             paths: list[str] = []
@@ -278,7 +274,7 @@ def test_only_what_is_there_is_built_and_evaluated(calls: Counter, kind: str) ->
     model = build(scene_of(BAR, ANGLE + SHORT + text, *STIFF))
     calls.clear()
     system: ReducedSystem = model.batch({}, 1)
-    simulate_reduced(model, MPI.COMM_SELF)
+    motion(model)
     assert set(calls) == EVALUATED.get(kind, set())
     layout = model.terms.layout
     equations = system._equations  # noqa: SLF001

@@ -6,7 +6,7 @@ import pytest
 from differences import compare
 from elastic_scenes import BEARINGS, DISCS, N_ELEMENTS, SHAFT, SIDE, machine, rigid_frame, rotor, vibrations
 from machine_scenes import MODELS
-from runs import history, read_meshes, reduced_model, rom_of, samples
+from runs import history, motion, read_meshes, reduced_model, rom_of, samples, trajectory
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
@@ -165,9 +165,7 @@ def test_derivatives_by_stiffness_and_damping_are_central_differences():
 
 @exported.needs_compiler
 def test_c_code_runs_as_the_model(tmp_path):
-    model = reduced_model(machine(*REDUCED))
-    found = exported.outputs_of(exported.compiled(model, tmp_path))
-    exported.assert_equal(found, exported.simulated(model).outputs)
+    exported.assert_same_in_c(reduced_model(machine(*REDUCED)), tmp_path)
 
 
 def test_errors_are_estimated_within_a_factor_of_three():
@@ -176,7 +174,7 @@ def test_errors_are_estimated_within_a_factor_of_three():
         "reduction.modes=2", "reduction.static_modes=false", "simulation.duration=0.1", "simulation.step=5e-5"
     )
     model = reduced_model(scene)
-    found, full = exported.simulated(model), _outputs(MODELS["full"](scene), scene)
+    found, full = trajectory(model), _outputs(MODELS["full"](scene), scene)
     for name in ("lift", "bent"):
         true = np.max(np.abs(found.outputs[name] - full[name]))
         assert true / 3.0 < found.errors.maximum(name) < 3.0 * true, name
@@ -189,7 +187,7 @@ def test_the_balance_of_energy_holds_at_second_order():
         scene = machine(
             "effects.weight={type='gravity'}", "simulation.duration=0.1", f"simulation.step={step}", *REDUCED[:2]
         )
-        balance = exported.simulated(reduced_model(scene)).balance
+        balance = motion(reduced_model(scene)).balance
         residuals.append(np.max(np.abs(balance.residual)))
         assert np.max(np.abs(balance.work["one"])) > 10.0 * residuals[-1]
     assert 3.3 < residuals[0] / residuals[1] < 5.0
@@ -226,7 +224,7 @@ def test_a_run_whose_mounts_give_way_far_says_so():
     """The right mount sinks by a tenth of the frame's length and more."""
     soft = ("joints.two.elastic.stiffness=[1e6,9e2]", "joints.two.elastic.damping=['c',10.0]", *REDUCED[:2])
     scene = machine("effects={weight={type='gravity'}}", *soft, "simulation={duration=0.4,step=1e-3}")
-    far, near = exported.simulated(reduced_model(scene)), exported.simulated(reduced_model(machine(*REDUCED)))
+    far, near = motion(reduced_model(scene)), motion(reduced_model(machine(*REDUCED)))
     assert 0.14 < far.validity["elastic_rotation"] < 0.6 and near.validity["elastic_rotation"] < 1e-2
     words = "give way, which is taken as small, beyond 0.14"
     assert [words in str(remark) for remark in far.record.remarks].count(True) == 1

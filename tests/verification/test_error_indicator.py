@@ -26,7 +26,7 @@ N, SEED = 24, 123
 N_ACCEPTED, SEED_ACCEPTED = 200, 2027  # samples that nothing was ever looked at with
 FACTOR, SHARE = 3.0, 0.95
 # steps of the full-order run in one of the reduced run: what its last halving moved must be small beside the error
-COARSE, FINE = 8, 64
+COARSE, MIDDLE, FINE = 8, 16, 64
 SHORT = "simulation.duration=0.5"
 RAMP = "effects.motor.table=[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]"
 STEP = "effects.motor.table=[[0.0, 0.5], [1.0, 0.5]]"
@@ -93,8 +93,8 @@ def test_estimates_are_within_a_factor_of_the_true_errors(
 def many_exact() -> tuple[dict[str, np.ndarray], Outputs]:
     """Return parameters and full-order outputs of the samples of acceptance."""
     values = draw(runs.paper_scene(), SEED_ACCEPTED, 0, N_ACCEPTED)
-    fine = runs.paper_scene(SHORT, f"simulation.step={1e-3 / FINE!r}")
-    return values, every(runs.full_model(fine), values, N_ACCEPTED, FINE)
+    fine = runs.paper_scene(SHORT, f"simulation.step={1e-3 / MIDDLE!r}")
+    return values, every(runs.full_model(fine), values, N_ACCEPTED, MIDDLE)
 
 
 @pytest.mark.parametrize("second_order", ["false", "true"])
@@ -118,7 +118,7 @@ def test_a_worse_basis_is_reported_as_worse() -> None:
     name, n, estimates, true = "slider_deformation", 6, [], []
     values = draw(runs.paper_scene(), SEED_ACCEPTED, 0, n)
     short = "simulation.duration=0.3"
-    exact = every(runs.full_model(runs.paper_scene(short, f"simulation.step={1e-3 / FINE!r}")), values, n, FINE)
+    exact = every(runs.full_model(runs.paper_scene(short, f"simulation.step={1e-3 / MIDDLE!r}")), values, n, MIDDLE)
     for modes, static in ((2, "false"), (7, "false"), (7, "true")):
         reduction = (f"reduction.modes={modes}", f"reduction.static_modes={static}")
         model = runs.reduced_model(runs.accurate_scene(short, *reduction))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from mpi4py import MPI
-from runs import history, samples
+from runs import history, samples, trajectory
 
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator
 from pgmp_petsc.mechanism.capabilities import Purpose
@@ -16,7 +16,6 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.simulate import simulate_reduced
 
 FOLDER, FACTOR = ROOT / "tests" / "hard_cases" / "estimates", 3.0
 # overrides that make it short, steps of the reference in one, and outputs with their true error in per cent
@@ -59,7 +58,7 @@ def test_estimates_see_friction_stops_and_the_step(case: str) -> None:
 
 def test_every_output_that_is_five_per_cent_off_is_warned_of() -> None:
     """And no other: the angle and the displacement are known to 0.004 %."""
-    run = simulate_reduced(model_of(FOLDER / "rod_with_a_spring.toml"), MPI.COMM_SELF)
+    run = trajectory(model_of(FOLDER / "rod_with_a_spring.toml"))
     (warned,) = (remark for remark in run.record.remarks if remark.text.startswith("large estimated errors"))
     assert warned.kind == "warning"
     assert re.search(r"over the run: mid \d+ %, F \d+ %; ", warned.text), warned.text

@@ -9,17 +9,15 @@ import numpy as np
 import pytest
 from conftest import ROOT, TIMEOUT_SECONDS
 from mpi4py import MPI
-from runs import QUICK_RETURN, accurate_scene, built_rom, reduced_model
-from spatial import bars_of, slider_crank_in_space
+from runs import QUICK_RETURN, accurate_scene, built_rom, motion, reduced_model
+from spatial import slider_crank_in_space
 from two_coordinates import five_bar
 
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.source import COMPILED, write_sources
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction import tables as of_reduction
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.stencil import OVERHAUSER
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene
@@ -103,21 +101,21 @@ def slider_crank_program(slider_crank, tmp_path_factory) -> Path:
 
 def test_terms_of_second_order(slider_crank, slider_crank_program) -> None:
     """Newton's iteration stops where the program's stops: it leaves 2e-7 of the deformation."""
-    exported.assert_equal(exported.outputs_of(slider_crank_program), exported.simulated(slider_crank).outputs)
+    exported.assert_equal(exported.outputs_of(slider_crank_program), motion(slider_crank).outputs)
 
 
 def test_other_parameters(slider_crank, slider_crank_program) -> None:
     """A parameter of the program in C gives what ``--set`` gives."""
     other = exported.scene_of("slider_crank", "reduction.parameter_modes=0", settings=("r1=6e-3",))
     found = exported.outputs_of(slider_crank_program, "r1=6e-3")
-    exported.assert_equal(found, exported.simulated(exported.with_scene(slider_crank, other)).outputs)
+    exported.assert_equal(found, motion(exported.with_scene(slider_crank, other)).outputs)
     nominal = exported.outputs_of(slider_crank_program)["crank_angle"]
     assert np.max(np.abs(found["crank_angle"] - nominal)) > 1e-3 * np.max(np.abs(nominal))
 
 
 def test_dampers_structural_damping_and_terms_of_second_order(tmp_path) -> None:
     model = reduced_model(exported.scene_of("four_bar"))
-    found, run = exported.outputs_of(exported.compiled(model, tmp_path)), exported.simulated(model)
+    found, run = exported.outputs_of(exported.compiled(model, tmp_path)), motion(model)
     exported.assert_equal(found, run.outputs)
     # the program looks at some states, of which this is one or more
     assert run.validity["elastic_rotation"] <= np.max(found["elastic_rotation"]) * (1 + 1e-6)
@@ -127,7 +125,7 @@ def test_a_limited_range_overhauser_every_law_and_every_kind_of_output(tmp_path)
     model = reduced_model(scene_from_toml(KINDS, "."))
     (axis,) = model.terms.terms.axes
     assert (axis.periodic, axis.basis) == (False, OVERHAUSER)
-    exported.assert_equal(exported.outputs_of(exported.compiled(model, tmp_path)), exported.simulated(model).outputs)
+    exported.assert_same_in_c(model, tmp_path)
     # a longer run leaves the range, and a narrow limit is crossed: that is flagged from there on, and stays so
     longer = exported.with_scene(model, scene_from_toml(KINDS.replace("duration = 0.1", "duration = 1.0"), "."))
     write_sources(constants_of(longer, "it"), tmp_path)
@@ -150,19 +148,19 @@ def test_several_turns(tmp_path) -> None:
     model = reduced_model(accurate_scene(*start, "simulation.step=2.5e-4"))
     found = exported.outputs_of(exported.compiled(model, tmp_path))
     assert found["crank_angle"][-1] < -4 * np.pi
-    exported.assert_equal(found, exported.simulated(model).outputs)
+    exported.assert_equal(found, motion(model).outputs)
 
 
 def test_a_given_motion_and_friction(tmp_path) -> None:
     model = reduced_model(exported.scene_of("quick_return", "simulation.duration=0.1"))
-    exported.assert_equal(exported.outputs_of(exported.compiled(model, tmp_path)), exported.simulated(model).outputs)
+    exported.assert_same_in_c(model, tmp_path)
 
 
 def test_friction_that_sticks(tmp_path) -> None:
     """Newton's iteration jumps over zero in every other step; the model in C takes friction up from there too."""
     sticking = "effects.rubbing.limit=30.0", "effects.rubbing.speed=1e-4", "simulation.step=2.5e-4"
     model = reduced_model(scene_from_toml(KINDS, ".", sticking))
-    exported.assert_equal(exported.outputs_of(exported.compiled(model, tmp_path)), exported.simulated(model).outputs)
+    exported.assert_same_in_c(model, tmp_path)
 
 
 def test_two_coordinates_of_a_closed_loop(tmp_path, monkeypatch) -> None:
@@ -170,7 +168,7 @@ def test_two_coordinates_of_a_closed_loop(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(of_reduction, "N_FINE_OF_MORE", 24)
     scene = five_bar(*IN_FIVE_BAR, "reduction.angles=5", "reduction.modes=2")
     model = ReducedModel(scene, built_rom(scene))
-    found, wanted = exported.outputs_of(exported.compiled(model, tmp_path)), exported.simulated(model).outputs
+    found, wanted = exported.outputs_of(exported.compiled(model, tmp_path)), motion(model).outputs
     bent = wanted.pop("bent")
     exported.assert_equal(found, wanted)
     # so small a deformation is the difference of places known to round-off
@@ -185,8 +183,8 @@ def test_space(tmp_path) -> None:
     assert n == 1
     (tmp_path / "scene.toml").write_text(text)
     scene, meshes = read_scene(tmp_path / "scene.toml", IN_SPACE, (), MPI.COMM_SELF, Purpose.CHECK)
-    model = ReducedModel(scene, build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1)))
-    exported.assert_equal(exported.outputs_of(exported.compiled(model, tmp_path)), exported.simulated(model).outputs)
+    model = reduced_model(scene, meshes)
+    exported.assert_same_in_c(model, tmp_path)
 
 
 def test_an_angle_in_space_that_is_no_coordinate_counts_turns(tmp_path) -> None:
@@ -194,8 +192,8 @@ def test_an_angle_in_space_that_is_no_coordinate_counts_turns(tmp_path) -> None:
         'outputs={elbow={type="angle", joint="elbow"}}', "reduction.angles=24", 'reduction.interpolation="spline"',
         "simulation.initial.theta.velocity=100.0", "simulation.duration=0.12", "simulation.step=2.5e-4",
     )  # fmt: skip
-    model = ReducedModel(scene, build_rom(scene, bars_of(scene), RankGroup.split(MPI.COMM_SELF, 1)))
-    wanted = exported.simulated(model).outputs
+    model = reduced_model(scene)
+    wanted = motion(model).outputs
     assert wanted["elbow"][-1] < -1.5 * np.pi
     exported.assert_equal(exported.outputs_of(exported.compiled(model, tmp_path)), wanted)
 
@@ -226,7 +224,7 @@ def test_flags(slider_crank_program) -> None:
 def test_loads_that_set_in_at_once(tmp_path, step, n_attempts) -> None:
     """Steps that fail are tried as the program tries them; with an attempt less a step fails, and is not taken."""
     model = reduced_model(scene_from_toml(CYLINDER.replace("STEP", str(step)), "."))
-    exported.assert_equal(exported.outputs_of(exported.compiled(model, tmp_path)), exported.simulated(model).outputs)
+    exported.assert_same_in_c(model, tmp_path)
     text, n = re.subn("attempt < N_ATTEMPTS", f"attempt < {n_attempts - 1}", (tmp_path / "steps.c").read_text())
     assert n == 1
     (tmp_path / "steps.c").write_text(text)

@@ -4,14 +4,13 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from runs import history, rom_of, samples
+from runs import full_model, history, reduced_model, samples
 from spatial_beams import SLIDER_CRANK as IN_SPACE
-from spatial_beams import lines_of
 
 from pgmp_petsc.bodies.random_fields import checked_expansion, correlation
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from scenes import PENDULUM, meshes_of, slider_crank
@@ -55,8 +54,8 @@ def test_a_held_bar_hangs_as_the_integral_of_its_curvature_says_and_scatters_as_
     factor = 1.0 + field.variation * found.functions.T @ xi
     # M kappa over the length: w = int q (L - x)^3 / (2 E I) dx, with E I of every element
     shares = (1.0 - x) ** 3
-    hanging = tips(FullModel(scene, meshes_of(scene)), values)
-    even = tips(FullModel(scene, meshes_of(scene)), {name: np.zeros(1) for name in values})
+    hanging = tips(full_model(scene), values)
+    even = tips(full_model(scene), {name: np.zeros(1) for name in values})
     expected = shares @ (1.0 / factor) / shares.sum()
     # one-point elements and the distributed weight: 1 / n^2 of what differs, 0.1; large deflections the square of 0.7 %
     np.testing.assert_allclose(hanging / even, expected, rtol=5e-4)
@@ -77,12 +76,12 @@ def moving(values: dict[str, float] = VALUES) -> tuple[Scene, dict[str, np.ndarr
 @pytest.fixture(scope="module")
 def full() -> dict[str, np.ndarray]:
     scene, values = moving()
-    return history(FullModel(scene, meshes_of(scene)), values, 2)[1]
+    return history(full_model(scene), values, 2)[1]
 
 
 def test_the_reduced_model_moves_as_the_full_order_one_does(full: dict[str, np.ndarray]) -> None:
     scene, values = moving()
-    found = history(ReducedModel(scene, rom_of(scene)), values, 2)[1]
+    found = history(reduced_model(scene), values, 2)[1]
     push, exact = found["push"], full["push"]
     scale = np.abs(exact).max()
     changed = np.abs(exact[:, 1] - exact[:, 0]).max()
@@ -96,14 +95,14 @@ def test_beams_in_space_move_as_those_in_the_plane(full: dict[str, np.ndarray]) 
     _, values = moving()
     down = 'effects.weight={type="gravity", direction=[0.0, -1.0, 0.0]}'
     scene = scene_from_toml(IN_SPACE, ".", (*MOVING, down))
-    found = history(FullModel(scene, lines_of(scene)), {name: values[name] for name in scene.values}, 2)[1]
+    found = history(full_model(scene), {name: values[name] for name in scene.values}, 2)[1]
     scale = np.abs(full["push"]).max()
     np.testing.assert_allclose(found["push"], full["push"], atol=2e-3 * scale)
 
 
 def test_the_energy_of_a_damped_motion_is_balanced() -> None:
     scene, values = moving()
-    model = FullModel(scene, meshes_of(scene))
+    model = full_model(scene)
     times, energies = [], []
     with closing(model.batch(values, 2)) as system:
         run = integrate(

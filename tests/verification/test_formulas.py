@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from differences import differences
-from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
+from exported import assert_same_in_c, needs_compiler
 from machine_scenes import MODELS, RIGID, CartAndPole, cart, run
 from refusals import cases, check_said
 from runs import IN_TURN, overridden, reduced_model
@@ -113,7 +113,7 @@ def test_derivatives_with_a_constant() -> None:
 @needs_compiler
 def test_formulas_in_c(tmp_path: Path) -> None:
     model = reduced_model(cart(*START, *LAWS))
-    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+    assert_same_in_c(model, tmp_path)
 
 
 FORMULA = 'effects.e={type="law",joint="pivot",force='

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from mpi4py import MPI
-from runs import history, samples
+from runs import components_model, history, samples
 from scipy.integrate import solve_ivp
 
-from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.floating import first_moments, second_moments
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ComponentModel
@@ -82,7 +80,7 @@ def model_of(scene: Scene) -> ComponentModel:
     """Return the component model of a scene."""
     lines = {name: body.line for name, body in scene.bodies.items()}
     meshes = {name: straight_beam(line.length, line.elements, 0.0, scene.dimension) for name, line in lines.items()}
-    return component_model(scene, meshes, MPI.COMM_SELF)
+    return components_model(scene, meshes)
 
 
 def momenta(model: ComponentModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,13 +10,11 @@ import pytest
 from conftest import ROOT
 from differences import ToRoundOff, differences
 from effect_scenes import BAR_INERTIA, bar, recorded
-from exported import Unit, assert_equal, compiled, needs_compiler, outputs_of, simulated
-from mpi4py import MPI
-from runs import full_model, history, reduced_model, samples
+from exported import Unit, assert_equal, assert_same_in_c, needs_compiler
+from runs import components_model, full_model, history, motion, reduced_model, samples
 from test_effects_reduced import INERTIA, run_of
 
 import pgmp_petsc as pgmp
-from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.description import OUTPUTS
 from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
@@ -25,7 +23,7 @@ from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate
-from scenes import meshes_of, slider_crank
+from scenes import slider_crank
 
 SETTINGS = (
     "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
@@ -39,7 +37,7 @@ TWO_STOPS, FREE_PLAY = (slider_crank(*SETTINGS, SPRING.format(kind)) for kind in
 MODELS: dict[str, Callable[[Scene], Model]] = {
     "reduced": reduced_model,
     "full": full_model,
-    "components": lambda scene: component_model(scene, meshes_of(scene), MPI.COMM_SELF),
+    "components": lambda scene: components_model(scene),
 }
 
 
@@ -110,7 +108,7 @@ def test_derivatives_through_both_edges_are_central_differences(with_play: Reduc
 def test_a_model_in_c_finds_edges(scene: Scene, tmp_path: Path) -> None:
     """A step that meets none does what it did; one that does is taken in the parts of the program."""
     model = reduced_model(scene)
-    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+    assert_same_in_c(model, tmp_path)
 
 
 OWN = {"effects/free_play.py": "free_play", "outputs/of_frames.py": "speed"}
@@ -133,8 +131,8 @@ def test_the_program_s_own_files_as_plugins_run_as_units(version: int, tmp_path:
     mine = scene_from_toml(text, ".")
     assert [effect.type for effect in mine.effects.values()].count("my_free_play") == 1
     model = reduced_model(mine)
-    wanted = simulated(model).outputs
-    for name, values in simulated(reduced_model(FREE_PLAY)).outputs.items():
+    wanted = motion(model).outputs
+    for name, values in motion(reduced_model(FREE_PLAY)).outputs.items():
         np.testing.assert_allclose(wanted[name], values, rtol=1e-12, atol=1e-14)
     write_fmu(constants_of(model, "it"), tmp_path / "m.fmu", version)
     unit = Unit(tmp_path / "m.fmu", tmp_path / "there")

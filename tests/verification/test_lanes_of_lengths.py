@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from differences import differences
-from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
+from exported import assert_same_in_c, needs_compiler
 from length_scenes import SMALL, long_crank
 from mpi4py import MPI
-from runs import rom_of, samples
+from runs import reduced_model, rom_of, samples
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.design.fitting import fit
@@ -65,7 +65,7 @@ def test_estimated_errors_of_samples_contain_what_polynomials_are_off_by() -> No
     """Straight lines between two points of a length: their errors at the end are those of a run with exact kinematics,
     and what outputs differ by."""
     scene = long_crank(*SMALL, "reduction.length_points=2", "reduction.angles=8")
-    model = ReducedModel(scene, rom_of(scene))
+    model = reduced_model(scene)
     lanes = of_samples(model, ["rod_length"])
     values = samples(scene, 2, rod_length=LENGTHS)
     together = run_batch(lanes, values, 0, [ErrorWatcher(indicator_of(lanes))])
@@ -83,7 +83,7 @@ def test_estimated_errors_of_samples_contain_what_polynomials_are_off_by() -> No
 
 def test_estimates_of_a_sample_that_cannot_be_placed_are_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = long_crank(*SMALL)
-    lanes = of_samples(ReducedModel(scene, rom_of(scene)), ["rod_length"])
+    lanes = of_samples(reduced_model(scene), ["rod_length"])
 
     def refuse(self: LengthLanes, own: Scene) -> ReducedModel:
         raise InputError("the mechanism cannot close")
@@ -134,7 +134,6 @@ def test_a_length_is_found_again_from_a_history_of_a_model_built_with_it() -> No
 def test_a_model_in_c_has_the_lengths_of_its_export(tmp_path: Path) -> None:
     scene = long_crank(*SMALL, settings=("rod_length=0.68",))
     model = ReducedModel(scene, rom_of(long_crank(*SMALL)))
-    found = outputs_of(compiled(model, tmp_path))
-    assert_equal(found, simulated(model).outputs)
+    found = assert_same_in_c(model, tmp_path)
     assert found["slider_position"][0] == pytest.approx(0.3 + 0.68, rel=1e-12)
     assert "rod_length" not in (tmp_path / "steps.c").read_text()

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from mpi4py import MPI
-from runs import full_model, history, samples
+from runs import components_model, full_model, history, samples
 from scipy.integrate import solve_ivp
 from spatial_beams import lines_of
 
-from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.estimates.own_error import why_not_of_full_order
-from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER, tables
 
@@ -93,7 +90,7 @@ def test_a_flexible_chain_moves_as_its_mesh() -> None:
     scene = chain(True, "simulation.duration=0.2", "simulation.initial={theta1={position=-0.5}}")
     full = full_model(scene)
     (_, exact), (_, found) = (
-        history(model, samples(scene, 1), 1) for model in (full, component_model(scene, full.meshes, MPI.COMM_SELF))
+        history(model, samples(scene, 1), 1) for model in (full, components_model(scene, full.meshes))
     )
     for name in ("theta0", "theta1", "theta2"):
         assert np.abs(found[name] - exact[name]).max() < 1e-4 * np.abs(exact[name]).max()
@@ -151,8 +148,7 @@ def test_an_arm_with_six_joints_moves_as_its_mesh() -> None:
     scene = six_joint_arm()
     meshes = lines_of(scene)
     (_, exact), (_, found) = (
-        history(model, samples(scene, 1), 1)
-        for model in (FullModel(scene, meshes), component_model(scene, meshes, MPI.COMM_SELF))
+        history(model, samples(scene, 1), 1) for model in (full_model(scene, meshes), components_model(scene, meshes))
     )
     assert np.abs(found["tip"] - exact["tip"]).max() < 1e-4 * np.abs(exact["tip"]).max()
     assert np.abs(found["deflection"] - exact["deflection"]).max() < 5e-3 * np.abs(exact["deflection"]).max()

@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from mpi4py import MPI
-from runs import full_model, history, read_meshes, reduced_model, samples
+from runs import components_model, full_model, history, read_meshes, reduced_model, samples
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.check import describe_scene, summary_of_scene
 from pgmp_petsc.studies.plausibility import plausibility
@@ -15,7 +13,7 @@ from scenes import HEADER, SLIDER_CRANK, tables
 
 MODELS = {
     "full": full_model,
-    "components": lambda scene: component_model(scene, read_meshes(scene), MPI.COMM_SELF),
+    "components": lambda scene: components_model(scene),
     "reduced": reduced_model,
 }
 G = 9.80665

@@ -5,14 +5,17 @@ of what is computed (a shear force is the difference of far larger displacements
 again with its numbers changed in the last digits.
 """
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
+from conftest import run_mpi
 from millimetres import differences, in_millimetres
-from runs import pgmp
+from runs import IN_TURN, pgmp
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import load_scene, scene_from_toml, scene_to_toml
@@ -45,13 +48,13 @@ material = "alu"
 flexible = false
 section = { shape = "circle", radius = 0.01 }
 [bodies.coupler]
-line = { length = 0.3982, elements = 8 }
+line = { length = 0.3982, elements = 4 }
 element = "beam2d"
 material = "alu"
 section = { shape = "rectangle", width = 0.02, height = "t" }
 placement = { origin = [0.1013, 0.0], angle = 0.7 }
 [bodies.rocker]
-line = { length = 0.2497, elements = 6 }
+line = { length = 0.2497, elements = 4 }
 element = "beam2d"
 material = "alu"
 section = { shape = "rectangle", width = 0.02, height = "t" }
@@ -68,7 +71,7 @@ periodic = true
 [effects.drive]
 type = "torque"
 joint = "motor"
-table = [[0.0, 0.0], [0.02, 0.3], [0.05, 0.1]]
+table = [[0.0, 0.0], [0.01, 0.3], [0.025, 0.1]]
 [effects.mount]
 type = "spring_damper"
 points = ["ground:post", "rocker:tip"]
@@ -86,9 +89,10 @@ equilibrium = true
 modes = 5
 static_modes = true
 angles = 16
+max_angles = 16
 interpolation = "spline"
 [simulation]
-duration = 0.05
+duration = 0.025
 step = 5e-4
 frames = 5
 [outputs]
@@ -123,18 +127,15 @@ def written(folder: Path) -> Callable[[str, str], Path]:
     (folder / "si.toml").write_text(text, encoding="utf-8")
     (folder / "nudged.toml").write_text(nudged, encoding="utf-8")
     in_millimetres(folder / "si.toml", [], folder / "mm.toml")
-
-    def of(which: str, command: str) -> Path:
-        rom, path = folder / f"{which}_rom.h5", folder / f"{which}_{command}.h5"
-        words = COMMANDS[command]
-        if "ROM" in words and not rom.exists():
-            pgmp("build", folder / f"{which}.toml", "-o", rom)
-        if not path.exists():
-            known = {"SCENE": folder / f"{which}.toml", "ROM": rom}
-            pgmp(*(known.get(word, word) for word in words), "-o", path)
-        return path
-
-    return of
+    commands = []
+    for which in ("si", "nudged", "mm"):
+        known = {"SCENE": str(folder / f"{which}.toml"), "ROM": str(folder / f"{which}_rom.h5")}
+        commands.append(["build", known["SCENE"], "-o", known["ROM"]])
+        for name, words in COMMANDS.items():
+            commands.append([*(known.get(word, word) for word in words), "-o", str(folder / f"{which}_{name}.h5")])
+    done = run_mpi(1, "-c", IN_TURN, json.dumps(commands))
+    assert [line for line in done.stdout.splitlines() if line.startswith("[")] == ["[0]"] * len(commands), done.stderr
+    return lambda which, command: folder / f"{which}_{command}.h5"
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -163,13 +164,11 @@ def test_a_scene_in_mm_says_so_everywhere(written: Callable[[str, str], Path]) -
 
 
 def test_an_exported_model_in_mm_defines_its_units(written: Callable[[str, str], Path]) -> None:
-    import zipfile
-
     scene = written("mm", "full").with_name("mm.toml")
     rom, fmu = scene.with_name("undeformed.h5"), scene.with_name("undeformed.fmu")
     pgmp("build", scene, "--override", "initial.equilibrium=false", "-o", rom)
     pgmp("export", rom, "-o", fmu)
-    with zipfile.ZipFile(fmu) as parts:
+    with ZipFile(fmu) as parts:
         text = parts.read("modelDescription.xml").decode()
     assert re.search(r'<Unit name="mm"><BaseUnit m="1" factor="0.001" ?/>', text)
     assert re.search(r'<Unit name="N mm"><BaseUnit [^>]*factor="0.001" ?/>', text)  # of the torque
@@ -215,8 +214,9 @@ BAD = {
 def test_units_that_do_not_fit_are_bad_input_on_all_ranks(tmp_path: Path, mpirun: Callable, n: int) -> None:
     path = tmp_path / "si.toml"
     path.write_text(FOUR_BAR, encoding="utf-8")
-    for change, message in BAD.values():
-        words = ("-m", "pgmp_petsc.cli.main", "check", path, "--override", change)
-        done = mpirun(n, *words, check_status=2)
-        assert re.search(message, done.stderr) and done.stderr.count("pgmp: error") == 1, done.stderr
-        assert "Traceback" not in done.stderr
+    commands = [["check", str(path), "--override", change] for change, _ in BAD.values()]
+    done = mpirun(n, "-c", IN_TURN, json.dumps(commands))
+    assert done.stdout.splitlines() == [json.dumps([2] * n)] * len(BAD), done.stderr
+    assert done.stderr.count("pgmp: error") == len(BAD) and "Traceback" not in done.stderr
+    for _, message in BAD.values():
+        assert re.search(message, done.stderr), done.stderr

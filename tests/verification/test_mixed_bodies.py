@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import assert_close
+from runs import assert_close, motion
 from solid_scenes import HEIGHT, THICKNESS, solid_meshes
 from solids import rectangle_mesh
 
@@ -14,13 +14,10 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import HEADER, slider_crank, straight, tables
 
 SOLID = f'element="solid2d", material="steel", thickness={THICKNESS}'
@@ -50,8 +47,8 @@ def frequencies(scene: Scene, shapes: Mapping[str, BodyShape], n: int) -> np.nda
 
 def both(scene: Scene, shapes: Mapping[str, BodyShape]) -> tuple[Trajectory, Trajectory]:
     """Return the full-order run and the reduced one."""
-    full = simulate_full(FullModel(scene, shapes), MPI.COMM_SELF)
-    return full, simulate_reduced(ReducedModel(scene, build_rom(scene, shapes, alone())), MPI.COMM_SELF)
+    full = motion("full", scene, shapes)
+    return full, motion("reduced", scene, shapes)
 
 
 def test_a_rod_of_cells_on_a_crank_of_beams_has_the_frequencies_of_beams() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from combinations import KINDS, TINY, meshes_for
-from mpi4py import MPI
+from runs import motion
 from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.effects import effects_of
@@ -12,11 +12,7 @@ from pgmp_petsc.full.damping import ModalFactors, add_modal_damping
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import cross_matrix
 from pgmp_petsc.mechanism.unknowns import Unknowns
-from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 
 RATIOS = (0.05, 0.05)
 
@@ -101,11 +97,10 @@ def test_what_it_takes_is_what_is_lost(kind: str) -> None:
     found = []
     for step in (2e-4, 1e-4):
         scene = scene_of(kind, *common, f"simulation.step={step}")
-        found.append(simulate_full(FullModel(scene, meshes_for(scene)), MPI.COMM_SELF))
+        found.append(motion("full", scene, meshes_for(scene)))
     coarse, fine = (np.abs(run.balance.residual).max() for run in found)
     lost = -found[1].balance.work["loss"]
     assert np.all(np.diff(lost) > -1e-12) and lost[-1] > 1e-7
     assert np.log2(coarse / fine) == pytest.approx(2.0, abs=0.4)
-    rom = build_rom(scene, meshes_for(scene), RankGroup.split(MPI.COMM_SELF, 1))
-    reduced = simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF)
+    reduced = motion("reduced", scene, meshes_for(scene))
     assert -reduced.balance.work["loss"][-1] == pytest.approx(lost[-1], rel=0.05)

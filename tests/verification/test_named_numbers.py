@@ -7,17 +7,16 @@ import differences
 import numpy as np
 import pytest
 from differences import compare
-from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
+from exported import assert_equal, compiled, needs_compiler, outputs_of
 from mpi4py import MPI
-from runs import full_model, history, reduced_model, rom_of, samples
-from spatial_beams import SLIDER_CRANK, lines_of
+from runs import components_model, full_model, history, motion, reduced_model, rom_of, samples
+from spatial_beams import SLIDER_CRANK
 
-from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.watchers import ErrorWatcher
 from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.gradients.differentiated import differentiate
-from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.status import Status
 from scenes import slider_crank
@@ -63,7 +62,7 @@ def made(kind: str, scene: Scene) -> Model:
     if kind == "reduced":
         return ReducedModel(scene, rom_of(named()))
     full = full_model(scene)
-    return full if kind == "full" else component_model(scene, full.meshes, MPI.COMM_SELF)
+    return full if kind == "full" else components_model(scene, full.meshes)
 
 
 @pytest.mark.parametrize("kind", ["full", "components", "reduced"])
@@ -120,7 +119,7 @@ def test_samples_of_loads_are_runs_with_their_numbers(kind: str) -> None:
         if kind == "reduced":
             return reduced_model(one)
         full = full_model(one)
-        return full if kind == "full" else component_model(one, full.meshes, MPI.COMM_SELF)
+        return full if kind == "full" else components_model(one, full.meshes)
 
     _, together = history(made_of(scene), samples(scene, 2, **values), 2)
     assert all(np.ptp(found, axis=1).max() > 1e-6 for found in together.values())
@@ -143,7 +142,7 @@ THROWN_IN_SPACE = ("parameters.throw={nominal=6.0}", 'simulation.initial.theta={
 def test_samples_start_with_their_velocities() -> None:
     """In lanes and with PETSc's matrices, in the plane and in space."""
     space = scene_from_toml(SLIDER_CRANK, ".", THROWN_IN_SPACE)
-    for model in (full_model(named()), FullModel(space, lines_of(space))):
+    for model in (full_model(named()), full_model(space)):
         both = {name: np.array([value, value]) for name, value in model.scene.values.items()}
         system = model.batch({**both, "throw": np.array([6.0, -3.0])}, 2)
         state = system.start()
@@ -174,7 +173,7 @@ def test_errors_of_samples_with_a_velocity_are_those_of_runs_with_the_number() -
 def test_a_sample_whose_ends_cross_is_not_integrated() -> None:
     scene = named()
     values = samples(scene, 2, low=np.array([0.39, 0.45]))
-    batch = run_batch(ReducedModel(scene, rom_of(scene)), values)
+    batch = run_batch(reduced_model(scene), values)
     assert batch.status.tolist() == [Status.FINE, Status.UNPHYSICAL]
 
 
@@ -189,4 +188,4 @@ def test_a_model_in_c_takes_the_numbers(tmp_path: Path) -> None:
     model = ReducedModel(changed, rom_of(scene))
     found = outputs_of(program, *(f"{name}={SECOND[name]}" for name in ("slow", "length", "lump")))
     # what the iterations of both leave of the deformation
-    assert_equal(found, simulated(model).outputs, 1e-5)
+    assert_equal(found, motion(model).outputs, 1e-5)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from mpi4py import MPI
-from runs import built_rom, full_model, history, paper_scene, rom_of
+from runs import built_rom, full_model, history, paper_scene, reduced_model, rom_of
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import evaluate_weights
@@ -179,7 +179,7 @@ def test_a_run_is_the_same_in_every_basis_of_the_space(monkeypatch, settings: tu
             combinations=basis.combinations @ turns,
         )
 
-    _, own = history(ReducedModel(scene, rom_of(scene)), {"r1": np.array([RADIUS])}, 1)
+    _, own = history(reduced_model(scene), {"r1": np.array([RADIUS])}, 1)
     monkeypatch.setattr(build, "ContinuousBasis", SimpleNamespace(of=turned))
     _, other = history(ReducedModel(scene, built_rom(scene)), {"r1": np.array([RADIUS])}, 1)
     # measured: 7e-5 with 240 angles, of which the interpolation of R leaves a part; 2e-3 with vectors as they are

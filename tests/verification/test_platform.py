@@ -3,12 +3,9 @@
 import numpy as np
 import pytest
 from conftest import ROOT
-from mpi4py import MPI
-from runs import assert_close, history, read_meshes, samples
+from runs import assert_close, components_model, full_model, history, read_meshes, samples
 from scipy.integrate import solve_ivp
 
-from pgmp_petsc.bench.reference import component_model
-from pgmp_petsc.models import FullModel
 from pgmp_petsc.outputs.readings import poses_where_closed
 from pgmp_petsc.scene import Scene, load_scene
 
@@ -85,7 +82,7 @@ def test_rigid_it_obeys_its_own_equations() -> None:
                          'outputs.deformation={type="position", point="first_spoke:hinge", axis="x"}',
                          "effects.material_damping={type='gyroscopic'}",
                          "simulation.duration=0.3", f"simulation.step={step}")  # fmt: skip
-        times, found = history(FullModel(scene, read_meshes(scene)), samples(scene, 1), 1)
+        times, found = history(full_model(scene), samples(scene, 1), 1)
         exact = RigidPlatform().run(times)
         found["turn"] = found["turn"] - found["turn"][0]
         errors.append([np.abs(found[name][:, 0] - exact[k]).max() for k, name in enumerate(("x", "y", "turn"))])
@@ -98,15 +95,14 @@ def test_flexible_it_moves_as_its_mesh() -> None:
     scene = platform("simulation.duration=0.25")
     meshes = read_meshes(scene)
     (_, exact), (_, found) = (
-        history(model, samples(scene, 1), 1)
-        for model in (FullModel(scene, meshes), component_model(scene, meshes, MPI.COMM_SELF))
+        history(model, samples(scene, 1), 1) for model in (full_model(scene, meshes), components_model(scene, meshes))
     )
     assert_close(exact, found, x=1e-4, y=1e-4, turn=1e-4, deformation=1e-2)
 
 
 def test_configurations_that_cannot_close_leave_the_others_alone() -> None:
     """A bent platform goes where the rigid one cannot: its deformation is no number there, and nothing else ends."""
-    kinematics = FullModel(platform(), read_meshes(platform())).kinematics
+    kinematics = full_model(platform()).kinematics
     theta = np.repeat([[-0.876359184978, 1.218035917415, 3.312431019808]], 5, axis=0)
     theta[3] = [-1.14237, -0.572915, 3.12684]
     poses = poses_where_closed(kinematics, theta)

@@ -8,6 +8,7 @@ import pytest
 from frames import pair_products
 from green_lagrange import energy_of
 from mpi4py import MPI
+from runs import motion, rom_of
 from solid_scenes import solid_meshes, solid_slider_crank
 from spatial import bars_of, slider_crank_in_space, spatial_slider_crank
 from spatial_beams import lines_of, slider_crank_of_beams
@@ -21,17 +22,15 @@ from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.unknowns import Unknowns
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import Manifold, build_rom
+from pgmp_petsc.reduction.build import Manifold
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sampler import Sampler
 from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.references import points_used
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import meshes_of, slider_crank
 
 HALVINGS = 5
@@ -48,7 +47,7 @@ def orders(errors: list[float]) -> np.ndarray:
 
 
 def rom_with(scene: Scene, meshes: dict) -> ReducedOrderModel:
-    return build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1))
+    return rom_of(scene, meshes=meshes)
 
 
 @pytest.mark.parametrize("made", CELLS.values(), ids=CELLS)
@@ -152,7 +151,7 @@ def test_beams_in_the_plane_are_the_same_in_space() -> None:
     assert 2 <= n < 6
     flat = slider_crank(*common, f"reduction.modes={n}")
     one = rom_with(flat, meshes_of(flat))
-    runs = [simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF) for scene, rom in ((flat, one), (deep, other))]
+    runs = [motion(ReducedModel(scene, rom)) for scene, rom in ((flat, one), (deep, other))]
     for name, expected in runs[0].outputs.items():
         np.testing.assert_allclose(
             runs[1].outputs[name], expected, rtol=0, atol=1e-8 * np.abs(expected).max(), err_msg=name
@@ -167,11 +166,11 @@ def test_second_order_brings_a_run_on_cells_closer_to_the_full_order_one() -> No
               "simulation.step=2.5e-4", "reduction.modes=7", "reduction.angles=48", "reduction.static_modes=true",
               "reduction.inertia_modes=true", 'reduction.interpolation="spline"')  # fmt: skip
     scene, meshes = solid_slider_crank(*common), solid_meshes()
-    full = simulate_full(FullModel(scene, meshes), MPI.COMM_SELF).outputs["slider_deformation"]
+    full = motion("full", scene, meshes).outputs["slider_deformation"]
     errors = []
     for more in ((), (SECOND,)):
         scene = solid_slider_crank(*common, *more)
-        run = simulate_reduced(ReducedModel(scene, rom_with(scene, meshes)), MPI.COMM_SELF)
+        run = motion(ReducedModel(scene, rom_with(scene, meshes)))
         errors.append(np.abs(run.outputs["slider_deformation"] - full).max() / np.abs(full).max())
     assert errors[1] < 0.5 * errors[0], errors
 
@@ -185,7 +184,7 @@ def test_energy_is_balanced_with_the_square_of_the_step(made: tuple[Callable, Ca
     rom = rom_with(scene, made[1](scene))
     for step in (4e-4, 2e-4):
         scene = made[0](*common, "simulation.spectral_radius=1.0", f"simulation.step={step}")
-        balance = simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF).balance
+        balance = motion(ReducedModel(scene, rom)).balance
         shares.append(np.abs(balance.residual).max() / balance.exchanged)
     # 7e-6 with the smaller step
     assert shares[1] < 5e-5 and np.log2(shares[0] / shares[1]) > 1.8, shares

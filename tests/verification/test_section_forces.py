@@ -7,9 +7,9 @@ import pytest
 from conftest import ROOT
 from length_scenes import long_crank, numbered
 from mpi4py import MPI
-from runs import full_model, reduced_model, rom_of
+from runs import full_model, motion, reduced_model, rom_of
 from sealed import resealed
-from test_stress_outputs import asked, held, model_of, run
+from test_stress_outputs import asked, held
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.design.design_figures import Question
@@ -38,8 +38,8 @@ FORCES = (
 
 
 def mechanism(*settings: str) -> ReducedModel:
-    """Return the slider-crank with forces in sections."""
-    return reduced_model(load_scene(SCENE, FORCES, settings))
+    """Return the slider-crank with forces in sections; values of a run have no part in what is built."""
+    return ReducedModel(load_scene(SCENE, FORCES, settings), rom_of(load_scene(SCENE, FORCES)))
 
 
 def without_answers(model: ReducedModel) -> ReducedModel:
@@ -52,12 +52,12 @@ def test_forces_follow_the_mesh_at_every_radius(radius: float) -> None:
     """Before there were answers, shear in the crank was 30 % of its largest value off at one deviation, and 130 % at
     three; estimates know it."""
     model = mechanism(f"r1={radius}")
-    found, reference = run(model), run(full_model(model.scene))
+    found, reference = motion(model), motion(full_model(model.scene))
     for name, exact in reference.outputs.items():
         largest = np.max(np.abs(exact))
         # at three deviations the basis itself is off by a percent and more
         assert np.max(np.abs(found.outputs[name] - exact)) < (0.02 if radius < THINNER else 0.006) * largest, name
-    worse, shear = run(without_answers(model)), reference.outputs["crank_shear"]
+    worse, shear = motion(without_answers(model)), reference.outputs["crank_shear"]
     assert np.max(np.abs(worse.outputs["crank_shear"] - shear)) > 0.1 * np.max(np.abs(shear))
 
 
@@ -71,7 +71,7 @@ def test_forces_follow_the_mesh_at_other_lengths_too() -> None:
     family = model.rom.family
     members = tuple(replace(member, missed=None) for member in family.members)
     bare = ReducedModel(model.scene, replace(model.rom, missed=None, family=replace(family, members=members)))
-    found, worse, reference = run(model), run(bare), run(full_model(model.scene))
+    found, worse, reference = motion(model), motion(bare), motion(full_model(model.scene))
     lanes = of_samples(model, ["rod_length"])
     batch = lanes.batch({name: np.full(2, value) for name, value in model.scene.values.items()}, 2)
     ended = lanes.outputs.evaluate(lanes.observed(batch, integrate(batch, model.scene.simulation).state))
@@ -91,10 +91,10 @@ def test_what_is_left_at_the_nominal_parameters_is_interpolation_over_the_angles
     changed = (*FORCES[:2], late, "effects.weight.acceleration=1e-9", "simulation.duration=0.25")
     coarse, fine = (reduced_model(numbered(0.7, *changed, f"reduction.max_angles={n}")) for n in (48, 96))
     free = reduced_model(numbered(0.7, *changed))
-    reference = run(full_model(coarse.scene)).outputs
+    reference = motion(full_model(coarse.scene)).outputs
     for name in ("rod_force", "crank_force"):
         largest = np.max(np.abs(reference[name]))
-        left = [np.max(np.abs(run(one).outputs[name] - reference[name])) / largest for one in (coarse, fine, free)]
+        left = [np.max(np.abs(motion(one).outputs[name] - reference[name])) / largest for one in (coarse, fine, free)]
         assert left[0] > TARGET > 1.6 * left[1] and left[1] < left[0] / 5.0, name
         assert left[2] < 0.1 * TARGET, name
     assert [one.rom.tables.samples.n for one in (coarse, fine, free)] == [48, 96, 192]
@@ -127,7 +127,7 @@ def test_a_force_across_and_along_is_that_of_statics(element: str) -> None:
         asked("sheared", shear, place),
         direction=(0.6, -0.8),
     )
-    found = run(model_of("reduced", scene, {"bar": straight_beam(1.0, 10, dimension=int(element[4]))}))
+    found = motion("reduced", scene, {"bar": straight_beam(1.0, 10, dimension=int(element[4]))})
     assert found.outputs["pulled"][0] == pytest.approx(60.0, rel=1e-6)
     assert abs(found.outputs["sheared"][0]) == pytest.approx(80.0, rel=1e-6)
 
@@ -135,7 +135,7 @@ def test_a_force_across_and_along_is_that_of_statics(element: str) -> None:
 def test_derivatives_are_those_of_full_order_runs_and_say_where_they_are_not() -> None:
     model = mechanism()
     step = 0.02 * DEVIATION
-    ends = [run(full_model(mechanism(f"r1={NOMINAL + move}").scene)).outputs for move in (-step, step)]
+    ends = [motion(full_model(mechanism(f"r1={NOMINAL + move}").scene)).outputs for move in (-step, step)]
     found, worse = (sensitivities(one, ["r1"], MPI.COMM_SELF) for one in (model, without_answers(model)))
     for name in ("rod_force", "crank_force"):  # shear in the crank hardly depends on its radius
         exact = (ends[1][name][-1] - ends[0][name][-1]) / (2.0 * step)

@@ -4,15 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
+from exported import assert_same_in_c, needs_compiler
 from machine_scenes import MODELS, RAIL_MASS, RIGID, CartAndPole, cart, rail, run
-from mpi4py import MPI
-from runs import full_model, read_meshes, reduced_model
+from runs import motion, read_meshes, reduced_model
 
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.description import variables_of
 from pgmp_petsc.studies.check import summary_of_scene
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import pendulum
 
 START = ("simulation.initial.x.velocity=0.3", "simulation.initial.swing.velocity=-2.0")
@@ -130,8 +128,8 @@ def test_the_distance_of_two_points_is_a_coordinate() -> None:
 def test_files_and_summaries_have_the_coordinate_in_metres() -> None:
     scene = cart("simulation.duration=0.01")
     reduced = reduced_model(scene)
-    full = simulate_full(full_model(scene), MPI.COMM_SELF)
-    for trajectory in (full, simulate_reduced(reduced, MPI.COMM_SELF)):
+    full = motion("full", scene)
+    for trajectory in (full, motion(reduced)):
         assert trajectory.coordinate_units == {"x": "m", "swing": "rad"}
     units = {name: one["unit"] for name, one in summary_of_scene(scene, read_meshes(scene))["coordinates"].items()}
     assert units == trajectory.coordinate_units
@@ -146,4 +144,4 @@ def test_files_and_summaries_have_the_coordinate_in_metres() -> None:
 def test_a_model_in_c_slides(scene: str, tmp_path: Path) -> None:
     stopped = EFFECTS["stop"], "simulation.initial.x.velocity=0.5"
     model = reduced_model(cart(*START, *PUSHED, *DAMPED) if scene == "cart" else rail(*stopped))
-    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+    assert_same_in_c(model, tmp_path)

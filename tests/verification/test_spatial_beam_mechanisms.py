@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from equations import evaluated
 from mpi4py import MPI
+from runs import full_model, motion
 from spatial import DENSITY, SECOND_AXIS, TURN
 from spatial_beams import (
     HEIGHT,
@@ -24,12 +25,8 @@ from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.estimates.validity import BodyStrains, half_height
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import LineMesh
-from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import HEADER, tables
 
 N_STEPS = int(os.environ.get("PGMP_STEPS", "1000"))  # of 1e-4 s without forces; 10,000 take a minute
@@ -63,18 +60,19 @@ def test_energy_and_momentum_of_free_motion() -> None:
         f"simulation.duration={N_STEPS * step}", f"simulation.step={step}", "simulation.spectral_radius=1.0",
         "simulation.initial={theta1={velocity=6.0}, theta2={velocity=-9.0}}",
     )  # fmt: skip
-    model, energies, momenta = FullModel(scene, lines_of(scene)), [], []
+    model, energies, momenta = full_model(scene), [], []
     with model.distributed({}, MPI.COMM_SELF) as system:
         equations = system._equations  # noqa: SLF001
         mass = evaluated(equations, *equations.start(), (0.0, 1.0, 0.0))[1]
+    with model.batch({}, 1) as system:
 
         def observe(number: int, time: float, state) -> None:
             if number % 20 == 0:
                 now = system.energies(time, state)
                 energies.append(float(np.sum(now.kinetic + now.strain)))
-                vectors = state.q.reshape(-1, 3)
+                vectors, v = system.unpack(state.q)[:, 0].reshape(-1, 3), system.unpack(state.v)[:, 0]
                 turned = np.cross([0.0, 0.0, 1.0], vectors).ravel()  # positions and directors alike
-                momenta.append(float(turned @ (mass @ state.v)))
+                momenta.append(float(turned @ (mass @ v)))
 
         run = integrate(system, scene.simulation, observer=observe)
     assert run.status[0] == 0
@@ -94,7 +92,7 @@ def test_energy_is_balanced_with_the_square_of_the_step() -> None:
     shares = []
     for step in (1e-3, 5e-4):
         made = slider_crank_of_beams(*DAMPED, "simulation.duration=0.06", f"simulation.step={step}")
-        run = simulate_full(FullModel(made, lines_of(made)), MPI.COMM_SELF)
+        run = motion("full", made)
         assert run.balance.work["friction"][-1] < 0.0
         shares.append(np.abs(run.balance.residual).max() / run.balance.exchanged)
     assert np.log2(shares[0] / shares[1]) > 1.7, shares
@@ -158,9 +156,8 @@ def test_the_reduced_run_follows_the_full_order_one_out_of_the_plane() -> None:
         "reduction.static_modes=true", "reduction.inertia_modes=true", 'reduction.interpolation="spline"',
     )  # fmt: skip
     meshes = lines_of(made)
-    full = simulate_full(FullModel(made, meshes), MPI.COMM_SELF)
-    rom = build_rom(made, meshes, RankGroup.split(MPI.COMM_SELF, 1))
-    reduced = simulate_reduced(ReducedModel(made, rom), MPI.COMM_SELF)
+    full = motion("full", made, meshes)
+    reduced = motion("reduced", made, meshes)
     for name, limit in (("angle", 1e-5), ("across", 2e-3)):
         values = full.outputs[name]
         share = np.abs(reduced.outputs[name] - values).max() / np.abs(values).max()

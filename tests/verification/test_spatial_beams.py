@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from compiled_elements import Beams3d
 from mpi4py import MPI
+from runs import full_model, motion
 from scipy.integrate import solve_ivp
 from scipy.linalg import eig, eigh
 from scipy.optimize import root
@@ -28,7 +29,6 @@ from pgmp_petsc.models import FullModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.simulate import simulate_full
 from scenes import STEEL, meshes_of, slider_crank, tables
 
 # --- large deformations ----------------------------------------------------------------------------------------------
@@ -55,7 +55,7 @@ def bend(n: int) -> LineMesh:
 def tip_of_bend(n: int) -> np.ndarray:
     """Return the displacement of the bend's tip, shape (3,), in."""
     mesh = bend(n)
-    settled = FullModel(scene_from_toml(BEND, "."), {"bend": mesh}).settled({}, 1)
+    settled = full_model(scene_from_toml(BEND, "."), {"bend": mesh}).settled({}, 1)
     assert not settled.reasons
     return settled.unknowns[12 * n : 12 * n + 3, 0] - mesh.nodes[n]
 
@@ -302,7 +302,7 @@ def test_full_order_runs_of_the_plane_in_space() -> None:
     """
     found = []
     for step in (1e-3, 5e-4):
-        one, other = (simulate_full(FullModel(*model), MPI.COMM_SELF) for model in planar_and_spatial(step))
+        one, other = (motion(FullModel(*model)) for model in planar_and_spatial(step))
         found.append(apart(one, other))
     assert found[1]["angle"] < 2e-9 and found[1]["middle"] < 2e-9 and found[1]["bent"] < 3e-8
     assert found[1]["angle"] < 0.35 * found[0]["angle"]

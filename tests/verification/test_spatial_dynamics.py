@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.reduction import tables as of_reduction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene
@@ -289,15 +288,6 @@ ARM_STIFF = (
     "simulation.duration=0.2", "simulation.step=5e-4",
 )  # fmt: skip
 ELBOW = "effects.motor.table=[[0.0,0.0],[0.1,0.3],[1.0,0.3]]"
-
-
-@pytest.fixture
-def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tabulate the rigid inertia on 24 x 24 configurations instead of 192 x 192, which takes half a minute in space.
-
-    Splines over 2.2 rad then err by 2e-7 of its fourth derivatives.
-    """
-    monkeypatch.setattr(of_reduction, "N_FINE_OF_MORE", 24)
 
 
 @lru_cache(maxsize=1)

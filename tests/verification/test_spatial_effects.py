@@ -6,14 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from effect_scenes import line_meshes, turning
-from mpi4py import MPI
+from runs import full_model, motion
 from scipy.spatial.transform import Rotation
-from spatial import WIDTH, assembled, bars_of, table
+from spatial import WIDTH, assembled, table
 
-from pgmp_petsc.models import FullModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.studies.simulate import simulate_full
 from scenes import STEEL, tables
 
 LENGTH = 0.5
@@ -41,7 +39,7 @@ def bar(duration: float, step: float, *more: str, **initial: float) -> Scene:
 
 
 def run(scene: Scene) -> Trajectory:
-    return simulate_full(FullModel(scene, bars_of(scene)), MPI.COMM_SELF)
+    return motion("full", scene)
 
 
 def tip(angle: float) -> np.ndarray:
@@ -110,7 +108,7 @@ def test_effects_on_a_bar_about_an_axis_in_space(name: str) -> None:
     effect, torque = EFFECTS[name]
     errors, balances = [], []
     for step in (2e-3, 1e-3):
-        found = run(bar(0.6, step, effect, position=0.4, velocity=3.0))
+        found = run(bar(0.3, step, effect, position=0.4, velocity=3.0))
         expected = turning(torque, found.time, 0.4, 3.0, INERTIA)
         errors.append(np.abs(found.outputs["angle"] - expected).max())
         balances.append(np.abs(found.balance.residual).max() / found.balance.exchanged)
@@ -241,8 +239,8 @@ def test_a_planar_scene_given_in_space_moves_as_in_the_plane(names: list[str]) -
     plane, space = planar(names), spatial(names)
     away: dict[str, list[np.ndarray]] = {}
     for step, every in ((5e-4, 1), (2.5e-4, 2)):
-        model = FullModel(at_step(plane, step), line_meshes(plane))
-        expected, found = simulate_full(model, MPI.COMM_SELF), run(at_step(space, step))
+        model = full_model(at_step(plane, step), line_meshes(plane))
+        expected, found = motion(model), run(at_step(space, step))
         for name, values in expected.outputs.items():
             away.setdefault(name, []).append((found.outputs[name] - values)[::every])
         for name in names:
@@ -272,14 +270,13 @@ ON_RANKS = """
 import sys
 import numpy as np
 from mpi4py import MPI
-from spatial import bars_of
-from pgmp_petsc.models import FullModel
+from runs import full_model
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.scene import load_scene
-from pgmp_petsc.studies.simulate import simulate_full
+from pgmp_petsc.studies.simulate import simulate
 start_petsc()
 scene = load_scene(sys.argv[1])
-found = simulate_full(FullModel(scene, bars_of(scene)), MPI.COMM_WORLD)
+found = simulate(full_model(scene), MPI.COMM_WORLD)
 if MPI.COMM_WORLD.rank == 0:
     np.savez(sys.argv[2], **found.outputs, **{f"work of {name}": work for name, work in found.balance.work.items()})
 """

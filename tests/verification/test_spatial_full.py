@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from equations import load_vectors
 from mpi4py import MPI
-from runs import assert_close
+from runs import assert_close, full_model, motion
 from spatial import WIDTH, arm, bars_of, slider_crank_in_space, spatial_slider_crank
 
 from pgmp_petsc.effects import effects_of, motions_of
@@ -16,13 +16,9 @@ from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.unknowns import Unknowns
-from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
-from scenes import meshes_of, slider_crank
+from scenes import slider_crank
 
 TORQUE = 'effects.motor={type="torque", joint="crank_hinge", table=[[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]}'
 WEIGHT = 'effects.weight={type="gravity", direction=[0.0, -1.0, 0.3]}'
@@ -53,12 +49,11 @@ def over(duration: float, step: float = 1e-3) -> tuple[str, str]:
 
 
 def full_run(scene: Scene) -> Trajectory:
-    return simulate_full(FullModel(scene, bars_of(scene)), MPI.COMM_SELF)
+    return motion("full", scene)
 
 
 def reduced_run(scene: Scene) -> Trajectory:
-    rom = build_rom(scene, bars_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
-    return simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF)
+    return motion("reduced", scene)
 
 
 def largest(difference: np.ndarray, values: np.ndarray) -> float:
@@ -159,6 +154,7 @@ def test_constraints_that_follow_from_others_are_left_out() -> None:
     ],
     ids=["slider-crank", "spatial slider-crank", "with a rigid slider", "arm with two coordinates"],
 )  # fmt: skip
+@pytest.mark.usefixtures("coarse")
 def test_the_reduced_run_is_that_of_the_full_order_model(
     scene: Callable[[], Scene], limits: tuple[float, float, float]
 ) -> None:
@@ -203,7 +199,7 @@ def test_a_planar_mechanism_moves_in_space_as_beams_do_in_the_plane() -> None:
     plane = slider_crank(
         "parameters={}", *bodies, *over(0.2), f"effects={{motor={torque}}}", SLIDER, "reduction.parameter_modes=0"
     )
-    expected = simulate_full(FullModel(plane, meshes_of(plane)), MPI.COMM_SELF)
+    expected = motion("full", plane)
     finer = ('bodies.crank.mesh="0.0:0.3:5"', 'bodies.rod.mesh="0.3:1.0:9"')
     found = full_run(slider_crank_in_space(*over(0.2), TORQUE, SLIDER, *finer))
     assert_close(expected.outputs, found.outputs, angle=1e-3, position=1e-4, deformation=0.03)
@@ -212,7 +208,7 @@ def test_a_planar_mechanism_moves_in_space_as_beams_do_in_the_plane() -> None:
 def test_energy_is_balanced_with_the_square_of_the_step() -> None:
     shares = []
     for step in (1e-3, 5e-4, 2.5e-4):
-        run = full_run(spatial_slider_crank(*over(0.06, step), "simulation.spectral_radius=1.0"))
+        run = full_run(spatial_slider_crank(*over(0.03, step), "simulation.spectral_radius=1.0"))
         shares.append(np.abs(run.balance.residual).max() / run.balance.exchanged)
     orders = np.log2(np.array(shares[:-1]) / shares[1:])
     assert np.all(orders > 1.7), (shares, orders)
@@ -221,8 +217,8 @@ def test_energy_is_balanced_with_the_square_of_the_step() -> None:
 def test_a_prescribed_coordinate_turns_as_prescribed_and_counts_its_turns() -> None:
     made = slider_crank_in_space(*over(0.4), f"effects={{{DRIVEN[8:]}}}", SLIDER)
     run = full_run(made)
-    (motion,) = motions_of(made, FullModel(made, bars_of(made)).kinematics.mechanism).values()
-    expected = np.array([motion.at(t)[0] for t in run.time])
+    (driven,) = motions_of(made, full_model(made).kinematics.mechanism).values()
+    expected = np.array([driven.at(t)[0] for t in run.time])
     assert expected[-1] > 2 * np.pi
     # the constraint is met at every step, to the Newton iteration's tolerance
     np.testing.assert_allclose(run.coordinates[:, 0], expected, atol=1e-8)
@@ -237,7 +233,7 @@ def test_effects_find_their_vectors() -> None:
     """The weight is that of the whole mass, whatever it is spread over; its work is that of the fall of the centre of
     mass."""
     made = spatial_slider_crank()
-    model = FullModel(made, bars_of(made))
+    model = full_model(made)
     with model.distributed(made.values, MPI.COMM_SELF) as system:
         unknowns = Unknowns(model.kinematics.mechanism)
         vectors = load_vectors(system._equations)  # noqa: SLF001

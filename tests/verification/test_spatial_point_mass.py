@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
+from runs import full_model, motion, rom_of
 from spatial import WIDTH, assembled, bars_of, slider_crank_in_space, table
 
-from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.check import describe_scene
-from pgmp_petsc.studies.simulate import simulate_full
 from scenes import STEEL
 
 LENGTH, MASS, INERTIA = 0.5, 0.7, 2e-3
@@ -36,7 +34,7 @@ def about_the_hinge() -> float:
 def test_the_moment_of_inertia_about_the_hinge_is_that_of_bar_and_mass(rotation: tuple[float, float, float]) -> None:
     scene = pendulum(rotation)
     assert "bob:mass" in describe_scene(scene, bars_of(scene))
-    model = FullModel(scene, bars_of(scene))
+    model = full_model(scene)
     with model.distributed({}, MPI.COMM_SELF) as system:
         _, v = system._equations.place(np.array([0.4]), np.array([1.0]))
         np.testing.assert_allclose(2.0 * system.kinetic_energy(v), about_the_hinge(), rtol=1e-9)
@@ -53,7 +51,7 @@ def test_a_pendulum_with_a_bob_swings_with_the_period_of_a_compound_one() -> Non
         table("simulation.initial.theta", position=-0.5 * np.pi + swing),
         table("outputs.angle", type="angle", joint="drive"),
     )
-    trajectory = simulate_full(FullModel(scene, bars_of(scene)), MPI.COMM_SELF)
+    trajectory = motion("full", scene)
     angle = trajectory.outputs["angle"] + 0.5 * np.pi
     # the trapezoidal rule lengthens the period by (2 pi / 400)^2 / 12 = 2e-5: it is back to 1 - (1e-4)^2
     np.testing.assert_allclose(angle[-1], swing, rtol=1e-6)
@@ -64,9 +62,9 @@ def test_a_reduced_model_has_the_mass_on_its_rigid_crank() -> None:
     overrides = ('effects={bob={type="point_mass", point="crank:tip", mass=0.7}}', "bodies.crank.flexible=false",
                  "reduction={modes=2, angles=8}")  # fmt: skip
     scene = slider_crank_in_space(*overrides)
-    rom = build_rom(scene, bars_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
+    rom = rom_of(scene)
     without = slider_crank_in_space("effects={}", *overrides[1:])
-    plain = build_rom(without, bars_of(without), RankGroup.split(MPI.COMM_SELF, 1))
+    plain = rom_of(without)
     # the crank's tip is 0.3 m from the hinge at any angle
     found = [np.array([m.batch({}, 1).kinetic_energy(*_turning(m, theta)) for theta in (0.3, 2.0)])
              for m in (ReducedModel(scene, rom), ReducedModel(without, plain))]  # fmt: skip

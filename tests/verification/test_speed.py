@@ -2,16 +2,11 @@
 
 import numpy as np
 import pytest
-from mpi4py import MPI
-from runs import reduced_model
-from spatial import bars_of, slider_crank_in_space
+from runs import motion, reduced_model
+from spatial import slider_crank_in_space
 from test_free_play import MODELS
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import CRANK, ROD, slider_crank
 
 SMALL = ("reduction.modes=3", "reduction.angles=24", 'reduction.interpolation="spline"')
@@ -30,7 +25,7 @@ PAIRS = {"v": "x", "up": "y", "elbow": "angle"}
 @pytest.mark.parametrize("name", MODELS)
 def test_speeds_of_a_driven_crank(name: str) -> None:
     model = MODELS[name](DRIVEN)
-    run = simulate_reduced(model, MPI.COMM_SELF) if name == "reduced" else simulate_full(model, MPI.COMM_SELF)
+    run = motion(model)
     found, time = run.outputs, run.time
     theta = 0.3 + SPIN * time
     root = np.sqrt(ROD**2 - (CRANK * np.sin(theta)) ** 2)
@@ -60,7 +55,7 @@ def test_speeds_of_a_reduced_model_are_derivatives_along_its_motion(dimension: i
         model, pairs = reduced_model(DRIVEN), PAIRS
     else:
         scene = slider_crank_in_space(IN_SPACE, *SMALL)
-        model = ReducedModel(scene, build_rom(scene, bars_of(scene), RankGroup.split(MPI.COMM_SELF, 1)))
+        model = reduced_model(scene)
         pairs = {"turning": "angle", "v": "x", "w": "z"}
     random, n = np.random.default_rng(2), model.terms.layout.n_eta
     eta, v = 1e-3 * random.normal(size=(6, n)), random.normal(size=(6, n))

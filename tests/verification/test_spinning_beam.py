@@ -12,19 +12,16 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from effect_scenes import CANTILEVER, line_meshes, scene_of
-from mpi4py import MPI
+from runs import motion, reduced_model
 from solids import rectangle_mesh
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mesh.line_mesh import straight_beam
-from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.check import describe_scene
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import tables
 
 PUBLISHED = [(0.0, 3.516), (2.0, 3.622), (4.0, 3.898), (6.0, 4.263), (10.0, 5.049)]
@@ -46,7 +43,7 @@ def model_of() -> Callable[[str], ReducedModel]:
     def model(name: str) -> ReducedModel:
         if name not in built:
             scene = scene_of(CANTILEVER, MODELS[name] + REDUCTION, "bodies.beam.line.elements=16")
-            built[name] = ReducedModel(scene, build_rom(scene, line_meshes(scene), RankGroup.split(MPI.COMM_SELF, 1)))
+            built[name] = reduced_model(scene)
         return built[name]
 
     return model
@@ -120,7 +117,7 @@ SPINS = [(spin, published) for spin, published in PUBLISHED if spin in (0.0, 4.0
 
 
 def built(scene: Scene, meshes: dict) -> ReducedModel:
-    return ReducedModel(scene, build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1)))
+    return reduced_model(scene, meshes)
 
 
 @pytest.mark.parametrize("stretching", ["static", "dynamic"])
@@ -214,9 +211,8 @@ def test_static_stretching_takes_any_number_of_modes(n_modes: int) -> None:
     )
     scene = load_scene(ROOT / "scenes" / "slider_crank_effects.toml", [*FLYWHEEL, reduction])
     meshes = line_meshes(scene)
-    exact = simulate_full(FullModel(scene, meshes), MPI.COMM_SELF).outputs
-    rom = build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1))
-    found = simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF).outputs
+    exact = motion("full", scene, meshes).outputs
+    found = motion("reduced", scene, meshes).outputs
     left = {name: np.abs(found[name] - at).max() / np.abs(at).max() for name, at in exact.items()}
     # measured: 1.1e-3 and 1.0e-3 of the bending; of the slide 2.0e-3 with fourteen modes, 3.4e-2 with six
     assert left["bending"] < 3e-3
@@ -233,9 +229,7 @@ STRETCHED = 1.2 * 6.0**2 * 10.0**3 / (3 * 2.8e7)  # rho A Omega^2 L^3 / 3 EA = 5
 def spin_ups() -> tuple[Trajectory, Trajectory]:
     """Return the whole scene, reduced and full-order, with twice its step."""
     scene = load_scene(SPIN_UP, ["simulation.step=1e-2"])
-    rom = build_rom(scene, line_meshes(scene), RankGroup.split(MPI.COMM_SELF, 1))
-    reduced = simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF)
-    return reduced, simulate_full(FullModel(scene, rom.meshes), MPI.COMM_SELF)
+    return motion("reduced", scene), motion("full", scene)
 
 
 def test_the_deflection_of_a_spin_up(spin_ups: tuple[Trajectory, Trajectory]) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from mpi4py import MPI
-from runs import history
+from runs import full_model, history, rom_of
 from scipy.optimize import brentq
 from spatial import bars_of, slider_crank_in_space
 from spatial_beams import kinematics_of_beams, pendulum_in_space, slider_crank_of_beams
@@ -20,10 +20,9 @@ from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.modes_table import springs_of, tabulate_modes
@@ -267,7 +266,7 @@ def test_a_dead_centre_has_the_frequency_zero() -> None:
 
 def built(scene: Scene) -> ReducedOrderModel:
     """Return the reduced model of a scene."""
-    return build_rom(scene, meshes_of(scene), group())
+    return rom_of(scene)
 
 
 @pytest.mark.parametrize("preload", [False, True])
@@ -374,7 +373,7 @@ def test_runs_with_the_answer_are_closer_to_the_full_order_model(stiffness: floa
     )
     values = {"r1": np.array([RADIUS])}
     scene = slider_crank(*given)
-    full = history(FullModel(scene, meshes_of(scene)), values, 1)[1]["place"].ravel()
+    full = history(full_model(scene), values, 1)[1]["place"].ravel()
     errors = []
     for basis in (("reduction.spring_modes=false",), (), ("reduction.modes=4",)):
         scene = slider_crank(*given, *basis)

@@ -2,17 +2,13 @@
 
 import numpy as np
 import pytest
-from mpi4py import MPI
-from runs import reduced_model
+from runs import motion, reduced_model, trajectory
 
 from pgmp_petsc.base.errors import Remark
 from pgmp_petsc.estimates.sampled_load import jump_remarks
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.scene import scene_from_toml
-from pgmp_petsc.studies.simulate import simulate_reduced
-from scenes import meshes_of, slider_crank, tables
+from scenes import slider_crank, tables
 
 LENGTH, RADIUS, RHO, YOUNG, G = 0.8, 4e-3, 7800.0, 210e9, 9.80665
 AREA, SECOND_MOMENT = np.pi * RADIUS**2, np.pi * RADIUS**4 / 4
@@ -41,12 +37,12 @@ FALLING = (RHO * AREA * G) ** 2 * LENGTH**5 / (3360 * YOUNG * SECOND_MOMENT)
 
 def reduced(text: str) -> ReducedModel:
     scene = scene_from_toml(BAR + text, ".")
-    return ReducedModel(scene, build_rom(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1)))
+    return reduced_model(scene)
 
 
 def said(model: ReducedModel) -> list[Remark]:
     """Return what a run says of its start."""
-    found = simulate_reduced(model, MPI.COMM_SELF).record.remarks
+    found = trajectory(model).record.remarks
     return [remark for remark in found if "starts undeformed" in remark.text]
 
 
@@ -73,7 +69,7 @@ def test_a_bar_that_is_held_is_warned_of_and_cured() -> None:
     assert "; initial.equilibrium = true starts with the static one" in remark.text
     start = scene_from_toml(BAR + WEIGHT + HELD + "\n[initial]\nequilibrium = true\n", ".")
     settled = ReducedModel(start, model.rom)
-    run = simulate_reduced(settled, MPI.COMM_SELF)
+    run = motion(settled)
     np.testing.assert_allclose(run.balance.strain, CLAMPED, rtol=1e-2)  # it rests
     assert said(settled) == []
 
@@ -107,7 +103,7 @@ def test_large_estimated_errors_are_warned_of() -> None:
         changed = {"step": step, "duration": 0.5, "error_indicator": True}
         simulation = model.scene.simulation.model_copy(update=changed)
         other = model.with_loads(model.scene.model_copy(update={"simulation": simulation}))
-        run = simulate_reduced(other, MPI.COMM_SELF)
+        run = trajectory(other)
         found = [remark for remark in run.record.remarks if "large estimated errors" in remark.text]
         assert len(found) == n_warnings
         if found:

@@ -1,5 +1,6 @@
 """Runs that start from static equilibrium, against closed forms, between the models, and over time."""
 
+import warnings
 from contextlib import closing
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 import spatial
 from combinations import without_effects
 from mpi4py import MPI
-from runs import full_model, reduced_model
+from runs import full_model, motion, reduced_model, rom_of, trajectory
 from two_coordinates import DOUBLE_PENDULUM
 
 from pgmp_petsc.base.errors import InputError
@@ -16,11 +17,9 @@ from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.models import FullModel, ReducedModel, reduced_statics
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.status import Status
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import PENDULUM, RADIUS, SLIDER_CRANK, STEEL, meshes_of, tables
 
 BAR = PENDULUM.replace("radius = 2e-4", "radius = 5e-3").replace(
@@ -48,7 +47,7 @@ def reduced_of(scene: Scene, text: str) -> ReducedModel:
     effects = text + ",".join(scene.effects)
     if effects not in _ROMS:
         held = scene.model_copy(update={"initial": scene_of(BAR, "held").initial})
-        _ROMS[effects] = build_rom(held, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
+        _ROMS[effects] = rom_of(held, meshes=meshes_of(scene))
     return ReducedModel(scene, _ROMS[effects])
 
 
@@ -60,15 +59,16 @@ def settled_frames(model: FullModel | ReducedModel) -> np.ndarray:
 
 
 def both(scene: Scene, text: str) -> list[FullModel | ReducedModel]:
-    return [FullModel(scene, meshes_of(scene)), reduced_of(scene, text)]
+    return [full_model(scene), reduced_of(scene, text)]
 
 
-@pytest.mark.filterwarnings("error")
 def test_samples_side_by_side_settle_without_a_warning() -> None:
-    model = FullModel(scene_of(BAR, "held"), meshes_of(scene_of(BAR, "held")))
-    values = {name: np.array([value, value]) for name, value in model.scene.values.items()}
-    with closing(model.batch(values, 2)) as system:
-        q = system.start().q
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model = full_model(scene_of(BAR, "held"))
+        values = {name: np.array([value, value]) for name, value in model.scene.values.items()}
+        with closing(model.batch(values, 2)) as system:
+            q = system.start().q
     np.testing.assert_array_equal(*np.moveaxis(q, -1, 0)[:2])
 
 
@@ -110,7 +110,7 @@ def test_a_free_pendulum_hangs_straight_down_and_stays_there(start: float) -> No
 def test_a_pendulum_on_its_head_is_said_to_be_unstable() -> None:
     for model in both(scene_of(BAR, "free", np.pi / 2), BAR):
         assert model.batch({}, 1).settled.unstable[0]
-    trajectory = simulate_reduced(reduced_of(scene_of(BAR, "free", np.pi / 2), BAR), MPI.COMM_SELF)
+    trajectory = motion(reduced_of(scene_of(BAR, "free", np.pi / 2), BAR))
     assert [r.kind for r in trajectory.record.remarks if "unstable" in r.text] == ["warning"]
 
 
@@ -133,7 +133,7 @@ def test_reduced_and_full_deformation_agree_anywhere() -> None:
     for start in (0.7, 2.0, 4.4):
         full, reduced = (settled_frames(model) for model in both(scene_of(LINK, "held", start), LINK))
         undeformed = scene_of(LINK, None, start)
-        bent = np.max(np.abs(full - settled_frames(FullModel(undeformed, meshes_of(undeformed)))))
+        bent = np.max(np.abs(full - settled_frames(full_model(undeformed))))
         assert np.max(np.abs(full - reduced)) < 0.02 * bent
 
 
@@ -150,7 +150,7 @@ def test_samples_settle_each_for_itself() -> None:
 def test_energy_is_kept_from_the_strain_at_the_start_on() -> None:
     scene = scene_of(LINK, "held", 0.4)
     full, reduced = both(scene, LINK)
-    found = simulate_full(full, MPI.COMM_SELF).balance, simulate_reduced(reduced, MPI.COMM_SELF).balance
+    found = motion(full).balance, motion(reduced).balance
     for balance in found:
         assert balance.strain[0] > 0.0 and balance.kinetic[0] == 0.0
         total = balance.kinetic + balance.strain + balance.potential
@@ -168,10 +168,10 @@ def test_a_torque_that_nothing_holds_is_refused_with_what_it_leaves() -> None:
     motor = '\n[effects.motor]\ntype = "torque"\njoint = "hinge"\ntable = [[0.0, 50.0], [1.0, 50.0]]\n'
     scene = scene_of(BAR, "free", 0.0, motor)
     with pytest.raises(InputError, match=r'initial.coordinates = "free".*no static equilibrium.*N m on phi.*"held"'):
-        simulate_full(FullModel(scene, meshes_of(scene)), MPI.COMM_SELF)
+        motion("full", scene)
     model = reduced_of(scene, BAR)
     with pytest.raises(InputError, match='take coordinates = "held"'):
-        simulate_reduced(model, MPI.COMM_SELF)
+        motion(model)
     run = integrate(model.batch({}, 2), scene.simulation)
     assert (run.status == Status.NO_EQUILIBRIUM).all() and (run.failure_time == 0.0).all()
 
@@ -202,16 +202,16 @@ def test_a_prescribed_motion_holds_its_coordinate_only_if_it_begins_at_rest() ->
     text = BAR + GRAVITY + RUN + "[initial]\nequilibrium = true\n" + motion
     moving = scene_from_toml(text + "constant_speed = { speed = 2.0 }\n", ".")
     with pytest.raises(InputError, match="effects.drive: it moves phi at 2 rad/s at time zero"):
-        FullModel(moving, meshes_of(moving))
+        full_model(moving)
     resting = scene_from_toml(text + "spin_up = { speed = 2.0, time = 0.1, start = 0.5 }\n", ".")
-    system = FullModel(resting, meshes_of(resting)).batch({}, 1)
+    system = full_model(resting).batch({}, 1)
     np.testing.assert_allclose(system.settled.theta, 0.5)
 
 
 def test_no_loads_leave_the_mechanism_where_it_is() -> None:
     text = BAR + RUN + '[initial]\nequilibrium = true\ncoordinates = "free"\n[simulation.initial.phi]\nposition = 0.7\n'
     scene = scene_from_toml(text, ".")
-    system = FullModel(scene, meshes_of(scene)).batch({}, 1)
+    system = full_model(scene).batch({}, 1)
     np.testing.assert_allclose(system.settled.theta, 0.7)
     assert not system.settled.reasons and not system.settled.unstable[0]
 
@@ -219,9 +219,7 @@ def test_no_loads_leave_the_mechanism_where_it_is() -> None:
 def errors_at_the_start(text: str, coordinates: str, start: float, *overrides: str) -> tuple[dict, dict]:
     """Return estimated and true errors of outputs at time zero."""
     scene = scene_from_toml(scene_to_toml(scene_of(text, coordinates, start)), ".", (SHORT, *overrides))
-    reduced = ReducedModel(scene, build_rom(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1)))
-    run = simulate_reduced(reduced, MPI.COMM_SELF)
-    full = simulate_full(FullModel(scene, meshes_of(scene)), MPI.COMM_SELF)
+    run, full = trajectory("reduced", scene), motion("full", scene)
     true = {name: values[0] - full.outputs[name][0] for name, values in run.outputs.items()}
     assert run.errors is not None, run.record.remarks
     if coordinates == "free":  # nothing moves, so what is off at the start stays off by as much
@@ -259,8 +257,8 @@ def test_two_free_coordinates_hang_straight_down() -> None:
     start = ("simulation.initial.theta1.position=0.4", "simulation.initial.theta2.position=1.1")
     scene = scene_from_toml(text, ".", (*start, "reduction.static_modes=true"))
     meshes = meshes_of(scene)
-    reduced = ReducedModel(scene, build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1)))
-    for model in (FullModel(scene, meshes), reduced):
+    reduced = reduced_model(scene, meshes)
+    for model in (full_model(scene, meshes), reduced):
         settled = model.batch({}, 1).settled
         assert not settled.reasons and not settled.unstable[0]
         turns = (settled.theta[0] - [-np.pi / 2, 0.0]) / (2 * np.pi)
@@ -283,7 +281,7 @@ def driven() -> Scene:
 @pytest.mark.parametrize("name", ["reduced", "full"])
 def test_samples_without_equilibrium_are_records_and_are_not_tried_again(name: str, tmp_path: Path) -> None:
     scene = driven()
-    model = FullModel(scene, meshes_of(scene)) if name == "full" else reduced_of(scene, BAR)
+    model = full_model(scene) if name == "full" else reduced_of(scene, BAR)
     ensemble = run_ensemble(model, Plan(8, 2, tmp_path / "e.h5", False), RankGroup.split(MPI.COMM_SELF, 1))
     # 3 N m times T against the weight's m g L / 2, the arm a little shorter as it bends
     largest = 0.5 * STEEL["rho"] * np.pi * 5e-3**2 * 9.80665 / 3.0
@@ -300,9 +298,7 @@ def test_an_ensemble_says_how_many_starts_are_unstable(tmp_path: Path) -> None:
     motor = scene.effects["winch"].model_copy(update={"scale": 0.0})
     short = scene.simulation.model_copy(update={"duration": 2e-3})
     scene = scene.model_copy(update={"effects": scene.effects | {"winch": motor}, "simulation": short})
-    ensemble = run_ensemble(
-        FullModel(scene, meshes_of(scene)), Plan(2, 2, tmp_path / "e.h5", False), RankGroup.split(MPI.COMM_SELF, 1)
-    )
+    ensemble = run_ensemble(full_model(scene), Plan(2, 2, tmp_path / "e.h5", False), RankGroup.split(MPI.COMM_SELF, 1))
     texts = [remark.text for remark in ensemble.record.remarks if remark.kind == "warning"]
     assert any("the static equilibrium of 2 of 2 samples is unstable" in text for text in texts)
 
@@ -317,9 +313,9 @@ def test_reduced_and_full_deformation_agree_in_space(coordinates: str) -> None:
     settled = ("initial.equilibrium=true", f'initial.coordinates="{coordinates}"')
     scene = scene_from_toml(spatial.SLIDER_CRANK, ".", (*entries, *settled))
     meshes = spatial.bars_of(scene)
-    rom = build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1))
+    rom = rom_of(scene, meshes=meshes)
     found = []
-    for model in (FullModel(scene, meshes), ReducedModel(scene, rom)):
+    for model in (full_model(scene, meshes), ReducedModel(scene, rom)):
         with closing(model.batch({}, 1)) as system:
             outputs = model.outputs.evaluate(model.observed(system, system.start()))
             found.append((outputs["height"][0], outputs["sag"][0], system.settled.theta[0, 0]))

@@ -1,35 +1,32 @@
 """Stress outputs of all models, single and in ensembles, against statics, Kirsch's hole, and the mesh."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import meshio
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import accurate_scene, full_model, reduced_model
+from runs import MODELS, accurate_scene, full_model, motion, reduced_model, rom_of, trajectory
 from sealed import resealed
 from solid_scenes import solid_meshes, solid_slider_crank
 from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import BuildCheckpoint, build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import HEADER, tables
 
 WITHIN = 0.02  # what stress outputs are asked to be within
 LENGTH, HEIGHT, WIDTH, FORCE = 1.0, 0.1, 0.01, 100.0
-MODELS = ("full", "components", "reduced")
 
 HELD = HEADER + tables("""
 parameters.E1: nominal = 210e9; distribution = {{ name = "uniform", loc = 190e9, scale = 40e9 }}
@@ -71,24 +68,9 @@ def asked(name: str, quantity: str, place: str = "", body: str = "bar") -> str:
     return f'outputs.{name}={{type="stress", body="{body}", quantity="{quantity}"{place and ", " + place}}}'
 
 
-def runs(scene: Scene, meshes: Mapping, models: tuple[str, ...] = MODELS) -> dict[str, Trajectory]:
+def runs(scene: Scene, meshes: Mapping, how: Callable[..., Trajectory] = motion) -> dict[str, Trajectory]:
     """Return a run of every model."""
-    return {name: run(model_of(name, scene, meshes)) for name in models}
-
-
-def model_of(name: str, scene: Scene, meshes: Mapping) -> FullModel | ReducedModel:
-    if name == "full":
-        return FullModel(scene, meshes)
-    if name == "components":
-        return component_model(scene, meshes, MPI.COMM_SELF)
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        return ReducedModel(scene, build_rom(scene, meshes, group))
-
-
-def run(model: FullModel | ReducedModel) -> Trajectory:
-    found = (simulate_reduced if isinstance(model, ReducedModel) else simulate_full)(model, MPI.COMM_SELF)
-    assert found.status == 0
-    return found
+    return {name: how(name, scene, meshes) for name in MODELS}
 
 
 def bar(kind: str) -> SolidMesh:
@@ -173,7 +155,7 @@ def test_the_edge_of_a_hole_has_three_times_the_stress_converging_with_the_mesh(
     scene = held("solid2d", *outputs, direction=(1.0, 0.0))
     far = FORCE / (WIDTH * 40.0)
     errors = [
-        abs(run(model_of("components", scene, {"bar": plate(n, n // 2)})).outputs["edge"][0] / far - 3.008)
+        abs(motion("components", scene, {"bar": plate(n, n // 2)}).outputs["edge"][0] / far - 3.008)
         for n in (16, 32, 48)
     ]
     assert errors[1] < 0.5 * errors[0] and errors[2] < errors[1] / 1.5, errors
@@ -262,7 +244,7 @@ def test_largest_stresses_over_a_run_are_those_of_the_mesh() -> None:
         asked("hinge", "von_mises", 'group="left"', body="crank"),
     )
     scene = solid_slider_crank(*OVER_A_RUN, *outputs)
-    found = runs(scene, solid_meshes())
+    found = runs(scene, solid_meshes(), trajectory)
     for name in ("crank_mises", "rod_mises", "rod_pressed", "hinge"):
         exact = found["full"].outputs[name]
         for model in ("components", "reduced"):
@@ -294,7 +276,7 @@ def _fields_are_those_of_outputs(found: Mapping[str, Trajectory]) -> None:
 def test_reduced_stresses_without_static_answers_say_so() -> None:
     without = ("reduction.static_modes=false", "reduction.inertia_modes=false", "simulation.duration=0.01")
     scene = solid_slider_crank(*OVER_A_RUN, *without, asked("high", "von_mises", body="rod"))
-    found = run(model_of("reduced", scene, solid_meshes(n_per_metre=20)))
+    found = trajectory("reduced", scene, solid_meshes(n_per_metre=20))
     said = [
         remark.text for remark in found.record.remarks if remark.text.startswith("outputs.high: stresses of 6 modes")
     ]
@@ -304,8 +286,7 @@ def test_reduced_stresses_without_static_answers_say_so() -> None:
 def test_a_reduced_model_of_other_outputs_has_no_stresses_of_cells() -> None:
     scene = solid_slider_crank(*OVER_A_RUN, "reduction.angles=8")
     meshes = solid_meshes(n_per_metre=10)
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        rom = build_rom(scene, meshes, group)
+    rom = rom_of(scene, meshes=meshes)
     asking = solid_slider_crank(*OVER_A_RUN, "reduction.angles=8", asked("high", "von_mises", body="rod"))
     with pytest.raises(InputError, match=r'outputs.high.body = "rod": the reduced model was built without what its'):
         ReducedModel(asking, rom)
@@ -314,12 +295,11 @@ def test_a_reduced_model_of_other_outputs_has_no_stresses_of_cells() -> None:
 def test_the_mesh_comes_back_from_the_file_and_stresses_with_it(tmp_path) -> None:
     outputs = (asked("tip", "von_mises", 'group="right"', body="rod"), asked("all", "principal_max", body="crank"))
     scene = solid_slider_crank(*OVER_A_RUN, "reduction.angles=8", "simulation.duration=0.02", *outputs)
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        rom = build_rom(scene, solid_meshes(n_per_metre=20), group)
+    rom = rom_of(scene, meshes=solid_meshes(n_per_metre=20))
     rom.write(tmp_path / "rom.h5")
     again = ReducedOrderModel.read(tmp_path / "rom.h5")
     assert again.identity == rom.identity
-    first, second = (run(ReducedModel(scene, one)) for one in (rom, again))
+    first, second = (trajectory(ReducedModel(scene, one)) for one in (rom, again))
     for name in ("tip", "all"):
         np.testing.assert_array_equal(first.outputs[name], second.outputs[name])
     with resealed(tmp_path / "rom.h5") as file:
@@ -344,7 +324,7 @@ def test_the_mesh_comes_back_from_the_file_and_stresses_with_it(tmp_path) -> Non
 def test_samples_have_the_stresses_of_their_own_modulus(name: str, tmp_path) -> None:
     """Under a force stresses do not depend on the modulus; under a given displacement they are proportional to it."""
     outputs = (asked("all", "von_mises"), asked("there", "principal_max", "at=[0.2, 0.05]"))
-    model = model_of(name, held("solid2d", *outputs, "ensemble.checked_share=0.0"), {"bar": bar("quad8")})
+    model = MODELS[name](held("solid2d", *outputs, "ensemble.checked_share=0.0"), {"bar": bar("quad8")})
     values = {"E1": np.array([200e9, 210e9, 220e9])}
     system = model.batch(values, 3)
     observed = model.outputs.evaluate(model.observed(system, system.start()))
@@ -367,9 +347,9 @@ def test_section_forces_of_reduced_beams_have_an_estimate_of_their_error() -> No
         asked("middle", "bending_moment", "at=[0.65, 0.0]", body="rod"),
     )
     scene = accurate_scene(*outputs, "simulation.duration=0.25", "simulation.frames=2")
-    reduced = run(reduced_model(scene))
+    reduced = trajectory("reduced", scene)
     fine = accurate_scene(*outputs, "simulation.duration=0.25", "simulation.frames=2", "simulation.step=6.25e-5")
-    full = run(full_model(fine))
+    full = motion("full", fine)
     for name in ("bending", "fibre", "middle"):
         error = np.max(np.abs(reduced.outputs[name] - full.outputs[name][::16]))
         assert error < WITHIN * largest(full, name), name
@@ -409,7 +389,7 @@ simulation: duration = 0.002; step = 1e-3
         "bending_moment_2": 2.0 * wide * 0.4, "bending_moment_3": 2.0 * tall * 0.4,
     }  # fmt: skip
     scene = scene_from_toml(text, ".", [asked(name, name, "at = [0.2, 0.0, 0.0]") for name in expected])
-    found = run(component_model(scene, {"bar": straight_beam(0.6, 8, 0.0, 3)}, MPI.COMM_SELF))
+    found = motion("components", scene, {"bar": straight_beam(0.6, 8, 0.0, 3)})
     for name, value in expected.items():
         assert found.outputs[name][-1] == pytest.approx(value, rel=1e-4), name
 
@@ -421,13 +401,13 @@ def test_stresses_of_second_order_are_without_the_shortening_of_what_bends(eleme
     outputs = (asked(q, q, f"at={at}") for q, at in zip(("principal_min", "principal_max"), places))
     load = "effects.pull.table=[[0.0, 2e3], [10.0, 2e3]]"
     scene, meshes = held(element, *outputs, load, "reduction.second_order=true"), {"bar": bar(kind)}
-    model = model_of("reduced", scene, meshes)
+    model = reduced_model(scene, meshes)
     shape = model.rom.meshes["bar"]
     linear = replace(shape, recovery=replace(shape.recovery, curved=None))
     bare = ReducedModel(scene, replace(model.rom, meshes={"bar": linear}))
     exact, found, without = (
-        sum(run(one).outputs[q][0] for q in ("principal_min", "principal_max")) / 2.0
-        for one in (model_of("full", scene, meshes), model, bare)
+        sum(motion(one).outputs[q][0] for q in ("principal_min", "principal_max")) / 2.0
+        for one in (full_model(scene, meshes), model, bare)
     )
     slope = 12.0 * 2e3 * (0.4 - 0.5 * 0.4**2) / (210e9 * WIDTH * HEIGHT**3)
     shortening = 210e9 * 0.5 * slope**2

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from mpi4py import MPI
+from runs import components_model, full_model, motion, trajectory
 
-from pgmp_petsc.bench.reference import component_model
-from pgmp_petsc.models import FullModel
 from pgmp_petsc.results import Balance
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.records import balance_remarks
-from pgmp_petsc.studies.simulate import simulate_full
 from scenes import HEADER, meshes_of, tables
 
 # the rotation of a node vibrates with some 200 kHz (GA l / 4 over rho I l / 3), 200 periods a step
@@ -32,9 +29,7 @@ def test_a_motor_that_is_switched_on_bends_the_arm_no_more_than_it_can(model: st
     """Of the bending moment beside a torque of 1 Nm 1.14 Nm are reached with steps of 10 us; it was 6.3 with 1 ms."""
     scene = scene_from_toml(ARM, ".")
     meshes = meshes_of(scene)
-    run = simulate_full(
-        FullModel(scene, meshes) if model == "full" else component_model(scene, meshes, MPI.COMM_SELF), MPI.COMM_SELF
-    )
+    run = motion(full_model(scene, meshes) if model == "full" else components_model(scene, meshes))
     assert np.abs(run.outputs["moment"]).max() == pytest.approx(1.14, rel=0.15)
     assert run.outputs["angle"][-1] == pytest.approx(0.12999, rel=1e-2)
     assert np.abs(run.balance.residual).max() < 0.03 * run.balance.exchanged
@@ -81,5 +76,5 @@ def test_a_run_whose_steps_are_far_too_long_says_so() -> None:
     """A stiff spring that is let go swings the arm and bends it, in steps of 5 ms."""
     stop = '[effects.stop]\ntype = "spring_damper"\njoint = "hinge"\nstiffness = 2e3\nrest = 0.3\n'
     scene = scene_from_toml(ARM + stop, ".", ["simulation.step=5e-3"])
-    run = simulate_full(FullModel(scene, meshes_of(scene)), MPI.COMM_SELF)
+    run = trajectory("full", scene)
     assert [remark.kind for remark in run.record.remarks if "out of balance" in remark.text] == ["warning"]

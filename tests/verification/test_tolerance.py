@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import paper_scene, read_meshes
+from runs import full_model, paper_scene, read_meshes
 
 from pgmp_petsc.bench.cases import Table
 from pgmp_petsc.bench.choice import Choice, choose
 from pgmp_petsc.bench.history import History, errors_between, floors_of, run_history
 from pgmp_petsc.bench.step_choice import settle_step
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
@@ -62,7 +62,7 @@ class Chosen:
         """
         scene, values = self.under(table), {"r1": SHARES * RADIUS}
         n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
-        full = FullModel(scene, self.choice.rom.meshes)
+        full = full_model(scene, self.choice.rom.meshes)
         if (table, smaller) not in self.exact:
             self.exact[table, smaller] = run_history(full, values, SHARES.size, smaller * n_steps)
         found = run_history(ReducedModel(scene, self.choice.rom), values, SHARES.size, finer * n_steps)

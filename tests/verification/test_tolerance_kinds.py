@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from combinations import meshes_for, scene_of
 from mpi4py import MPI
+from runs import full_model
 
 from pgmp_petsc.bench.choice import Choice, choose
 from pgmp_petsc.bench.history import errors_between, floors_of, run_history
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import count_steps
@@ -57,7 +58,7 @@ def errors(kind: str, table: tuple | None, finer: int, smaller: int) -> np.ndarr
         chosen = chosen.model_copy(update={"effects": effects})
     n = count_steps(chosen.simulation.duration, chosen.simulation.step)
     values = {name: HELD_OUT[name] for name in chosen.parameters}
-    full = FullModel(chosen, meshes_for(chosen))
+    full = full_model(chosen, meshes_for(chosen))
     exact = run_history(full, values, 2, smaller * n)
     reduced = run_history(ReducedModel(chosen, found.rom), values, 2, finer * n)
     return errors_between(reduced, exact, floors_of(full)).max(axis=1)
