@@ -15,13 +15,16 @@ from offset_scenes import CLAMPED, LENGTH, clamped_beam, clamped_stiffness, offs
 from refusals import cases, check_said
 from runs import PGMP, built_rom, full_model, overridden, read_meshes, reduced_model
 from scipy.stats import norm
+from solid_scenes import solid_meshes, solid_slider_crank
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.design.sensitivities import sensitivities
 from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.scene import load_scene
@@ -162,6 +165,19 @@ def test_machines_of_the_scene_are_those_of_their_meshes() -> None:
     for name, limit in (("angle", 1e-2), ("aside", 1e-4), ("moment", 1e-4)):
         expected = np.array([one[name] for one in each])
         np.testing.assert_allclose(found[name], expected, rtol=0, atol=limit * np.abs(expected).max(), err_msg=name)
+
+
+def test_bodies_of_cells_follow_an_offset_in_their_plane() -> None:
+    asked = ("simulation.duration=0.05", "simulation.step=1e-3", "reduction.modes=4", "reduction.angles=48")
+    scene = solid_slider_crank(*asked, "joints.elbow.offset={place=[1e-4,0.0]}")
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        rom = build_rom(scene, solid_meshes(), group)
+    found = simulate(ReducedModel(scene, rom), MPI.COMM_SELF)
+    expected = simulate(FullModel(scene, solid_meshes()), MPI.COMM_SELF)
+    # the slider is 0.1 mm further on, and nothing is built in
+    assert expected.outputs["slider_position"][0] == pytest.approx(1.0001, abs=1e-8)
+    for name, values in expected.outputs.items():
+        np.testing.assert_allclose(found.outputs[name], values, rtol=0, atol=1e-4 * np.abs(values).max())
 
 
 def test_files_keep_what_is_built_in(tmp_path: Path) -> None:
