@@ -44,8 +44,11 @@ def refusal(scene: Path, command: str) -> str | None:
         return "none has a distribution"
     if command in ("check --effects", "build", "modes") and len(tables["coordinates"]) > MOST_COORDINATES:
         return f"at most {MOST_COORDINATES} are taken"
-    if command == "check --effects" and any("elastic" in joint for joint in tables["joints"].values()):
+    joints = tables["joints"].values()
+    if command == "check --effects" and any("elastic" in joint for joint in joints):
         return "sizes of effects are those on rigid joints"
+    if command in ("check --effects", "modes", "modes --rom") and any("offset" in joint for joint in joints):
+        return "no part of modes over configurations"
     return None
 
 
