@@ -123,7 +123,7 @@ Unknowns = Callable[[np.ndarray], np.ndarray]
 
 # rad that a rigid coordinate turns from point to point: a difference is wrong by TURN^4 / 90 of the sixth derivative,
 # which in a four-bar, whose table closes its loops, is 1e5 times the second where it turns round, and by round-off of
-# the table, 1e-12, over TURN^2. Both are about 1e-7 here; with 1e-2 the error of an angle was 3 times as large as it is.
+# the table, 1e-12, over TURN^2. Both are about 1e-7 here; with 1e-2 the error of an angle was 3 times as large.
 # Where loops are closed one by one, the points are on parabolas, which have exact first and second differences
 TURN = 3e-3
 BEND = 0.1  # rad that frames turn in their bodies from point to point, at most; wrong by BEND^4 / 90 likewise

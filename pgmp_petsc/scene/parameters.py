@@ -188,8 +188,8 @@ class Parameter(Table):
     nominal: Number = Field(description="value at which the reduced basis is built")
     unit: str = Field(
         "",
-        description="unit of the values, bounds, loc and scale, such as mm; the scene's if not given, to which they are "
-        "converted",
+        description="unit of the values, bounds, loc and scale, such as mm; the scene's if not given, to which they "
+        "are converted",
     )
     description: str = Field("", description="what the parameter is, for reports")
     distribution: Distribution | None = Field(None, description="distribution that an ensemble draws from")

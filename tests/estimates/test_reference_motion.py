@@ -76,7 +76,7 @@ def test_bodies_that_bend_accelerate_as_their_coordinates(model: ReducedModel) -
 
 @pytest.mark.parametrize("turning", [0.0, 5.0])
 def test_accelerations_of_bodies_that_are_shaken_hard(turning: float) -> None:
-    """What bends the bodies at once does not lead off the path: J eta'' + d^2 q / d tau^2 along eta', of second order."""
+    """Loads that bend bodies at once do not lead off the path: J eta'' + d^2 q / d tau^2 along eta', of second order."""
     basis = ("reduction.modes=4", "reduction.angles=24", 'reduction.interpolation="spline"')
     model = reduced_model(paper_scene(*basis, "reduction.second_order=true"))
     states = states_of(model)
