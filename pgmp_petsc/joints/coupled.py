@@ -10,11 +10,20 @@ The factors r_i may be parameters. The rigid motion depends on them as it does o
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
-from pgmp_petsc.scene.fields import Name, NotZeroOrParameter, Pair, PositivePair, TwoNames, Unit, refusal
+from pgmp_petsc.scene.fields import (
+    Name,
+    NotZeroOrParameter,
+    Pair,
+    PositivePair,
+    TwoNames,
+    Unit,
+    exactly_one,
+    refusal,
+)
 from pgmp_petsc.scene.joints import CouplingEntry, Share
 
 CLOSED = 1e-9  # rad that the period of a cam may be off, and share of its lift that its ends may differ by
@@ -58,16 +67,31 @@ class Belt(CouplingEntry):
     type: Literal["belt"]
     dimensions = (2, 3)
     joints: TwoNames = Field(description="names of two joints that turn")
-    radii: Annotated[PositivePair, Unit("m")] = Field(
-        description="radius of the pulley on each (m), numbers or parameters' names"
+    radii: Annotated[PositivePair | None, Unit("m")] = Field(
+        None, description="radius of the pulley on each (m), numbers or parameters' names"
+    )
+    ratio: Annotated[NotZeroOrParameter | None, Unit("1")] = Field(
+        None, description="in place of radii: rad of the second for each rad of the first, as of a gear"
     )
     crossed: bool = Field(
-        False, strict=True, description="whether the belt is crossed, so that its pulleys turn against one another"
+        False,
+        strict=True,
+        description="whether the belt over the radii is crossed, so that its pulleys turn against one another",
     )
 
+    @model_validator(mode="after")
+    def _of_radii_or_a_ratio(self) -> Self:
+        exactly_one(self, "radii", "ratio")
+        if self.crossed and self.ratio is not None:
+            raise refusal("a ratio says it by its sign: negative where the pulleys turn against one another", "crossed")
+        return self
+
     def shares(self, motion):
-        """Return ``r_2 s_2 - r_1 s_1``, or the sum if it is crossed."""
-        (first, second), (of_first, of_second) = self.joints, self.radii
+        """Return ``r_2 s_2 - r_1 s_1``, or the sum if it is crossed; with a ratio that of a gear."""
+        first, second = self.joints
+        if self.radii is None:
+            return [Share(second, "turning", "joints"), Share(first, "turning", "joints", self.ratio, -1.0)]
+        of_first, of_second = self.radii
         turning = Share(first, "turning", "joints", of_first, 1.0 if self.crossed else -1.0)
         return [Share(second, "turning", "joints", of_second), turning]
 

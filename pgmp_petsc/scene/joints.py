@@ -357,6 +357,8 @@ class CouplingEntry(JointTable):
         """Yield key, value, sign and units of what may name a parameter."""
         for key, (sign, unit) in quantities_of(type(self)).items():
             given, units = getattr(self, key), tuple(filter(None, unit.turning))
+            if given is None:
+                continue
             if isinstance(given, dict):
                 yield from ((f"{key}.{name}", value, sign, units) for name, value in given.items())
             else:

@@ -39,7 +39,12 @@ joints.mesh.joints=["input", "outptu"] -> = "outptu": there is no such joint; di
 joints.mesh.joints=["input", "mesh"] -> = "mesh": a joint that has the motion turning is needed; this one is gear
 joints.mesh.joints=["input", "input"] -> = "input": the same joint is named twice
 joints.mesh.type="chain" -> = "chain": unknown
-joints.mesh={type="belt", joints=["input", "output"]} -> joints.mesh.radii: missing
+joints.mesh={type="belt", joints=["input", "output"]} -> joints.mesh.radii: exactly one of radii, ratio is needed; none
+joints.mesh={type="belt", joints=["input", "output"], radii=[0.1, 0.2], ratio=2.0} -> \
+    joints.mesh.ratio = 2.0: exactly one of radii, ratio is needed; radii and ratio are given
+joints.mesh={type="belt", joints=["input", "output"], ratio=0.0} -> joints.mesh.ratio = 0.0: a number other than 0
+joints.mesh={type="belt", joints=["input", "output"], ratio=2.0, crossed=true} -> \
+    joints.mesh.crossed = true: a ratio says it by its sign
 joints.mesh={type="belt", joints=["input", "output"], radii=[0.1, 0.0]} -> \
     joints.mesh.radii = [0.1, 0.0]: two positive numbers in brackets are needed, such as [0.05, 0.1], each a number or
 joints.mesh={type="belt", joints=["input", "output"], radii=0.1} -> joints.mesh.radii = 0.1: two positive numbers

@@ -59,12 +59,15 @@ def test_a_belt_makes_one_of_two_rotors_with_both_inertias(text: str, crossed: b
     np.testing.assert_allclose(found["two"] - placed, (-0.4 if crossed else 0.4) * found["one"], rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize("model", ["full", "components", "reduced"])
-def test_a_crossed_belt_over_equal_pulleys_is_a_gear(model: str) -> None:
+@pytest.mark.parametrize(
+    ("model", "over"),
+    [*((model, "radii=[0.003,0.003],crossed=true") for model in ("full", "components", "reduced")), ("full", "ratio=-1")],
+)
+def test_a_crossed_belt_over_equal_pulleys_is_a_gear(model: str, over: str) -> None:
     """On flexible cranks, in every model."""
     short = ("simulation.duration=0.05", "reduction.angles=24", "reduction.second_order=false")
     _, gear = run(scene_from_toml(GEARED, ".", short), model)
-    belt = "joints.mesh={type='belt',joints=['input','output'],radii=[0.003,0.003],crossed=true}"
+    belt = f"joints.mesh={{type='belt',joints=['input','output'],{over}}}"
     _, found = run(scene_from_toml(GEARED, ".", (*short, belt)), model)
     for name, values in gear.items():
         np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-9 * np.abs(values).max(), err_msg=name)
