@@ -40,7 +40,7 @@ from pgmp_petsc.scene.references import apart_problems, load_problems
 GROUND_ORIGIN = "ground:origin"
 OVER = (
     "name of a joint that turns or slides, where the table is not over time, but over the motion of that joint: rows "
-    "[rad or m, value], linear between them and constant beyond; a whole turn goes on for ever"
+    "[rad or m, value], linear between them and constant beyond; one over whole turns goes on for ever"
 )
 
 

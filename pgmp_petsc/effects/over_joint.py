@@ -1,8 +1,9 @@
 """Loads over the motion of a joint: a table of torques or forces over an angle, or over a way.
 
-Linear between the rows, and constant beyond them; a table over a whole turn of an angle goes on for ever. The law is
-printed with its table, and is one law as all others; all of its force is counted as work. Over the motion of another
-joint than it acts on, it is led by that (`effects.action`).
+Linear between the rows, and constant beyond them; a table over a whole turn of an angle goes on for ever, and so does
+one over several turns whose ends are equal, as of an engine of four strokes. The law is printed with its table, and is
+one law as all others; all of its force is counted as work. Over the motion of another joint than it acts on, it is led
+by that (`effects.action`).
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from pgmp_petsc.scene.uses import motion_over
 
 Rows = tuple[tuple[float, float | str], ...]
 TURN = 2.0 * math.pi
-CLOSED = 1e-9  # rad that a whole turn may be off, and of the largest value that its ends may differ by
+CLOSED = 1e-9  # rad that whole turns may be off, and of the largest value that its ends may differ by
 PYTHON = '''"""A law over a table: its places, and values and slopes from each of them on."""
 
 from math import floor
@@ -89,17 +90,18 @@ FIND = """    x = s - {period} * floor((s - {first}) / {turn})
             high = middle"""
 
 
-def closes(rows: Rows) -> bool | None:
-    """Return whether a table over an angle goes on for ever; None if it is a turn long, and its ends differ."""
+def turns_of(rows: Rows) -> int | None:
+    """Return after how many turns a table over an angle begins again, 0 if it does not; None if it is one turn long, and
+    its ends differ."""
     (first, value), (last, final) = rows[0], rows[-1]
-    if abs(last - first - TURN) > CLOSED:
-        return False
-    if value == final:
-        return True
-    numbers = [one for _, one in rows if not isinstance(one, str)]
-    if isinstance(value, str) or isinstance(final, str) or abs(final - value) > CLOSED * max(map(abs, numbers)):
-        return None
-    return True
+    turns = round((last - first) / TURN)
+    if abs(last - first - turns * TURN) > CLOSED:
+        return 0
+    closed = value == final
+    if not closed and not isinstance(value, str) and not isinstance(final, str):
+        largest = max(abs(one) for _, one in rows if not isinstance(one, str))
+        closed = abs(final - value) <= CLOSED * largest
+    return turns if closed else None if turns == 1 else 0
 
 
 class TableLaw(Law):
@@ -112,18 +114,19 @@ class TableLaw(Law):
 
 
 @cache
-def table_law(rows: Rows, periodic: bool) -> TableLaw:
-    """Return the law of a table; one for all effects with the same."""
-    name = f"table_{hashlib.sha256(repr((rows, periodic, PYTHON, FIND)).encode()).hexdigest()[:12]}"
+def table_law(rows: Rows, turns: int) -> TableLaw:
+    """Return the law of a table that begins again after some turns, or does not (0); one for all effects with the
+    same."""
+    name = f"table_{hashlib.sha256(repr((rows, turns, PYTHON, FIND)).encode()).hexdigest()[:12]}"
     law = TableLaw(name, ("scale",), force="scale", left_out="it is a table over a joint, not linear")
     places, values = [x for x, _ in rows], [y for _, y in rows]
     slopes = [(b - a) / (x - w) for a, b, w, x in zip(values, values[1:], places, places[1:])]
-    if not periodic:  # before the first row too it is constant
+    if not turns:  # before the first row too it is constant
         places, values, slopes = [places[0] - 1.0, *places], [values[0], *values], [0.0, *slopes, 0.0]
     else:
         places, values = places[:-1], values[:-1]
     numbers = (", ".join(map(repr, part)) for part in (places, values, slopes))
-    turn = dict(period=TURN if periodic else 0.0, first=rows[0][0], turn=TURN, n=len(slopes), name=name)
+    turn = dict(period=turns * TURN, first=rows[0][0], turn=(turns or 1) * TURN, n=len(slopes), name=name)
     text = PYTHON.format(find=FIND.format(**turn), **dict(zip(("places", "values", "slopes"), numbers)), **turn)
     object.__setattr__(law, "text", text)
     return law
@@ -141,8 +144,8 @@ def load_over_joint(
     name: str, entry: OverTime, mechanism: Mechanism, place: dict[str, Any], scale: Quantity
 ) -> ActionEffect:
     """Return a load whose table is over the motion of a joint; `place` is what it acts on, as `Action` takes it."""
-    periodic = motion_over(mechanism.scene, entry) == "turning" and bool(closes(entry.table))
-    action = Action(name, law=table_law(entry.table, periodic), parameters=(scale,), **place)
+    turns = turns_of(entry.table) if motion_over(mechanism.scene, entry) == "turning" else 0
+    action = Action(name, law=table_law(entry.table, turns), parameters=(scale,), **place)
     return ActionEffect(name, led_over(entry, mechanism, action), mechanism)
 
 
@@ -152,5 +155,5 @@ def load_over_problems(scene: Scene, name: str, entry: OverTime) -> Iterator[str
     yield from found
     if entry.table is None:
         yield problem(f"effects.{name}.over", "needs a table; a harmonic is over time", entry.over)
-    elif not found and motion_over(scene, entry) == "turning" and closes(entry.table) is None:
+    elif not found and motion_over(scene, entry) == "turning" and turns_of(entry.table) is None:
         yield problem(f"effects.{name}.table", "is over a whole turn, and its ends differ; it has to close")

@@ -13,11 +13,11 @@ from machine_scenes import MODELS, RIGID, CartAndPole, cart, rail, run
 from mpi4py import MPI
 from refusals import cases, check_said
 from runs import PGMP, full_model, reduced_model
-from scipy.integrate import cumulative_trapezoid
+from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.optimize import root
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.effects.over_joint import table_law
+from pgmp_petsc.effects.over_joint import table_law, turns_of
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.models import of_samples
 from pgmp_petsc.results import Trajectory
@@ -25,7 +25,7 @@ from pgmp_petsc.scene import load_scene, scene_to_toml
 from pgmp_petsc.scene.uses import motion_over
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.studies.simulate import simulate_full
-from scenes import slider_crank
+from scenes import pendulum, slider_crank
 
 ROWS = ((-3.0, 0.3), (-2.0, -0.2), (-1.0, 0.4), (0.0, 0.0), (0.1, 0.5))
 WAY = ((-0.1, 2.0), (0.0, 0.0), (0.02, -3.0))
@@ -38,7 +38,7 @@ LOADS = (
 
 def test_the_law_of_a_table() -> None:
     """Linear between rows, constant beyond; one over a turn goes on for ever."""
-    law, h = table_law(ROWS, False), 1e-6
+    law, h = table_law(ROWS, 0), 1e-6
     for s in np.linspace(-4.0, 1.0, 41) + 1e-3:
         found = law.evaluate([2.0], s, 0.3)
         assert found.force == pytest.approx(2.0 * np.interp(s, *zip(*ROWS)), abs=1e-14)
@@ -46,12 +46,17 @@ def test_the_law_of_a_table() -> None:
         assert found.stiffness == pytest.approx(-2.0 * slope, abs=1e-8) and found.damping == 0.0
         law.code.slopes([2.0], 0.0, s, 0.3, slopes := [0.0, 0.0])
         assert slopes == [found.force / 2.0, 0.0]
-    turn = ((0.5, 1.0), (2.0, -1.0), (0.5 + 2.0 * np.pi, 1.0))
-    law = table_law(turn, True)
-    for s in np.linspace(0.5, 0.5 + 2.0 * np.pi, 31)[:-1] + 1e-3:
-        for turns in (-3, 0, 5):
-            found = law.evaluate([1.0], s + 2.0 * np.pi * turns)
-            assert found.force == pytest.approx(np.interp(s, *zip(*turn)), abs=1e-12)
+    for turns in (1, 2):
+        period = 2.0 * np.pi * turns
+        rows = ((0.5, 1.0), (2.0, -1.0), (0.5 + period, 1.0))
+        assert turns_of(rows) == turns
+        law = table_law(rows, turns)
+        for s in np.linspace(0.5, 0.5 + period, 31)[:-1] + 1e-3:
+            for k in (-3, 0, 5):
+                found = law.evaluate([1.0], s + period * k)
+                assert found.force == pytest.approx(np.interp(s, *zip(*rows)), abs=1e-12)
+    ends = [((0.0, 1.0), (span, 2.0)) for span in (2.0 * np.pi, 4.0 * np.pi, 5.0)]
+    assert [turns_of(rows) for rows in ends] == [None, 0, 0]
 
 
 def test_loads_over_joints_move_a_cart_and_a_pole() -> None:
@@ -270,6 +275,27 @@ def test_a_parameter_in_a_table_over_a_whole_turn(model: str) -> None:
         )
         found.append(run(scene, model)[1])
     np.testing.assert_allclose(found[0]["x"], found[1]["x"], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_table_over_two_turns_is_that_of_four_strokes(model: str) -> None:
+    """A stiff bar that is driven in every other turn, against the integral of its equation of motion."""
+    rows = [[0.0, 0.0], [1.0, 40.0], [3.0, 0.0], [7.0, -10.0], [9.0, 0.0], [4.0 * np.pi, 0.0]]
+    scene = pendulum(
+        "bodies.arm.section.radius=5e-3", "materials.steel.E=2e13",
+        f'effects.engine={{type="torque",joint="hinge",over="hinge",table={rows}}}',
+        "simulation.initial.phi.velocity=30.0", "simulation.duration=0.5", "simulation.step=5e-4",
+        'outputs.phi={type="angle",joint="hinge"}', "reduction.angles=12", "reduction.static_modes=true",
+    )  # fmt: skip
+    times, found = run(scene, model)
+    inertia = 7800.0 * np.pi * 5e-3**2 * (1.0 / 3.0 + 5e-3**2 / 4.0)
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        return [y[1], float(np.interp(y[0] % (4.0 * np.pi), *zip(*rows))) / inertia]
+
+    exact = solve_ivp(rates, (0.0, times[-1]), [0.0, 30.0], t_eval=times, rtol=1e-9, atol=1e-10, max_step=2e-4).y[0]
+    assert exact[-1] > 5.0 * np.pi
+    np.testing.assert_allclose(found["phi"], exact, rtol=0, atol=2e-4 * exact[-1])
 
 
 def test_a_joint_that_turns_and_slides_is_no_motion_to_hang_on() -> None:
