@@ -91,8 +91,8 @@ FIND = """    x = s - {period} * floor((s - {first}) / {turn})
 
 
 def turns_of(rows: Rows) -> int | None:
-    """Return after how many turns a table over an angle begins again, 0 if it does not; None if it is one turn long, and
-    its ends differ."""
+    """Return after how many turns a table over an angle begins again, 0 if it does not; None if it is one turn long,
+    and its ends differ."""
     (first, value), (last, final) = rows[0], rows[-1]
     turns = round((last - first) / TURN)
     if abs(last - first - turns * TURN) > CLOSED:
