@@ -22,7 +22,7 @@ What elastic joints allow beside the motion of the coordinates: `ReleasedClosure
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 
@@ -33,6 +33,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.statement_rows import StatementRows
+from pgmp_petsc.mechanism.statements import Statement
 
 MAX_ITERATIONS = 25
 NEAR = 1e-9  # scaled residual, left by a step of 3e-5, of which the same J leaves 3e-14
@@ -302,6 +303,17 @@ class LoopClosure:
     def closed_freely(self, poses: np.ndarray) -> np.ndarray:
         """Close the loops near poses (n_bodies, n_pose, n) wherever the coordinates then are; best effort."""
         return self.newton(poses, None)[0]
+
+    def moving(self, parts: Sequence[tuple[Statement, tuple[Attachment, Attachment]]], poses: np.ndarray) -> np.ndarray:
+        """Return which statements, with their sides, can change at poses (n_bodies, n_pose, 1) while the coordinates
+        rest."""
+        sides = [tuple(side.on_pose() for side in pair) for _, pair in parts]
+        rows = StatementRows([part for part, _ in parts], sides, self.pose_dofs, self.mechanism.space.dimension)
+        _, values, right = np.linalg.svd(self.scaled(self.jacobian(poses))[0])
+        free = right[np.sum(values > SINGULAR_TOLERANCE * values[0]) :]
+        slopes = (_jacobian_of(rows, self._units.size)(poses)[0] * self._units) @ free.T
+        scale = np.where([part.is_length for part, _ in parts], self.size, 1.0)
+        return np.abs(slopes).max(axis=1, initial=0.0) > SINGULAR_TOLERANCE * scale
 
     def newton_step(self, poses: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what to take off the poses, and what it then leaves of the residual (n_rows, n) at first order; of the

@@ -20,6 +20,7 @@ from pgmp_petsc.mechanism.continuation import Continuation, PoseBranch, Walk
 from pgmp_petsc.mechanism.joints import Connection, triad
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
+from pgmp_petsc.scene.joints import MEASURED
 
 # rad, or of the mechanism's size; Newton's method converges from a linear prediction over far larger steps
 FINE_STEP = 0.02
@@ -349,10 +350,10 @@ class RigidKinematics:
                     "them as they should be, and how far the joint is off as its offset"
                 )
             names = ", ".join(coordinate.name for coordinate in self.coordinates)
+            free = f"{n_poses - rank} degree{'' if n_poses - rank == 1 else 's'} of freedom"
             named = "1 coordinate was" if self.n_coordinates == 1 else f"{self.n_coordinates} coordinates were"
             raise InputError(
-                f"joints: they leave the rigid mechanism {n_poses - rank} degrees of freedom "
-                f"({n_poses} of its {len(self.mechanism.bodies)} bodies less "
+                f"joints: they leave the rigid mechanism {free} ({n_poses} of its {n_bodies} bodies less "
                 f"{rank} independent constraints), but {named} named: {names}. Both numbers must be equal"
                 f"{self._left_loose(poses) if n_poses - rank > self.n_coordinates else ''}"
             )
@@ -377,7 +378,18 @@ class RigidKinematics:
             else:
                 where = f"in {names}" if names else "as no joint is on it"
                 texts.append(f"{body.name} can move by itself {where}: name a coordinate for it, or join it otherwise")
-        return "".join(f". {text}" for text in texts or self._on_no_ground())
+        return "".join(f". {text}" for text in texts or self._on_no_ground() or self._unnamed(poses))
+
+    def _unnamed(self, poses: np.ndarray) -> list[str]:
+        """Say which motions of joints go on while the coordinates rest: each could be a coordinate."""
+        joints, dimension = self.mechanism.scene.joints, self.mechanism.space.dimension
+        found = [
+            (one, motion) for one in self.mechanism.connections for motion in joints[one.name].motions_in(dimension)
+            if motion in MEASURED
+        ]  # fmt: skip
+        moves = self._closure.moving([(one.measure(motion), one.sides) for one, motion in found], poses)
+        names = ", ".join(f"{one.name} ({motion})" for (one, motion), moved in zip(found, moves) if moved)
+        return [f"Motions that go on while these rest: {names}"] if names else []
 
     def _on_no_ground(self) -> list[str]:
         """Say which bodies are joined to others, and none of them to the ground."""

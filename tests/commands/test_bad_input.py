@@ -94,7 +94,7 @@ check SCENE & ground.points.pin=[0.3, 0.0] & joints.pin={type="revolute", connec
     joints: they leave the rigid mechanism 0 degrees of freedom
 check SCENE & NO_SLIDER -> joints: they leave the rigid mechanism 2 degrees of freedom
 * check SCENE & coordinates.second={joint="elbow", range=[-1.0, 1.0]} -> \
-    they leave the rigid mechanism 1 degrees of freedom | theta, second
+    they leave the rigid mechanism 1 degree of freedom | theta, second
 * check SCENE & effects.hold={type="prescribed_motion", coordinate="theta", constant_speed={speed=1.0}} -> \
     effects.hold.coordinate = "theta": contradicts effects.motor
 check SCENE & effects.shapes={type="mode_inertia"} -> effects.shapes | geometric_stiffening | or neither

@@ -247,7 +247,7 @@ def test_no_degree_of_freedom() -> None:
 def test_more_coordinates_than_degrees_of_freedom() -> None:
     message = refusal(slider_crank('coordinates.psi={joint="elbow",range=[0.0,1.0]}'))
     assert message == (
-        "joints: they leave the rigid mechanism 1 degrees of freedom (6 of its 2 bodies less 5 independent "
+        "joints: they leave the rigid mechanism 1 degree of freedom (6 of its 2 bodies less 5 independent "
         "constraints), but 2 coordinates were named: theta, psi. Both numbers must be equal"
     )
 

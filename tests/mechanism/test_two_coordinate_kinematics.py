@@ -120,6 +120,16 @@ def test_poses_of_a_table_are_those_of_the_table() -> None:
     np.testing.assert_array_equal(beside, kinematics.poses(theta + 0.1))
 
 
+def test_motions_that_no_coordinate_has() -> None:
+    scene = five_bar()
+    alone = scene.model_copy(update={"coordinates": {"theta1": scene.coordinates["theta1"]}})
+    with pytest.raises(InputError) as caught:
+        kinematics_of(alone)
+    others = "right_hinge (turning), left_elbow (turning), right_elbow (turning), pin (turning)"
+    words = f"named: theta1. Both numbers must be equal. Motions that go on while these rest: {others}"
+    assert str(caught.value).endswith(words)
+
+
 def test_the_placement_chooses_the_branch() -> None:
     mirrored = kinematics_of(
         five_bar(
