@@ -12,7 +12,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 
-OF_REDUCED = (Purpose.BUILD, Purpose.MODES, Purpose.REDUCED)
+OF_REDUCED = (Purpose.BUILD, Purpose.REDUCED)
 MODELS = ("reduced", "full", "components")
 #: Commands that are a feature of their own, tried on plain scenes with some overrides.
 COMMANDS = {
@@ -27,7 +27,7 @@ OPENING = (
     "models\n"
     "that have it, or **no**: none of them. A number tells the reason below, as the program says it of a small scene "
     "of that\n"
-    "kind. A mechanism whose bodies are all rigid has no reduced model.\n"
+    "kind; beside **all** it is that of `pgmp modes`. A mechanism whose bodies are all rigid has no reduced model.\n"
     "\n"
     "`python tests/capability_table.py > docs/capabilities.md` makes this page from the checks that every command "
     "passes;\n"
@@ -52,7 +52,8 @@ def cell(kind: str, feature: str) -> tuple[str, tuple[str, ...]]:
     having = [name for name, reason in reasons.items() if not reason]
     if "all are rigid, so there is nothing to reduce" in reasons["reduced"]:
         del reasons["reduced"]
-    why = tuple(dict.fromkeys(filter(None, reasons.values())))
+    of_modes = verdict(kind, feature, Purpose.MODES) if reasons.get("reduced") == "" else ""
+    why = tuple(dict.fromkeys(filter(None, (*reasons.values(), of_modes))))
     return "all" if len(having) == len(MODELS) else ", ".join(having) or "no", why
 
 

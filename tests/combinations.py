@@ -105,6 +105,7 @@ FEATURES = {
     "bushing": ('effects.x={{type="bushing",points=["ground:origin","{last}:tip"],reference={axes},stiffness={along},'
         "damping={along}}}",),
     "elastic joint": ("joints.{drive}.elastic={{reference={axes},stiffness={stiff},damping={along}}}",),
+    "joint that is off": ("joints.{drive}.offset={{place={small}}}",),
     "structural damping": ('effects.x={{type="structural_damping",stiffness=1e-5,mass=0.1}}',),
     "modal damping": ('effects.x={{type="structural_damping",ratios=[0.01,0.01]}}',),
     "prescribed motion": ('effects.x={{type="prescribed_motion",coordinate="{theta}",spin_up={{speed=2.0,time=0.5}}}}',),
@@ -194,6 +195,7 @@ def scene_of(kind: str, feature: str) -> Scene:
         "mesh": described(bare.bodies[bodies[0]]), "coefficients": COEFFICIENTS,
         "axes": "[[1.0,0.0,0.0],[0.0,1.0,0.0]]" if space else "[[1.0,0.0]]",
         "stiff": "[1e6,2e6,3e6]" if space else "[1e6,2e6]",
+        "small": "[1e-5,0.0,0.0]" if space else "[1e-5,0.0]",
         "along": "[10.0,20.0,30.0]" if space else "[10.0,20.0]",
         "down": "[0.0,-1.0,0.0]" if space else "[0.0,-1.0]", "origin": "[0.0,0.0,0.0]" if space else "[0.0,0.0]",
         "quantity": "von_mises" if bare.bodies[bodies[-1]].continuum else "axial_force",
