@@ -90,9 +90,16 @@ def products(left: np.ndarray, right: np.ndarray) -> np.ndarray:
 def _add_products(left, right, result):
     """Add all products; terms are added in the order of the rows of the right matrices."""
     n, m, n_terms = left.shape
+    whole = n_terms - n_terms % 4  # sums stay in registers for four terms
     for e in range(n):
         for i in range(m):
-            for term in range(n_terms):
-                factor = left[e, i, term]
+            of_row, found = left[e, i], result[e, i]
+            for term in range(0, whole, 4):
                 for column in range(right.shape[2]):
-                    result[e, i, column] += factor * right[e, term, column]
+                    total = found[column] + of_row[term] * right[e, term, column]
+                    total += of_row[term + 1] * right[e, term + 1, column]
+                    total += of_row[term + 2] * right[e, term + 2, column]
+                    found[column] = total + of_row[term + 3] * right[e, term + 3, column]
+            for term in range(whole, n_terms):
+                for column in range(right.shape[2]):
+                    found[column] += of_row[term] * right[e, term, column]

@@ -24,6 +24,7 @@ from pgmp_petsc.bodies.profile import Profile
 from pgmp_petsc.bodies.random_fields import profiles_of
 from pgmp_petsc.bodies.recovery import Beams, Recovery
 from pgmp_petsc.bodies.solid_strains import SolidStrains
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
@@ -47,10 +48,10 @@ class SolidLaw:
         self, quantities: Iterable[str], points: SolidStrains, strains: np.ndarray, parameters: Values
     ) -> dict[str, np.ndarray]:
         """Return quantities at all points, each of shape (n_points, n), for strains (n_points, n_strains, n)."""
-        stresses = np.empty_like(strains)
-        for number, (modulus, lame) in enumerate(self.materials):
-            own = points.material == number
-            stresses[own] = hooke(strains[own], lame) * modulus.at(parameters)
+        stresses = np.empty(strains.shape)
+        of_each = [np.broadcast_to(modulus.at(parameters), strains.shape[2]) for modulus, _ in self.materials]
+        lame = np.array([(lame.first, lame.shear) for _, lame in self.materials])
+        _fill_stresses(np.ascontiguousarray(strains), points.material, lame, np.array(of_each, dtype=float), stresses)
         if self.profile:
             stresses *= np.expand_dims(self.profile.at(parameters, points.of_cells), 1)
         return {
@@ -302,22 +303,51 @@ class Recovered:
 Points = np.ndarray  # what is known at points, shape (n_points, n_components, n)
 
 
-def hooke(strains: Points, lame: Lame) -> Points:
-    """Return stresses over Young's modulus, components as those of the strains (`solid_strains`)."""
-    d = 2 if strains.shape[1] == 3 else 3
-    found = 2.0 * lame.shear * strains
-    found[:, :d] += lame.first * strains[:, :d].sum(axis=1, keepdims=True)
-    return found
+@njit(cache=True, error_model="numpy")
+def _fill_stresses(strains, material, lame, moduli, stresses):
+    """Fill stresses by Hooke's law, components as those of the strains (`solid_strains`).
+
+    Parameters
+    ----------
+    strains, stresses
+        Shape (n_points, n_strains, n); stresses in Pa.
+    material, lame, moduli
+        The number of every point's material, Lame's constants (first, shear) of these over Young's modulus, and this
+        modulus, shape (n_materials, n), Pa.
+    """
+    n_points, m, n = strains.shape
+    d = 2 if m == 3 else 3
+    for point in range(n_points):
+        first, twice = lame[material[point], 0], 2.0 * lame[material[point], 1]
+        for k in range(n):
+            modulus, volume = moduli[material[point], k], 0.0
+            for i in range(d):
+                volume += strains[point, i, k]
+            for i in range(d):
+                stresses[point, i, k] = (twice * strains[point, i, k] + first * volume) * modulus
+            for i in range(d, m):
+                stresses[point, i, k] = twice * strains[point, i, k] * modulus
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_von_mises(stresses, found):
+    """Fill von Mises' stresses (n_points, n)."""
+    for point in range(stresses.shape[0]):
+        s = stresses[point]
+        for k in range(stresses.shape[2]):
+            if stresses.shape[1] == 3:
+                square = s[0, k] ** 2 + s[1, k] ** 2 - s[0, k] * s[1, k] + 3.0 * s[2, k] ** 2
+            else:
+                across = (s[0, k] - s[1, k]) ** 2 + (s[1, k] - s[2, k]) ** 2 + (s[2, k] - s[0, k]) ** 2
+                square = 0.5 * across + 3.0 * (s[3, k] ** 2 + s[4, k] ** 2 + s[5, k] ** 2)
+            found[point, k] = np.sqrt(0.0 if square < 0.0 else square)
 
 
 def von_mises(stresses: Points) -> np.ndarray:
     """Return von Mises' stress, shape (n_points, n)."""
-    if stresses.shape[1] == 3:
-        xx, yy, xy = np.moveaxis(stresses, 1, 0)
-        return np.sqrt(np.maximum(xx**2 + yy**2 - xx * yy + 3.0 * xy**2, 0.0))
-    xx, yy, zz, *shear = np.moveaxis(stresses, 1, 0)
-    across = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
-    return np.sqrt(0.5 * across + 3.0 * sum(part**2 for part in shear))
+    found = np.empty((stresses.shape[0], stresses.shape[2]))
+    _fill_von_mises(np.ascontiguousarray(stresses, dtype=float), found)
+    return found
 
 
 def principal(stresses: Points, largest: bool) -> np.ndarray:
