@@ -383,8 +383,9 @@ class RigidKinematics:
     def _unnamed(self, poses: np.ndarray) -> list[str]:
         """Say which motions of joints go on while the coordinates rest: each could be a coordinate."""
         joints, dimension = self.mechanism.scene.joints, self.mechanism.space.dimension
+        of_scene = [one for one in self.mechanism.connections if one.name in joints]  # others hold masses
         found = [
-            (one, motion) for one in self.mechanism.connections for motion in joints[one.name].motions_in(dimension)
+            (one, motion) for one in of_scene for motion in joints[one.name].motions_in(dimension)
             if motion in MEASURED
         ]  # fmt: skip
         moves = self._closure.moving([(one.measure(motion), one.sides) for one, motion in found], poses)

@@ -91,6 +91,7 @@ def test_fewer_coordinates_than_degrees_of_freedom(tmp_path: Path) -> None:
     few.write_text(text)
     done = pgmp("simulate", few, "--components", "-o", tmp_path / "out.h5", status=2)
     assert FREEDOM in done.stderr and "but 2 coordinates were named: first, second" in done.stderr
+    assert "Motions that go on while these rest: " in done.stderr and ", third_motor (turning), " in done.stderr
     assert "Traceback" not in done.stderr
 
 
