@@ -42,6 +42,12 @@ def _closed(table: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float]
     return table
 
 
+def _geared(joints: tuple[str, str], ratio: float | str) -> list[Share]:
+    """Return ``s_2 - ratio s_1`` of two joints that turn."""
+    first, second = joints
+    return [Share(second, "turning", "joints"), Share(first, "turning", "joints", ratio, -1.0)]
+
+
 class Gear(CouplingEntry):
     """Two joints turn in a ratio: the turning of the second is the ratio times that of the first, from the placements
     on."""
@@ -56,8 +62,7 @@ class Gear(CouplingEntry):
 
     def shares(self, motion):
         """Return ``s_2 - ratio s_1``."""
-        first, second = self.joints
-        return [Share(second, "turning", "joints"), Share(first, "turning", "joints", self.ratio, -1.0)]
+        return _geared(self.joints, self.ratio)
 
 
 class Belt(CouplingEntry):
@@ -88,10 +93,9 @@ class Belt(CouplingEntry):
 
     def shares(self, motion):
         """Return ``r_2 s_2 - r_1 s_1``, or the sum if it is crossed; with a ratio that of a gear."""
-        first, second = self.joints
         if self.radii is None:
-            return [Share(second, "turning", "joints"), Share(first, "turning", "joints", self.ratio, -1.0)]
-        of_first, of_second = self.radii
+            return _geared(self.joints, self.ratio)
+        (first, second), (of_first, of_second) = self.joints, self.radii
         turning = Share(first, "turning", "joints", of_first, 1.0 if self.crossed else -1.0)
         return [Share(second, "turning", "joints", of_second), turning]
 
