@@ -206,7 +206,7 @@ FEATURES = (
     Feature(
         "forces in joints of reduced models",
         _forces,
-        OF_THE_REDUCTION - {Purpose.CHECK} | {Purpose.DERIVATIVES},
+        OF_THE_REDUCTION - {Purpose.CHECK},
         why_not="forces in joints are no part of reduced models",
         cure="take pgmp simulate SCENE --full or --components, or leave it out",
     ),
