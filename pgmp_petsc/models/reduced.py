@@ -91,6 +91,13 @@ class ReducedModel:
             from pgmp_petsc.models.stresses import ReducedStresses  # few scenes have them
 
             self.stresses = ReducedStresses(scene, self.outputs, self.kinematics, rom)
+        self.multipliers = None
+        if self.outputs.forces:
+            from pgmp_petsc.models.joint_forces import ReducedMultipliers  # few scenes have them
+
+            self.multipliers = ReducedMultipliers(
+                scene, rom, self.kinematics, self.outputs.forces, self.effects, self.motions, self.start[0]
+            )
         self.joint_angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
         self.stiffness_changes = rom.stiffness_changes
         self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))
@@ -118,6 +125,7 @@ class ReducedModel:
         other = copy(self)
         other.scene, other.effects = scene, effects_of(scene, self.kinematics.mechanism)
         other.actions = replace(self.actions, actions=actions_of(other.effects))
+        other.multipliers = self.multipliers and self.multipliers.under(other.effects)
         return other
 
     @property
@@ -141,11 +149,12 @@ class ReducedModel:
 
     def observed(self, system: ReducedSystem, state: State, time: float = 0.0) -> np.ndarray:
         """Return what the outputs are made of at a time (s), shape (n_observed, n_samples)."""
-        return self.observed_of(state.q, system.values, state.v)
+        return self.observed_of(state.q, system.values, state.v, np.full(len(state.q), time), state.a)
 
     def observed_of(
-        self, eta: np.ndarray, values: Mapping[str, np.ndarray | float], v: np.ndarray | None = None
-    ) -> np.ndarray:
+        self, eta: np.ndarray, values: Mapping[str, np.ndarray | float], v: np.ndarray | None = None,
+        times: np.ndarray | None = None, a: np.ndarray | None = None,
+    ) -> np.ndarray:  # fmt: skip
         """Return what the outputs are made of, shape (n_observed, n), for reduced coordinates (n, n_eta).
 
         Parameter values are numbers, or of shape (n,). Outputs that read rates need those of the coordinates,
@@ -153,7 +162,11 @@ class ReducedModel:
         """
         stresses = np.empty((0, len(eta))) if self.stresses is None else self.stresses.of(eta, values)
         rates = self.reconstruction.rates(eta, v) if self.outputs.n_rates else None
-        return self.outputs.observed(self.reconstruction.frames(eta), stresses, rates)
+        frames = self.reconstruction.frames(eta)
+        if self.multipliers is not None:
+            multipliers = self.multipliers.of(times, State(eta, v, a, np.zeros(0)), values)
+            stresses = np.concatenate([stresses, self.outputs.forces_of(frames, rates, multipliers, values)])
+        return self.outputs.observed(frames, stresses, rates)
 
     def fields(self, n_frames: int | None = None) -> ReducedFields:
         """Return what makes the fields of bodies from reduced coordinates, for so many frames; for those that the scene

@@ -52,6 +52,39 @@ class _Gap:
         return (self.above.values(poses.ravel()) - self.below.values(poses.ravel())) / self.between
 
 
+class Closing:
+    """Static answers to gaps of the constraints, with theta held. Collective on the problem's communicator."""
+
+    def __init__(self, problem: ModalProblem) -> None:
+        self._problem, mechanism = problem, problem.mechanism
+        self._n_held, self._coordinates = mechanism.n_held, ConstraintJacobian(mechanism, mechanism.coordinates)
+
+    def at(self, modes: ModeSet, gaps: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return what closes gaps (n_constraints, n) at the configuration that the problem is at, in body frames, local
+        rows (n_local, n), and what it leaves of them.
+
+        Raises `RunError` if the refinement of an answer does not converge; `what` is what it is of.
+        """
+        problem = self._problem
+        poses = problem.kinematics.motion(modes.theta).poses
+        constraints = problem.constraints_at(poses)
+        moved = np.unique(constraints.indices)
+        slopes = constraints[:, moved].toarray()
+        placed = -np.linalg.lstsq(slopes, gaps, rcond=None)[0]
+        everywhere = np.zeros((problem.mechanism.n_dofs, gaps.shape[1]))
+        everywhere[moved] = placed
+        found = everywhere[problem.rows.start : problem.rows.stop]
+        found = found + problem.static_answers(modes.unstrained, -problem.times_stiffness(found), what)
+        return found - self._turning(modes, poses, found), np.abs(slopes @ placed + gaps)
+
+    def _turning(self, modes: ModeSet, poses: np.ndarray, found: np.ndarray) -> np.ndarray:
+        """Return the rigid motion in displacements (n_local, n), as the coordinates measure it."""
+        free, problem = modes.free, self._problem
+        both = problem.all_rows(np.hstack([modes.rigid[:, free], found]))
+        shown = (self._coordinates.at(poses)[self._n_held :][free] @ both) if free.size else both[:0]
+        return modes.rigid[:, free] @ np.linalg.solve(shown[:, : free.size], shown[:, free.size :])
+
+
 class BuiltIn:
     """The static answers X of a scene's offsets. Collective on the problem's communicator.
 
@@ -64,8 +97,7 @@ class BuiltIn:
     """
 
     def __init__(self, problem: ModalProblem, scene: Scene, shapes: Mapping[str, BodyShape]) -> None:
-        self._problem, mechanism = problem, problem.mechanism
-        self._n_held, self._coordinates = mechanism.n_held, ConstraintJacobian(mechanism, mechanism.coordinates)
+        self._problem, mechanism, self._closing = problem, problem.mechanism, Closing(problem)
         self._by = offset_directions(scene)
         self._gaps = [_gap(scene, shapes, mechanism, name) for name in self._by]
 
@@ -78,22 +110,13 @@ class BuiltIn:
         if not self._gaps:
             return np.zeros((len(modes.rigid), 0))
         poses = problem.kinematics.motion(modes.theta).poses
-        constraints = problem.constraints_at(poses)
-        gaps = np.zeros((constraints.shape[0], len(self._gaps)))
+        gaps = np.zeros((problem.constraints_at(poses).shape[0], len(self._gaps)))
         for column, gap in zip(gaps.T, self._gaps):
             column[gap.rows] = gap.at(poses)
-        moved = np.unique(constraints.indices)
-        slopes = constraints[:, moved].toarray()
-        placed = -np.linalg.lstsq(slopes, gaps, rcond=None)[0]
-        left = np.abs(slopes @ placed + gaps)
+        found, left = self._closing.at(modes, gaps, "stress that joints that are off build in")
         if np.max(left) > CLOSED * np.max(np.abs(gaps)):
             self._refuse(left, problem.kinematics.describe(modes.theta))
-        everywhere = np.zeros((problem.mechanism.n_dofs, gaps.shape[1]))
-        everywhere[moved] = placed
-        found = everywhere[problem.rows.start : problem.rows.stop]
-        forces = -problem.times_stiffness(found)
-        found = found + problem.static_answers(modes.unstrained, forces, "stress that joints that are off build in")
-        return found - self._turning(modes, poses, found)
+        return found
 
     def _refuse(self, left: np.ndarray, where: str) -> None:
         """Refuse gaps of the constraints for a unit of each offset, (n_constraints, n_offsets): nothing closes them."""
@@ -107,13 +130,6 @@ class BuiltIn:
             "no redundancy explains and no elasticity takes. Let bodies that they hold be flexible, or take joints "
             "that hold less"
         )
-
-    def _turning(self, modes: ModeSet, poses: np.ndarray, found: np.ndarray) -> np.ndarray:
-        """Return the rigid motion in displacements (n_local, n), as the coordinates measure it."""
-        free, problem = modes.free, self._problem
-        both = problem.all_rows(np.hstack([modes.rigid[:, free], found]))
-        shown = (self._coordinates.at(poses)[self._n_held :][free] @ both) if free.size else both[:0]
-        return modes.rigid[:, free] @ np.linalg.solve(shown[:, : free.size], shown[:, free.size :])
 
 
 def _gap(scene: Scene, shapes: Mapping[str, BodyShape], mechanism: Mechanism, name: str | None) -> _Gap:
