@@ -22,11 +22,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.closure import size_of
-from pgmp_petsc.mechanism.constraints import ConstraintJacobian
+from pgmp_petsc.mechanism.body_frames import BodyGradients
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
@@ -53,11 +54,14 @@ class _Gap:
 
 
 class Closing:
-    """Static answers to gaps of the constraints, with theta held. Collective on the problem's communicator."""
+    """Static answers to gaps of the constraints, with theta held, and what elastic joints release. Collective on the
+    problem's communicator."""
 
     def __init__(self, problem: ModalProblem) -> None:
         self._problem, mechanism = problem, problem.mechanism
-        self._n_held, self._coordinates = mechanism.n_held, ConstraintJacobian(mechanism, mechanism.coordinates)
+        still = [(c.statement, c.sides) for c in mechanism.coordinates]
+        still += [(part.statement, c.sides) for c in mechanism.connections for part in c.released]
+        self._still = BodyGradients(mechanism, still)
 
     def at(self, modes: ModeSet, gaps: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
         """Return what closes gaps (n_constraints, n) at the configuration that the problem is at, in body frames, local
@@ -78,11 +82,15 @@ class Closing:
         return found - self._turning(modes, poses, found), np.abs(slopes @ placed + gaps)
 
     def _turning(self, modes: ModeSet, poses: np.ndarray, found: np.ndarray) -> np.ndarray:
-        """Return the rigid motion in displacements (n_local, n), as the coordinates measure it."""
-        free, problem = modes.free, self._problem
-        both = problem.all_rows(np.hstack([modes.rigid[:, free], found]))
-        shown = (self._coordinates.at(poses)[self._n_held :][free] @ both) if free.size else both[:0]
-        return modes.rigid[:, free] @ np.linalg.solve(shown[:, : free.size], shown[:, free.size :])
+        """Return the rigid and released motion in displacements (n_local, n), as its statements measure it."""
+        problem, n_theta = self._problem, len(self._problem.mechanism.coordinates)
+        motion = np.hstack([modes.rigid[:, modes.free], modes.released])
+        measured = np.append(modes.free, np.arange(n_theta, self._still.n))
+        entries = self._still.values(poses), (self._still.rows, self._still.dofs)
+        slopes = sp.csr_matrix(entries, shape=(self._still.n, problem.mechanism.n_dofs))[measured]
+        shown = slopes @ problem.all_rows(np.hstack([motion, found]))
+        n = motion.shape[1]
+        return motion @ np.linalg.lstsq(shown[:, :n], shown[:, n:], rcond=None)[0]
 
 
 class BuiltIn:
