@@ -171,8 +171,8 @@ class ThirdDerivative:
 
 
 def inertia_moments(body: Body) -> dict[Monomial, sp.csr_matrix]:
-    """Return P_ij of a body that is not meshed, by weight, in the order of its unknowns: one above the other, row by row
-    of (i, j), shape (d * d * n, n)."""
+    """Return P_ij of a body that is not meshed, by weight, in the order of its unknowns: one above the other, in
+    order of (i, j), shape (d * d * n, n)."""
     found: dict[Monomial, sp.csr_matrix] = {}
     pairs, n = np.arange(body.dimension**2), body.dofs.size
     for weight, dofs, values in chain(body.moments(), _of_lumps(body)):
