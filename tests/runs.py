@@ -197,13 +197,13 @@ def history(
     """Integrate n samples; return times (n_t,) and outputs over time, each of shape (n_t, n), after every so many
     steps. What they are made of is evaluated at all times at once, where a model needs no system for it."""
     system, reduced = model.batch(values, n), model.name == ReducedModel.name
-    alone = n == 1 and isinstance(model, FullModel)
+    alone = n == 1 and isinstance(model, FullModel) and not model.outputs.forces
     times, kept = [], []
 
     def record(step: int, time: float, state: State) -> None:
         if step % every == 0:
             times.append(time)
-            kept.append(state if reduced or alone else model.observed(system, state))
+            kept.append(state if reduced or alone else model.observed(system, state, time))
 
     observer = Called(record)
     observer.every = every
@@ -213,7 +213,7 @@ def history(
         q, v = (np.concatenate([getattr(state, name) for state in kept]) for name in "qv")
         observed = model.observed_of(q, each, v)
     elif alone:
-        observed = model.observed_over(system, kept, system.frames_over(kept))
+        observed = model.observed_over(system, kept, system.frames_over(kept), times)
     else:
         observed = np.concatenate(kept, axis=1)
     outputs = model.outputs.evaluate(observed)
