@@ -42,7 +42,7 @@ from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
 from pgmp_petsc.results.estimates import limits_of
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.uses import length_names, uses_of, velocity_names
+from pgmp_petsc.scene.uses import length_names, offset_directions, uses_of, velocity_names
 from pgmp_petsc.stepping import alpha_step, edge_search
 from pgmp_petsc.stepping.generalised_alpha import count_steps
 from pgmp_petsc.stepping.second_order_system import Scheme
@@ -85,6 +85,8 @@ class Constants:
     #: weights, load_weights: monomials of the terms and of the load terms
     weights: tuple[Monomial, ...]
     load_weights: tuple[Monomial, ...]
+    given: Sequence[Monomial]  # amplitudes of the coordinates that say how far joints are off, the last ones
+    prescribed: Sequence[bool]  # of all coordinates, whether they are given
     laws: Sequence[Sequence[Quantity]]  # parameters of the laws of the local effects
     parameters: Mapping[str, float]  # nominal values, or those that were set, by name
     served: Mapping[str, Served]  # ranges that the model was built for, by name
@@ -113,9 +115,9 @@ class Constants:
 
     @property
     def free(self) -> list[str]:
-        """Names of the coordinates, rigid and flexible, whose motion is not given."""
-        rigid = [name for name, motion in zip(self.coordinate_units, self.motions) if not motion]
-        return [*rigid, *(f"mode[{k + 1}]" for k in range(self.settings["M"]))]
+        """Names of the coordinates, rigid and flexible, that are not given."""
+        names = [*self.coordinate_units, *(f"mode[{k + 1}]" for k in range(self.settings["M"]))]
+        return [name for name, given in zip(names, self.prescribed) if not given]
 
 
 def constants_of(model: ReducedModel, what: str) -> Constants:
@@ -167,6 +169,8 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         axes=_axes(model, places),
         weights=terms.weights,
         load_weights=terms.tables.load_weights,
+        given=[Monomial(() if name is None else ((name, 1),)) for name in offset_directions(scene)],
+        prescribed=terms.tables.prescribed(model.motions),
         laws=[action.parameters for action in actions],
         parameters=tunable(scene),
         served=model.served,
@@ -290,6 +294,7 @@ def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, i
     return {
         "R": len(layout.rigid),
         "M": layout.n_eta - len(layout.rigid),
+        "N_GIVEN": terms.tables.n_given,
         "D": model.kinematics.mechanism.space.dimension,
         "SECOND_ORDER": int(layout.second_order),
         "STRUCTURAL_DAMPING": int(layout.damping < layout.end),
@@ -377,9 +382,6 @@ def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:
         yield "coordinates", f"a model in C has one or two rigid coordinates, not {len(scene.coordinates)}"
     if scene.fields:
         yield f"fields.{next(iter(scene.fields))}", "a model in C has no random fields"
-    for name, joint in scene.joints.items():
-        if joint.offset is not None:
-            yield f"joints.{name}.offset", "in a model in C joints are where they should be"
     if scene.initial.equilibrium:
         yield "initial.equilibrium", "a model in C starts undeformed"
     if scene.simulation.tolerance is not None:

@@ -124,7 +124,7 @@ def _tables(constants: Constants) -> str:
         _strings("pgmp_parameter_names", names),
         _strings("pgmp_strength_names", constants.strengths),
         _strings("pgmp_output_names", constants.outputs),
-        _listed("const int pgmp_prescribed[R]", (str(int(len(motion) > 0)) for motion in constants.motions)),
+        _listed("const int pgmp_prescribed[N]", (str(int(given)) for given in constants.prescribed)),
         _listed("const double parameter_values[]", map(_number, constants.parameters.values())),
         _listed("const double parameter_lower[]", map(_number, lower)),
         _listed("const double parameter_upper[]", map(_number, upper)),
@@ -224,9 +224,10 @@ def _part(part: PartInC, term: str) -> str:
 def _weigh(constants: Constants) -> str:
     """Return the function that evaluates the monomials."""
     numbers = {name: k for k, name in enumerate(constants.parameters)}
-    lines = ["void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW]) {"]
-    lines.append("    (void)p, (void)terms, (void)loads, (void)laws;")
-    for into, monomials in (("terms", constants.weights), ("loads", constants.load_weights)):
+    lines = ["void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW], double *given) {"]
+    lines.append("    (void)p, (void)terms, (void)loads, (void)laws, (void)given;")
+    weights = {"terms": constants.weights, "loads": constants.load_weights, "given": constants.given}
+    for into, monomials in weights.items():
         lines += [f"    {into}[{k}] = {_monomial(weight, numbers)};" for k, weight in enumerate(monomials)]
     for k, law in enumerate(constants.laws):
         for i, quantity in enumerate(law):

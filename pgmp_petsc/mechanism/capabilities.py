@@ -35,12 +35,11 @@ class Purpose(Enum):
     FULL = "a full-order run"
     COMPONENTS = "a component run"
     TRADEOFF = "pgmp tradeoff"
-    DERIVATIVES = "derivatives of runs"
 
 
 #: What prepares or uses a reduced model; ``check`` foretells it.
 OF_THE_REDUCTION = frozenset({Purpose.CHECK, Purpose.SIZES, Purpose.BUILD, Purpose.REDUCED, Purpose.TRADEOFF})
-EVERYWHERE = frozenset(Purpose) - {Purpose.DERIVATIVES}
+EVERYWHERE = frozenset(Purpose)
 #: What goes over all configurations of the coordinates.
 OVER_CONFIGURATIONS = EVERYWHERE - {Purpose.CHECK, Purpose.FULL, Purpose.COMPONENTS}
 
@@ -201,13 +200,6 @@ FEATURES = (
         OF_THE_REDUCTION,
         why_not="not made for joints that are off, of which a reduced model has what is of first order",
         cure="leave one of both out, or take pgmp simulate SCENE --full",
-    ),
-    Feature(
-        "derivatives with joints that are off",
-        _off,
-        frozenset({Purpose.DERIVATIVES}),
-        why_not="derivatives of runs are of joints where they should be",
-        cure="leave it out, or compare runs with other values (--set)",
     ),
     Feature(
         "joints that are off beside elastic ones",

@@ -44,7 +44,7 @@ lambda_k is kept term by term and follows the parameters.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -175,6 +175,13 @@ class ReducedTables:
     def n_coordinates(self) -> int:
         """Number of rigid coordinates n_theta."""
         return self.mass.shape[-1] - self.n_modes
+
+    def prescribed(self, motions: Collection[int]) -> np.ndarray:
+        """Return whether a coordinate is given, shape (n_eta,): one that moves as said, or how far a joint is off."""
+        n_eta = self.mass.shape[-1]
+        found = np.arange(n_eta) >= n_eta - self.n_given
+        found[list(motions)] = True
+        return found
 
     def at(self, rows: np.ndarray) -> ReducedTables:
         """Return the tables at some of the samples of one coordinate, given by their increasing numbers."""

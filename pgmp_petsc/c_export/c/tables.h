@@ -55,7 +55,7 @@ extern const struct part action_parts[];
 extern const struct statement coordinates[R];
 extern const struct term closure[];
 extern const struct spline_piece spline_pieces[];
-void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW]);
+void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW], double *given);
 
 /* Rows of a table over the coordinates, with their weights for the value and for the derivative with each of them. */
 struct stencil { int rows[N_STENCIL]; double weights[1 + R][N_STENCIL]; };
