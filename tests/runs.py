@@ -198,7 +198,7 @@ def history(model: Model, values: Mapping[str, np.ndarray], n: int) -> tuple[np.
 
     def record(step: int, time: float, state: State) -> None:
         times.append(time)
-        rows.append(model.outputs.evaluate(model.observed(system, state)))
+        rows.append(model.outputs.evaluate(model.observed(system, state, time)))
 
     integrate(system, model.scene.simulation, observer=record)
     return np.array(times), {name: np.array([row[name] for row in rows]) for name in rows[0]}

@@ -364,16 +364,16 @@ def checked_scene(scene: Scene, what: str) -> Scene:
     """
     for entry, text in _of_scene(scene):
         raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")
-    left = {name: output for name, output in scene.outputs.items() if output.reads != "stresses"}
+    left = {name: output for name, output in scene.outputs.items() if output.of_frames()}
     return scene if len(left) == len(scene.outputs) else scene.model_copy(update={"outputs": left})
 
 
 def left_out(scene: Scene) -> str:
     """Say which outputs of a scene a model in C leaves out; empty where it has them all."""
-    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if entry.reads == "stresses"]
+    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if not entry.of_frames()]
     if not lacking:
         return ""
-    having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.reads != "stresses")
+    having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.of_frames())
     return f"note: {', '.join(lacking)} left out: a model in C has {having}; pgmp simulate has all outputs"
 
 

@@ -116,6 +116,10 @@ def _of_second_order(scene: Scene) -> Iterator[str]:
     return (f"effects.{name}" for name, effect in scene.effects.items() if effect.second_order)
 
 
+def _forces(scene: Scene) -> Iterator[str]:
+    return (f"outputs.{n} ({one.type})" for n, one in scene.outputs.items() if one.reads == "multipliers")
+
+
 def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
     return lambda scene: iter((purpose.value,))
 
@@ -186,6 +190,13 @@ FEATURES = (
         OF_THE_REDUCTION,
         why_not="models at several lengths do not part what joints release from what bends",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
+    ),
+    Feature(
+        "forces in joints of reduced models",
+        _forces,
+        OF_THE_REDUCTION - {Purpose.CHECK},
+        why_not="forces in joints are no part of reduced models",
+        cure="take pgmp simulate SCENE --full or --components, or leave it out",
     ),
     Feature(
         "joints that are off in modes, sizes of effects and the trade-off",
