@@ -182,15 +182,16 @@ class LengthLanes:
 
     def observed(self, system: ReducedSystem, state: State, time: float = 0.0) -> np.ndarray:
         """Return the outputs, shape (n_outputs, n_samples)."""
-        return self.observed_of(state.q, system.values, state.v)
+        return self.observed_of(state.q, system.values, state.v, np.full(len(state.q), time), state.a)
 
     def observed_of(
-        self, eta: np.ndarray, values: Mapping[str, np.ndarray | float], v: np.ndarray | None = None
-    ) -> np.ndarray:
+        self, eta: np.ndarray, values: Mapping[str, np.ndarray | float], v: np.ndarray | None = None,
+        times: np.ndarray | None = None, a: np.ndarray | None = None,
+    ) -> np.ndarray:  # fmt: skip
         """Return the outputs for reduced coordinates (n, n_eta) and parameters (n,), shape (n_outputs, n); see
         `ReducedModel`."""
         return self._sum(
-            lambda member: _stacked(member.outputs.evaluate(member.observed_of(eta, values, v)), len(eta)),
+            lambda member: _stacked(member.outputs.evaluate(member.observed_of(eta, values, v, times, a)), len(eta)),
             len(eta), values,
         )  # fmt: skip
 

@@ -61,6 +61,7 @@ class Closing:
         self._problem, mechanism = problem, problem.mechanism
         still = [(c.statement, c.sides) for c in mechanism.coordinates]
         still += [(part.statement, c.sides) for c in mechanism.connections for part in c.released]
+        still += [(c.combination, c.sides) for c in mechanism.couplings if c.elastic]
         self._still = BodyGradients(mechanism, still)
 
     def at(self, modes: ModeSet, gaps: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
