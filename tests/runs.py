@@ -210,8 +210,8 @@ def history(
     integrate(system, model.scene.simulation, observer=observer)
     if reduced:
         each = {name: np.tile(np.broadcast_to(value, n), len(times)) for name, value in system.values.items()}
-        q, v = (np.concatenate([getattr(state, name) for state in kept]) for name in "qv")
-        observed = model.observed_of(q, each, v)
+        q, v, a = (np.concatenate([getattr(state, name) for state in kept]) for name in "qva")
+        observed = model.observed_of(q, each, v, np.repeat(times, n), a)
     elif alone:
         observed = model.observed_over(system, kept, system.frames_over(kept), times)
     else:
