@@ -143,7 +143,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     loads = list(dict.fromkeys(terms.tables.load_effects))
     over_time = {name: effects[name].strength for name in loads}
     over_time |= {action.effect: action.amplitude for action in actions if action.amplitude is not None}
-    places, winding = model.actions.rigid, model.actions.places.winding
+    places, windings = model.actions.rigid, iter(model.actions.places.winding)
     closure, wanted = closure_of(kinematics)
     tables = _tables(model, nodes, places)
     _check_size(tables, what)
@@ -183,8 +183,8 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         closure=closure,
         closure_wanted=wanted,
         actions=[
-            action_in_c(action, edge, held, slots, list(over_time), turns)
-            for action, edge, turns in zip(actions, first_edges, winding)
+            action_in_c(number, action, edge, held, slots, list(over_time), windings)
+            for number, (action, edge) in enumerate(zip(actions, first_edges))
         ],
         action_slots=[slots[node] for node in held],
         outputs={name: output_in_c(model, name, slots) for name in scene.outputs},

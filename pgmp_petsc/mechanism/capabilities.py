@@ -17,7 +17,6 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.joints import CouplingEntry
 from pgmp_petsc.scene.uses import length_uses
 
 BYTES = 8
@@ -91,10 +90,6 @@ def _lengths(scene: Scene) -> Iterator[str]:
 
 def _elastic(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.elastic" for name, joint in scene.joints.items() if joint.elastic is not None)
-
-
-def _elastic_couplings(scene: Scene) -> Iterator[str]:
-    return (entry for entry in _elastic(scene) if isinstance(scene.joints[entry.split(".")[1]], CouplingEntry))
 
 
 def _off(scene: Scene) -> Iterator[str]:
@@ -195,13 +190,6 @@ FEATURES = (
         OF_THE_REDUCTION,
         why_not="models at several lengths do not part what joints release from what bends",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
-    ),
-    Feature(
-        "elastic couplings in reduced models",
-        _elastic_couplings,
-        OF_THE_REDUCTION - {Purpose.CHECK},
-        why_not="no part of reduced models",
-        cure="take pgmp simulate SCENE --full or --components, or leave it out: the coupling is then rigid",
     ),
     Feature(
         "forces in joints of reduced models",
