@@ -200,20 +200,6 @@ FEATURES = (
         cure="take pgmp simulate SCENE --full or --components, or leave it out: the coupling is then rigid",
     ),
     Feature(
-        "joints that are off in modes, sizes of effects and the trade-off",
-        _off,
-        frozenset({Purpose.MODES, Purpose.SIZES, Purpose.TRADEOFF}),
-        why_not="no part of modes over configurations, of sizes of effects, and of the trade-off",
-        cure="leave it out, or take pgmp simulate",
-    ),
-    Feature(
-        "joints that are off with what a reduced model has not beside them",
-        _with(_off, _beside_off),
-        OF_THE_REDUCTION,
-        why_not="not made for joints that are off, of which a reduced model has what is of first order",
-        cure="leave one of both out, or take pgmp simulate SCENE --full",
-    ),
-    Feature(
         "joints that are off beside elastic ones",
         lambda scene: (entry for entry in _off(scene) if any(_elastic(scene))),
         EVERYWHERE,
