@@ -225,8 +225,6 @@ def _built(
     """As `build_rom`, with condensed bodies."""
     with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
         mechanism = Mechanism.from_scene(scene, meshes).straight
-        if _forces_change(scene, mechanism):
-            _refuse_offsets(scene)
         kinematics = RigidKinematics(mechanism)
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         matrices, effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
@@ -299,17 +297,6 @@ def _forces_change(scene: Scene, mechanism: Mechanism) -> bool:
     """Return whether stress outputs are asked for of bodies that parameters change."""
     weights = (*mechanism.mass_weights, *mechanism.stiffness_weights)
     return bool(stressed_bodies(scene)) and any(weight.powers for weight in weights)
-
-
-def _refuse_offsets(scene: Scene) -> None:
-    """Refuse stress outputs of bodies that parameters change beside joints that are off."""
-    off = next((name for name, joint in scene.joints.items() if joint.offset is not None), None)
-    if off is not None:
-        stress = next(name for name, output in scene.outputs.items() if output.reads == "stresses")
-        raise InputError(
-            f"outputs.{stress} with joints.{off}.offset: stresses of bodies that parameters change are not made for "
-            "joints that are off; leave one of both out, or take pgmp simulate SCENE --full"
-        )
 
 
 @gathered
