@@ -17,7 +17,6 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.joints import CouplingEntry
 from pgmp_petsc.scene.uses import length_uses
 
 BYTES = 8
@@ -93,10 +92,6 @@ def _elastic(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.elastic" for name, joint in scene.joints.items() if joint.elastic is not None)
 
 
-def _elastic_couplings(scene: Scene) -> Iterator[str]:
-    return (entry for entry in _elastic(scene) if isinstance(scene.joints[entry.split(".")[1]], CouplingEntry))
-
-
 def _off(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset is not None)
 
@@ -119,6 +114,10 @@ def _beside_off(scene: Scene) -> Iterator[str]:
 
 def _of_second_order(scene: Scene) -> Iterator[str]:
     return (f"effects.{name}" for name, effect in scene.effects.items() if effect.second_order)
+
+
+def _forces(scene: Scene) -> Iterator[str]:
+    return (f"outputs.{n} ({one.type})" for n, one in scene.outputs.items() if one.reads == "multipliers")
 
 
 def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
@@ -193,11 +192,11 @@ FEATURES = (
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "elastic couplings in reduced models",
-        _elastic_couplings,
+        "forces in joints of reduced models",
+        _forces,
         OF_THE_REDUCTION - {Purpose.CHECK},
-        why_not="no part of reduced models",
-        cure="take pgmp simulate SCENE --full or --components, or leave it out: the coupling is then rigid",
+        why_not="forces in joints are no part of reduced models",
+        cure="take pgmp simulate SCENE --full or --components, or leave it out",
     ),
     Feature(
         "joints that are off beside elastic ones",

@@ -51,7 +51,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
-from pgmp_petsc.bodies.matrices import Moments, inertia_moments, turned
+from pgmp_petsc.bodies.matrices import inertia_moments
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.cell_products import SecondOrderTables, congruent
 from pgmp_petsc.reduction.interpolation import interpolant
@@ -107,29 +107,26 @@ def mode_changes(
         spins = [np.moveaxis(field.reshape(d, d, -1), -1, 0) for field in fields]
         for t, weight in enumerate(mechanism.mass_weights):
             m_changes = [masses[weight] @ change for change in changes]
-            m_spins = [_turned(bodies, weight, [spin[k] for spin in spins], shape) for k in range(r)]
+            felt = [moments[weight] @ shape[dofs] if weight in moments else None for dofs, moments in bodies]
+            m_spins = [_turned(bodies, felt, [spin[k] for spin in spins], shape) for k in range(r)]
             for k in range(r):
                 mixed = m_changes[k].T @ shape + m_spins[k].T @ shape
                 mixed[:own, own:] = -mixed[own:, :own].T
                 gyroscopic[sample, t, k] = 0.5 * (mixed - mixed.T)
             for pair, (k, j) in enumerate(zip(*pairs)):
-                both = _turned(bodies, weight, [spin[k].T @ spin[j] for spin in spins], shape)
+                both = _turned(bodies, felt, [spin[k].T @ spin[j] for spin in spins], shape)
                 crossed = changes[k].T @ m_spins[j] + m_spins[k].T @ changes[j]
                 spread[sample, t, pair] = changes[k].T @ m_changes[j] + crossed + shape.T @ both
     return ModeChanges(gyroscopic, 0.5 * (spread + np.swapaxes(spread, -1, -2)))
 
 
-def _turned(
-    bodies: list[tuple[np.ndarray, dict[Monomial, Moments]]],
-    weight: Monomial,
-    turns: list[np.ndarray],
-    vectors: np.ndarray,
-) -> np.ndarray:
-    """Return ``C^T m (W C v)`` of one mass term, shape (n_dofs, m), for a matrix W (d, d) of every body."""
+def _turned(bodies: list, felt: list[np.ndarray | None], turns: list[np.ndarray], vectors: np.ndarray) -> np.ndarray:
+    """Return ``C^T m (W C v)`` of one mass term, shape (n_dofs, m), for a matrix W (d, d) of every body and what
+    `inertia_moments` make of its vectors."""
     result = np.zeros_like(vectors)
-    for (dofs, moments), turn in zip(bodies, turns):
-        if weight in moments:
-            result[dofs] += turned(moments[weight], turn) @ vectors[dofs]
+    for (dofs, _), parts, turn in zip(bodies, felt, turns):
+        if parts is not None:
+            result[dofs] = np.tensordot(turn.ravel(), parts.reshape(turn.size, dofs.size, -1), axes=1)
     return result
 
 
