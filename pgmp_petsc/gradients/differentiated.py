@@ -15,8 +15,8 @@ off are parameters themselves, ``S_q = 1`` from the start on.
 Sensitivities at the start of a run.
 
 An undeformed start depends on no parameter, velocities on those that are some of them; first accelerations follow
-from the equations of motion, ``by_a S_a = - (by_p + by_q S_q + by_v S_v)``. Where joints are off it is the static answer
-to that, ``by_q S_q = - by_p`` of flexible coordinates without loads. In static equilibrium with free coordinates
+from the equations of motion, ``by_a S_a = - (by_p + by_q S_q + by_v S_v)``. Where joints are off it is the static
+answer to that, ``by_q S_q = - by_p`` of flexible coordinates without loads. In static equilibrium with free coordinates
 the residual at rest vanishes, ``by_q S_q = - by_p``. With held ones the angles s of their joints are given and torques
 mu hold them,
 

@@ -69,14 +69,19 @@ class Linearisation:
         self._room = _room(terms.layout, len(tables.load_weights))
 
     def at(
-        self, times: np.ndarray, states: State, scheme: Scheme | None = None, with_time: bool = False, loaded: bool = True
+        self,
+        times: np.ndarray,
+        states: State,
+        scheme: Scheme | None = None,
+        with_time: bool = False,
+        loaded: bool = True,
     ) -> Linearised:
         """Return the derivatives at times (n_t,), in states of which each array has the shape (n_t, n_eta).
 
         With a scheme they are those at the end of its steps, where the engine's iteration leaves a part of 1e-11 of the
         mechanism's size: little of the coordinates, but more of the accelerations. One more correction takes that away.
-        If asked for, the derivative with time in a given state is the last of those with the parameters; and loads and
-        local effects are left out.
+        If asked for, the derivative with time in a given state is the last of those with the parameters, and loads and
+        local effects are left out where it is not `loaded`.
         """
         n_t, n = states.q.shape
         strengths = np.array([effect.strength.with_rates(times) for effect in self._load_effects]).reshape(-1, 3, n_t)

@@ -103,15 +103,6 @@ def _with(
     return lambda scene: (f"{one} with {entry}" for one in which(scene) for entry in joints(scene))
 
 
-def _beside_off(scene: Scene) -> Iterator[str]:
-    """Yield entries that a reduced model has not beside joints that are off."""
-    for key in ("second_order", "sampling_tolerance", "tolerance", "parameter_modes"):
-        yield from _given(f"reduction.{key}", getattr(scene.reduction, key))
-    yield from _automatic(scene)
-    yield from _of_second_order(scene)
-    yield from _lengths(scene)
-
-
 def _of_second_order(scene: Scene) -> Iterator[str]:
     return (f"effects.{name}" for name, effect in scene.effects.items() if effect.second_order)
 

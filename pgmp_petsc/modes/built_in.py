@@ -117,7 +117,11 @@ class BuiltIn:
         """The constraints about no offset, with two offsets of one joint forwards or backwards, by their numbers; those
         of different joints add up."""
         joints = [
-            {joint for joint, entry in self._scene.joints.items() if entry.offset is not None and entry.offset.has(name)}
+            {
+                joint
+                for joint, entry in self._scene.joints.items()
+                if entry.offset is not None and entry.offset.has(name)
+            }
             for name in self._by
         ]
         found = {}

@@ -91,9 +91,7 @@ class CurvatureProblem:
         Offsets, which the last vectors of a basis answer.
     """
 
-    def __init__(
-        self, problem: ModalProblem, static_stretching: bool = False, built_in: BuiltIn | None = None
-    ) -> None:
+    def __init__(self, problem: ModalProblem, static_stretching: bool = False, built_in: BuiltIn | None = None) -> None:
         self._problem, self._built_in = problem, built_in
         bodies = problem.mechanism.bodies
         self._third = ThirdDerivative(bodies, problem.rows)

@@ -26,7 +26,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
+from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bodies.component import Component
@@ -493,7 +493,11 @@ class Manifold:
     """
 
     def __init__(
-        self, problem: ModalProblem, loads: Sequence[Load], static_loads: StaticLoads, static_stretching: bool = False,
+        self,
+        problem: ModalProblem,
+        loads: Sequence[Load],
+        static_loads: StaticLoads,
+        static_stretching: bool = False,
         built_in: BuiltIn | None = None,
     ) -> None:
         self._problem, self._loads, self._static_loads = problem, TurnedLoads(problem, loads), static_loads

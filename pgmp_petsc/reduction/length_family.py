@@ -6,8 +6,9 @@ the family are models built at the points l_p; their bases are expressed in that
     Psi_p R_p,    R_p(theta) = (Psi_p^T M Psi_p)^-1 Psi_p^T M Psi_nominal,
 
 so that entries of their tables are smooth in l, whatever signs, order and rotations the builds have found (Amsallem and
-Farhat 2011 join the members of a family so); the answers to joints that are off, behind these, are smooth as they are. In between, tables are polynomials of l (`sample_grid`). The kinematics of
-one run are exact: the mechanism is made anew with its lengths.
+Farhat 2011 join the members of a family so); answers to joints that are off, behind these, are smooth as they
+are. In between, tables are polynomials of l (`sample_grid`). The kinematics of one run are exact: the mechanism is made
+anew with its lengths.
 """
 
 from __future__ import annotations

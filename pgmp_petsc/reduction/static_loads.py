@@ -1,7 +1,7 @@
 """The loads whose static answers extend the basis, at any configuration and parameter values, in body frames.
 
-`InfluenceProbe` has the influences of unit loads on the stiffness of the modes (`tables`), `BuiltInStress` that of joints
-that are off.
+`InfluenceProbe` has the influences of unit loads on the stiffness of the modes (`tables`), `BuiltInStress` that of
+joints that are off.
 """
 
 from __future__ import annotations
@@ -107,7 +107,6 @@ class StaticLoads:
             weight: np.hstack([acting if weight == Monomial() else np.zeros_like(acting), inertia])
             for weight, inertia in found.items()
         }
-
 
     def _lost(self, problem: ModalProblem, modes: ModeSet) -> dict[Monomial, np.ndarray]:
         """Return `ModalProblem.lost_inertia` of the accelerations, by weight, each of shape (n_local, n_inertia)."""

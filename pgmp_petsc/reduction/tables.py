@@ -239,8 +239,8 @@ class ReducedTables:
         return np.flatnonzero(~self.stiffness[..., : self.n_modes - self.n_given].any(axis=(0, 1, 2)))
 
     def moving(self, given: np.ndarray | None = None) -> ReducedTables:
-        """Return the tables without given coordinates, whose values (n_given,) change the stiffness where they have terms
-        of second order."""
+        """Return the tables without given coordinates, whose values (n_given,) change the stiffness where they have
+        terms of second order."""
         if not self.n_given:
             return self
         own, bent = slice(-self.n_given), self.second_order

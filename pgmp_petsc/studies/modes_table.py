@@ -106,8 +106,8 @@ def reduced_vibrations(
 
 STRESSED = "the frequencies are of bodies under the stress that joints that are off build in, of first order in how far"
 UNSTRESSED = (
-    "the stress that joints that are off build in has no part in the frequencies; with geometric_stiffening in [effects], "
-    "and without springs and bodies from matrices, it has"
+    "the stress that joints that are off build in has no part in the frequencies; it has with geometric_stiffening in "
+    "[effects] and without springs"
 )
 MESH_ERROR = "errors of the mesh in the frequencies were not estimated; compare with more elements a body"
 STRUCTURE = ("ground", "materials", "bodies", "joints", "coordinates")
