@@ -254,9 +254,9 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
             gather(trail[instant, 0], samples, work.q)
             gather(trail[instant, 1], samples, work.rate)
             act(
-                equations.local, equations.local.all, equations.grid, amplitudes[instant, block], work.q, work.rate, samples, active[block],
-                spread(gain_v), with_tangent, with_tangent and gain_v != 0.0, local, places_of(memory, block),
-                acting_of(memory, block), memory.known, memory.depths,
+                equations.local, equations.local.all, equations.grid, amplitudes[instant, block], work.q, work.rate,
+                samples, active[block], spread(gain_v), with_tangent, with_tangent and gain_v != 0.0, local,
+                places_of(memory, block), acting_of(memory, block), memory.known, memory.depths,
             )  # fmt: skip
             for lane in range(LANES):
                 if active[block] & (1 << lane):
