@@ -63,7 +63,7 @@ class ReducedMultipliers:
                 )
         self._n_held, self._n_own = kinematics.mechanism.n_held, rom.tables.n_modes + rom.tables.n_coordinates
         self._rows, self._effects, self._motions = known, effects, motions
-        scheme, wider = scene.reduction.interpolation, rom if rom.gaps is None else rom.gaps.beside(rom)
+        scheme, wider = scene.reduction.interpolation, rom.with_gaps
         damping = ReducedDamping.of(effects, kinematics, wider)
         self._terms = ReducedTerms.of(
             wider.tables, wider.rigid_inertia, kinematics, wider.projection, scheme, damping, scene.gyroscopic

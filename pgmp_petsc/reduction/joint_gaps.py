@@ -17,8 +17,8 @@ vectors, loads, local effects and damping, at any parameters. Tables keep the pr
 The multiplier of a prescribed coordinate is minus its own residual, as its rigid velocity ``d rho / d theta_k`` opens
 its statement alone.
 
-Terms of second order in the deformation are not known of the ``Y_i``: forces are of first order in it, those of drives
-of the order of the model. Where constraints follow from others, ``C Y_i`` is the part of ``e_i`` that can be opened, and
+Terms of second order in the deformation are not known of the ``Y_i``: forces are of first order in it, those of
+drives of the order of the model. Where constraints follow from others, ``C Y_i`` is the part of ``e_i`` that can be opened, and
 the multipliers are the smallest that do the same.
 """
 
@@ -30,14 +30,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.modes.built_in import Closing
-from pgmp_petsc.outputs.joint_forces import ForceOutput
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.tables import ReducedTables
 
 if TYPE_CHECKING:
+    from pgmp_petsc.modes.built_in import Closing
     from pgmp_petsc.modes.problem import ModalProblem
-    from pgmp_petsc.reduction.rom import ReducedOrderModel
+    from pgmp_petsc.outputs.joint_forces import ForceOutput
     from pgmp_petsc.reduction.sampler import Sample, TurnedLoads
 
 
@@ -68,9 +67,12 @@ class JointGaps:
             self, **{name: samples.twice(axis, getattr(self, name), getattr(second, name)) for name in names}
         )
 
-    def beside(self, rom: ReducedOrderModel) -> ReducedOrderModel:
-        """Return a model whose basis has the Y behind its own vectors, with what is of first order of them."""
-        tables, g = rom.tables, self.rows.size
+    def beside(
+        self, tables: ReducedTables, projection: np.ndarray, curvature: np.ndarray | None
+    ) -> tuple[ReducedTables, np.ndarray, np.ndarray | None]:
+        """Return tables, projection and curvature of a basis that has the Y behind its own vectors, with what is of
+        first order of them."""
+        g = self.rows.size
         m, r = tables.n_modes, tables.n_coordinates
         mass, stiffness = _widened(tables.mass, g), _widened(tables.stiffness, g)
         mass[..., r + m :, : r + m] = self.mass
@@ -92,12 +94,10 @@ class JointGaps:
             mass, np.concatenate([tables.inertia, self.inertia], axis=-1), stiffness,
             np.concatenate([tables.load, self.load], axis=-1), tables.n_given + g, second, changes,
         )  # fmt: skip
-        curvature = rom.curvature
         if curvature is not None:  # pairs i >= j, those of the new vectors last
             n_pairs = (m + g) * (m + g + 1) // 2
             curvature = np.pad(curvature, ((0, 0), (0, 0), (0, n_pairs - curvature.shape[2])))
-        projection = np.concatenate([rom.projection, self.shapes], axis=2)
-        return replace(rom, tables=widened, projection=projection, curvature=curvature)
+        return widened, np.concatenate([projection, self.shapes], axis=2), curvature
 
 
 def _widened(matrices: np.ndarray, n: int) -> np.ndarray:
