@@ -191,6 +191,11 @@ def run_model(
     return system, integrate(system, model.scene.simulation, alive)
 
 
+def still(eta: np.ndarray) -> State:
+    """Return states of reduced coordinates (n, n_eta) at rest."""
+    return State(eta, np.zeros_like(eta), np.zeros_like(eta), np.zeros(0))
+
+
 def history(model: Model, values: Mapping[str, np.ndarray], n: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Integrate n samples; return times (n_t,) and outputs over time, each of shape (n_t, n)."""
     system = model.batch(values, n)
@@ -198,7 +203,7 @@ def history(model: Model, values: Mapping[str, np.ndarray], n: int) -> tuple[np.
 
     def record(step: int, time: float, state: State) -> None:
         times.append(time)
-        rows.append(model.outputs.evaluate(model.observed(system, state)))
+        rows.append(model.outputs.evaluate(model.observed(system, time, state)))
 
     integrate(system, model.scene.simulation, observer=record)
     return np.array(times), {name: np.array([row[name] for row in rows]) for name in rows[0]}

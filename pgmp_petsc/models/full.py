@@ -81,6 +81,7 @@ class FullModel:
         simulation, alone."""
         other = copy(self)
         other.scene, other._effects = scene, effects_of(scene, self.kinematics.mechanism)
+        other.outputs = self.outputs.under(scene)
         return other
 
     @property
@@ -277,15 +278,15 @@ class FullModel:
         with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
             return ~self.outputs.reached(dict(zip(self.outputs.nodes, frames)))
 
-    def observed(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
+    def observed(self, system: FullBatch | FullDistributed, time: float, state: State) -> np.ndarray:
         """Return what the outputs are made of, shape (n_observed, n_samples). Collective on the system's
         communicator."""
-        return self.observed_over(system, [state], system.frames(state))
+        return self.observed_over(system, [time], [state], system.frames(state))
 
     def observed_over(
-        self, system: FullBatch | FullDistributed, states: Sequence[State], frames: np.ndarray
+        self, system: FullBatch | FullDistributed, times: Sequence[float], states: Sequence[State], frames: np.ndarray
     ) -> np.ndarray:
-        """Return what the outputs are made of in one state, or in several ones of the only sample.
+        """Return what the outputs are made of in one state, or in several ones of the only sample, at times (s).
 
         Collective on the system's communicator.
 
@@ -298,25 +299,26 @@ class FullModel:
         -------
         ndarray, shape (n_observed, n)
         """
-        q = v = np.empty((0, frames.shape[2]))
-        if self._stresses is not None:
-            q = np.concatenate([system.unpack(state.q) for state in states], axis=1)
-        if self.outputs.n_rates:
-            v = np.concatenate([system.unpack(state.v) for state in states], axis=1)
-        return self.observed_of(q, frames, system.values, v)
+        order, wanted = self.outputs.order, self._stresses is not None
+        q, v, a = (
+            np.concatenate([system.unpack(getattr(state, part)) for state in states], axis=1) if needed else None
+            for part, needed in (("q", wanted), ("v", order > 0), ("a", order > 1))
+        )
+        return self.observed_of(np.array(times), frames, system.values, q, v, a)
 
     def observed_of(
-        self, q: np.ndarray, frames: np.ndarray, values: Mapping[str, np.ndarray | float], v: np.ndarray | None = None
-    ) -> np.ndarray:
+        self, time: np.ndarray, frames: np.ndarray, values: Mapping[str, np.ndarray | float],
+        q: np.ndarray | None, v: np.ndarray | None, a: np.ndarray | None,
+    ) -> np.ndarray:  # fmt: skip
         """Return what the outputs are made of, (n_observed, n), for the frames of all nodes (n_nodes, n_frame, n).
 
-        Stresses alone need the unknowns (n_dofs, n), and outputs that read rates theirs. Parameter values are numbers,
-        or of shape (n,).
+        Stresses alone need the unknowns (n_dofs, n), and outputs that read rates or accelerations those. Times and
+        parameter values are numbers, or of shape (n,).
         """
         stresses = np.empty((0, frames.shape[2])) if self._stresses is None else self._stresses.of(q, values)
-        nodes = list(self.outputs.nodes)
-        rates = Unknowns(self.kinematics.mechanism).frames(v)[nodes] if self.outputs.n_rates else None
-        return self.outputs.observed(frames[nodes], stresses, rates)
+        nodes, unknowns = list(self.outputs.nodes), Unknowns(self.kinematics.mechanism)
+        changes = [unknowns.frames(part)[nodes] for part in (v, a)[: self.outputs.order]]
+        return self.outputs.observed([frames[nodes], *changes], stresses, time, values)
 
     def fields(self) -> FullFields:
         """Return what makes the fields of bodies from unknowns: of those that frames are kept of."""

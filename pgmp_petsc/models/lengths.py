@@ -103,10 +103,10 @@ class SeparateLengths:
         """See `FullModel`. Collective on the system's communicator."""
         return self._models[system].left_range(system, state)
 
-    def observed(self, system: SecondOrderSystem, state: State) -> np.ndarray:
+    def observed(self, system: SecondOrderSystem, time: float, state: State) -> np.ndarray:
         """Return the outputs, shape (n_outputs, n_samples). Collective on the system's communicator."""
         own = self._models[system]
-        return _stacked(own.outputs.evaluate(own.observed(system, state)), system.n_samples)
+        return _stacked(own.outputs.evaluate(own.observed(system, time, state)), system.n_samples)
 
     def _at(self, lengths: Mapping[str, float]) -> FullModel:
         return self.model.at_lengths(self.scene.with_values(lengths))
@@ -180,19 +180,19 @@ class LengthLanes:
         """Return the share of every member at values of shape (n,), (n_members, n); their derivatives by a length."""
         return self.grid.shares(values, by)
 
-    def observed(self, system: ReducedSystem, state: State) -> np.ndarray:
+    def observed(self, system: ReducedSystem, time: float, state: State) -> np.ndarray:
         """Return the outputs, shape (n_outputs, n_samples)."""
-        return self.observed_of(state.q, system.values, state.v)
+        return self.observed_of(time, state, system.values)
 
     def observed_of(
-        self, eta: np.ndarray, values: Mapping[str, np.ndarray | float], v: np.ndarray | None = None
+        self, time: np.ndarray | float, states: State, values: Mapping[str, np.ndarray | float]
     ) -> np.ndarray:
-        """Return the outputs for reduced coordinates (n, n_eta) and parameters (n,), shape (n_outputs, n); see
+        """Return the outputs in states of reduced coordinates (n, n_eta), at parameters (n,), shape (n_outputs, n); see
         `ReducedModel`."""
+        n = len(states.q)
         return self._sum(
-            lambda member: _stacked(member.outputs.evaluate(member.observed_of(eta, values, v)), len(eta)),
-            len(eta), values,
-        )  # fmt: skip
+            lambda member: _stacked(member.outputs.evaluate(member.observed_of(time, states, values)), n), n, values
+        )
 
     def local_displacements(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
         """Return displacements and rotations of all nodes in body frames; see `ReducedModel.local_displacements`."""

@@ -301,7 +301,7 @@ def _refuse_offsets(scene: Scene) -> None:
     """Refuse stress outputs of bodies that parameters change beside joints that are off."""
     off = next((name for name, joint in scene.joints.items() if joint.offset is not None), None)
     if off is not None:
-        stress = next(name for name, output in scene.outputs.items() if output.reads == "stresses")
+        stress = next(name for name, output in scene.outputs.items() if "stresses" in output.reads)
         raise InputError(
             f"outputs.{stress} with joints.{off}.offset: stresses of bodies that parameters change are not made for "
             "joints that are off; leave one of both out, or take pgmp simulate SCENE --full"

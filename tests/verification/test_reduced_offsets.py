@@ -49,7 +49,7 @@ def begun(model: Model) -> tuple[float, dict[str, float]]:
     """Return strain energy and outputs at the start of a run."""
     system = model.batch({}, 1)
     state = system.start()
-    outputs = model.outputs.evaluate(model.observed(system, state))
+    outputs = model.outputs.evaluate(model.observed(system, 0.0, state))
     return float(system.energies(0.0, state).strain[0]), {name: float(value[0]) for name, value in outputs.items()}
 
 
@@ -159,7 +159,7 @@ def test_machines_of_the_scene_are_those_of_their_meshes() -> None:
     model, random = reduced_model(scene), np.random.default_rng(1)
     values = {name: random.normal(0.0, one.distribution.scale, 3) for name, one in scene.parameters.items()}
     system = model.batch(values, 3)
-    found = model.outputs.evaluate(model.observed(system, system.start()))
+    found = model.outputs.evaluate(model.observed(system, 0.0, system.start()))
     each = [begun(full_model(scene.with_values({n: float(v[k]) for n, v in values.items()})))[1] for k in range(3)]
     # a spring reads the torque, which is the slope of an energy between 48 angles: 3e-3; the rest is of first order
     for name, limit in (("angle", 1e-2), ("aside", 1e-4), ("moment", 1e-4)):
