@@ -142,6 +142,11 @@ FEATURES = {
     "deformation": ('outputs.x={{type="deformation",point="{last}:tip",axis="y",frame="body"}}',),
     "stress": ('outputs.x={{type="stress",body="{last}",quantity="{quantity}"}}',
         'outputs.y={{type="stress",body="{last}",quantity="{quantity}",at={inside}}}',),
+    "force in a joint": ('outputs.x={{type="joint_force",joint="{drive}",component="y"}}',),
+    "torque of a drive": (
+        'effects.x={{type="prescribed_motion",coordinate="{theta}",spin_up={{speed=2.0,time=0.5}}}}',
+        'outputs.x={{type="drive_torque",joint="{drive}"}}', 'outputs.y={{type="power",joint="{drive}"}}',
+    ),  # fmt: skip
     "rigid first body": ("bodies.{first}.flexible=false",),
     "mass properties": (
         'bodies.{first}={{rigid={{mass="kilos",centre={centre},inertia={moments},points={{hinge={start},tip={end}}}}}}}',

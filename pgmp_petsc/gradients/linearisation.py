@@ -65,7 +65,7 @@ class Linearisation:
         by_name = {effect.name: effect for effect in model.effects}
         self._load_effects = [by_name[name] for name in tables.load_effects]
         self._local = LocalDerivatives(model, values, names)
-        self._prescribed = np.array([k in model.motions for k in terms.layout.rigid])
+        self._prescribed = tables.prescribed(model.motions)
         self._room = _room(terms.layout, len(tables.load_weights))
 
     def at(self, times: np.ndarray, states: State, scheme: Scheme | None = None, with_time: bool = False) -> Linearised:
@@ -178,7 +178,7 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
         Of terms, (n_sets, n_terms), and of load terms with their amplitudes, (n_t, n_sets, n_load_terms): of the
         sample, and their derivatives with the parameters.
     prescribed
-        Whether a coordinate's motion is given, shape (n_theta,).
+        Whether a coordinate is given, shape (n_eta,).
     gains
         ``(gain_v, gain_a)`` of the step that ends here, zero where the states are to be taken as they are.
     located
@@ -252,7 +252,7 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
                     if local:
                         for j in range(n):
                             room.matrix[i, j, lane] += all_by_q[at[lane], i, j] + gains[0] * all_by_v[at[lane], i, j]
-            for k in range(r):
+            for k in range(n):
                 if prescribed[k]:
                     for j in range(n):
                         matrix[k, j] = spread(1.0 if j == k else 0.0)
@@ -300,7 +300,7 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
 
 @njit(error_model="numpy", counted=False)
 def hold(prescribed, matrix, right):
-    """Make the first rows of a system those of the identity where a coordinate is prescribed, shape (n_theta,)."""
+    """Make the rows of a system those of the identity where a coordinate is prescribed, shape (n,)."""
     for k in range(prescribed.size):
         if prescribed[k]:
             matrix[k, :] = 0.0

@@ -278,13 +278,13 @@ class FullModel:
         with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
             return ~self.outputs.reached(dict(zip(self.outputs.nodes, frames)))
 
-    def observed(self, system: FullBatch | FullDistributed, time: float, state: State) -> np.ndarray:
-        """Return what the outputs are made of, shape (n_observed, n_samples). Collective on the system's
+    def observed(self, system: FullBatch | FullDistributed, state: State, time: float = 0.0) -> np.ndarray:
+        """Return what the outputs are made of at a time (s), shape (n_observed, n_samples). Collective on the system's
         communicator."""
-        return self.observed_over(system, [time], [state], system.frames(state))
+        return self.observed_over(system, [state], system.frames(state), [time])
 
     def observed_over(
-        self, system: FullBatch | FullDistributed, times: Sequence[float], states: Sequence[State], frames: np.ndarray
+        self, system: FullBatch | FullDistributed, states: Sequence[State], frames: np.ndarray, times: Sequence[float]
     ) -> np.ndarray:
         """Return what the outputs are made of in one state, or in several ones of the only sample, at times (s).
 
@@ -304,21 +304,27 @@ class FullModel:
             np.concatenate([system.unpack(getattr(state, part)) for state in states], axis=1) if needed else None
             for part, needed in (("q", wanted), ("v", order > 0), ("a", order > 1))
         )
-        return self.observed_of(np.array(times), frames, system.values, q, v, a)
+        multipliers = None
+        if self.outputs.forces:
+            multipliers = np.concatenate([system.joint_multipliers(*one) for one in zip(times, states)], axis=1)
+        return self.observed_of(np.array(times), frames, system.values, q, v, a, multipliers)
 
     def observed_of(
         self, time: np.ndarray, frames: np.ndarray, values: Mapping[str, np.ndarray | float],
-        q: np.ndarray | None, v: np.ndarray | None, a: np.ndarray | None,
+        q: np.ndarray | None, v: np.ndarray | None, a: np.ndarray | None, multipliers: np.ndarray | None = None,
     ) -> np.ndarray:  # fmt: skip
         """Return what the outputs are made of, (n_observed, n), for the frames of all nodes (n_nodes, n_frame, n).
 
-        Stresses alone need the unknowns (n_dofs, n), and outputs that read rates or accelerations those. Times and
-        parameter values are numbers, or of shape (n,).
+        Stresses alone need the unknowns (n_dofs, n), outputs that read rates or accelerations those, and forces in
+        joints their multipliers (`FullSystem.joint_multipliers`). Times and parameter values are numbers, or of shape
+        (n,).
         """
         stresses = np.empty((0, frames.shape[2])) if self._stresses is None else self._stresses.of(q, values)
         nodes, unknowns = list(self.outputs.nodes), Unknowns(self.kinematics.mechanism)
-        changes = [unknowns.frames(part)[nodes] for part in (v, a)[: self.outputs.order]]
-        return self.outputs.observed([frames[nodes], *changes], stresses, time, values)
+        moving = [frames[nodes], *(unknowns.frames(part)[nodes] for part in (v, a)[: self.outputs.order])]
+        if self.outputs.forces:
+            stresses = np.concatenate([stresses, self.outputs.forces_of(moving, multipliers, values)])
+        return self.outputs.observed(moving, stresses, time, values)
 
     def fields(self) -> FullFields:
         """Return what makes the fields of bodies from unknowns: of those that frames are kept of."""

@@ -140,8 +140,8 @@ class ReducedModel:
         """Return the share of every member, shape (n_members,), or its derivative by a parameter."""
         return np.zeros(1) if by else np.ones(1)
 
-    def observed(self, system: ReducedSystem, time: float, state: State) -> np.ndarray:
-        """Return what the outputs are made of, shape (n_observed, n_samples)."""
+    def observed(self, system: ReducedSystem, state: State, time: float = 0.0) -> np.ndarray:
+        """Return what the outputs are made of at a time (s), shape (n_observed, n_samples)."""
         return self.observed_of(time, state, system.values)
 
     def observed_of(

@@ -1,9 +1,10 @@
 """Outputs: what a user sees of a motion.
 
-All outputs but stresses are read of the frames of some nodes and of their rates and accelerations, whichever model
-moved them, of the time and of parameters (`readings`). Stresses depend on what else a model knows of a body, and on
-parameters; each model evaluates them in its own way (`models.stresses`). What a model observes has all this in rows, as
-far as outputs read it: frames, rates, accelerations, stresses, the time, parameters.
+All outputs but stresses and forces in joints are read of the frames of some nodes and of their rates and accelerations,
+whichever model moved them, of the time and of parameters (`readings`). Stresses depend on what else a model knows of a
+body, and on parameters; each model evaluates them in its own way (`models.stresses`). So do forces in joints, which
+depend on the model's multipliers (`joint_forces`). What a model observes has all this in rows, as far as outputs read
+it: frames, rates, accelerations, stresses, forces, the time, parameters.
 """
 
 from __future__ import annotations
@@ -23,14 +24,15 @@ from pgmp_petsc.outputs.readings import (
     AnyReading,
     Base,
     Frames,
+    ModelReading,
     Needs,
     RigidReference,
     Seen,
-    StressReading,
 )
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
+    from pgmp_petsc.outputs.joint_forces import ForceOutput
     from pgmp_petsc.outputs.stress import StressOutput
 
 
@@ -44,6 +46,7 @@ class OutputSet:
     n_pose: int  # how many of them have rates: 3 in the plane, in space 12
     functions: dict[str, AnyReading]  # what every output reads
     stresses: tuple[StressOutput, ...] = ()  # stress outputs, in the order in which models observe them
+    forces: tuple[ForceOutput, ...] = ()  # outputs of multipliers, which follow them in this order
     #: from frames to where the coordinates are within their ranges, shape (n,); None where all outputs are known
     #: everywhere: none is a deformation, or every coordinate is periodic
     reached: Callable[[Frames], np.ndarray] | None = None
@@ -68,7 +71,7 @@ class OutputSet:
         frames
             Of `nodes`, shape (n_nodes, n_frame, n), and their derivatives up to `order`, each (n_nodes, n_pose, n).
         stresses
-            Shape (n_stresses, n).
+            With forces behind them, shape (n_stresses + n_forces, n).
         time, values
             Times, s, and values of parameters, numbers or of shape (n,).
         """
@@ -94,6 +97,14 @@ class OutputSet:
             seen = replace(seen, poses=poses(seen.frames[0]))
         return {name: reading.jet(seen, 0)[0] for name, reading in self.functions.items()}
 
+    def forces_of(
+        self, frames: Sequence[np.ndarray], multipliers: np.ndarray, values: Mapping[str, np.ndarray | float]
+    ) -> np.ndarray:
+        """Return the forces (n_forces, n) for frames of `nodes` with their derivatives, as of `observed`, multipliers of
+        joints and prescribed coordinates (n_held + n_driven, n), and parameter values, numbers or of shape (n,)."""
+        by_node, moving, *_ = *(dict(zip(self.nodes, part)) for part in frames), {}
+        return np.array([force.value(by_node, moving, multipliers, values) for force in self.forces])
+
     def left_range(self, observed: np.ndarray) -> np.ndarray:
         """Return where a coordinate is outside the range that a deformation is known in, shape (n,), for what a model
         observes, shape (n_observed, n)."""
@@ -108,12 +119,12 @@ class OutputSet:
     def _seen(self, observed: np.ndarray) -> Seen:
         n, n_nodes = observed.shape[1], len(self.nodes)
         sizes = [self.n_frame, *(self.n_pose for _ in range(self.order))]
-        ends = np.cumsum([*(n_nodes * size for size in sizes), len(self.stresses), self.reads_time])
+        ends = np.cumsum([*(n_nodes * size for size in sizes), len(self.stresses) + len(self.forces), self.reads_time])
         *moving, stresses, time, values = np.split(observed, ends)
         return Seen(
             tuple(dict(zip(self.nodes, part.reshape(n_nodes, size, n))) for part, size in zip(moving, sizes)),
             self.rigid,
-            stresses={stress.name: row for stress, row in zip(self.stresses, stresses)},
+            of_model={one.name: row for one, row in zip((*self.stresses, *self.forces), stresses)},
             time=time[0] if self.reads_time else None,
             values=dict(zip(self.parameters, values)),
             bases=self.bases,
@@ -134,11 +145,15 @@ class OutputSet:
         if start is None:
             start = np.array([scene.initial_state(c.name).position for c in kinematics.mechanism.coordinates])
         functions, stresses, needs, order = {}, [], Needs(), 0
+        forces = _forces(scene, kinematics, start)
         for name, entry in scene.outputs.items():
             if "stresses" in entry.reads:
                 stresses.append(_stress(name, scene, kinematics))
                 nodes = _nodes_of_beams(kinematics.mechanism.bodies[stresses[-1].body])
-                functions[name] = StressReading(name, frozenset(nodes))
+                functions[name] = ModelReading(name, Needs(frozenset(nodes), stresses=frozenset([name])))
+            elif "multipliers" in entry.reads:
+                force = next(one for one in forces if one.name == name)
+                functions[name] = ModelReading(name, Needs(frozenset(force.nodes)), int(force.reads_rates))
             else:
                 functions[name] = entry.reading(f"outputs.{name}", start, kinematics)
             needs |= functions[name].needs
@@ -153,7 +168,7 @@ class OutputSet:
         of_bases = {name for base in bases for name, _ in base.factor.monomial.powers}
         units = {name: scene.system.unit(entry.unit_in(scene)) for name, entry in scene.outputs.items()}
         return cls(
-            tuple(sorted(needs.nodes)), units, n_frame, mechanism.space.n_pose, functions, tuple(stresses), reached,
+            tuple(sorted(needs.nodes)), units, n_frame, mechanism.space.n_pose, functions, tuple(stresses), forces, reached,
             rigid, order, needs.time, tuple(sorted(needs.parameters | of_bases)), bases,
         )  # fmt: skip
 
@@ -172,6 +187,14 @@ def _stress(name: str, scene: Scene, kinematics: RigidKinematics) -> StressOutpu
     bodies = kinematics.mechanism.bodies
     number = next(k for k, body in enumerate(bodies) if body.name == scene.outputs[name].body)
     return StressOutput.of(name, scene, number, bodies[number])
+
+
+def _forces(scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> tuple[ForceOutput, ...]:
+    if not any("multipliers" in entry.reads for entry in scene.outputs.values()):
+        return ()
+    from pgmp_petsc.outputs.joint_forces import force_outputs  # few scenes have them
+
+    return force_outputs(scene, kinematics, start)
 
 
 def _nodes_of_beams(body: Body) -> set[int]:

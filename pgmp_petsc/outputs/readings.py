@@ -45,7 +45,7 @@ class Seen:
     frames: tuple[Frames, ...]  # of nodes, and as far as outputs read them their rates and accelerations (n_pose, n)
     rigid: RigidReference | None = None  # the rigid mechanism that deformations are taken from
     poses: np.ndarray | None = None  # its poses, shape (n_bodies, n_pose, n)
-    stresses: Mapping[str, np.ndarray] = field(default_factory=dict)  # by the output's name, each (n,)
+    of_model: Mapping[str, np.ndarray] = field(default_factory=dict)  # stresses and forces by the output's name, (n,)
     time: np.ndarray | None = None  # s, shape (n,)
     values: Mapping[str, np.ndarray] = field(default_factory=dict)  # of parameters, each (n,)
     bases: Sequence[Base] = ()  # motions of the base
@@ -259,29 +259,25 @@ class Absolute:
 
 
 @dataclass(frozen=True, eq=False)
-class StressReading:
-    """A stress, which models observe."""
+class ModelReading:
+    """A stress or a force in a joint, which models observe by themselves."""
 
     name: str  # of the output
-    nodes: frozenset[int]  # whose frames say the body's strains
-
-    @property
-    def needs(self) -> Needs:
-        """Its nodes."""
-        return Needs(self.nodes, stresses=frozenset([self.name]))
+    needs: Needs
+    order: int = 0  # derivative of frames that it takes
 
     def depth(self, order: int) -> int:
-        """Return 0: no frames are read."""
+        """Return its own: models do not know how fast it changes."""
         if order:
             raise InputError(
-                "its rate is asked for, and models know stresses, not how fast they change; take the rate of a "
-                "deformation or of a position"
+                f"the rate of {self.name} is asked for, and models know stresses and forces, not how fast they change; "
+                "take the rate of a deformation or of a position"
             )
-        return 0
+        return self.order
 
     def jet(self, seen: Seen, order: int) -> Jet:
-        """Return the stress."""
-        return [seen.stresses[self.name]]
+        """Return its value."""
+        return [seen.of_model[self.name]]
 
 
 class RigidReference:

@@ -239,8 +239,7 @@ class ReducedSystem(SecondOrderSystem):
         names = [effect.name for effect in self._load_effects]
         self._actions = actions or ReducedActions.none(len(layout.rigid))
         self.built_in = given if tables.n_given else None
-        self._prescribed = np.arange(self.n_eta) >= self.n_moving
-        self._prescribed[list(motions)] = True
+        self._prescribed = tables.prescribed(motions)
         self._is_rigid = np.arange(self.n_eta) < tables.n_coordinates
         self._lanes = ReducedLanes(terms, self._actions, names, values, self._prescribed, n_samples)
         self._equations, self._memory = self._lanes.equations, self._lanes.memory

@@ -44,14 +44,14 @@ lambda_k is kept term by term and follows the parameters.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
-from pgmp_petsc.bodies.matrices import Moments, inertia_moments, turned
+from pgmp_petsc.bodies.matrices import inertia_moments
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.cell_products import SecondOrderTables, congruent
 from pgmp_petsc.reduction.interpolation import interpolant
@@ -103,28 +103,25 @@ def mode_changes(
         spins = [np.moveaxis(own.reshape(d, d, -1), -1, 0) for own in fields]
         for t, weight in enumerate(mechanism.mass_weights):
             m_changes = [masses[weight] @ change for change in changes]
-            m_spins = [_turned(bodies, weight, [own[k] for own in spins], shape) for k in range(r)]
+            felt = [moments[weight] @ shape[dofs] if weight in moments else None for dofs, moments in bodies]
+            m_spins = [_turned(bodies, felt, [own[k] for own in spins], shape) for k in range(r)]
             for k in range(r):
                 mixed = m_changes[k].T @ shape + m_spins[k].T @ shape
                 gyroscopic[sample, t, k] = 0.5 * (mixed - mixed.T)
             for pair, (k, j) in enumerate(zip(*pairs)):
-                both = _turned(bodies, weight, [own[k].T @ own[j] for own in spins], shape)
+                both = _turned(bodies, felt, [own[k].T @ own[j] for own in spins], shape)
                 crossed = changes[k].T @ m_spins[j] + m_spins[k].T @ changes[j]
                 spread[sample, t, pair] = changes[k].T @ m_changes[j] + crossed + shape.T @ both
     return ModeChanges(gyroscopic, 0.5 * (spread + np.swapaxes(spread, -1, -2)))
 
 
-def _turned(
-    bodies: list[tuple[np.ndarray, dict[Monomial, Moments]]],
-    weight: Monomial,
-    turns: list[np.ndarray],
-    vectors: np.ndarray,
-) -> np.ndarray:
-    """Return ``C^T m (W C v)`` of one mass term, shape (n_dofs, m), for a matrix W (d, d) of every body."""
+def _turned(bodies: list, felt: list[np.ndarray | None], turns: list[np.ndarray], vectors: np.ndarray) -> np.ndarray:
+    """Return ``C^T m (W C v)`` of one mass term, shape (n_dofs, m), for a matrix W (d, d) of every body and what
+    `inertia_moments` make of its vectors."""
     result = np.zeros_like(vectors)
-    for (dofs, moments), turn in zip(bodies, turns):
-        if weight in moments:
-            result[dofs] += turned(moments[weight], turn) @ vectors[dofs]
+    for (dofs, _), parts, turn in zip(bodies, felt, turns):
+        if parts is not None:
+            result[dofs] = np.tensordot(turn.ravel(), parts.reshape(turn.size, dofs.size, -1), axes=1)
     return result
 
 
@@ -175,6 +172,13 @@ class ReducedTables:
     def n_coordinates(self) -> int:
         """Number of rigid coordinates n_theta."""
         return self.mass.shape[-1] - self.n_modes
+
+    def prescribed(self, motions: Collection[int]) -> np.ndarray:
+        """Return whether a coordinate is given, shape (n_eta,): one that moves as said, or how far a joint is off."""
+        n_eta = self.mass.shape[-1]
+        found = np.arange(n_eta) >= n_eta - self.n_given
+        found[list(motions)] = True
+        return found
 
     def at(self, rows: np.ndarray) -> ReducedTables:
         """Return the tables at some of the samples of one coordinate, given by their increasing numbers."""

@@ -29,7 +29,7 @@ STRESSES = {
     },
 }
 #: What outputs may read.
-READS = ("frames", "time", "parameters", "stresses")
+READS = ("frames", "time", "parameters", "stresses", "multipliers")
 #: Quantities of beams that need the shape of the section.
 OF_FIBRES = ("stress_max", "stress_min")
 
@@ -38,7 +38,8 @@ class OutputEntry(Table):
     """A table ``[outputs.NAME]``. An output is a subclass with ``type: Literal["..."]``, its entries, and `reads`."""
 
     #: What it reads of a motion, of `READS`: ``frames`` of nodes with their rates and accelerations, the ``time`` and
-    #: values of ``parameters``, of which it is what `reading` returns; or ``stresses``, which models observe.
+    #: values of ``parameters``, of which it is what `reading` returns; or ``stresses`` or
+    #: ``multipliers`` of constraints, which models observe.
     reads: ClassVar[tuple[str, ...]]
     #: Motions of which the joint that it is of leaves one free: ``turning``, ``sliding``.
     joints: ClassVar[tuple[str, ...]] = ()
@@ -53,14 +54,19 @@ class OutputEntry(Table):
         cls.reads = (reads,) if isinstance(reads, str) else tuple(reads)
         if not cls.reads or not set(cls.reads) <= set(READS):
             raise refuse(cls, f'an output says what it reads: reads = ("frames",), of {", ".join(READS)}')
-        of_frames = "stresses" not in cls.reads
+        of_frames = cls.of_frames()
         if (cls.reading is not OutputEntry.reading) != of_frames:
             words = "an output has the method reading(self, name, start, kinematics), unless it reads stresses"
             raise refuse(cls, words)
-        if bool(cls.unit) != of_frames:
+        if of_frames and not cls.unit:
             raise refuse(cls, 'an output of frames says its unit: unit = "m"')
-        if bool(cls.joints) != ("joint" in cls.model_fields):
+        if of_frames and bool(cls.joints) != ("joint" in cls.model_fields):
             raise refuse(cls, 'an output with the entry joint says what of it is free: joints = ("turning",)')
+
+    @classmethod
+    def of_frames(cls) -> bool:
+        """Whether frames and their rates are all that it reads."""
+        return {"stresses", "multipliers"}.isdisjoint(cls.reads)
 
     def unit_in(self, scene: AnyScene) -> str:
         """Return its unit, where that is not the same for all."""

@@ -73,7 +73,7 @@ def test_the_bounds_of_quantiles_hold_for_what_the_failed_samples_would_have_bee
     system = full.batch(values, failed.size)
     run = integrate(system, scene.simulation)
     np.testing.assert_array_equal(run.status, Status.FINE)
-    for name, found in full.outputs.evaluate(full.observed(system, 0.0, run.state)).items():
+    for name, found in full.outputs.evaluate(full.observed(system, run.state)).items():
         whole = ensemble.outputs[name].copy()
         whole[failed] = found
         statistics = ensemble.statistics[name]
@@ -96,7 +96,7 @@ def test_smaller_steps_save_some_and_change_no_other(command: tuple, rom: Path) 
     plain = integrate(system, scene.simulation)
     np.testing.assert_array_equal(plain.status != Status.FINE, ensemble.steps_divided > 1)
     untouched = plain.status == Status.FINE
-    for name, values in model.outputs.evaluate(model.observed(system, 0.0, plain.state)[..., untouched]).items():
+    for name, values in model.outputs.evaluate(model.observed(system, plain.state)[..., untouched]).items():
         np.testing.assert_array_equal(batch.outputs[name][untouched], values, err_msg=name)
         # A process that compiles runs other machine code than one that loads what was compiled: their last bits differ,
         # which the steps amplify.

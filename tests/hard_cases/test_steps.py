@@ -33,7 +33,7 @@ def gaps_and_end(name: str, *overrides: str) -> tuple[np.ndarray, dict[str, floa
             gaps.append(np.abs(constraints.residual(frames.reshape(-1, 1))).max())
 
     run = integrate(system, model.scene.simulation, observer=record)
-    end = model.outputs.evaluate(model.observed(system, 0.0, run.state))
+    end = model.outputs.evaluate(model.observed(system, run.state))
     return np.array(gaps), {output: float(value[0]) for output, value in end.items()}, run
 
 

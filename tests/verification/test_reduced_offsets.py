@@ -5,10 +5,12 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import exported
 import numpy as np
 import pytest
 from conftest import ROOT
 from crooked_scenes import FOUR_BAR, spatial_four_bar
+from differences import compare
 from machine_scenes import MODELS
 from mpi4py import MPI
 from offset_scenes import CLAMPED, LENGTH, clamped_beam, clamped_stiffness, offset
@@ -19,7 +21,10 @@ from solid_scenes import solid_meshes, solid_slider_crank
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.c_export.constants import constants_of
-from pgmp_petsc.design.sensitivities import sensitivities
+from pgmp_petsc.c_export.description import OUTPUTS
+from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
+from pgmp_petsc.design.fitting import fit
+from pgmp_petsc.design.measured_history import MeasuredHistory
 from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import FullModel, Model, ReducedModel
@@ -49,7 +54,7 @@ def begun(model: Model) -> tuple[float, dict[str, float]]:
     """Return strain energy and outputs at the start of a run."""
     system = model.batch({}, 1)
     state = system.start()
-    outputs = model.outputs.evaluate(model.observed(system, 0.0, state))
+    outputs = model.outputs.evaluate(model.observed(system, state))
     return float(system.energies(0.0, state).strain[0]), {name: float(value[0]) for name, value in outputs.items()}
 
 
@@ -159,7 +164,7 @@ def test_machines_of_the_scene_are_those_of_their_meshes() -> None:
     model, random = reduced_model(scene), np.random.default_rng(1)
     values = {name: random.normal(0.0, one.distribution.scale, 3) for name, one in scene.parameters.items()}
     system = model.batch(values, 3)
-    found = model.outputs.evaluate(model.observed(system, 0.0, system.start()))
+    found = model.outputs.evaluate(model.observed(system, system.start()))
     each = [begun(full_model(scene.with_values({n: float(v[k]) for n, v in values.items()})))[1] for k in range(3)]
     # a spring reads the torque, which is the slope of an energy between 48 angles: 3e-3; the rest is of first order
     for name, limit in (("angle", 1e-2), ("aside", 1e-4), ("moment", 1e-4)):
@@ -249,12 +254,67 @@ def test_stresses_of_bodies_that_parameters_change_are_refused() -> None:
         built_rom(clamped_beam(*given))
 
 
-def test_derivatives_and_models_in_c_are_refused() -> None:
-    model = reduced_model(spatial_four_bar(*DRAWN))
-    with pytest.raises(InputError, match=r"^joints\.C\.offset: derivatives of runs are of joints where they should be"):
-        sensitivities(model, [], MPI.COMM_SELF)
-    with pytest.raises(InputError, match=r"^joints\.C\.offset: in a model in C joints are where they should be"):
-        constants_of(model, "it")
+CROOKED = (
+    "parameters.tilt={nominal=0.02,unit='rad'}", "parameters.bore={nominal=1e-3,unit='m'}",
+    "joints.C.offset={turn=['tilt',0.0,0.0],place=[0.0,0.0,5e-4]}", "joints.D.offset={place=[0.0,0.0,'bore']}",
+)  # fmt: skip
+PULLED = (
+    "effects.pull={type='spring_damper',points=['ground:high','coupler:tip'],stiffness=2e5,rest=0.5}",
+    "ground.points.high=[0.22647580015448898,0.159427400463467,0.5]", "initial.equilibrium=true",
+)  # fmt: skip
+RUNS = {
+    "as they are built": (),
+    "held at first": PULLED,
+    "settled": (
+        *PULLED, "initial.coordinates='free'", "effects.hold={type='spring_damper',joint='A',stiffness=5.0}",
+    ),
+    "over a stop": (
+        "effects.stop={type='end_stop',joint='A',lower=-0.3,upper=0.004,stiffness=1e3,damping=0.1}",
+        "effects.motor.table=[[0.0,40.0],[0.01,40.0]]",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("run", list(RUNS))
+def test_derivatives_are_central_differences(run: str) -> None:
+    # equilibria are found to their own rounding, which larger changes stand out from
+    compare(reduced_model(spatial_four_bar(*CROOKED, *RUNS[run])), (1e-2, 1e-3))
+
+
+def test_an_offset_is_recovered_from_a_full_order_history() -> None:
+    scene = spatial_four_bar(*CROOKED, "parameters.bore.bounds=[-2e-3,2e-3]")
+    run = simulate(full_model(scene.with_values({"bore": -5e-4})), MPI.COMM_SELF)
+    # of the angle the reduced model has what is of first order in the offsets, which is nothing
+    history = MeasuredHistory(run.time, {"aside": run.outputs["aside"]})
+    (found,) = fit(reduced_model(scene), history, ["bore"], {}, MPI.COMM_SELF).parameters
+    assert found.estimate == pytest.approx(-5e-4, rel=1e-3)
+
+
+def test_models_in_c_and_units(tmp_path: Path) -> None:
+    """Other offsets too, which are constants of a state, and no states of model exchange."""
+    model, other = reduced_model(spatial_four_bar(*CROOKED, *RUNS["over a stop"])), {"tilt": -0.01, "bore": 2e-4}
+    changed = ReducedModel(model.scene.with_values(other), model.rom)
+    exported.assert_same_in_c(model, tmp_path)
+    wanted = exported.motion(changed).outputs
+    exported.assert_equal(exported.outputs_of(tmp_path / "run", "tilt=-0.01", "bore=2e-4"), wanted)
+    constants = constants_of(model, "it")
+    assert constants.free == ["theta", "mode[1]", "mode[2]", "mode[3]", "mode[4]"]
+    for version in VERSIONS:
+        write_fmu(constants, tmp_path / "it.fmu", version)
+        unit = exported.Unit(tmp_path / "it.fmu", tmp_path / str(version))
+        assert unit.instantiate()
+        for number, name in enumerate(model.scene.parameters):
+            assert unit.set("Real", number, other[name]) == 0
+        assert unit.begin() == 0
+        for number in range(len(wanted["aside"]) - 1):
+            assert unit.step(number * 2.5e-4, 2.5e-4) == 0
+        for number, (name, values) in enumerate(wanted.items()):
+            found = {name: unit.get("Real", OUTPUTS + number)}
+            exported.assert_equal(found, {name: values[-1:]})
+        exchanged = exported.Unit(tmp_path / "it.fmu", tmp_path / f"exchanged {version}")
+        assert exchanged.instantiate(exchange=True)
+        assert exchanged.begin() == 0
+        assert exchanged.states(10).shape == (10,)
 
 
 RIGID = overridden(

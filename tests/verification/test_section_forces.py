@@ -74,7 +74,7 @@ def test_forces_follow_the_mesh_at_other_lengths_too() -> None:
     found, worse, reference = motion(model), motion(bare), motion(full_model(model.scene))
     lanes = of_samples(model, ["rod_length"])
     batch = lanes.batch({name: np.full(2, value) for name, value in model.scene.values.items()}, 2)
-    ended = lanes.outputs.evaluate(lanes.observed(batch, 0.0, integrate(batch, model.scene.simulation).state))
+    ended = lanes.outputs.evaluate(lanes.observed(batch, integrate(batch, model.scene.simulation).state))
     for name, exact in reference.outputs.items():
         largest = np.max(np.abs(exact))
         assert np.max(np.abs(found.outputs[name] - exact)) < TARGET * largest, name

@@ -317,7 +317,7 @@ def test_reduced_and_full_deformation_agree_in_space(coordinates: str) -> None:
     found = []
     for model in (full_model(scene, meshes), ReducedModel(scene, rom)):
         with closing(model.batch({}, 1)) as system:
-            outputs = model.outputs.evaluate(model.observed(system, 0.0, system.start()))
+            outputs = model.outputs.evaluate(model.observed(system, system.start()))
             found.append((outputs["height"][0], outputs["sag"][0], system.settled.theta[0, 0]))
     full, reduced = found
     assert full[1] != 0.0

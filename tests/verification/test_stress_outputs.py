@@ -327,14 +327,14 @@ def test_samples_have_the_stresses_of_their_own_modulus(name: str, tmp_path) -> 
     model = MODELS[name](held("solid2d", *outputs, "ensemble.checked_share=0.0"), {"bar": bar("quad8")})
     values = {"E1": np.array([200e9, 210e9, 220e9])}
     system = model.batch(values, 3)
-    observed = model.outputs.evaluate(model.observed(system, 0.0, system.start()))
+    observed = model.outputs.evaluate(model.observed(system, system.start()))
     for output in ("all", "there"):
         # linear but for the second order of the deflection
         np.testing.assert_allclose(observed[output], observed[output][1], rtol=1e-3)
     state = system.start()
     still = model.batch({"E1": np.full(3, 210e9)}, 3).start()
     state.q[...] = still.q
-    bent = model.outputs.evaluate(model.observed(system, 0.0, state))
+    bent = model.outputs.evaluate(model.observed(system, state))
     for output in ("all", "there"):
         np.testing.assert_allclose(bent[output] / bent[output][1], values["E1"] / 210e9, rtol=1e-9)
 

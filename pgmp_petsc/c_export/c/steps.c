@@ -28,7 +28,7 @@ void pgmp_initialise(struct pgmp_model *m) {
 
 void pgmp_weigh(struct pgmp_model *m) {
     double of_terms[N_TERMS], of_loads[AT_LEAST_ONE(N_LOAD_TERMS)];
-    weigh(m->parameters, of_terms, of_loads, m->laws);
+    weigh(m->parameters, of_terms, of_loads, m->laws, m->q + (N - N_GIVEN));
     memset(m->rigid, 0, sizeof m->rigid);
     memset(m->terms, 0, sizeof m->terms);
     memset(m->loads, 0, sizeof m->loads);
@@ -104,8 +104,8 @@ void pgmp_accelerate(struct pgmp_model *m, double time, double since) {
 void pgmp_start(struct pgmp_model *m) {
     double depths[AT_LEAST_ONE(N_EDGES)];
     m->number = 0, m->validity = 0, m->correction = 0.0, m->contraction = FIRST_CONTRACTION;
-    pgmp_weigh(m);
     for (int i = 0; i < N; i++) m->q[i] = m->v[i] = 0.0;
+    pgmp_weigh(m);
     for (int k = 0; k < R; k++) m->q[k] = start_position[k], m->v[k] = start_velocity[k];
     pgmp_accelerate(m, 0.0, 0.0);
     find_depths(m, m->q, depths);
