@@ -195,8 +195,8 @@ class LoopClosure:
                 f"{gaps}, and redundant constraints may miss each other by {LARGEST_GAP:g} of the mechanism's size, "
                 f"{LARGEST_GAP * self.size:.3g} {self.mechanism.scene.system.unit('m')}, or as many rad. Check "
                 f"points and axes, and placements{GUESSED}, from which bodies take the axes of joints; let joints that "
-                "say the same be ones that hold less; or, if it is meant and bodies give way, give points and axes as they "
-                "should be, and how far the joint is off as its offset"
+                "say the same be ones that hold less; or, if it is meant and bodies give way, give points and axes as "
+                "they should be, and how far the joint is off as its offset"
             )
         closed = self._closed_from(start, found, where, TRIES if placed else 0)
         if closed is None and self._largest(residual[:, None])[0] < NO_GAP:
@@ -251,13 +251,13 @@ class LoopClosure:
         return (
             f"joints.{most.name}: what it holds (by {share:.2g} of what others hold) nearly follows from the other "
             "constraints, and keeps the rigid mechanism from moving: its axis or point is a little off. Check axes, "
-            f"points, and placements{GUESSED}, from which bodies take the axes of joints. If it is meant, "
-            f"give them as they should be, and how far the joint is off as its offset{self._straightened(poses, most, rank)}"
+            f"points, and placements{GUESSED}, from which bodies take the axes of joints. If it is meant, give them as "
+            f"they should be, and how far the joint is off as its offset{self._straightened(poses, most, rank)}"
         )
 
     def _straightened(self, poses: np.ndarray, joint: Connection | Coupling, rank: int) -> str:
         """Return axis and offset with which a joint that turns about one axis holds what it does: the rest of the
-        mechanism turns it about the axis that it should have. Empty of other joints, and where the rest moves freely."""
+        mechanism turns it about the axis that it should have. Empty of others, and where the rest moves freely."""
         if self.mechanism.space is not SPATIAL or joint in self.mechanism.couplings:
             return ""
         turning = [k for k, part in enumerate(joint.statements) if not part.is_length]
