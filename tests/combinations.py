@@ -9,6 +9,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -190,6 +191,7 @@ def assembled(mesh) -> Assembled:
     return Assembled.of(mesh.nodes, np.arange(1, mesh.n_nodes + 1), sets, mesh, *matrices)
 
 
+@cache
 def scene_of(kind: str, feature: str) -> Scene:
     """Return the scene of a kind of mechanism with a feature; raises `InputError` where the scene refuses it."""
     text = KINDS[kind]

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import warm_start
-from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS, run_mpi
+from conftest import MPI_ENVIRONMENT, PGMP, ROOT, TIMEOUT_SECONDS, run_mpi
 from mpi4py import MPI
 
 from pgmp_petsc.bench.reference import component_model
@@ -55,7 +55,6 @@ for argv in json.loads(sys.argv[1]):
     if statuses:
         print(json.dumps(statuses), flush=True)
 """
-PGMP = ("-m", "pgmp_petsc.cli.main")
 # few modes and angles, and a tenth of the time: enough for everything but accuracy
 SMALL = ("reduction.modes=4", "reduction.angles=24", "simulation.duration=0.05", "simulation.step=1e-3")
 

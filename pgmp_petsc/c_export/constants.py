@@ -36,6 +36,7 @@ from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced import steps as reduced_steps
 from pgmp_petsc.reduced.actions import nodes_of
+from pgmp_petsc.reduced.system import STARTING_CORRECTIONS
 from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import Served
@@ -337,6 +338,7 @@ def _steps(model: ReducedModel) -> dict[str, int | float]:
         "BETA": scheme.beta,
         "GAMMA": scheme.gamma,
         "CORRECTIONS": CORRECTIONS,
+        "STARTING_CORRECTIONS": STARTING_CORRECTIONS,
         "MAX_ITERATIONS": alpha_step.MAX_ITERATIONS,
         "CAREFUL_ITERATIONS": alpha_step.CAREFUL_ITERATIONS,
         "REFRESH_EVERY": alpha_step.REFRESH_EVERY,
