@@ -299,20 +299,6 @@ def _forces_change(scene: Scene, mechanism: Mechanism) -> bool:
     return bool(stressed_bodies(scene)) and any(weight.powers for weight in weights)
 
 
-<<<<<<< HEAD
-def _refuse_offsets(scene: Scene) -> None:
-    """Refuse stress outputs of bodies that parameters change beside joints that are off."""
-    off = next((name for name, joint in scene.joints.items() if joint.offset is not None), None)
-    if off is not None:
-        stress = next(name for name, output in scene.outputs.items() if "stresses" in output.reads)
-        raise InputError(
-            f"outputs.{stress} with joints.{off}.offset: stresses of bodies that parameters change are not made for "
-            "joints that are off; leave one of both out, or take pgmp simulate SCENE --full"
-        )
-
-
-=======
->>>>>>> main
 @gathered
 def _doubts(cosine: float, n_redundant: int, indefinite: str) -> Iterator[Remark]:
     """Return what is doubtful about a basis and its tables, and which constraints are not in it."""
