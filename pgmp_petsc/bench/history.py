@@ -141,8 +141,8 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> His
     run = integrate(system, with_steps(model.scene, n_steps).simulation, observer=record)
     if reduced:
         every_time = {name: np.tile(value, len(kept)) for name, value in system.values.items()}
-        q, v, a = np.concatenate(kept, axis=1)
-        observed = model.observed_of(q, every_time, v, np.repeat(times, n_samples), a)
+        states = State(*np.concatenate(kept, axis=1), np.zeros(0))
+        observed = model.observed_of(np.repeat(times, n_samples), states, every_time)
         inside = np.ones(n_samples, dtype=bool)
     else:
         observed = np.concatenate(kept, axis=-1)

@@ -278,7 +278,7 @@ class _OverTimeWatch(Observer):
         self._bands = {name: np.full((n, steps.size), np.nan) for name in names if steps.size}
         self._looks_always = bool(self._extremes or self._passages)
         self.every = 1 if self._looks_always or steps.size < 2 else int(steps[1] - steps[0])
-        # numbers and instants of steps, and reduced coordinates, rates and accelerations there, (n_t, 3, n_samples, n_eta)
+        # numbers and instants of steps, and the reduced coordinates and rates at their ends, (n_t, 2, n_samples, n_eta)
         self._waiting: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._n_waiting = 0
 
@@ -321,7 +321,8 @@ class _OverTimeWatch(Observer):
         values = {name: np.tile(value, numbers.size) for name, value in self._begun.system.values.items()}
         with np.errstate(all="ignore"):  # as above
             q, v, a = np.moveaxis(states, 1, 0).reshape(3, numbers.size * n, -1)
-            found = self._model.outputs.evaluate(self._model.observed_of(q, values, v, np.repeat(times, n), a))
+            state = State(q, v, a, np.zeros(0))
+            found = self._model.outputs.evaluate(self._model.observed_of(np.repeat(times, n), state, values))
         self._take(numbers, times, {name: column.reshape(numbers.size, n) for name, column in found.items()})
 
     def _take(self, numbers: np.ndarray, times: np.ndarray, outputs: dict[str, np.ndarray]) -> None:

@@ -269,14 +269,15 @@ class WatchedRun(Observer):
             indicator.model.terms.scale[:r],
         )
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
-        observed, time = _Observed(checking.full, full, values, motion, schedule), schedule.steps[schedule.told]
+        time = schedule.steps * (indicator.step / FINER)
+        observed = _Observed(checking.full, full, values, motion, schedule, time)
         steps = {"step": schedule.interval, "duration": (len(states) - 1) * schedule.interval}
         simulation = indicator.simulation.model_copy(update={**steps, "spectral_radius": schedule.spectral_radius})
         run = integrate(system, simulation, alive=about, observer=observed, prefix=ERROR_PREFIX)
         # samples that failed stay at the start: they may be where nothing can be placed
         plain = self._plain[self._place[schedule.steps[schedule.told] // FINER]][:, :, chosen]
-        plain, time = np.where(about[:, None], plain, plain[:1]), time * (indicator.step / FINER)
-        errors = self._errors(time, plain, observed.outputs(), values)
+        plain = np.where(about[:, None], plain, plain[:1])
+        errors = self._errors(time[schedule.told], plain, observed.outputs(), values)
         # where one output cannot be evaluated, the corrected motion ran away, and the others mean nothing either
         known = np.all([run.status == Status.FINE, *(np.isfinite(e).all(axis=0) for e in errors.values())], axis=0)
         return {name: np.where(known, error, np.nan) for name, error in errors.items()}
@@ -293,9 +294,9 @@ class WatchedRun(Observer):
         """Return reduced less corrected outputs, shape (n_e, n), at times (n_e,), s, from reduced coordinates, rates
         and accelerations, (n_e, 3, n, n_eta)."""
         model, shape = self._indicator.told, (plain.shape[0], plain.shape[2])
-        q, v, a = np.moveaxis(plain, 1, 0).reshape(3, -1, plain.shape[3])
+        states = State(*np.moveaxis(plain, 1, 0).reshape(3, -1, plain.shape[3]), np.zeros(0))
         every_time = {name: np.tile(value, shape[0]) for name, value in values.items()}
-        here = model.outputs.evaluate(model.observed_of(q, every_time, v, np.repeat(time, shape[1]), a))
+        here = model.outputs.evaluate(model.observed_of(np.repeat(time, shape[1]), states, every_time))
         return {name: (here[name] - there[name]).reshape(shape) for name in here}
 
     def _placeable(self, states: np.ndarray) -> np.ndarray:
@@ -323,9 +324,10 @@ class _Observed(Observer):
         values: Mapping[str, np.ndarray],
         motion: ReferenceMotion,
         schedule: Schedule,
+        time: np.ndarray,
     ) -> None:
         self._model, self._batch, self._values, self._motion = model, batch, values, motion
-        self._told, self._interval = schedule.told, schedule.interval
+        self._told, self._interval, self._time = schedule.told, schedule.interval, time
         self._waiting: list[tuple[np.ndarray, ...]] = []
         self._found: list[dict[str, np.ndarray]] = []
 
@@ -338,24 +340,30 @@ class _Observed(Observer):
         self._take(int(numbers[0]), errors)
 
     def _take(self, number: int, errors: State) -> None:
-        told = self._told[number : number + len(errors.q)]
-        q, v, a = self._motion.over(number, len(errors.q))[:, told]
-        forces = self._multipliers(number + np.flatnonzero(told), (q, v, a), errors.at(told))
+        """Take in errors from an instant on."""
+        instants = slice(number, number + len(errors.q))
+        told = self._told[instants]
+        q, v, a = self._motion.over(number, told.size)[:, told]
         # what is kept of states has to be theirs: angles are counted on in place
-        self._waiting.append((q, v, errors.q[told], errors.v[told], errors.turns[told], forces))
-        if sum(part[0].size for part in self._waiting) > TOGETHER:
+        errors = errors.at(told)
+        forces = self._multipliers(number + np.flatnonzero(told), (q, v, a), errors)
+        own = errors.q, errors.v, errors.a, errors.turns
+        self._waiting.append((self._time[instants][told], q, v, a, *own, forces))
+        if sum(part[1].size for part in self._waiting) > TOGETHER:
             self._evaluate()
 
     def _evaluate(self) -> None:
-        *motion, of_q, of_v, turns, forces = (np.concatenate(parts) for parts in zip(*self._waiting))
-        n_e, n = len(turns), self._batch.n_samples
+        time, *parts = (np.concatenate(parts) for parts in zip(*self._waiting))
+        n_e, n = time.size, self._batch.n_samples
+        motion, errors, forces = parts[:3], parts[3:7], parts[7]
         # the axis of instants behind that of unknowns
-        *errors, turns = (self._batch.unpack(np.moveaxis(part, 0, 2)) for part in (of_q, of_v, turns))
-        q, v = ((np.moveaxis(one, 0, 1) + e).reshape(-1, n_e * n) for one, e in zip(motion, errors))
+        *errors, turns = (self._batch.unpack(np.moveaxis(part, 0, 2)) for part in errors)
+        q, v, a = ((np.moveaxis(one, 0, 1) + e).reshape(-1, n_e * n) for one, e in zip(motion, errors))
         values = {name: np.tile(value, n_e) for name, value in self._values.items()}
         frames = self._batch.frames_of(q, turns.reshape(len(turns), n_e * n))
         forces = np.moveaxis(forces, 0, 1).reshape(-1, n_e * n)
-        self._found.append(self._model.outputs.evaluate(self._model.observed_of(q, frames, values, v, forces)))
+        observed = self._model.observed_of(np.repeat(time, n), frames, values, q, v, a, forces)
+        self._found.append(self._model.outputs.evaluate(observed))
         self._waiting.clear()
 
     def _multipliers(self, numbers: np.ndarray, motion: tuple[np.ndarray, ...], errors: State) -> np.ndarray:

@@ -78,10 +78,11 @@ class ReducedMultipliers:
         other._effects, other._actions = effects, replace(self._actions, actions=actions_of(effects))
         return other
 
-    def of(self, times: np.ndarray, states: State, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
-        """Return the multipliers, shape (n_held + n_driven, n), NaN where they are not known, in states (n, n_eta) at
-        times (n,), s; parameter values are numbers or of shape (n,)."""
-        n, driven = len(times), sorted(self._motions)
+    def of(self, times: np.ndarray | float, states: State, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+        """Return the multipliers, shape (n_held + n_driven, n), NaN where they are not known, in states (n, n_eta);
+        times (s) and parameter values are numbers or of shape (n,)."""
+        n, driven = len(states.q), sorted(self._motions)
+        times = np.broadcast_to(times, n)
         found = np.full((self._n_held + len(driven), n), np.nan)
         for first in range(0, n, AT_ONCE):
             some = slice(first, min(first + AT_ONCE, n))

@@ -18,8 +18,8 @@ The multiplier of a prescribed coordinate is minus its own residual, as its rigi
 its statement alone.
 
 Terms of second order in the deformation are not known of the ``Y_i``: forces are of first order in it, those of
-drives of the order of the model. Where constraints follow from others, ``C Y_i`` is the part of ``e_i`` that can be opened, and
-the multipliers are the smallest that do the same.
+drives of the order of the model. Where constraints follow from others, ``C Y_i`` is the part of ``e_i`` that can be
+opened, and the multipliers are the smallest that do the same.
 """
 
 from __future__ import annotations

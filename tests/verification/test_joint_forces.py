@@ -175,7 +175,8 @@ def test_an_elastic_joint_has_the_force_of_its_springs() -> None:
         ("bodies.base.rigid={ mass = 4.0, centre = [0.0, 0.0], inertia = 0.1, points = { foot = [0.0, 0.0] } }",
          'parameters.k={ nominal = 2e4, unit = "N/m" }', 'joints.hinge.connect=["base:foot", "arm:hinge"]',
          'joints.mount={ type = "fixed", connect = ["ground:origin", "base:foot"], elastic = { '
-         'reference = [[1.0, 0.0]], stiffness = [inf, "k"], damping = [0.0, 400.0], turning_stiffness = [500.0], turning_damping = [5.0] } }',
+         'reference = [[1.0, 0.0]], stiffness = [inf, "k"], damping = [0.0, 400.0], turning_stiffness = [500.0], '
+         'turning_damping = [5.0] } }',
          "simulation.initial={}", held("phi"), *STILL, *outputs("mount", **along("x", "y")),
          *outputs("mount", MOMENT, moment='component="z"')),
     )  # fmt: skip
@@ -279,7 +280,8 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_a_reduced_model_against_the_full_order_one(case: str) -> None:
-    """Within 1.5e-3 of the largest force in a joint, where steps of the torque set axial vibrations off; where the reduced motion itself is further off, as far as that."""
+    """Within 1.5e-3 of the largest force in a joint, where corners of the torque set axial vibrations off; where the
+    reduced motion itself is further off, as far as that."""
     added, allowed = CASES[case]
     scene = slider_crank(*BASIS, *ALL, *added)
     exact, found = motion("full", scene).outputs, motion("reduced", scene).outputs
