@@ -252,6 +252,67 @@ def test_what_is_refused(scene: Callable[..., Scene], override: str, message: st
         full_model(scene(override))
 
 
+#: Bodies of Andrews' squeezing mechanism (Hairer and Wanner 1996, section VII.7): mass, centre, inertia, points, angle
+#: at the start, and the body whose tip it begins at or the ground's point.
+SQUEEZER = {
+    "crank": (0.04325, (92e-5, 0.0), 2.194e-6, {"tip": (7e-3, 0.0)}, -0.0617138900142764496, "origin"),
+    "coupler": (0.00365, (-115e-4, 0.0), 4.410e-7, {"tip": (-28e-3, 0.0)}, -0.0617138900142764496, "crank"),
+    "wing": (0.02373, (1043e-5, -1874e-5), 5.255e-6, {"tip": (0.0, -35e-3), "pulled": (2e-2, -18e-3)},
+             0.455279819163070380, "b"),
+    "arm": (0.07050, (2308e-5, 916e-5), 1.169e-5, {"tip": (4e-2, 0.0)}, 0.487364979543842550, "a"),
+    "link": (0.00706, (0.0, -579e-5), 5.667e-7, {"tip": (0.0, -2e-2)}, 0.710033369709727224, "arm"),
+    "fork": (0.05498, (-449e-5, -1228e-5), 1.912e-5, {"tip": (0.0, -4e-2)}, 1.230547444549821192, "a"),
+    "bar": (0.00706, (579e-5, 0.0), 5.667e-7, {"tip": (2e-2, 0.0)}, 1.007879054383935308, "fork"),
+}  # fmt: skip
+SQUEEZED = {"a": (-0.06934, -0.00227), "b": (-0.03635, 0.03273), "c": (0.014, 0.072)}
+
+
+def squeezer(*overrides: str) -> Scene:
+    """Return Andrews' squeezing mechanism of seven rigid bodies; wing, link and bar are pinned to the coupler's tip."""
+    places, entries = {name: np.array(place) for name, place in SQUEEZED.items()} | {"origin": np.zeros(2)}, []
+    entries += [f"ground.points.{name}={list(place)}" for name, place in SQUEEZED.items()]
+    for name, (mass, centre, inertia, points, angle, begin) in SQUEEZER.items():
+        own = ", ".join(f"{point} = {list(place)}" for point, place in {"start": (0.0, 0.0), **points}.items())
+        entries.append(
+            f"bodies.{name}={{ rigid = {{ mass = {mass}, centre = {list(centre)}, inertia = {inertia}, "
+            f"points = {{ {own} }} }}, placement = {{ origin = {places[begin].tolist()}, angle = {angle} }} }}"
+        )
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        places[name] = places[begin] + turn @ points["tip"]
+        first = f"{begin}:tip" if begin in SQUEEZER else f"ground:{begin}"
+        entries.append(f'joints.{name}={{ type = "revolute", connect = ["{first}", "{name}:start"] }}')
+    for name in ("wing", "link", "bar"):
+        pin = f'type = "revolute", connect = ["coupler:tip", "{name}:tip"]'
+        entries += [f"joints.at_{name}={{ {pin} }}", *outputs(f"at_{name}", **{
+            f"{name}_{axis}": f'component="{axis}"' for axis in "xy"
+        })]  # fmt: skip
+    spring = 'points = ["ground:c", "wing:pulled"], stiffness = 4530.0, rest = 0.07785'
+    entries += [
+        'coordinates.beta={ joint = "crank", range = [0.0, 6.283185307179586], periodic = true }',
+        f"simulation.initial.beta.position={SQUEEZER['crank'][4]}", "simulation.duration=0.03",
+        'effects.motor={ type = "torque", joint = "crank", table = [[0.0, 0.033], [1.0, 0.033]] }',
+        f'effects.spring={{ type = "spring_damper", {spring} }}', 'outputs.beta={ type = "angle", joint = "crank" }',
+    ]  # fmt: skip
+    return scene_from_toml(HEADER, ".", (*entries, *overrides))
+
+
+def test_the_multipliers_of_andrews_squeezing_mechanism() -> None:
+    """Those that the Test Set for IVP Solvers (Mazzia and Magherini 2008, problem "andrews") prints at 0.03 s, to
+    second order; its constraints are the places of the coupler's tip less those of the others', as is the force on these."""
+    printed = {
+        "wing_x": 199.1753333731910, "wing_y": -29.75531228015052, "link_x": 23.06654119098399,
+        "link_y": 31.45271365475927, "bar_x": 22.64249232082739, "bar_y": 11.61740700019673,
+        "beta": 15.81077119629904,
+    }  # fmt: skip
+    errors = []
+    for step in (1e-5, 5e-6):
+        found = motion("full", squeezer(f"simulation.step={step}")).outputs
+        errors.append([abs(found[name][-1] - value) for name, value in printed.items()])
+    coarse, fine = np.array(errors)
+    assert fine.max() < 3e-3, fine  # of 200 N; at 2.5e-6 s it is 5e-4
+    np.testing.assert_allclose(coarse / fine, 4.0, rtol=0.1)
+
+
 BASIS = (
     "reduction.static_modes=true", "reduction.inertia_modes=true", 'reduction.interpolation="spline"',
     "reduction.angles=64", "reduction.modes=4", "simulation.duration=1.0", "simulation.step=5e-4",
