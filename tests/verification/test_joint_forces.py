@@ -11,10 +11,12 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
 from offset_scenes import clamped_beam, clamped_stiffness, offset
 from pgmp_petsc.gradients.differentiated import differentiate
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from runs import full_model, history, motion, reduced_model, rom_of, trajectory
 from scenes import HEADER, four_bar, slider_crank, tables, trammel
+from spatial_beams import slider_crank_of_beams
 
 GRAVITY = 9.80665
 FORCE, MOMENT = ('outputs.{0}={{type="joint_%s", joint="{1}"{2}}}' % kind for kind in ("force", "torque"))
@@ -298,7 +300,8 @@ def squeezer(*overrides: str) -> Scene:
 
 def test_the_multipliers_of_andrews_squeezing_mechanism() -> None:
     """Those that the Test Set for IVP Solvers (Mazzia and Magherini 2008, problem "andrews") prints at 0.03 s, to
-    second order; its constraints are the places of the coupler's tip less those of the others', as is the force on these."""
+    second order; its constraints are the places of the coupler's tip less those of the others', as the forces on
+    these are."""
     printed = {
         "wing_x": 199.1753333731910, "wing_y": -29.75531228015052, "link_x": 23.06654119098399,
         "link_y": 31.45271365475927, "bar_x": 22.64249232082739, "bar_y": 11.61740700019673,
@@ -367,6 +370,20 @@ def test_a_clamped_beam_whose_end_is_off_carries_the_closed_form(kind: str) -> N
         np.testing.assert_allclose(found[name], value, rtol=0, atol=abs(allowed), err_msg=name)
 
 
+def test_forces_and_moments_of_reduced_models_in_space() -> None:
+    """Beams in space under a force that is oblique to their plane and swells."""
+    pull = 'effects.w={type="force", point="rod:hinge", direction=[0.1, 0.2, -1.0], table=[[0.0, 0.0], [0.15, 3.0]]}'
+    wanted = (*outputs("crank_hinge", **along("x", "y", "z")), *outputs("elbow", radial='component="radial"'))
+    moments = outputs("crank_hinge", MOMENT, about_x='component="x", frame="body"', about_y='component="y"')
+    short = ("reduction.angles=48", "simulation.duration=0.15", pull)
+    scene = slider_crank_of_beams(*BASIS, *short, *wanted, *moments)
+    exact, found = motion("full", scene).outputs, motion("reduced", scene).outputs
+    for names in (("x", "y", "z", "radial"), ("about_x", "about_y")):
+        largest = max(np.abs(exact[name]).max() for name in names)
+        for name in names:
+            np.testing.assert_allclose(found[name], exact[name], rtol=0, atol=5e-3 * largest, err_msg=name)
+
+
 def test_a_redundant_crank_in_a_reduced_model() -> None:
     """An elliptic trammel with a crank that its guides make redundant: bodies share out what is across it. Along the
     bars the force is of second order in their bending, which a reduced model does not know of joints."""
@@ -397,6 +414,17 @@ def test_estimated_errors_and_lanes_of_forces() -> None:
     _, alone = history(model, {"r1": radii[[7]]}, 1)
     for name, values in together.items():
         np.testing.assert_allclose(values[:, 7], alone[name][:, 0], rtol=1e-12, atol=1e-9, err_msg=name)
+
+
+def test_reduced_models_at_several_lengths_and_elastic_cams_refuse() -> None:
+    crank = 'line={length="l", elements=2}, element="beam2d", material="steel", section={shape="circle", radius="r1"}'
+    scene = slider_crank(*BASIS, *ALL, f"bodies.crank={{{crank}}}", "parameters.l={nominal=0.3, bounds=[0.28, 0.32]}")
+    with pytest.raises(InputError, match=r"outputs.pin_x \(joint_force\) with .*several lengths have no forces"):
+        check_capabilities(scene, Purpose.BUILD)
+    cam = "[[0.0, 0.0], [1.0, 0.1], [3.0, 0.2], [5.0, 0.1], [6.283185307179586, 0.0]]"
+    made = f'{{ type = "cam", joints = ["first", "second"], table = {cam}, elastic = {{ stiffness = 1e3 }} }}'
+    with pytest.raises(InputError, match="outputs.first.joint: what an elastic cam takes is not read"):
+        full_model(scene_from_toml(GEARS, ".", (f"joints.mesh={made}", *outputs("mesh", MOMENT, first='of="first"'))))
 
 
 def test_files_keep_forces_and_models_without_them_refuse(tmp_path: Path) -> None:
