@@ -36,6 +36,7 @@ from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced import steps as reduced_steps
 from pgmp_petsc.reduced.actions import nodes_of
+from pgmp_petsc.reduced.system import STARTING_CORRECTIONS
 from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import Served
@@ -143,7 +144,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     loads = list(dict.fromkeys(terms.tables.load_effects))
     over_time = {name: effects[name].strength for name in loads}
     over_time |= {action.effect: action.amplitude for action in actions if action.amplitude is not None}
-    places, winding = model.actions.rigid, model.actions.places.winding
+    places, windings = model.actions.rigid, iter(model.actions.places.winding)
     closure, wanted = closure_of(kinematics)
     tables = _tables(model, nodes, places)
     _check_size(tables, what)
@@ -183,8 +184,8 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         closure=closure,
         closure_wanted=wanted,
         actions=[
-            action_in_c(action, edge, held, slots, list(over_time), turns)
-            for action, edge, turns in zip(actions, first_edges, winding)
+            action_in_c(number, action, edge, held, slots, list(over_time), windings)
+            for number, (action, edge) in enumerate(zip(actions, first_edges))
         ],
         action_slots=[slots[node] for node in held],
         outputs={name: output_in_c(model, name, slots) for name in scene.outputs},
@@ -333,6 +334,7 @@ def _steps(model: ReducedModel) -> dict[str, int | float]:
         "BETA": scheme.beta,
         "GAMMA": scheme.gamma,
         "CORRECTIONS": CORRECTIONS,
+        "STARTING_CORRECTIONS": STARTING_CORRECTIONS,
         "MAX_ITERATIONS": alpha_step.MAX_ITERATIONS,
         "CAREFUL_ITERATIONS": alpha_step.CAREFUL_ITERATIONS,
         "REFRESH_EVERY": alpha_step.REFRESH_EVERY,
@@ -364,16 +366,16 @@ def checked_scene(scene: Scene, what: str) -> Scene:
     """
     for entry, text in _of_scene(scene):
         raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")
-    left = {name: output for name, output in scene.outputs.items() if output.reads != "stresses"}
+    left = {name: output for name, output in scene.outputs.items() if output.of_frames()}
     return scene if len(left) == len(scene.outputs) else scene.model_copy(update={"outputs": left})
 
 
 def left_out(scene: Scene) -> str:
     """Say which outputs of a scene a model in C leaves out; empty where it has them all."""
-    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if entry.reads == "stresses"]
+    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if not entry.of_frames()]
     if not lacking:
         return ""
-    having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.reads != "stresses")
+    having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.of_frames())
     return f"note: {', '.join(lacking)} left out: a model in C has {having}; pgmp simulate has all outputs"
 
 

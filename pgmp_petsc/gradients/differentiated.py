@@ -15,7 +15,8 @@ off are parameters themselves, ``S_q = 1`` from the start on.
 Sensitivities at the start of a run.
 
 An undeformed start depends on no parameter, velocities on those that are some of them; first accelerations follow
-from the equations of motion, ``by_a S_a = - (by_p + by_q S_q + by_v S_v)``. In static equilibrium with free coordinates
+from the equations of motion, ``by_a S_a = - (by_p + by_q S_q + by_v S_v)``. Where joints are off it is the static
+answer to that, ``by_q S_q = - by_p`` of flexible coordinates without loads. In static equilibrium with free coordinates
 the residual at rest vanishes, ``by_q S_q = - by_p``. With held ones the angles s of their joints are given and torques
 mu hold them,
 
@@ -267,6 +268,12 @@ def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Lin
         if initial.coordinates == "free" and not model.motions:
             return moment  # at rest it stays there: no accelerations, whatever the parameters
         moment[0][:, list(model.motions)] = 0.0
+    elif given:
+        still = replace(start, v=np.zeros_like(start.v), a=np.zeros_like(start.a))
+        at_rest, bent = linearisation.at(time, still, loaded=False), free.copy()
+        bent[: model.kinematics.n_coordinates] = False
+        pushed = at_rest.by_parameters[0] + moment[0] @ at_rest.by_q[0].T
+        moment[0][:, bent] = -_solved(at_rest.by_q[0], pushed, bent)
     named = velocity_names(model.scene)
     for k, coordinate in enumerate(model.kinematics.coordinates):
         for row, name in zip(moment[1], linearisation.names):
