@@ -108,7 +108,7 @@ def _of_second_order(scene: Scene) -> Iterator[str]:
 
 
 def _forces(scene: Scene) -> Iterator[str]:
-    return (f"outputs.{n} ({one.type})" for n, one in scene.outputs.items() if one.reads == "multipliers")
+    return (f"outputs.{n} ({one.type})" for n, one in scene.outputs.items() if "multipliers" in one.reads)
 
 
 def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:

@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from runs import full_model, motion
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
-from runs import full_model, motion
 from scenes import HEADER, four_bar, slider_crank, tables
 
 GRAVITY = 9.80665
