@@ -14,7 +14,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
-from pgmp_petsc.effects import effects_of, motions_of, start_of
+from pgmp_petsc.effects import Effect, effects_of, motions_of, springs_of_joints, start_of
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.full.rank_solver import PREFIX
@@ -160,11 +160,13 @@ class FullModel:
         values: Mapping[str, float],
         start: tuple[np.ndarray, np.ndarray],
         comm: Comm,
+        effects: Sequence[Effect] | None = None,
     ) -> FullEquations:
-        """Return this rank's share of the equations of one sample."""
+        """Return this rank's share of the equations of one sample, under some effects or all."""
         owned = Unknowns(kinematics.mechanism).share(comm.rank, comm.size)
         of_sample = {name: np.array([value]) for name, value in values.items()}
-        return FullEquations(kinematics, self._effects, of_sample, SampleBlocks(1, 1, 1), start, owned)
+        effects = self._effects if effects is None else effects
+        return FullEquations(kinematics, effects, of_sample, SampleBlocks(1, 1, 1), start, owned)
 
     def _settled(self, values: Mapping[str, float], comm: Comm) -> Settled:
         """Return the static equilibrium of one sample. Collective on `comm`."""
@@ -183,15 +185,16 @@ class FullModel:
         return bool(self.kinematics.remarks) or any(joint.offset for joint in self.scene.joints.values())
 
     def _built_in(self, values: Mapping[str, float], rates: np.ndarray, comm: Comm) -> tuple[np.ndarray, np.ndarray]:
-        """Return unknowns and velocities (n_dofs, 1) of the static answer to joints that are off, without loads, at the
-        start with rates (n_theta,). Collective on `comm`.
+        """Return unknowns and velocities (n_dofs, 1) of the static answer to joints that are off, without loads but on
+        the springs of elastic joints, at the start with rates (n_theta,). Collective on `comm`.
 
         Raises `InputError` where there is none: rigid bodies do not give way.
         """
         theta = self._start[0]
         held = self.kinematics.held()
-        equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm)
-        with FullStatics(equations, theta.size, comm, loads=0.0) as statics:
+        springs = springs_of_joints(self.scene, held.mechanism)
+        equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm, springs)
+        with FullStatics(equations, theta.size, comm) as statics:
 
             def deformed(at: np.ndarray) -> np.ndarray:
                 _, lost = statics.hold(at[None], np.ones(1, dtype=bool))
