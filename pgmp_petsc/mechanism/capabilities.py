@@ -183,11 +183,11 @@ FEATURES = (
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "forces in joints of reduced models",
-        _forces,
-        OF_THE_REDUCTION - {Purpose.CHECK},
-        why_not="forces in joints are no part of reduced models",
-        cure="take pgmp simulate SCENE --full or --components, or leave it out",
+        "forces in joints with lengths, places and ratios",
+        lambda scene: (f"{entry} with {length}" for length in _lengths(scene) for entry in _forces(scene)),
+        OF_THE_REDUCTION,
+        why_not="models at several lengths have no forces in joints",
+        cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
         "elastic joints that are off themselves",

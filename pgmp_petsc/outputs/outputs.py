@@ -100,8 +100,8 @@ class OutputSet:
     def forces_of(
         self, frames: Sequence[np.ndarray], multipliers: np.ndarray, values: Mapping[str, np.ndarray | float]
     ) -> np.ndarray:
-        """Return the forces (n_forces, n) for frames of `nodes` with their derivatives, as of `observed`, multipliers of
-        joints and prescribed coordinates (n_held + n_driven, n), and parameter values, numbers or of shape (n,)."""
+        """Return the forces (n_forces, n) for frames of `nodes` with their derivatives, as of `observed`, multipliers
+        of joints and prescribed coordinates (n_held + n_driven, n), and parameter values, numbers or of shape (n,)."""
         by_node, moving, *_ = *(dict(zip(self.nodes, part)) for part in frames), {}
         return np.array([force.value(by_node, moving, multipliers, values) for force in self.forces])
 
@@ -168,8 +168,8 @@ class OutputSet:
         of_bases = {name for base in bases for name, _ in base.factor.monomial.powers}
         units = {name: scene.system.unit(entry.unit_in(scene)) for name, entry in scene.outputs.items()}
         return cls(
-            tuple(sorted(needs.nodes)), units, n_frame, mechanism.space.n_pose, functions, tuple(stresses), forces, reached,
-            rigid, order, needs.time, tuple(sorted(needs.parameters | of_bases)), bases,
+            tuple(sorted(needs.nodes)), units, n_frame, mechanism.space.n_pose, functions, tuple(stresses), forces,
+            reached, rigid, order, needs.time, tuple(sorted(needs.parameters | of_bases)), bases,
         )  # fmt: skip
 
 
