@@ -22,6 +22,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.second_order_system import State
 
 AT_ONCE = 2048  # states that are evaluated together: their polynomials stay in the cache
+MANY = 64  # samples at an instant from which on instants are evaluated one by one
 
 
 class ReducedMultipliers:
@@ -82,23 +83,32 @@ class ReducedMultipliers:
         """Return the multipliers, shape (n_held + n_driven, n), NaN where they are not known, in states (n, n_eta);
         times (s) and parameter values are numbers or of shape (n,)."""
         n, driven = len(states.q), sorted(self._motions)
-        times = np.broadcast_to(times, n)
+        times, values = np.broadcast_to(times, n), {name: np.broadcast_to(one, n) for name, one in values.items()}
         found = np.full((self._n_held + len(driven), n), np.nan)
-        for first in range(0, n, AT_ONCE):
-            some = slice(first, min(first + AT_ONCE, n))
-            residual = self._residual(times[some], *(part[some] for part in (states.q, states.v, states.a)), {
-                name: np.broadcast_to(value, n)[some] for name, value in values.items()
-            })  # fmt: skip
+        together, same = _samples(times, values)
+        system = self._system(together, {name: one[:together] for name, one in values.items()}) if same else None
+        for first in range(0, n, together):
+            some = slice(first, min(first + together, n))
+            rows = system or self._system(some.stop - first, {name: one[some] for name, one in values.items()})
+            state = State(*(self._wider(part[some]) for part in (states.q, states.v, states.a)), np.zeros(0))
+            residual = rows.residuals_at(times[some], state)
             found[self._rows, some] = -residual[:, self._n_own :].T
             found[self._n_held :, some] = -residual[:, driven].T
         return found
 
-    def _residual(
-        self, times: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, values: Mapping[str, np.ndarray]
-    ) -> np.ndarray:
-        n, more = len(times), np.zeros((len(times), self._rows.size))
+    def _system(self, n: int, values: Mapping[str, np.ndarray]) -> ReducedSystem:
         given = np.zeros((self._terms.tables.n_given, n))
-        system = ReducedSystem(
-            self._terms, self._effects, values, (0.0, 0.0), n, self._motions, self._actions, given
-        )  # fmt: skip
-        return system.residuals_at(times, State(*(np.hstack([part, more]) for part in (q, v, a)), np.zeros(0)))
+        return ReducedSystem(self._terms, self._effects, values, (0.0, 0.0), n, self._motions, self._actions, given)
+
+    def _wider(self, rows: np.ndarray) -> np.ndarray:
+        """Return coordinates (n, n_eta), or their rates, with those of the gaps behind them."""
+        return np.hstack([rows, np.zeros((len(rows), self._rows.size))])
+
+
+def _samples(times: np.ndarray, values: Mapping[str, np.ndarray]) -> tuple[int, bool]:
+    """Return how many rows are evaluated together, and whether they are the same samples at one instant after the
+    other: what is interpolated for these is kept from instant to instant."""
+    n = int(np.argmin(np.append(times == times[0], False)))
+    if n < MANY or len(times) % n or any((one.reshape(-1, n) != one[:n]).any() for one in values.values()):
+        return AT_ONCE, False
+    return n, True

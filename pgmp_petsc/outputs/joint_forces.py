@@ -39,7 +39,7 @@ from pgmp_petsc.mechanism.joints import Connection, Coupling
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.space import Space
-from pgmp_petsc.mechanism.statements import Function, Statement
+from pgmp_petsc.mechanism.statements import MEET, Function, Statement
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.outputs.readings import AXES, Frames, Rate, Reading, Seen
 from pgmp_petsc.scene import Scene
@@ -286,7 +286,9 @@ class OfConnection(ForceOutput):
         a, b = (self._natural(side, frames, n) for side in self.connection.sides_held)
         slopes = np.zeros_like(b)
         for row, part in zip(self.rows, self.connection.held):
-            slopes -= multipliers[row] * part.gradient(a, b)[len(a) :]
+            # that points meet has the same slopes everywhere
+            at = slice(0, 1) if part.kind == MEET else slice(None)
+            slopes -= multipliers[row] * part.gradient(a[:, at], b[:, at])[len(a) :]
         if self.springs:
             a = self._natural(self.connection.a, frames, n)
             for spring in self.springs:
