@@ -9,6 +9,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -94,6 +95,11 @@ FEATURES = {
     "gravity": ('effects.x={{type="gravity",direction={down}}}',),
     "base motion": (
         'effects.x={{type="base_motion",direction={down},harmonic={{amplitude=1.0,frequency_hz=3.0}},scale="strength"}}',
+    ),  # fmt: skip
+    "absolute output": (
+        'effects.x={{type="base_motion",direction={down},harmonic={{amplitude=1.0,frequency_hz=3.0}},scale="strength"}}',
+        'outputs.x={{type="position",point="{last}:tip",axis="y",absolute=true}}',
+        'outputs.y={{type="speed",point="{last}:tip",axis="y",absolute=true}}',
     ),  # fmt: skip
     "point mass": ('effects.x={{type="point_mass",point="{first}:tip",mass=0.1,inertia=1e-4}}',),
     "damping in a joint": ('effects.x={{type="joint_damping",joint="{drive}",coefficient="strength"}}',),
@@ -193,6 +199,7 @@ def assembled(mesh) -> Assembled:
     return Assembled.of(mesh.nodes, np.arange(1, mesh.n_nodes + 1), sets, mesh, *matrices)
 
 
+@cache
 def scene_of(kind: str, feature: str) -> Scene:
     """Return the scene of a kind of mechanism with a feature; raises `InputError` where the scene refuses it."""
     text = KINDS[kind]

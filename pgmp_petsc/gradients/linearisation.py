@@ -68,12 +68,20 @@ class Linearisation:
         self._prescribed = tables.prescribed(model.motions)
         self._room = _room(terms.layout, len(tables.load_weights))
 
-    def at(self, times: np.ndarray, states: State, scheme: Scheme | None = None, with_time: bool = False) -> Linearised:
+    def at(
+        self,
+        times: np.ndarray,
+        states: State,
+        scheme: Scheme | None = None,
+        with_time: bool = False,
+        loaded: bool = True,
+    ) -> Linearised:
         """Return the derivatives at times (n_t,), in states of which each array has the shape (n_t, n_eta).
 
         With a scheme they are those at the end of its steps, where the engine's iteration leaves a part of 1e-11 of the
         mechanism's size: little of the coordinates, but more of the accelerations. One more correction takes that away.
-        If asked for, the derivative with time in a given state is the last of those with the parameters.
+        If asked for, the derivative with time in a given state is the last of those with the parameters, and loads and
+        local effects are left out where it is not `loaded`.
         """
         n_t, n = states.q.shape
         strengths = np.array([effect.strength.with_rates(times) for effect in self._load_effects]).reshape(-1, 3, n_t)
@@ -81,6 +89,7 @@ class Linearisation:
         if with_time:
             weights = np.concatenate([weights, np.zeros_like(weights[:1])])
             loads = np.concatenate([loads, (self._load_weights[0] * strengths[:, 1].T)[:, None]], axis=1)
+        loads = loads if loaded else np.zeros_like(loads)
         cells, places = _located(self._terms.grid, states.q)
         own = tuple(np.ascontiguousarray(part) for part in (states.q, states.v, states.a))
         result = Linearised(
@@ -88,7 +97,8 @@ class Linearisation:
             np.zeros((n_t, len(weights) - 1, n)),
             np.zeros((n_t, n)),
         )
-        self._local.add(times, states, result.by_q, result.by_v, result.by_parameters, result.residual)
+        if loaded:
+            self._local.add(times, states, result.by_q, result.by_v, result.by_parameters, result.residual)
         damping, gains = self._terms.damping, (0.0, 0.0) if scheme is None else (scheme.gain_v, scheme.gain_a)
         _linearise(
             self._terms.layout, self._terms.polynomials, weights, np.ascontiguousarray(loads),

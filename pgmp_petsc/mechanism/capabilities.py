@@ -103,21 +103,12 @@ def _with(
     return lambda scene: (f"{one} with {entry}" for one in which(scene) for entry in joints(scene))
 
 
-def _beside_off(scene: Scene) -> Iterator[str]:
-    """Yield entries that a reduced model has not beside joints that are off."""
-    for key in ("second_order", "sampling_tolerance", "tolerance", "parameter_modes"):
-        yield from _given(f"reduction.{key}", getattr(scene.reduction, key))
-    yield from _automatic(scene)
-    yield from _of_second_order(scene)
-    yield from _lengths(scene)
-
-
 def _of_second_order(scene: Scene) -> Iterator[str]:
     return (f"effects.{name}" for name, effect in scene.effects.items() if effect.second_order)
 
 
 def _forces(scene: Scene) -> Iterator[str]:
-    return (f"outputs.{n} ({one.type})" for n, one in scene.outputs.items() if one.reads == "multipliers")
+    return (f"outputs.{n} ({one.type})" for n, one in scene.outputs.items() if "multipliers" in one.reads)
 
 
 def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
@@ -185,25 +176,11 @@ FEATURES = (
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "forces in joints of reduced models",
-        _forces,
-        OF_THE_REDUCTION - {Purpose.CHECK},
-        why_not="forces in joints are no part of reduced models",
-        cure="take pgmp simulate SCENE --full or --components, or leave it out",
-    ),
-    Feature(
-        "joints that are off in modes, sizes of effects and the trade-off",
-        _off,
-        frozenset({Purpose.MODES, Purpose.SIZES, Purpose.TRADEOFF}),
-        why_not="no part of modes over configurations, of sizes of effects, and of the trade-off",
-        cure="leave it out, or take pgmp simulate",
-    ),
-    Feature(
-        "joints that are off with what a reduced model has not beside them",
-        _with(_off, _beside_off),
+        "forces in joints with lengths, places and ratios",
+        lambda scene: (f"{entry} with {length}" for length in _lengths(scene) for entry in _forces(scene)),
         OF_THE_REDUCTION,
-        why_not="not made for joints that are off, of which a reduced model has what is of first order",
-        cure="leave one of both out, or take pgmp simulate SCENE --full",
+        why_not="models at several lengths have no forces in joints",
+        cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
         "joints that are off beside elastic ones",

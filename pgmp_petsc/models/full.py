@@ -81,6 +81,7 @@ class FullModel:
         simulation, alone."""
         other = copy(self)
         other.scene, other._effects = scene, effects_of(scene, self.kinematics.mechanism)
+        other.outputs = self.outputs.under(scene)
         return other
 
     @property
@@ -298,35 +299,32 @@ class FullModel:
         -------
         ndarray, shape (n_observed, n)
         """
-        q = v = multipliers = np.empty((0, frames.shape[2]))
-        if self._stresses is not None:
-            q = np.concatenate([system.unpack(state.q) for state in states], axis=1)
-        if self.outputs.n_rates:
-            v = np.concatenate([system.unpack(state.v) for state in states], axis=1)
+        order, wanted = self.outputs.order, self._stresses is not None
+        q, v, a = (
+            np.concatenate([system.unpack(getattr(state, part)) for state in states], axis=1) if needed else None
+            for part, needed in (("q", wanted), ("v", order > 0), ("a", order > 1))
+        )
+        multipliers = None
         if self.outputs.forces:
             multipliers = np.concatenate([system.joint_multipliers(*one) for one in zip(times, states)], axis=1)
-        return self.observed_of(q, frames, system.values, v, multipliers)
+        return self.observed_of(np.array(times), frames, system.values, q, v, a, multipliers)
 
     def observed_of(
-        self,
-        q: np.ndarray,
-        frames: np.ndarray,
-        values: Mapping[str, np.ndarray | float],
-        v: np.ndarray | None = None,
-        multipliers: np.ndarray | None = None,
-    ) -> np.ndarray:
+        self, time: np.ndarray, frames: np.ndarray, values: Mapping[str, np.ndarray | float],
+        q: np.ndarray | None, v: np.ndarray | None, a: np.ndarray | None, multipliers: np.ndarray | None = None,
+    ) -> np.ndarray:  # fmt: skip
         """Return what the outputs are made of, (n_observed, n), for the frames of all nodes (n_nodes, n_frame, n).
 
-        Stresses alone need the unknowns (n_dofs, n), outputs that read rates theirs, and forces in joints their
-        multipliers (`FullSystem.joint_multipliers`). Parameter values are numbers, or of shape (n,).
+        Stresses alone need the unknowns (n_dofs, n), outputs that read rates or accelerations those, and forces in
+        joints their multipliers (`FullSystem.joint_multipliers`). Times and parameter values are numbers, or of shape
+        (n,).
         """
         stresses = np.empty((0, frames.shape[2])) if self._stresses is None else self._stresses.of(q, values)
-        nodes = list(self.outputs.nodes)
-        rates = Unknowns(self.kinematics.mechanism).frames(v)[nodes] if self.outputs.n_rates else None
+        nodes, unknowns = list(self.outputs.nodes), Unknowns(self.kinematics.mechanism)
+        moving = [frames[nodes], *(unknowns.frames(part)[nodes] for part in (v, a)[: self.outputs.order])]
         if self.outputs.forces:
-            forces = self.outputs.forces_of(frames[nodes], rates, multipliers, values)
-            stresses = np.concatenate([stresses, forces])
-        return self.outputs.observed(frames[nodes], stresses, rates)
+            stresses = np.concatenate([stresses, self.outputs.forces_of(moving, multipliers, values)])
+        return self.outputs.observed(moving, stresses, time, values)
 
     def fields(self) -> FullFields:
         """Return what makes the fields of bodies from unknowns: of those that frames are kept of."""

@@ -15,6 +15,15 @@ order, the nonlinear static answers to all loads that Psi answers to first order
 rigid motion and of Psi, is deflated: chi is M-orthogonal to both, in space with the momenta of sections that turn
 (`rotary_curvature`), so that delta is the part of the motion along Psi to second order too.
 
+The last vectors of Psi may answer offsets p of joints instead (`modes.built_in`), of which the constraints are
+``c + gamma p + 1/2 gamma' p p``. In pairs with these, gamma stands beside ``c'' psi``: for x_a and psi_j
+
+    K chi_aj + K3[x_a, psi_j] + (mu_a.c'') psi_j + mu_j.(c'' x_a + d gamma_a) + C^T nu_aj = 0,
+    C chi_aj = - c''[x_a, psi_j] - d gamma_a.psi_j,
+
+and so on for two of them, with ``- gamma'_ab`` too. Their amplitudes are given: chi keeps its part along them, that
+of two of them along all vectors, which is at rest, and none of what is stiff in other pairs.
+
 Along stiff vectors of Psi chi may keep its part (`static_stretching`): bending shortens a beam without stretching it.
 Left to a stiff coordinate, the shortening is followed with its inertia, but the cubic strain energy, which then couples
 the two, is unbounded at deflections of about twice the radius of gyration. With ``K = Psi^T K Psi`` and ``M = Psi^T M
@@ -45,7 +54,7 @@ nothing of the kind: angles add up.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,6 +67,7 @@ from pgmp_petsc.mechanism.constraints import ConstraintHessian, ConstraintHessia
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE
 from pgmp_petsc.mechanism.space import SPATIAL, turning_of_second_order
+from pgmp_petsc.modes.built_in import BuiltIn, GapDerivatives
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 
 # squares of frequencies over that of the softest vectors: five times as fast, a vector is at rest for vibrations of
@@ -83,10 +93,12 @@ class CurvatureProblem:
         Eigenproblem at the nominal parameters.
     static_stretching
         Whether chi keeps its part along stiff vectors, which stretch the bodies.
+    built_in
+        Offsets, which the last vectors of a basis answer.
     """
 
-    def __init__(self, problem: ModalProblem, static_stretching: bool = False) -> None:
-        self._problem = problem
+    def __init__(self, problem: ModalProblem, static_stretching: bool = False, built_in: BuiltIn | None = None) -> None:
+        self._problem, self._built_in = problem, built_in
         bodies = problem.mechanism.bodies
         self._third = ThirdDerivative(bodies, problem.rows)
         self.rotary = RotaryCurvature(problem.mechanism)
@@ -105,7 +117,7 @@ class CurvatureProblem:
         modes
             Modes at the configuration that the problem is at; the basis holds them.
         shape
-            The flexible vectors of the basis, local rows, shape (n_local, m).
+            The flexible vectors of the basis, local rows, shape (n_local, m), the answers to offsets last.
         answered
             The load that each of them answers, as from `answered_loads` and combinations of them, zero where none is
             known (joints then take of its elastic forces what they can), shape (n_local, m).
@@ -124,16 +136,23 @@ class CurvatureProblem:
         where = problem.kinematics.describe(modes.theta)
         what = f"static modal derivatives at {where}"
         rigid = modes.unstrained
-        # modes may be stiff too
-        whole = self._axial is None and not loose.any()
-        deflated = modes.eigenvectors if whole else rigid
-        chi = self._answers(modes, deflated, shape, answered, pairs, forces, what)
+        gaps = None if self._built_in is None or not self._built_in.n else self._built_in.derivatives(modes.theta)
+        # modes may be stiff too, and what answers offsets alone, or turns without strain, stays whole
+        deflated = modes.eigenvectors if self._axial is None and gaps is None and not loose.any() else rigid
+        chi = self._answers(modes, deflated, shape, answered, pairs, forces, what, gaps)
         momenta = self.rotary.momenta(everywhere, pairs, problem.values)[problem.rows.start : problem.rows.stop]
-        if whole:
-            return Curvature(chi - self._along(np.hstack([rigid, shape]), chi, momenta), third)
-        chi = chi - self._along(rigid, chi, momenta)
-        part = problem.inner(shape, problem.times_mass(chi) + momenta)
-        return Curvature(chi - shape @ self._dropped_part(shape, part, loose), third)
+        moving = ~loose
+        if gaps is not None:
+            moving[-self._built_in.n :] = False
+        bent, (i, j) = shape[:, moving], pairs
+        own, free = moving[i] & moving[j], (moving[i] | moving[j]) & ~loose[i] & ~loose[j]
+        crossed = free & ~own if self._axial is not None else free
+        chi[:, crossed] -= self._along(np.hstack([rigid, bent]), chi[:, crossed], momenta[:, crossed])
+        chi[:, ~crossed] -= self._along(rigid, chi[:, ~crossed], momenta[:, ~crossed])
+        if self._axial is not None:
+            part = problem.inner(bent, problem.times_mass(chi[:, own]) + momenta[:, own])
+            chi[:, own] -= bent @ self._dropped_part(bent, part)
+        return Curvature(chi, third)
 
     def _turned_loads(self, modes: ModeSet, shape: np.ndarray, answered: np.ndarray, loose: np.ndarray) -> np.ndarray:
         """Return what answered loads (n_dofs, m) change by as they turn with bodies that move without strain, for pairs
@@ -183,15 +202,16 @@ class CurvatureProblem:
         pairs: tuple[np.ndarray, np.ndarray],
         forces: np.ndarray,
         what: str,
+        gaps: GapDerivatives | None = None,
     ) -> np.ndarray:
         """Return chi for pairs of vectors but for multiples of kept eigenvectors, given ``K3[psi_i, psi_j]``."""
         problem = self._problem
         chi = np.zeros_like(forces)
         poses = problem.kinematics.motion(modes.theta).poses
         hessians = self._joints.at(poses)
-        if hessians:
+        if hessians or gaps is not None:
             reactions = problem.all_rows(answered - problem.times_stiffness(shape))
-            joints = _TurningJoints(problem.constraints_at(poses), hessians, problem.all_rows(shape), pairs)
+            joints = _TurningJoints(problem.constraints_at(poses), hessians, problem.all_rows(shape), pairs, gaps)
             own = slice(problem.rows.start, problem.rows.stop)
             chi = joints.displacements()[own]
             forces = forces + joints.forces(reactions)[own] + problem.times_stiffness(chi)
@@ -203,30 +223,25 @@ class CurvatureProblem:
         gram = problem.inner(basis, problem.times_mass(basis))
         return basis @ np.linalg.solve(gram, problem.inner(basis, problem.times_mass(chi) + momenta))
 
-    def _dropped_part(self, shape: np.ndarray, part: np.ndarray, loose: np.ndarray) -> np.ndarray:
+    def _dropped_part(self, shape: np.ndarray, part: np.ndarray) -> np.ndarray:
         """Return of momenta along Psi (m, n_pairs) the components that chi does not keep.
 
         S and F are smooth over the configurations, whatever the basis.
         """
-        problem, m, strained = self._problem, shape.shape[1], np.flatnonzero(~loose)
+        problem, m, everywhere = self._problem, shape.shape[1], self._problem.all_rows(shape)
         rows, columns = np.tril_indices(m)
-        within = np.ix_(np.arange(m), strained, strained)
+        stiffness = problem.inner(shape, problem.times_stiffness(shape))
         # Psi is M-orthonormal at the nominal parameters but for parameter modes
-        gram, dropped = problem.inner(shape, problem.times_mass(shape)), np.zeros((m, m, m))
+        gram = problem.inner(shape, problem.times_mass(shape))
+        share = np.linalg.solve(stiffness, problem.inner(shape, self._axial @ everywhere))
+        bending = np.eye(m) - share @ share @ (3.0 * np.eye(m) - 2.0 * share)
+        squares = np.linalg.solve(gram, stiffness)
+        squares *= np.trace(np.linalg.inv(squares)) / STIFF
+        stiff = np.eye(m) - np.linalg.inv(np.eye(m) + squares @ squares)
         along = np.empty((m, m, m))
         along[:, rows, columns] = along[:, columns, rows] = np.linalg.solve(gram, part)
-        along = dropped[within] = along[within]
-        if self._axial is not None:
-            bent, one = shape[:, strained], np.eye(strained.size)
-            stiffness = problem.inner(bent, problem.times_stiffness(bent))
-            share = np.linalg.solve(stiffness, problem.inner(bent, self._axial @ problem.all_rows(bent)))
-            bending = one - share @ share @ (3.0 * one - 2.0 * share)
-            squares = np.linalg.solve(gram[np.ix_(strained, strained)], stiffness)
-            squares *= np.trace(np.linalg.inv(squares)) / STIFF
-            stiff = one - np.linalg.inv(one + squares @ squares)
-            kept = np.einsum("kab,ai,bj->kij", along[strained], bending, bending, optimize=True)
-            dropped[np.ix_(strained, strained, strained)] -= np.einsum("lk,kij->lij", stiff, kept)
-        return dropped[:, rows, columns]
+        kept = np.einsum("kab,ai,bj->kij", along, bending, bending, optimize=True)
+        return (along - np.einsum("lk,kij->lij", stiff, kept))[:, rows, columns]
 
     def answered_loads(self, modes: ModeSet, static: np.ndarray, loads: np.ndarray) -> np.ndarray:
         """Return the loads that modes and static modes answer, shape (n_local, n_modes + n_static).
@@ -266,6 +281,8 @@ class _TurningJoints:
         Psi in body frames, shape (n_dofs, m).
     pairs
         Numbers i and j of the vectors of every pair, shape (n_pairs,) each.
+    gaps
+        Of the offsets that the last vectors answer, if there are any.
     """
 
     def __init__(
@@ -274,12 +291,22 @@ class _TurningJoints:
         hessians: list[ConstraintHessian],
         shape: np.ndarray,
         pairs: tuple[np.ndarray, np.ndarray],
+        gaps: GapDerivatives | None = None,
     ) -> None:
         self._touched = np.unique(jacobian.indices)
         self._jacobian = jacobian[:, self._touched].toarray()
         self._hessians = hessians
         self._shape = shape
         self._pairs = pairs
+        self._bends = np.zeros((0, 0, 0)) if gaps is None else gaps.bends
+        slopes = () if gaps is None else gaps.slopes
+        self._slopes = dict(enumerate((own[:, self._touched] for own in slopes), shape.shape[1] - len(slopes)))
+
+    def _beside(self) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """Yield the number of every vector that answers an offset, pairs that it is in and the others in these."""
+        for k in self._slopes:
+            for own, others in (self._pairs, self._pairs[::-1]):
+                yield k, np.flatnonzero(own == k), others[own == k]
 
     def displacements(self) -> np.ndarray:
         """Return some vectors with ``C x_ij = -c''[psi_i, psi_j]``, shape (n_dofs, n_pairs)."""
@@ -288,6 +315,11 @@ class _TurningJoints:
         for hessian in self._hessians:
             psi = self._shape[hessian.dofs]
             closing[hessian.rows] = -np.einsum("ckl,kp,lp->cp", hessian.values, psi[:, i], psi[:, j])
+        for k, which, others in self._beside():
+            closing[: self._slopes[k].shape[0], which] -= self._slopes[k] @ self._shape[self._touched][:, others]
+        first = self._shape.shape[1] - len(self._slopes)
+        both = np.flatnonzero((i >= first) & (j >= first))
+        closing[: self._bends.shape[2], both] -= self._bends[i[both] - first, j[both] - first].T
         result = np.zeros((len(self._shape), i.size))
         result[self._touched] = np.linalg.lstsq(self._jacobian, closing, rcond=RANK_TOLERANCE)[0]
         return result
@@ -306,6 +338,9 @@ class _TurningJoints:
         for hessian in self._hessians:
             turned = np.einsum("cm,ckl,ln->kmn", multipliers[hessian.rows], hessian.values, self._shape[hessian.dofs])
             result[hessian.dofs] += turned[:, i, j] + turned[:, j, i]
+        for k, which, others in self._beside():
+            slope = self._slopes[k]
+            result[np.ix_(self._touched, which)] += slope.T @ multipliers[: slope.shape[0], others]
         return result
 
 

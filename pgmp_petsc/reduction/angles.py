@@ -93,7 +93,7 @@ class AngleRounds:
 
     def _for_stresses(self, axis: Samples, basis: ContinuousBasis) -> np.ndarray:
         """Return the angles, shape (n,), that stress outputs need."""
-        self._errors = stress_errors(self._scene, self._mechanism, basis.tables.moving, basis.projection, self.static)
+        self._errors = stress_errors(self._scene, self._mechanism, basis.tables.moving(), basis.projection, self.static)
         self._before.append(max(self._errors.values()))
         poor, most = [name for name, error in self._errors.items() if error > TARGET], self._scene.reduction.max_angles
         if not (poor and self._refinable):
@@ -187,7 +187,7 @@ def stress_errors(
     outputs = [
         StressOutput.of(name, scene, numbers[entry.body], mechanism.bodies[numbers[entry.body]])
         for name, entry in scene.outputs.items()
-        if entry.reads == "stresses"
+        if "stresses" in entry.reads
     ]
     stiffness, loads = _stiffness_and_loads(scene, tables, static)
     answers, found = np.linalg.solve(stiffness, loads), {output.name: 0.0 for output in outputs}

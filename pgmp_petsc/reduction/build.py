@@ -26,7 +26,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
+from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bodies.component import Component
@@ -41,9 +41,10 @@ from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.modes.built_in import BuiltIn
+from pgmp_petsc.modes.built_in import BuiltIn, Closing
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.angles import AngleRounds
@@ -55,6 +56,7 @@ from pgmp_petsc.reduction.continuous_basis import (
     compression_of,
 )
 from pgmp_petsc.reduction.interpolation import samples_for
+from pgmp_petsc.reduction.joint_gaps import JointGaps, gap_answers_at, rows_of
 from pgmp_petsc.reduction.length_family import build_over_lengths
 from pgmp_petsc.reduction.missed_answers import MissedAnswers, missed_answers_at
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -225,12 +227,11 @@ def _built(
     """As `build_rom`, with condensed bodies."""
     with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
         mechanism = Mechanism.from_scene(scene, meshes).straight
-        if _forces_change(scene, mechanism):
-            _refuse_offsets(scene)
         kinematics = RigidKinematics(mechanism)
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         matrices, effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
         loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
+        opened_rows = rows_of(OutputSet.of(scene, kinematics).forces, mechanism.n_held)
     store = SampleStore(group, way.samples or _samples(scene, kinematics))
     with ExitStack() as opened:
         with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
@@ -242,16 +243,22 @@ def _built(
         with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
             snapshots = opened.enter_context(ParameterSnapshots(problem, static_loads, points.points))
             probe = _probe(problem, actions_of(effects))
-            sampler = Sampler(problem, loads, static_loads, snapshots, probe, BuiltIn(problem, scene, meshes))
+            built_in = BuiltIn(problem, scene, meshes)
+            sampler = Sampler(problem, loads, static_loads, snapshots, probe, built_in)
         sampling = _Sampling(scene, sampler, group, way)
         joined, basis, rounds = sampling.joined(store, loads, bool(actions_of(effects)), timings)
         if scene.second_order:
             with timings.phase("second order"):
-                basis = sampling.curve(store, basis, Manifold(problem, loads, static_loads, scene.static_stretching))
+                manifold = Manifold(problem, loads, static_loads, scene.static_stretching, built_in)
+                basis = sampling.curve(store, basis, manifold)
         missed = None
         if _forces_change(scene, mechanism):
             with timings.phase("section forces"):
                 missed = sampling.missed(store, basis, static_loads)
+        gaps = None
+        if opened_rows.size:
+            with timings.phase("forces in joints"):
+                gaps = sampling.gaps(store, basis, loads, opened_rows)
     n_redundant = problem.n_redundant
     timings = timings.maximum(group.world)
     if joined is None:
@@ -260,10 +267,12 @@ def _built(
     if group.comm.size > 1:
         mass = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
     if scene.second_order:
-        changes = mode_changes(kinematics, mass, tables.samples, basis.projection, scene.reduction.interpolation)
+        changes = mode_changes(
+            kinematics, mass, tables.samples, basis.projection, scene.reduction.interpolation, tables.n_given
+        )
         tables = replace(tables, changes=changes)
     n_parameter = tables.n_modes - tables.n_given - joined.n_kept
-    indefinite = indefinite_between(tables.moving, scene.reduction.interpolation, *spanning_values(scene))
+    indefinite = indefinite_between(tables.moving(), scene.reduction.interpolation, *spanning_values(scene))
     remarks = (
         *scene.remarks,
         *(() if way.checkpoint is None else way.checkpoint.remarks),
@@ -288,6 +297,7 @@ def _built(
         indefinite=indefinite,
         stiffness_changes=_stiffness_changes(store.samples, joined, basis),
         missed=missed,
+        gaps=gaps,
     )
 
 
@@ -295,17 +305,6 @@ def _forces_change(scene: Scene, mechanism: Mechanism) -> bool:
     """Return whether stress outputs are asked for of bodies that parameters change."""
     weights = (*mechanism.mass_weights, *mechanism.stiffness_weights)
     return bool(stressed_bodies(scene)) and any(weight.powers for weight in weights)
-
-
-def _refuse_offsets(scene: Scene) -> None:
-    """Refuse stress outputs of bodies that parameters change beside joints that are off."""
-    off = next((name for name, joint in scene.joints.items() if joint.offset is not None), None)
-    if off is not None:
-        stress = next(name for name, output in scene.outputs.items() if output.reads == "stresses")
-        raise InputError(
-            f"outputs.{stress} with joints.{off}.offset: stresses of bodies that parameters change are not made for "
-            "joints that are off; leave one of both out, or take pgmp simulate SCENE --full"
-        )
 
 
 @gathered
@@ -433,6 +432,27 @@ class _Sampling:
             samples = samples.over_two_turns(axis)
         return found
 
+    def gaps(
+        self, store: SampleStore, basis: ContinuousBasis | None, loads: Sequence[Load], rows: np.ndarray
+    ) -> JointGaps | None:
+        """Return the products of static answers to unit gaps in some constraints with the finished basis; None but on
+        the first rank. Collective."""
+        problem = self.sampler.problem
+        turned, closing = TurnedLoads(problem, loads), Closing(problem)
+
+        def at(theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, ...]:
+            return gap_answers_at(problem, turned, closing, rows, theta, sample, combination)
+
+        gathered = self._at_samples(store, basis, "forces in joints", at)
+        if gathered is None or basis is None:
+            return None
+        shapes, *tables = (np.array(parts) for parts in zip(*gathered))
+        found, samples = JointGaps(rows, *tables, shapes), store.samples
+        for axis in np.flatnonzero(basis.flipped.any(axis=1)):
+            found = found.over_two_turns(samples, axis, flipping_signs(basis.tables.n_modes, basis.flipped[axis]))
+            samples = samples.over_two_turns(axis)
+        return found
+
     def _at_samples(
         self,
         store: SampleStore,
@@ -497,13 +517,20 @@ class Manifold:
         Loads whose static answers the basis holds.
     static_stretching
         As for `CurvatureProblem`.
+    built_in
+        Offsets, of which samples have the answers, or None.
     """
 
     def __init__(
-        self, problem: ModalProblem, loads: Sequence[Load], static_loads: StaticLoads, static_stretching: bool = False
+        self,
+        problem: ModalProblem,
+        loads: Sequence[Load],
+        static_loads: StaticLoads,
+        static_stretching: bool = False,
+        built_in: BuiltIn | None = None,
     ) -> None:
         self._problem, self._loads, self._static_loads = problem, TurnedLoads(problem, loads), static_loads
-        self._curvature = CurvatureProblem(problem, static_stretching)
+        self._curvature = CurvatureProblem(problem, static_stretching, built_in)
 
     def at(self, theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, SecondOrderTables]:
         """Return chi in body frames, pairs packed, local rows, shape (n_local, n_pairs), and the tables of one sample.
@@ -525,8 +552,7 @@ class Manifold:
         answered = self._curvature.answered_loads(modes, sample.kept[:, last:], self._static_loads.at(problem, modes))
         # motions without strain answer no load
         answered = np.insert(answered, [first] * (last - first), 0.0, axis=1)
-        shape = sample.shape @ combination
-        loose = combination[first:last].any(axis=0)
+        shape, loose = np.hstack([sample.shape, sample.built_in]) @ combination, combination[first:last].any(axis=0)
         curvature = self._curvature.solve(modes, shape, answered @ combination[: sample.n_kept], loose)
         everywhere = problem.all_rows(curvature.chi)
         mass = [problem.matrices.mass[weight] for weight in problem.mechanism.mass_weights]
