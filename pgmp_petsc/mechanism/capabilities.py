@@ -183,11 +183,19 @@ FEATURES = (
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "joints that are off beside elastic ones",
-        lambda scene: (entry for entry in _off(scene) if any(_elastic(scene))),
+        "elastic joints that are off themselves",
+        lambda scene: (entry for entry in _off(scene) if scene.joints[entry.split(".")[1]].elastic is not None),
         EVERYWHERE,
-        why_not="the stress that it builds in is found without springs, which elastic joints need",
-        cure="leave it out, or take effects of type bushing in place of joints with elastic",
+        why_not="not made for a joint with elastic, whose springs keep to where it should be",
+        cure="leave it out, or take an effect of type bushing in place of elastic",
+    ),
+    Feature(
+        "joints that are off beside elastic ones",
+        _with(_elastic, _off),
+        OF_THE_REDUCTION,
+        why_not="reduced models begin with what is built in without springs, which elastic joints need",
+        cure="leave it out, take pgmp simulate SCENE --full or --components, or effects of type bushing in place of "
+        "joints with elastic",
     ),
     Feature(
         "preload with elastic joints",
