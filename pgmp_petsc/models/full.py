@@ -227,7 +227,7 @@ class FullModel:
         constraints = ConstraintSet(Unknowns(mechanism))
         residual = np.abs(constraints.residual(q, np.zeros(constraints.n_driven))[:, 0])  # the joints' come first
         for connection in mechanism.connections:
-            for part in connection.held:
+            for part, _ in connection.held:
                 unit = self.kinematics.size if part.is_length else 1.0
                 what = "a gap of" if part.is_length else "an angle of"
                 text = f"{what} {residual[row]:.3g} {'m' if part.is_length else 'rad'}"
