@@ -144,7 +144,8 @@ def test_the_moving_mass_follows_its_modal_equations() -> None:
     found = [errors("full", elements) for elements in (8, 16, 32)]
     for name, share in (("middle", 8e-3), ("wheel", 5e-3), ("way", 5e-4)):
         ratios = [coarse[name] / fine[name] for coarse, fine in zip(found, found[1:])]
-        assert all(3.4 < ratio < 4.8 for ratio in ratios), (name, ratios)
+        # what the modal equations leave out, shear and rotary inertia beyond their first order, is a tenth of the last
+        assert all(3.4 < ratio < 5.2 for ratio in ratios), (name, ratios)
         assert found[-1][name] < share
 
 
@@ -156,6 +157,16 @@ def test_all_models_agree_on_the_moving_mass(space: bool) -> None:
         found = errors(model, 16, space)
         for name in full:
             assert found[name] == pytest.approx(full[name], abs=1e-3), (model, name)
+
+
+def test_the_wheels_carry_the_trolley() -> None:
+    """Half of its weight each, whichever nodes the beam passes it on to; forces across the tilted beam are level."""
+    pressed = (f'outputs.{name}={{type="joint_force",joint="{name}",component="y"}}' for name in ("rear", "front"))
+    held = ("initial={equilibrium=true,coordinates='held'}", "simulation.initial.x.position=0.71")
+    _, found = run(moving(*held, *pressed, "simulation.duration=1e-3"), "full")
+    for name in ("rear", "front"):
+        # as it starts to roll down a slope of 1/300, the second wheel takes more
+        np.testing.assert_allclose(found[name][0], MASS * GRAVITY / 2, rtol=2e-3)
 
 
 REFUSED = """
