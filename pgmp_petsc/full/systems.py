@@ -642,14 +642,12 @@ class FullStatics:
         Number of its coordinates.
     comm
         Ranks that share the model.
-    loads
-        What part of the loads and local effects acts: all, or none to see what joints that are off do alone.
     """
 
     n_samples = 1
 
-    def __init__(self, equations: FullEquations, n_theta: int, comm: Comm, loads: float = 1.0) -> None:
-        self._equations, self._loads = equations, loads
+    def __init__(self, equations: FullEquations, n_theta: int, comm: Comm) -> None:
+        self._equations = equations
         self._held = {k: Held(0.0) for k in range(n_theta)}
         self._system = FullDistributed(equations, comm, self._held)
         self._q, self._share = np.zeros((equations.n_dofs, 1)), 0.0
@@ -674,7 +672,7 @@ class FullStatics:
             self._system.restore(state, self._system.at_rest(place, theta[0]), going)
 
         def converge(going: np.ndarray, share: float) -> np.ndarray:
-            return iterate_at_rest(lambda _: self._corrected(state, share * self._loads), going)
+            return iterate_at_rest(lambda _: self._corrected(state, share), going)
 
         lost, (self._share,) = put_on(begin, converge, samples)
         if not lost[0]:

@@ -14,7 +14,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
-from pgmp_petsc.effects import effects_of, motions_of, start_of
+from pgmp_petsc.effects import Effect, effects_of, motions_of, springs_of_joints, start_of
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.full.rank_solver import PREFIX
@@ -81,6 +81,7 @@ class FullModel:
         simulation, alone."""
         other = copy(self)
         other.scene, other._effects = scene, effects_of(scene, self.kinematics.mechanism)
+        other.outputs = self.outputs.under(scene)
         return other
 
     @property
@@ -159,11 +160,13 @@ class FullModel:
         values: Mapping[str, float],
         start: tuple[np.ndarray, np.ndarray],
         comm: Comm,
+        effects: Sequence[Effect] | None = None,
     ) -> FullEquations:
-        """Return this rank's share of the equations of one sample."""
+        """Return this rank's share of the equations of one sample, under some effects or all."""
         owned = Unknowns(kinematics.mechanism).share(comm.rank, comm.size)
         of_sample = {name: np.array([value]) for name, value in values.items()}
-        return FullEquations(kinematics, self._effects, of_sample, SampleBlocks(1, 1, 1), start, owned)
+        effects = self._effects if effects is None else effects
+        return FullEquations(kinematics, effects, of_sample, SampleBlocks(1, 1, 1), start, owned)
 
     def _settled(self, values: Mapping[str, float], comm: Comm) -> Settled:
         """Return the static equilibrium of one sample. Collective on `comm`."""
@@ -182,15 +185,16 @@ class FullModel:
         return bool(self.kinematics.remarks) or any(joint.offset for joint in self.scene.joints.values())
 
     def _built_in(self, values: Mapping[str, float], rates: np.ndarray, comm: Comm) -> tuple[np.ndarray, np.ndarray]:
-        """Return unknowns and velocities (n_dofs, 1) of the static answer to joints that are off, without loads, at the
-        start with rates (n_theta,). Collective on `comm`.
+        """Return unknowns and velocities (n_dofs, 1) of the static answer to joints that are off, without loads but on
+        the springs of elastic joints, at the start with rates (n_theta,). Collective on `comm`.
 
         Raises `InputError` where there is none: rigid bodies do not give way.
         """
         theta = self._start[0]
         held = self.kinematics.held()
-        equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm)
-        with FullStatics(equations, theta.size, comm, loads=0.0) as statics:
+        springs = springs_of_joints(self.scene, held.mechanism)
+        equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm, springs)
+        with FullStatics(equations, theta.size, comm) as statics:
 
             def deformed(at: np.ndarray) -> np.ndarray:
                 _, lost = statics.hold(at[None], np.ones(1, dtype=bool))
@@ -298,35 +302,32 @@ class FullModel:
         -------
         ndarray, shape (n_observed, n)
         """
-        q = v = multipliers = np.empty((0, frames.shape[2]))
-        if self._stresses is not None:
-            q = np.concatenate([system.unpack(state.q) for state in states], axis=1)
-        if self.outputs.n_rates:
-            v = np.concatenate([system.unpack(state.v) for state in states], axis=1)
+        order, wanted = self.outputs.order, self._stresses is not None
+        q, v, a = (
+            np.concatenate([system.unpack(getattr(state, part)) for state in states], axis=1) if needed else None
+            for part, needed in (("q", wanted), ("v", order > 0), ("a", order > 1))
+        )
+        multipliers = None
         if self.outputs.forces:
             multipliers = np.concatenate([system.joint_multipliers(*one) for one in zip(times, states)], axis=1)
-        return self.observed_of(q, frames, system.values, v, multipliers)
+        return self.observed_of(np.array(times), frames, system.values, q, v, a, multipliers)
 
     def observed_of(
-        self,
-        q: np.ndarray,
-        frames: np.ndarray,
-        values: Mapping[str, np.ndarray | float],
-        v: np.ndarray | None = None,
-        multipliers: np.ndarray | None = None,
-    ) -> np.ndarray:
+        self, time: np.ndarray, frames: np.ndarray, values: Mapping[str, np.ndarray | float],
+        q: np.ndarray | None, v: np.ndarray | None, a: np.ndarray | None, multipliers: np.ndarray | None = None,
+    ) -> np.ndarray:  # fmt: skip
         """Return what the outputs are made of, (n_observed, n), for the frames of all nodes (n_nodes, n_frame, n).
 
-        Stresses alone need the unknowns (n_dofs, n), outputs that read rates theirs, and forces in joints their
-        multipliers (`FullSystem.joint_multipliers`). Parameter values are numbers, or of shape (n,).
+        Stresses alone need the unknowns (n_dofs, n), outputs that read rates or accelerations those, and forces in
+        joints their multipliers (`FullSystem.joint_multipliers`). Times and parameter values are numbers, or of shape
+        (n,).
         """
         stresses = np.empty((0, frames.shape[2])) if self._stresses is None else self._stresses.of(q, values)
-        nodes = list(self.outputs.nodes)
-        rates = Unknowns(self.kinematics.mechanism).frames(v)[nodes] if self.outputs.n_rates else None
+        nodes, unknowns = list(self.outputs.nodes), Unknowns(self.kinematics.mechanism)
+        moving = [frames[nodes], *(unknowns.frames(part)[nodes] for part in (v, a)[: self.outputs.order])]
         if self.outputs.forces:
-            forces = self.outputs.forces_of(frames[nodes], rates, multipliers, values)
-            stresses = np.concatenate([stresses, forces])
-        return self.outputs.observed(frames[nodes], stresses, rates)
+            stresses = np.concatenate([stresses, self.outputs.forces_of(moving, multipliers, values)])
+        return self.outputs.observed(moving, stresses, time, values)
 
     def fields(self) -> FullFields:
         """Return what makes the fields of bodies from unknowns: of those that frames are kept of."""

@@ -310,7 +310,7 @@ PLACES = ("at", "group", "region")
 
 def stressed_bodies(scene: AnyScene) -> set[str]:
     """Return the names of the bodies that stress outputs name."""
-    return {output.body for output in scene.outputs.values() if output.reads == "stresses"}
+    return {output.body for output in scene.outputs.values() if "stresses" in output.reads}
 
 
 def stress_problems(scene: AnyScene, name: str, output: OutputEntry) -> Iterator[str]:
