@@ -159,14 +159,15 @@ def test_all_models_agree_on_the_moving_mass(space: bool) -> None:
             assert found[name] == pytest.approx(full[name], abs=1e-3), (model, name)
 
 
-def test_the_wheels_carry_the_trolley() -> None:
-    """Half of its weight each, whichever nodes the beam passes it on to; forces across the tilted beam are level."""
+@pytest.mark.parametrize("model", MODELS)
+def test_the_wheels_carry_the_trolley(model: str) -> None:
+    """Half of its weight each at rest, whichever nodes they press on."""
     pressed = (f'outputs.{name}={{type="joint_force",joint="{name}",component="y"}}' for name in ("rear", "front"))
     held = ("initial={equilibrium=true,coordinates='held'}", "simulation.initial.x.position=0.71")
-    _, found = run(moving(*held, *pressed, "simulation.duration=1e-3"), "full")
+    _, found = run(moving(*held, *pressed, "simulation.duration=1e-3", "reduction.angles=16"), model)
     for name in ("rear", "front"):
-        # as it starts to roll down a slope of 1/300, the second wheel takes more
-        np.testing.assert_allclose(found[name][0], MASS * GRAVITY / 2, rtol=2e-3)
+        # the trolley is let go on a slope of 4e-3, whose square is what changes
+        np.testing.assert_allclose(found[name][0], MASS * GRAVITY / 2, rtol=5e-5)
 
 
 REFUSED = """
