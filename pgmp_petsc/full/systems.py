@@ -272,7 +272,7 @@ class FullBatch(FullSystem):
             aligned_zeros((n, blocks.n_lanes)),
         )
         self._size = np.empty((blocks.n_blocks, blocks.n_lanes))
-        self._typical_mass = mass_on_diagonal(equations.problem) / self.n_dofs
+        self._typical_mass = mass_on_diagonal(equations.problem, equations.size) / self.n_dofs
 
     def steps_between_looks(self, every: int | None) -> int:
         """Return how many steps make one of PETSc's TS where it does not look; see `SecondOrderSystem`."""
@@ -444,7 +444,7 @@ class FullDistributed(FullSystem):
         self._x, self._diagonal = np.empty((n_all, 1)), np.zeros((n_all, 1))
         self._lower = np.zeros((layout.n_lower, 1))
         self._solver = RankSolver(layout, np.concatenate([self._own, self._multipliers]), self._rows_of_all(), comm)
-        self._typical_mass = comm.allreduce(float(mass_on_diagonal(self._problem)[0, 0])) / self.n_dofs
+        self._typical_mass = comm.allreduce(float(mass_on_diagonal(self._problem, equations.size)[0, 0])) / self.n_dofs
         self._typical_stiffness = 0.0
         self._solver_failed = False
         self.rubs = any(comm.allgather(rubs(self._problem.actions.laws)))

@@ -10,6 +10,8 @@ from copy import copy
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import lsqr
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm, alone
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import FullFields
 
 
+CLOSED = 1e-12  # of what is off, that least squares may leave
 MOST_IN_LANES = 3500  # unknowns; beyond, the fill-in of a mesh in space outgrows the caches, and PETSc's solvers win
 
 
@@ -199,7 +202,7 @@ class FullModel:
             def deformed(at: np.ndarray) -> np.ndarray:
                 _, lost = statics.hold(at[None], np.ones(1, dtype=bool))
                 if lost[0]:
-                    self._refuse(equations.start()[0][:, None], theta)
+                    self._refuse(self._residual(equations.start()[0][:, None]), theta)
                 return statics.unknowns()
 
             q = deformed(theta)
@@ -211,30 +214,48 @@ class FullModel:
                     v += rate * (deformed(theta + step) - deformed(theta - step)) / (2.0 * np.sum(step))
         return q, v
 
+    def require_taken(self) -> None:
+        """Refuse joints that are off by more than bodies can give way, as far as the first order tells."""
+        if not self.is_off:
+            return
+        theta, held = self._start[0], self.kinematics.held()
+        q = self._equations(held, self.scene.values, (theta, np.zeros_like(theta)), alone()).start()[0][:, None]
+        constraints = ConstraintSet(Unknowns(held.mechanism))
+        residual = constraints.residual(q, theta)[:, 0]
+        values, at = constraints.jacobian_values(q)[:, 0], constraints.jacobian_pattern
+        jacobian = sp.csr_matrix((values, at), shape=(residual.size, q.size))
+        given = lsqr(jacobian, residual, atol=CLOSED, btol=CLOSED, iter_lim=20 * residual.size)[0]
+        if self._furthest(residual - jacobian @ given)[2] > LARGEST_GAP:
+            self._refuse(residual, theta)
+
     def _require_held(self, q: np.ndarray, theta: np.ndarray) -> None:
         """Refuse joints that are off by more than bodies at unknowns (n_dofs, 1) give way."""
-        if self._furthest(q)[2] > LARGEST_GAP:
-            self._refuse(q, theta)
+        if self._furthest(self._residual(q))[2] > LARGEST_GAP:
+            self._refuse(self._residual(q), theta)
 
-    def _refuse(self, q: np.ndarray, theta: np.ndarray) -> None:
-        name, gap, _ = self._furthest(q)
+    def _refuse(self, residual: np.ndarray, theta: np.ndarray) -> None:
+        name, gap, _ = self._furthest(residual)
         raise InputError(
             f"joints.{name}: {gap} remains at {self.kinematics.describe(theta)}: joints are off by what no redundancy "
             "explains and no elasticity takes. Let bodies that they hold be flexible, take a smaller offset (turn in "
             "rad), or joints that hold less; placements, the first guess of how it is assembled, may be the reason too"
         )
 
-    def _furthest(self, q: np.ndarray) -> tuple[str, str, float]:
-        """Return the joint that is furthest from holding at unknowns (n_dofs, 1), by how much, and that in units of the
-        mechanism's size or of 1 rad."""
-        mechanism, found, row = self.kinematics.mechanism, [], 0
-        constraints = ConstraintSet(Unknowns(mechanism))
-        residual = np.abs(constraints.residual(q, np.zeros(constraints.n_driven))[:, 0])  # the joints' come first
+    def _residual(self, q: np.ndarray) -> np.ndarray:
+        """Return what the constraints are off at unknowns (n_dofs, 1), those of joints first."""
+        constraints = ConstraintSet(Unknowns(self.kinematics.mechanism))
+        return constraints.residual(q, np.zeros(constraints.n_driven))[:, 0]
+
+    def _furthest(self, residual: np.ndarray) -> tuple[str, str, float]:
+        """Return the joint that is furthest from holding where the constraints are off by a residual, by how much, and
+        that in units of the mechanism's size or of 1 rad."""
+        mechanism, found, row, system = self.kinematics.mechanism, [], 0, self.scene.system
+        residual = np.abs(residual)
         for connection in mechanism.connections:
             for part, _ in connection.held:
                 unit = self.kinematics.size if part.is_length else 1.0
                 what = "a gap of" if part.is_length else "an angle of"
-                text = f"{what} {residual[row]:.3g} {'m' if part.is_length else 'rad'}"
+                text = f"{what} {residual[row]:.3g} {system.unit('m') if part.is_length else 'rad'}"
                 found.append((residual[row] / unit, connection.name, text))
                 row += 1
         far, name, gap = max(found)

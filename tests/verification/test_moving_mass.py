@@ -39,7 +39,7 @@ reduction: modes = 4; angles = 40; static_modes = true; inertia_modes = true; in
 simulation: duration = 0.33; step = 5.5e-4
 outputs.middle: type = "position"; point = "beam:middle"; axis = "y"
 outputs.wheel: type = "position"; point = "trolley:rear"; axis = "y"
-outputs.way: type = "sliding"; joint = "rear"
+outputs.way: type = "position"; point = "trolley:rear"; axis = "x"
 """)
 # in space a third point holds the trolley upright, and the hinge holds the beam's turning about itself
 SPACE = (
