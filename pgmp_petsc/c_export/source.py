@@ -21,6 +21,7 @@ from pgmp_petsc.mechanism.statements import KINDS
 from pgmp_petsc.reduced import lagrangian_terms
 
 PARTS = ("steps", "interpolation", "lagrangian", "solution", "statements", "actions", "kinematics", "outputs")
+OLDER = "model.c"  # what `steps.c` was called
 COMPILED = (*(f"{part}.c" for part in PARTS), "tables.c")  # with tables.c, what every model in C is made of
 PRINTED = {"lagrangian": lagrangian_terms, "statements": statements}
 COMMON = ("model.h", "tables.h", *(f"{part}.c" for part in PARTS if part not in PRINTED), "main.c")
@@ -67,6 +68,8 @@ def write_sources(constants: Constants, folder: str | Path) -> int:
                     partial.write_text(text, encoding="utf-8")
                 except UnicodeError as error:
                     raise RunError(f"output file '{folder / name}' could not be written: {error}") from error
+        if (folder / OLDER).exists():  # `cc *.c` would link all that is in it twice
+            check_output(folder / OLDER, "code").unlink()
     return sum(len(text.encode()) for text in texts.values())
 
 

@@ -270,7 +270,7 @@ class WatchedRun(Observer):
         )
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
         time = schedule.steps * (indicator.step / FINER)
-        observed = _Observed(checking.full, full, values, motion, schedule.told, time)
+        observed = _Observed(checking.full, full, values, motion, schedule, time)
         steps = {"step": schedule.interval, "duration": (len(states) - 1) * schedule.interval}
         simulation = indicator.simulation.model_copy(update={**steps, "spectral_radius": schedule.spectral_radius})
         run = integrate(system, simulation, alive=about, observer=observed, prefix=ERROR_PREFIX)
@@ -323,44 +323,60 @@ class _Observed(Observer):
         batch: FullBatch,
         values: Mapping[str, np.ndarray],
         motion: ReferenceMotion,
-        told: np.ndarray,
+        schedule: Schedule,
         time: np.ndarray,
     ) -> None:
-        self._model, self._batch, self._values, self._motion, self._told = model, batch, values, motion, told
-        self._time = time
+        self._model, self._batch, self._values, self._motion = model, batch, values, motion
+        self._told, self._interval, self._time = schedule.told, schedule.interval, time
         self._waiting: list[tuple[np.ndarray, ...]] = []
         self._found: list[dict[str, np.ndarray]] = []
 
     def __call__(self, number: int, time: float, error: State) -> None:
         """Take in the error at an instant."""
-        self._take(number, error.q[None], error.v[None], error.a[None], error.turns[None])
+        self._take(number, State(*(part[None] for part in error.parts())))
 
     def over_states(self, numbers: np.ndarray, times: np.ndarray, errors: State) -> None:
         """Take in the errors at many instants in turn; see `Observer`."""
-        self._take(int(numbers[0]), errors.q, errors.v, errors.a, errors.turns)
+        self._take(int(numbers[0]), errors)
 
-    def _take(self, number: int, *errors: np.ndarray) -> None:
-        """Take in errors of unknowns, rates and accelerations, and turns, from an instant on."""
-        instants = slice(number, number + len(errors[0]))
+    def _take(self, number: int, errors: State) -> None:
+        """Take in errors from an instant on."""
+        instants = slice(number, number + len(errors.q))
         told = self._told[instants]
         q, v, a = self._motion.over(number, told.size)[:, told]
         # what is kept of states has to be theirs: angles are counted on in place
-        self._waiting.append((self._time[instants][told], q, v, a, *(part[told] for part in errors)))
+        errors = errors.at(told)
+        forces = self._multipliers(number + np.flatnonzero(told), (q, v, a), errors)
+        own = errors.q, errors.v, errors.a, errors.turns
+        self._waiting.append((self._time[instants][told], q, v, a, *own, forces))
         if sum(part[1].size for part in self._waiting) > TOGETHER:
             self._evaluate()
 
     def _evaluate(self) -> None:
         time, *parts = (np.concatenate(parts) for parts in zip(*self._waiting))
         n_e, n = time.size, self._batch.n_samples
-        motion, errors = parts[:3], parts[3:]
+        motion, errors, forces = parts[:3], parts[3:7], parts[7]
         # the axis of instants behind that of unknowns
         *errors, turns = (self._batch.unpack(np.moveaxis(part, 0, 2)) for part in errors)
         q, v, a = ((np.moveaxis(one, 0, 1) + e).reshape(-1, n_e * n) for one, e in zip(motion, errors))
         values = {name: np.tile(value, n_e) for name, value in self._values.items()}
         frames = self._batch.frames_of(q, turns.reshape(len(turns), n_e * n))
-        observed = self._model.observed_of(np.repeat(time, n), frames, values, q, v, a)
+        forces = np.moveaxis(forces, 0, 1).reshape(-1, n_e * n)
+        observed = self._model.observed_of(np.repeat(time, n), frames, values, q, v, a, forces)
         self._found.append(self._model.outputs.evaluate(observed))
         self._waiting.clear()
+
+    def _multipliers(self, numbers: np.ndarray, motion: tuple[np.ndarray, ...], errors: State) -> np.ndarray:
+        """Return the multipliers of joints of the corrected motion at instants, (n_e, n_multipliers, n), where outputs
+        are made of them."""
+        if not self._model.outputs.forces:
+            return np.empty((numbers.size, 0, self._batch.n_samples))
+        found = []
+        for k, number in enumerate(numbers):
+            q, v, a = (self._batch.pack(part[k]) + e[k] for part, e in zip(motion, (errors.q, errors.v, errors.a)))
+            state = State(q, v, a, errors.multipliers[k], errors.turns[k])
+            found.append(self._batch.joint_multipliers(number * self._interval, state))
+        return np.array(found)
 
     def outputs(self) -> dict[str, np.ndarray]:
         """Return every output, shape (n_e n,)."""

@@ -102,6 +102,10 @@ def differentiate(
     pulse
         Called with the number of steps that have been taken since the last call.
     """
+    for name, entry in model.scene.outputs.items():
+        if "multipliers" in entry.reads:
+            why = "derivatives of forces in joints, which take those of accelerations, are not known"
+            raise InputError(f"outputs.{name} ({entry.type}): {why}; leave it out, or compare runs (--set)")
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
     of_sample = {name: np.array([value]) for name, value in values.items()}

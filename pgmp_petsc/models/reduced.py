@@ -91,6 +91,13 @@ class ReducedModel:
             from pgmp_petsc.models.stresses import ReducedStresses  # few scenes have them
 
             self.stresses = ReducedStresses(scene, self.outputs, self.kinematics, rom)
+        self.multipliers = None
+        if self.outputs.forces:
+            from pgmp_petsc.models.joint_forces import ReducedMultipliers  # few scenes have them
+
+            self.multipliers = ReducedMultipliers(
+                scene, rom, self.kinematics, self.outputs.forces, self.effects, self.motions, self.start[0]
+            )
         self.joint_angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
         self.stiffness_changes = rom.stiffness_changes
         self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))
@@ -119,6 +126,7 @@ class ReducedModel:
         other.scene, other.effects = scene, effects_of(scene, self.kinematics.mechanism)
         other.actions = replace(self.actions, actions=actions_of(other.effects))
         other.outputs = self.outputs.under(scene)
+        other.multipliers = self.multipliers and self.multipliers.under(other.effects)
         return other
 
     @property
@@ -162,6 +170,9 @@ class ReducedModel:
     ) -> np.ndarray:  # fmt: skip
         """Return what `observed_of` does, for frames of the outputs' nodes that are at hand, with their derivatives."""
         stresses = np.empty((0, len(states.q))) if self.stresses is None else self.stresses.of(states.q, values)
+        if self.multipliers is not None:
+            multipliers = self.multipliers.of(time, states, values)
+            stresses = np.concatenate([stresses, self.outputs.forces_of(frames, multipliers, values)])
         return self.outputs.observed(frames, stresses, time, values)
 
     def fields(self, n_frames: int | None = None) -> ReducedFields:

@@ -98,6 +98,18 @@ def test_folders(model, tmp_path) -> None:
         write_sources(found, tmp_path / "none" / "model")
 
 
+def test_what_an_older_version_called_otherwise_goes(model, tmp_path) -> None:
+    """With it `cc *.c` would link everything twice; what is of others stays and is said."""
+    write_sources(constants_of(model, "it"), tmp_path)
+    older = tmp_path / "model.c"
+    older.write_text((tmp_path / "steps.c").read_text())
+    write_sources(constants_of(model, "it"), tmp_path)
+    assert not older.exists()
+    older.write_text("int mine;\n")
+    with pytest.raises(InputError, match="model.c' exists and is not"):
+        write_sources(constants_of(model, "it"), tmp_path)
+
+
 def test_an_fmu_takes_the_place_of_an_fmu_only(model, tmp_path) -> None:
     path = Path(tmp_path / "m.fmu")
     path.write_text("of others")
