@@ -264,7 +264,9 @@ def formula_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | 
         def at(time: float, measured: Action = measured) -> float:
             return _value(kinematics, measured.statement, measured.sides, theta + time * rates)
 
-        s = float(theta[measured.coordinate]) if measured.coordinate >= 0 else at(0.0)
+        # of a coordinate with its turns
+        own = next((k for k, c in enumerate(kinematics.coordinates) if c.statement is measured.statement), None)
+        s = at(0.0) if own is None else float(theta[own])
         v = (at(moment) - at(-moment)) / (2.0 * moment) if np.any(rates) else 0.0
         why = not_finite(acting, s, v, scene.values)
         if why:
