@@ -9,6 +9,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -137,6 +138,11 @@ FEATURES = {
     "deformation": ('outputs.x={{type="deformation",point="{last}:tip",axis="y",frame="body"}}',),
     "stress": ('outputs.x={{type="stress",body="{last}",quantity="{quantity}"}}',
         'outputs.y={{type="stress",body="{last}",quantity="{quantity}",at={inside}}}',),
+    "force in a joint": ('outputs.x={{type="joint_force",joint="{drive}",component="y"}}',),
+    "torque of a drive": (
+        'effects.x={{type="prescribed_motion",coordinate="{theta}",spin_up={{speed=2.0,time=0.5}}}}',
+        'outputs.x={{type="drive_torque",joint="{drive}"}}', 'outputs.y={{type="power",joint="{drive}"}}',
+    ),  # fmt: skip
     "rigid first body": ("bodies.{first}.flexible=false",),
     "mass properties": (
         'bodies.{first}={{rigid={{mass="kilos",centre={centre},inertia={moments},points={{hinge={start},tip={end}}}}}}}',
@@ -180,6 +186,7 @@ def assembled(mesh) -> Assembled:
     return Assembled.of(mesh.nodes, np.arange(1, mesh.n_nodes + 1), sets, mesh, *matrices)
 
 
+@cache
 def scene_of(kind: str, feature: str) -> Scene:
     """Return the scene of a kind of mechanism with a feature; raises `InputError` where the scene refuses it."""
     text = KINDS[kind]

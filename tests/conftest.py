@@ -49,6 +49,7 @@ MPI_ENVIRONMENT = {
     "OMPI_MCA_pml": "ob1",
     "OMP_NUM_THREADS": "1",
 } | _sleeping()
+PGMP = ("-m", "pgmp_petsc.cli.main")
 # What takes long and has a shorter sibling in the suite: more ranks, a larger scene, another kind of compiled code. It
 # is left out where nobody asks for it, so that the suite ends within half an hour; `scripts/test --thorough` has it.
 THOROUGH = (
@@ -93,7 +94,14 @@ hypothesis.settings.load_profile("suite")
 
 
 def run_mpi(n: int, *command: object, check_status: int | None = 0) -> subprocess.CompletedProcess[str]:
-    """Run Python with the arguments ``command`` on ``n`` ranks and return what it printed."""
+    """Run Python with the arguments ``command`` on ``n`` ranks and return what it printed.
+
+    A command of the program on one rank runs in this process, unless it has options for PETSc, which starts once.
+    """
+    if n == 1 and command[:2] == PGMP and "--" not in command:
+        from runs import pgmp
+
+        return pgmp(*command[2:], status=check_status)
     paths = [str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")]
     environment = os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
     # mpirun waits this long, and two seconds unless told, for ranks that write their last words before it kills them

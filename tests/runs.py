@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import warm_start
-from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS, run_mpi
+from conftest import MPI_ENVIRONMENT, PGMP, ROOT, TIMEOUT_SECONDS, run_mpi
 from mpi4py import MPI
 
 from pgmp_petsc.bench.reference import component_model
@@ -32,7 +32,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.stepping.generalised_alpha import Run, integrate
+from pgmp_petsc.stepping.generalised_alpha import Called, Run, integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.simulate import simulate
@@ -55,7 +55,6 @@ for argv in json.loads(sys.argv[1]):
     if statuses:
         print(json.dumps(statuses), flush=True)
 """
-PGMP = ("-m", "pgmp_petsc.cli.main")
 # few modes and angles, and a tenth of the time: enough for everything but accuracy
 SMALL = ("reduction.modes=4", "reduction.angles=24", "simulation.duration=0.05", "simulation.step=1e-3")
 
@@ -191,17 +190,33 @@ def run_model(
     return system, integrate(system, model.scene.simulation, alive)
 
 
-def history(model: Model, values: Mapping[str, np.ndarray], n: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Integrate n samples; return times (n_t,) and outputs over time, each of shape (n_t, n)."""
-    system = model.batch(values, n)
-    times, rows = [], []
+def history(
+    model: Model, values: Mapping[str, np.ndarray], n: int, every: int = 1
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Integrate n samples; return times (n_t,) and outputs over time, each of shape (n_t, n), after every so many
+    steps. What they are made of is evaluated at all times at once, where a model needs no system for it."""
+    system, reduced = model.batch(values, n), model.name == ReducedModel.name
+    alone = n == 1 and isinstance(model, FullModel) and not model.outputs.forces
+    times, kept = [], []
 
     def record(step: int, time: float, state: State) -> None:
-        times.append(time)
-        rows.append(model.outputs.evaluate(model.observed(system, state)))
+        if step % every == 0:
+            times.append(time)
+            kept.append(state if reduced or alone else model.observed(system, state, time))
 
-    integrate(system, model.scene.simulation, observer=record)
-    return np.array(times), {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    observer = Called(record)
+    observer.every = every
+    integrate(system, model.scene.simulation, observer=observer)
+    if reduced:
+        each = {name: np.tile(np.broadcast_to(value, n), len(times)) for name, value in system.values.items()}
+        q, v = (np.concatenate([getattr(state, name) for state in kept]) for name in "qv")
+        observed = model.observed_of(q, each, v)
+    elif alone:
+        observed = model.observed_over(system, kept, system.frames_over(kept), times)
+    else:
+        observed = np.concatenate(kept, axis=1)
+    outputs = model.outputs.evaluate(observed)
+    return np.array(times), {name: row.reshape(len(times), n) for name, row in outputs.items()}
 
 
 def largest_errors(exact: Mapping[str, np.ndarray], found: Mapping[str, np.ndarray]) -> dict[str, float]:

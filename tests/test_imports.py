@@ -33,7 +33,7 @@ NEEDS = {
     "mechanism": {"declare", "scene", "mesh", "bodies"},
     "joints": {"scene", "mechanism"},
     "effects": {"declare", "scene", "bodies", "mechanism"},
-    "outputs": {"scene", "mesh", "bodies", "mechanism"},
+    "outputs": {"declare", "scene", "mesh", "bodies", "mechanism", "effects"},
     "figures": {"mesh", "results"},
     "report": {"declare", "results", "figures"},
     "texts": {"results", "reduction", "studies"},  # the latter two for types

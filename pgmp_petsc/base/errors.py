@@ -73,7 +73,7 @@ def nearest_name(name: str, known: Iterable[str]) -> str:
     close = get_close_matches(name, known, n=1, cutoff=0.6)
     if close:
         return f"; did you mean '{close[0]}'?"
-    return f"; known: {', '.join(known)}" if known else "; none is defined"
+    return f"; known: {shortened(', '.join(known))}" if known else "; none is defined"
 
 
 def counted(n: int, what: str) -> str:

@@ -469,7 +469,7 @@ class Bench:
         with closing(model.batch(values, n)) as system:
             begun = _now()
             run = integrate(system, simulation)
-            model.outputs.evaluate(model.observed(system, run.state))
+            model.outputs.evaluate(model.observed(system, run.state, simulation.duration))
             first = n_first_steps(system)  # of the few that are timed they are no small share
             return (begun - start + (_now() - begun) * (first + n_steps) / (first + taken)) / n
 

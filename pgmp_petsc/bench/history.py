@@ -134,7 +134,7 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> His
             kept.append(np.array([state.q, state.v]))
             return
         frames = system.frames(state)
-        kept.append(model.observed_over(system, [state], frames))
+        kept.append(model.observed_over(system, [state], frames, [time]))
         of_joints.append(frames[nodes])
 
     run = integrate(system, with_steps(model.scene, n_steps).simulation, observer=record)

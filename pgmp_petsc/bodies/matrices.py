@@ -170,19 +170,17 @@ class ThirdDerivative:
         return total
 
 
-Moments = dict[tuple[int, int], sp.csr_matrix]
-
-
-def inertia_moments(body: Body) -> dict[Monomial, Moments]:
-    """Return P_ij of a body that is not meshed, by weight, shape (n, n) in the order of its unknowns."""
-    found: dict[Monomial, Moments] = {}
-    d, n = body.dimension, body.dofs.size
+def inertia_moments(body: Body) -> dict[Monomial, sp.csr_matrix]:
+    """Return P_ij of a body that is not meshed, by weight, in the order of its unknowns: one above the other, in
+    order of (i, j), shape (d * d * n, n)."""
+    found: dict[Monomial, sp.csr_matrix] = {}
+    pairs, n = np.arange(body.dimension**2), body.dofs.size
     for weight, dofs, values in chain(body.moments(), _of_lumps(body)):
-        own = found.setdefault(weight, {(i, j): sp.csr_matrix((n, n)) for i in range(d) for j in range(d)})
         rows, columns = np.repeat(dofs, dofs.shape[1], axis=1).ravel(), np.tile(dofs, dofs.shape[1]).ravel()
-        for i in range(d):
-            for j in range(d):
-                own[i, j] = own[i, j] + sp.csr_matrix((values[:, i, j].ravel(), (rows, columns)), shape=(n, n))
+        entries = np.moveaxis(values, 0, 2).ravel()
+        places = np.add.outer(n * pairs, rows).ravel(), np.tile(columns, pairs.size)
+        own = sp.csr_matrix((entries, places), shape=(n * pairs.size, n))
+        found[weight] = found[weight] + own if weight in found else own
     return found
 
 
@@ -193,11 +191,6 @@ def director_inertia(body: Body) -> dict[Monomial, np.ndarray]:
     for weight, nodes, values in chain(body.director_inertia(), lumps):
         np.add.at(found.setdefault(weight, np.zeros((body.n_nodes, 3, 3))), nodes, values)
     return found
-
-
-def turned(moments: Moments, turn: np.ndarray) -> sp.csr_matrix:
-    """Return ``sum_ij W_ij P_ij``, which ``f^T m (W g)`` is made of, for W of shape (d, d)."""
-    return sum(turn[i, j] * moment for (i, j), moment in moments.items() if turn[i, j]) + 0.0 * moments[0, 0]
 
 
 def _of_lumps(body: Body) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:

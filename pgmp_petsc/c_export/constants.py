@@ -36,13 +36,14 @@ from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced import steps as reduced_steps
 from pgmp_petsc.reduced.actions import nodes_of
+from pgmp_petsc.reduced.system import STARTING_CORRECTIONS
 from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
 from pgmp_petsc.results.estimates import limits_of
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.uses import length_names, uses_of, velocity_names
+from pgmp_petsc.scene.uses import length_names, offset_directions, uses_of, velocity_names
 from pgmp_petsc.stepping import alpha_step, edge_search
 from pgmp_petsc.stepping.generalised_alpha import count_steps
 from pgmp_petsc.stepping.second_order_system import Scheme
@@ -85,6 +86,8 @@ class Constants:
     #: weights, load_weights: monomials of the terms and of the load terms
     weights: tuple[Monomial, ...]
     load_weights: tuple[Monomial, ...]
+    given: Sequence[Monomial]  # amplitudes of the coordinates that say how far joints are off, the last ones
+    prescribed: Sequence[bool]  # of all coordinates, whether they are given
     laws: Sequence[Sequence[Quantity]]  # parameters of the laws of the local effects
     parameters: Mapping[str, float]  # nominal values, or those that were set, by name
     served: Mapping[str, Served]  # ranges that the model was built for, by name
@@ -113,9 +116,9 @@ class Constants:
 
     @property
     def free(self) -> list[str]:
-        """Names of the coordinates, rigid and flexible, whose motion is not given."""
-        rigid = [name for name, motion in zip(self.coordinate_units, self.motions) if not motion]
-        return [*rigid, *(f"mode[{k + 1}]" for k in range(self.settings["M"]))]
+        """Names of the coordinates, rigid and flexible, that are not given."""
+        names = [*self.coordinate_units, *(f"mode[{k + 1}]" for k in range(self.settings["M"]))]
+        return [name for name, given in zip(names, self.prescribed) if not given]
 
 
 def constants_of(model: ReducedModel, what: str) -> Constants:
@@ -141,7 +144,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     loads = list(dict.fromkeys(terms.tables.load_effects))
     over_time = {name: effects[name].strength for name in loads}
     over_time |= {action.effect: action.amplitude for action in actions if action.amplitude is not None}
-    places, winding = model.actions.rigid, model.actions.places.winding
+    places, windings = model.actions.rigid, iter(model.actions.places.winding)
     closure, wanted = closure_of(kinematics)
     tables = _tables(model, nodes, places)
     _check_size(tables, what)
@@ -167,6 +170,8 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         axes=_axes(model, places),
         weights=terms.weights,
         load_weights=terms.tables.load_weights,
+        given=[Monomial(() if name is None else ((name, 1),)) for name in offset_directions(scene)],
+        prescribed=terms.tables.prescribed(model.motions),
         laws=[action.parameters for action in actions],
         parameters=tunable(scene),
         served=model.served,
@@ -179,8 +184,8 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         closure=closure,
         closure_wanted=wanted,
         actions=[
-            action_in_c(action, edge, held, slots, list(over_time), turns)
-            for action, edge, turns in zip(actions, first_edges, winding)
+            action_in_c(number, action, edge, held, slots, list(over_time), windings)
+            for number, (action, edge) in enumerate(zip(actions, first_edges))
         ],
         action_slots=[slots[node] for node in held],
         outputs={name: output_in_c(model, name, slots) for name in scene.outputs},
@@ -290,6 +295,7 @@ def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, i
     return {
         "R": len(layout.rigid),
         "M": layout.n_eta - len(layout.rigid),
+        "N_GIVEN": terms.tables.n_given,
         "D": model.kinematics.mechanism.space.dimension,
         "SECOND_ORDER": int(layout.second_order),
         "STRUCTURAL_DAMPING": int(layout.damping < layout.end),
@@ -328,6 +334,7 @@ def _steps(model: ReducedModel) -> dict[str, int | float]:
         "BETA": scheme.beta,
         "GAMMA": scheme.gamma,
         "CORRECTIONS": CORRECTIONS,
+        "STARTING_CORRECTIONS": STARTING_CORRECTIONS,
         "MAX_ITERATIONS": alpha_step.MAX_ITERATIONS,
         "CAREFUL_ITERATIONS": alpha_step.CAREFUL_ITERATIONS,
         "REFRESH_EVERY": alpha_step.REFRESH_EVERY,
@@ -359,16 +366,16 @@ def checked_scene(scene: Scene, what: str) -> Scene:
     """
     for entry, text in _of_scene(scene):
         raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")
-    left = {name: output for name, output in scene.outputs.items() if output.reads != "stresses"}
+    left = {name: output for name, output in scene.outputs.items() if output.of_frames()}
     return scene if len(left) == len(scene.outputs) else scene.model_copy(update={"outputs": left})
 
 
 def left_out(scene: Scene) -> str:
     """Say which outputs of a scene a model in C leaves out; empty where it has them all."""
-    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if entry.reads == "stresses"]
+    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if not entry.of_frames()]
     if not lacking:
         return ""
-    having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.reads != "stresses")
+    having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.of_frames())
     return f"note: {', '.join(lacking)} left out: a model in C has {having}; pgmp simulate has all outputs"
 
 
@@ -377,9 +384,6 @@ def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:
         yield "coordinates", f"a model in C has one or two rigid coordinates, not {len(scene.coordinates)}"
     if scene.fields:
         yield f"fields.{next(iter(scene.fields))}", "a model in C has no random fields"
-    for name, joint in scene.joints.items():
-        if joint.offset is not None:
-            yield f"joints.{name}.offset", "in a model in C joints are where they should be"
     if scene.initial.equilibrium:
         yield "initial.equilibrium", "a model in C starts undeformed"
     if scene.simulation.tolerance is not None:

@@ -94,7 +94,7 @@ def variables_of(constants: Constants) -> list[Variable]:
 def _states(constants: Constants) -> list[Variable]:
     """Return the states of model exchange, positions and rates of what is free, and their derivatives."""
     free, found = constants.free, []
-    n_rigid = len(free) - constants.settings["M"]
+    n_rigid = sum(name in constants.coordinate_units for name in free)
     inside = [*map(quoted, free[:n_rigid]), *free[n_rigid:]]
     names = [*(f"states.{name}" for name in inside), *(f"rates.{name}" for name in inside)]
     # modal coordinates have units of their own

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.resources import files
+from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.c_export.constants import Along, Constants
-from pgmp_petsc.c_export.statements import ActionInC, Output, Side, StatementInC, TermInC
+from pgmp_petsc.c_export.statements import ActionInC, Output, PartInC, Side, StatementInC, TermInC
 from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.files.claims import check_output, locked, replacing
 from pgmp_petsc.mechanism import statements
@@ -116,11 +117,14 @@ def _tables(constants: Constants) -> str:
     lower = [served[name].low if name in served else -math.inf for name in names]
     upper = [served[name].high if name in served else math.inf for name in names]
     parts += [_listed(f"const struct axis {name}[R]", map(_axis, axes)) for name, axes in constants.axes.items()]
+    measured = [part for action in constants.actions for part in action.parts]
+    every = [*constants.closure, *(part.term for part in measured)]
+    terms, lasts = list(_terms(every)), list(accumulate(len(action.parts) for action in constants.actions))
     parts += [
         _strings("pgmp_parameter_names", names),
         _strings("pgmp_strength_names", constants.strengths),
         _strings("pgmp_output_names", constants.outputs),
-        _listed("const int pgmp_prescribed[R]", (str(int(len(motion) > 0)) for motion in constants.motions)),
+        _listed("const int pgmp_prescribed[N]", (str(int(given)) for given in constants.prescribed)),
         _listed("const double parameter_values[]", map(_number, constants.parameters.values())),
         _listed("const double parameter_lower[]", map(_number, lower)),
         _listed("const double parameter_upper[]", map(_number, upper)),
@@ -131,11 +135,12 @@ def _tables(constants: Constants) -> str:
         _listed("const int action_nodes[]", map(str, constants.action_slots)),
         _pieces([*constants.strengths.values(), *constants.motions]),
         _listed("const struct statement coordinates[R]", map(_statement, constants.coordinates)),
-        _listed("const struct term closure[]", _terms(constants.closure), "{0}"),
-        _listed("const struct spline_piece spline_pieces[]", _spline_pieces(constants.closure), "{0}"),
+        _listed("const struct term closure[]", terms[: len(constants.closure)], "{0}"),
+        _listed("const struct spline_piece spline_pieces[]", _spline_pieces(every), "{0}"),
         _listed("const struct output outputs[]", map(_output, constants.outputs.values()), "{0}"),
         *dict.fromkeys(action.law.code.C for action in constants.actions),
-        _listed("const struct action actions[]", map(_action, constants.actions), "{0}"),
+        _listed("const struct action actions[]", map(_action, constants.actions, [0, *lasts]), "{0}"),
+        _listed("const struct part action_parts[]", map(_part, measured, terms[len(constants.closure) :]), "{0}"),
         _weigh(constants),
     ]
     return HEAD + "\n".join(parts)
@@ -184,7 +189,8 @@ def _statement(part: StatementInC) -> str:
 
 
 def _terms(terms: Sequence[TermInC]) -> Iterator[str]:
-    """Yield terms of the closure, each with the first of its spline's pieces among those of all, and their number."""
+    """Yield terms of the closure and of local effects, each with the first of its spline's pieces among those of all,
+    and their number."""
     first = 0
     for term in terms:
         n = len(term.function.coefficients)
@@ -205,18 +211,23 @@ def _output(output: Output) -> str:
     return f"{{{where}, {_statement(output.statement)}}}"
 
 
-def _action(action: ActionInC) -> str:
-    numbers = (*action.nodes, action.strength, action.edge, len(action.law.edges), action.role)
-    who = ", ".join(map(str, (*numbers, f"law_{action.law.name}")))
-    return f"{{{who}, {_numbers(action.winding)}, {_statement(action.statement)}}}"
+def _action(action: ActionInC, first: int) -> str:
+    last = first + len(action.parts)
+    numbers = (first, last, action.strength, action.edge, len(action.law.edges), action.role)
+    return f"{{{', '.join(map(str, (*numbers, f'law_{action.law.name}')))}}}"
+
+
+def _part(part: PartInC, term: str) -> str:
+    return f"{{{', '.join(map(str, part.nodes))}, {_numbers(part.winding)}, {term}}}"
 
 
 def _weigh(constants: Constants) -> str:
     """Return the function that evaluates the monomials."""
     numbers = {name: k for k, name in enumerate(constants.parameters)}
-    lines = ["void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW]) {"]
-    lines.append("    (void)p, (void)terms, (void)loads, (void)laws;")
-    for into, monomials in (("terms", constants.weights), ("loads", constants.load_weights)):
+    lines = ["void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW], double *given) {"]
+    lines.append("    (void)p, (void)terms, (void)loads, (void)laws, (void)given;")
+    weights = {"terms": constants.weights, "loads": constants.load_weights, "given": constants.given}
+    for into, monomials in weights.items():
         lines += [f"    {into}[{k}] = {_monomial(weight, numbers)};" for k, weight in enumerate(monomials)]
     for k, law in enumerate(constants.laws):
         for i, quantity in enumerate(law):

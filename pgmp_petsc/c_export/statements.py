@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,17 +58,24 @@ class TermInC:
 
 
 @dataclass(frozen=True, eq=False)
-class ActionInC:
-    """A local effect: numbers of its nodes among those of all effects, of its strength, -1 where it has none, and of
-    the first edge of its law among those of all, and whose measure the law is of."""
+class PartInC:
+    """A term of what a local effect measures, and the numbers of its nodes among those of all effects."""
 
-    statement: StatementInC
+    term: TermInC
     nodes: tuple[int, int]
+    winding: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ActionInC:
+    """A local effect: its parts, numbers of its strength, -1 where it has none, and of the first edge of its law among
+    those of all, and whose measure the law is of."""
+
+    parts: tuple[PartInC, ...]
     law: Law
     strength: int
     edge: int
     role: int  # `effects.action.Action.role`
-    winding: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,20 +114,18 @@ def closure_of(kinematics: RigidKinematics) -> tuple[list[TermInC], list[float]]
 
 
 def action_in_c(
-    action: Action, edge: int, nodes: Sequence[int], slots: Mapping[int, int], strengths: Sequence[str],
-    winding: np.ndarray,
+    number: int, action: Action, edge: int, nodes: Sequence[int], slots: Mapping[int, int], strengths: Sequence[str],
+    windings: Iterator[np.ndarray],
 ) -> ActionInC:  # fmt: skip
-    """Return a local effect; `nodes` are those of all of them, `strengths` the names of what acts over time."""
-    a, b = action.sides
-    return ActionInC(
-        StatementInC(action.statement, Side.of(a, slots), Side.of(b, slots)),
-        tuple(-1 if side.on_ground else nodes.index(side.node) for side in (a, b)),
-        action.law,
-        -1 if action.amplitude is None else strengths.index(action.effect),
-        edge,
-        action.role,
-        tuple(float(turns) for turns in winding),
-    )
+    """Return a local effect by its number; `nodes` are those of all of them, `strengths` the names of what acts over
+    time, and `windings`, of which it takes its own, go over the parts of all."""
+    parts = []
+    for (statement, function), a, b in zip(action.statement.terms, action.sides[::2], action.sides[1::2]):
+        term = TermInC(number, StatementInC(statement, Side.of(a, slots), Side.of(b, slots)), function, -1)
+        held = tuple(-1 if side.on_ground else nodes.index(side.node) for side in (a, b))
+        parts.append(PartInC(term, held, tuple(map(float, next(windings)))))
+    strength = -1 if action.amplitude is None else strengths.index(action.effect)
+    return ActionInC(tuple(parts), action.law, strength, edge, action.role)
 
 
 def output_in_c(model: ReducedModel, name: str, slots: Mapping[int, int]) -> Output:

@@ -14,7 +14,6 @@ from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures, pol
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.contacts import Contact
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
-from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instants
@@ -33,10 +32,8 @@ def chosen_parameters(scene: Scene, asked: Sequence[str], known: Iterable[str], 
     Raises
     ------
     InputError
-        If there is no parameter, with what is to be done `without`, or none of a name; or if the scene has what
-        runs are not differentiated with.
+        If there is no parameter, with what is to be done `without`, or none of a name.
     """
-    check_capabilities(scene, Purpose.DERIVATIVES)
     for name in asked:
         if name not in scene.parameters:
             raise InputError(f"--parameter {name}: there is no such parameter{nearest_name(name, scene.parameters)}")

@@ -25,8 +25,10 @@ from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.law import Law, Laws
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.node_statements import NodeStatements
-from pgmp_petsc.mechanism.statements import Combination, Statement
+from pgmp_petsc.mechanism.statement_rows import StatementRows
+from pgmp_petsc.mechanism.statements import ANGLE, Combination, Statement
 from pgmp_petsc.scene.effects import LawMismatch
 
 ALONE, LEADS, LED = range(3)  # whose measure a law is of: see `Action.role`
@@ -51,7 +53,6 @@ class Action:
     law: Law  # the law
     parameters: tuple[Quantity, ...]  # of the law, in its order
     amplitude: TimeFunction | None = None  # of a source over time, s; None for other laws
-    coordinate: int = -1  # number of the coordinate that an angle is, -1 where it is none
     further: tuple[Attachment, ...] = ()  # a pair for each further term of a combination
     led: bool = False  # whether its law is of the measure of the action before it
 
@@ -94,6 +95,7 @@ class Actions(NamedTuple):
     laws: Laws  # the laws
     parameters: np.ndarray  # of the laws, shape (n_actions, n_samples, n_parameters), those of the law that has most
     roles: np.ndarray  # `Action.role` of each, shape (n_actions,)
+    firsts: np.ndarray  # first term of each, shape (n_actions + 1,): a measure is the sum of its terms
 
 
 def compile_actions(
@@ -112,7 +114,31 @@ def compile_actions(
         Laws.of([action.law for action in actions]),
         parameters,
         np.array([action.role for action in actions], dtype=np.int64),
+        np.cumsum([0, *(len(action.statement.terms) for action in actions)]),
     )
+
+
+def counted_from(action: Action, kinematics: RigidKinematics, theta: np.ndarray) -> np.ndarray:
+    """Return what the angles of an action's terms are counted from at coordinates (n_theta, n), rad, shape (n_terms,
+    n): that of one which is no coordinate, among several, is what the others leave of a coupling's value."""
+    terms, mechanism = action.statement.terms, kinematics.mechanism
+    numbers = {coordinate.statement: k for k, coordinate in enumerate(mechanism.coordinates)}
+    near = np.array([theta[numbers[s]] if s in numbers else np.zeros(theta.shape[1]) for s, _ in terms])
+    if len(terms) == 1:
+        return near
+    n_pose, sides = mechanism.space.n_pose, [side.on_pose() for side in action.sides]
+    rows = StatementRows(
+        [Combination((term,)) for term in terms],
+        list(zip(sides[::2], sides[1::2])),
+        lambda body: n_pose * body + np.arange(n_pose),
+        mechanism.space.dimension,
+    )
+    values = rows.values(kinematics.poses(theta.T).reshape(-1, theta.shape[1]), near)
+    value = next(one.value for one in mechanism.couplings if one.combination is action.statement)
+    for k, (part, function) in enumerate(terms):
+        if part.kind == ANGLE and part not in numbers and not function.breaks.size:
+            near[k] = (value - values.sum(axis=0) + values[k]) / function.factor
+    return near
 
 
 def amplitudes_over(actions: Sequence[Action], times: np.ndarray) -> np.ndarray:

@@ -45,7 +45,7 @@ from pydantic import Field, model_validator
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
-from pgmp_petsc.base.errors import InputError, nearest_name
+from pgmp_petsc.base.errors import InputError, nearest_name, shortened
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.effects.effect import Effect
@@ -54,7 +54,7 @@ from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import EffectEntry
 from pgmp_petsc.scene.fields import Name, NotNegative, Number, no_parameter, refusal
-from pgmp_petsc.scene.messages import Finding, doubt, problem
+from pgmp_petsc.scene.messages import MAX_RECEIVED, Finding, doubt, problem
 
 SLOWEST = 4.0  # times as slowly as between hinges a beam with one free end and a mass may bend
 
@@ -104,7 +104,8 @@ class StructuralDamping(EffectEntry):
         given = list(self.bodies or ())
         for body in given:
             if body not in scene.bodies:
-                yield problem(f"{entry}.bodies", f"there is no body '{body}'{nearest_name(body, flexible)}", given)
+                hint = nearest_name(body, flexible)
+                yield problem(f"{entry}.bodies", f"there is no body '{shortened(body, MAX_RECEIVED)}'{hint}", given)
             elif body not in flexible:
                 words = f"{body} is rigid; only flexible bodies have structural damping"
                 yield problem(f"{entry}.bodies", words, given)

@@ -20,7 +20,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from pgmp_petsc.base.errors import nearest_name
+from pgmp_petsc.base.errors import nearest_name, shortened
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect
@@ -102,9 +102,8 @@ def declared(text: str, names: tuple[str, ...]) -> tuple[str, set[str]]:
         match node:
             case ast.Name(id=name):
                 if name not in STATE and name not in names:
-                    raise FormulaError(
-                        f"names '{name}', which is not known{nearest_name(name, (*STATE, *names))}; {ALLOWED}"
-                    )
+                    hint = nearest_name(name, (*STATE, *names))
+                    raise FormulaError(f"names '{shortened(name, 40)}', which is not known{hint}; {ALLOWED}")
                 used.add(name)
                 return STATE.get(name) or constant(name)
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
@@ -118,7 +117,7 @@ def declared(text: str, names: tuple[str, ...]) -> tuple[str, set[str]]:
             case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
                 if name not in FUNCTIONS:
                     hint = nearest_name(name, FUNCTIONS)
-                    raise FormulaError(f"calls '{name}', which is no function{hint}; {ALLOWED}")
+                    raise FormulaError(f"calls '{shortened(name, 40)}', which is no function{hint}; {ALLOWED}")
                 n, form = FUNCTIONS[name]
                 if len(arguments) != n:
                     raise FormulaError(f"gives {name} {len(arguments)} arguments; it takes {n}")

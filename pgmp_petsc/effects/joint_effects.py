@@ -34,18 +34,14 @@ from pgmp_petsc.scene.uses import slides
 
 
 def joint_measure(mechanism: Mechanism, entry: Any) -> dict[str, Any]:
-    """Return statement, attachments and coordinate of an effect's joint, as `Action` takes them."""
+    """Return statement and attachments of an effect's joint, as `Action` takes them."""
     return measure_of(mechanism, entry.joint, "sliding" if slides(mechanism.scene, entry) else "turning")
 
 
 def measure_of(mechanism: Mechanism, joint: str, motion: str) -> dict[str, Any]:
     """Return the same of a motion of a joint."""
     connection = mechanism.connection(joint)
-    place = {"a": connection.a, "b": connection.b}
-    if motion == "sliding":
-        return {"statement": connection.measure("sliding"), **place}
-    numbers = [k for k, c in enumerate(mechanism.coordinates) if c.statement is connection.angle]
-    return {"statement": connection.angle, "coordinate": numbers[0] if numbers else -1, **place}
+    return {"statement": connection.measure(motion), "a": connection.a, "b": connection.b}
 
 
 def place_of(mechanism: Mechanism, name: str, entry: Any) -> dict[str, Any]:

@@ -117,8 +117,9 @@ def spring_force(
     if len(spring.statement.terms) > 1:
         return 0.0
     frames = [side.frame_of_pose(poses) for side in spring.sides]
-    if spring.coordinate >= 0:
-        measure = theta[spring.coordinate]
+    number = [k for k, c in enumerate(mechanism.coordinates) if c.statement is spring.statement]
+    if number:
+        measure = theta[number[0]]
     elif spring.statement.kind == ANGLE:
         measure = mechanism.space.angle(spring.statement, *frames)
     else:

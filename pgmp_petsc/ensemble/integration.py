@@ -224,7 +224,7 @@ def _with_outputs(
     if not fine.size:
         return done
     with np.errstate(all="ignore"):
-        found = model.outputs.evaluate(model.observed(system, done.state)[..., fine])
+        found = model.outputs.evaluate(model.observed(system, done.state, end)[..., fine])
     lost = fine[~np.all([np.isfinite(values) for values in found.values()] or [np.ones(fine.size)], axis=0)]
     status, failure_time = done.status.copy(), done.failure_time.copy()
     status[lost], failure_time[lost] = Status.NOT_FINITE, end

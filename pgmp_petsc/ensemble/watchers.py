@@ -308,7 +308,7 @@ class _OverTimeWatch(Observer):
     def _see(self, number: int, time: float, state: State) -> None:
         """Evaluate the outputs in a state."""
         with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
-            found = self._model.outputs.evaluate(self._model.observed(self._begun.system, state))
+            found = self._model.outputs.evaluate(self._model.observed(self._begun.system, state, time))
         self._take(np.array([number]), np.array([time]), {name: values[None] for name, values in found.items()})
 
     def _evaluate(self) -> None:

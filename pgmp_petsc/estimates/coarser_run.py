@@ -170,12 +170,13 @@ class OutputRecord(Observer):
         states, self._waiting = self._waiting, []
         if not states:
             return
+        times = self._times[len(self._times) - len(states) :]
         with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
             if self._at_once == 1:
-                self._observed += [self._model.observed(self._system, state) for state in states]
+                self._observed += [self._model.observed(self._system, *one) for one in zip(states, times)]
             else:
                 frames = self._system.frames_over(states)
-                self._observed.append(self._model.observed_over(self._system, states, frames))
+                self._observed.append(self._model.observed_over(self._system, states, frames, times))
 
     def outputs(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Return the instants (n_t,), s, and every output (n_t, n_samples)."""

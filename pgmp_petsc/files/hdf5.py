@@ -294,20 +294,22 @@ def take(group: h5py.Group, name: str, n_dimensions: int, texts: bool = False) -
 
     Raises `ValueError` if it is missing, has another number of dimensions, or holds something else; see `shapes_of`.
     """
-    where = f"dataset '{group.name.rstrip('/')}/{name}'"
+    why = None
     if not isinstance(group, h5py.Group):  # a dataset would be searched for the name, number by number
-        raise ValueError(f"{where} is missing: '{group.name}' is no group")
-    if name not in group:
-        raise ValueError(f"{where} is missing")
-    dataset = group[name]
-    if not isinstance(dataset, h5py.Dataset):
-        raise ValueError(f"{where} is a group")
-    if dataset.shape is None or dataset.ndim != n_dimensions:
-        raise ValueError(f"{where} has shape {dataset.shape}; needed: {n_dimensions} dimension(s)")
-    if (h5py.check_string_dtype(dataset.dtype) is not None) != texts or not texts and dataset.dtype.kind not in "biuf":
-        raise ValueError(f"{where} holds {dataset.dtype}; needed: {'texts' if texts else 'numbers'}")
-    if dataset.nbytes > group.file.id.get_filesize():  # nothing is compressed: it was never written
-        raise ValueError(f"{where} has shape {dataset.shape}, more than the file holds")
+        why = f"is missing: '{group.name}' is no group"
+    elif (dataset := group.get(name)) is None:
+        why = "is missing"
+    elif not isinstance(dataset, h5py.Dataset):
+        why = "is a group"
+    elif (shape := dataset.shape) is None or len(shape) != n_dimensions:
+        why = f"has shape {shape}; needed: {n_dimensions} dimension(s)"
+    elif (h5py.check_string_dtype(kind := dataset.dtype) is not None) != texts or not texts and kind.kind not in "biuf":
+        why = f"holds {kind}; needed: {'texts' if texts else 'numbers'}"
+    # nothing is compressed: what is larger than the file was never written
+    elif dataset.nbytes > h5py.h5i.get_file_id(group.id).get_filesize():
+        why = f"has shape {shape}, more than the file holds"
+    if why is not None:
+        raise ValueError(f"dataset '{group.name.rstrip('/')}/{name}' {why}")
     return np.asarray(dataset[()])
 
 

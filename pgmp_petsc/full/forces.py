@@ -23,7 +23,7 @@ from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, sta
 
 @njit(cache=True, apart=True, error_model="numpy")
 def evaluate_actions(
-    actions, firsts, entries, amplitudes, y, rates, known, gain_v, with_tangents, about, forces, tangents, powers,
+    actions, entries, amplitudes, y, rates, known, gain_v, with_tangents, about, forces, tangents, powers,
     stored, depths
 ):  # fmt: skip
     """Evaluate all actions for all samples.
@@ -32,8 +32,6 @@ def evaluate_actions(
     ----------
     actions, amplitudes
         As from `compile_actions`, `amplitudes_over`.
-    firsts
-        First term of each action, shape (n_actions + 1,): its measure is the sum of its terms.
     entries
         Which entries of the tangents are wanted: first one of each action (n_actions + 1,), rows and columns among the
         unknowns of the nodes of its terms, each (n_entries,).
@@ -60,7 +58,7 @@ def evaluate_actions(
         Result: how far each edge of a law is crossed, negative where it is not, shape (n_samples, n_edges).
     """
     starts, rows, columns = entries
-    statements, width, most = actions.statements, y.shape[1], 1
+    firsts, statements, width, most = actions.firsts, actions.statements, y.shape[1], 1
     for k in range(firsts.size - 1):
         most = max(most, firsts[k + 1] - firsts[k])
     scratch, own = scratch_of(statements, width // 2), np.zeros(width)
@@ -119,7 +117,7 @@ class BlockActions(NamedTuple):
     laws: Laws
     parameters: np.ndarray  # of the laws, shape (n_blocks, n_actions, n_lanes, n_parameters)
     roles: np.ndarray  # as in `Actions`
-    firsts: np.ndarray  # first term of each, shape (n_actions + 1,)
+    firsts: np.ndarray  # as in `Actions`
     dofs: np.ndarray  # unknowns of both nodes of every term, -1 on the ground, shape (n_terms, 2 m)
     entries: tuple[np.ndarray, np.ndarray, np.ndarray]  # as for `evaluate_actions`
     positions: np.ndarray  # where the matrix stores these entries, shape (n_entries,)
@@ -172,7 +170,7 @@ def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents, iteratin
     known = turns if turns.shape[0] else np.zeros((n_terms, n_lanes))
     about = actions.about[block][: n if iterating else 0]
     evaluate_actions(
-        Actions(loaded(actions.statements), laws, actions.parameters[block], actions.roles), actions.firsts,
+        Actions(loaded(actions.statements), laws, actions.parameters[block], actions.roles, actions.firsts),
         actions.entries, amplitudes, y, rates, known, gain_v, with_tangents, about, forces, tangents, powers, stored,
         depths,
     )  # fmt: skip

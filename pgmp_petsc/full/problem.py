@@ -6,7 +6,7 @@ A rank has the elements, joints and effects that touch its unknowns: all of them
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from itertools import compress, pairwise
+from itertools import compress
 
 import numpy as np
 import scipy.sparse as sp
@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import MassesOnDemand
 from pgmp_petsc.effects import Action, Effect, Load, Motion, actions_of, loads_of
-from pgmp_petsc.effects.action import amplitudes_over, compile_actions
+from pgmp_petsc.effects.action import amplitudes_over, compile_actions, counted_from
 from pgmp_petsc.effects.loads import Weights
 from pgmp_petsc.full.batched_ldl import analyse
 from pgmp_petsc.full.damping import BodyDampings, ModalFactors
@@ -39,7 +39,6 @@ from pgmp_petsc.lanes.lane_items import width_of
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statement_rows import StatementRows
-from pgmp_petsc.mechanism.statements import ANGLE, Combination
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 
@@ -144,7 +143,7 @@ class FullEquations:
         bound = ConstraintParts(self.constraints, self.chosen, kinematics.size)
         self._acts = _acting(actions_of(effects, d), unknowns, share)
         self.actions = acting = self._actions_of(effects)
-        firsts, dofs, entries, of_actions = pairs_of(acting, unknowns.frame)
+        dofs, entries, of_actions = pairs_of(acting, unknowns.frame)
         coordinates = mechanism.coordinates if d == 3 else ()
         angles = StatementRows([c.statement for c in coordinates], [c.sides for c in coordinates], unknowns.frame, d)
         modal = self.modal = [one for one in self.damping.modal if share.owns(one.dofs).any()]
@@ -159,8 +158,8 @@ class FullEquations:
         parameters = compiled.parameters.reshape(len(acting), blocks.n_blocks, blocks.n_lanes, n_parameters)
         actions = BlockActions(
             compiled.statements, compiled.laws, np.ascontiguousarray(np.moveaxis(parameters, 1, 0)), compiled.roles,
-            firsts, self.layout.unknowns(dofs), entries, self.layout.positions(*of_actions),
-            share.owns(_first_of(dofs)[firsts[:-1]]),
+            compiled.firsts, self.layout.unknowns(dofs), entries, self.layout.positions(*of_actions),
+            share.owns(_first_of(dofs)[compiled.firsts[:-1]]),
             np.full((blocks.n_blocks, len(acting), blocks.n_lanes), np.nan),
         )  # fmt: skip
         counting = angles.compiled._replace(dofs=self.layout.unknowns(angles.dofs))
@@ -198,30 +197,7 @@ class FullEquations:
         shape (n_turns, n)."""
         if not self.n_turns:
             return np.zeros((0, theta.shape[1]))
-        return np.concatenate([theta, *(self._near(action, theta) for action in self.actions)])
-
-    def _near(self, action: Action, theta: np.ndarray) -> np.ndarray:
-        """Return what the angles of an action's terms are counted from at coordinates (n_theta, n), rad, shape
-        (n_terms, n): that of one which is no coordinate, among several, is what the others leave of a coupling's
-        value."""
-        terms, mechanism = action.statement.terms, self._kinematics.mechanism
-        if len(terms) == 1:
-            return theta[[action.coordinate]] if action.coordinate >= 0 else np.zeros((1, theta.shape[1]))
-        numbers = {coordinate.statement: k for k, coordinate in enumerate(mechanism.coordinates)}
-        near = np.array([theta[numbers[s]] if s in numbers else np.zeros(theta.shape[1]) for s, _ in terms])
-        n_pose, sides = mechanism.space.n_pose, [side.on_pose() for side in action.sides]
-        rows = StatementRows(
-            [Combination((term,)) for term in terms],
-            list(zip(sides[::2], sides[1::2])),
-            lambda body: n_pose * body + np.arange(n_pose),
-            mechanism.space.dimension,
-        )
-        values = rows.values(self._kinematics.poses(theta.T).reshape(-1, theta.shape[1]), near)
-        value = next(one.value for one in mechanism.couplings if one.combination is action.statement)
-        for k, (part, function) in enumerate(terms):
-            if part.kind == ANGLE and part not in numbers and not function.breaks.size:
-                near[k] = (value - values.sum(axis=0) + values[k]) / function.factor
-        return near
+        return np.concatenate([theta, *(counted_from(action, self._kinematics, theta) for action in self.actions)])
 
     def sources(self, effects: Sequence[Effect], motions: Sequence[Motion]) -> Sources:
         """Return what changes with time alone of the effects that these equations were made of, or of others that
@@ -312,28 +288,27 @@ def _acting(actions: Sequence[Action], unknowns: Unknowns, share: Share) -> list
 
 def pairs_of(
     actions: Sequence[Action], frame: Callable[[int], np.ndarray]
-) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Return the first term of every action, (n_actions + 1,), the unknowns of both nodes of every term, -1 on the
-    ground, shape (n_terms, 2 m), which entries of the actions' tangents there are (`evaluate_actions`), and the
-    unknowns that these pair.
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Return the unknowns of both nodes of every term of actions, -1 on the ground, shape (n_terms, 2 m), which entries
+    of the actions' tangents there are (`evaluate_actions`), and the unknowns that these pair.
 
     `frame` gives the unknowns (m,) of a node.
     """
     m, every = frame(0).size, [side for action in actions for side in action.sides]
-    firsts = np.cumsum([0, *(len(action.sides) // 2 for action in actions)])
     dofs = np.full((len(every), m), -1)
     for side, own in zip(every, dofs):
         if not side.on_ground:
             own[:] = frame(side.node)
     dofs = dofs.reshape(-1, 2 * m)
-    each = [dofs[first:last].ravel() for first, last in pairwise(firsts)]
+    last_terms = np.cumsum([len(action.statement.terms) for action in actions], dtype=int)
+    each = [own.ravel() for own in np.split(dofs, last_terms)[:-1]]
     lower = [_lower(own) for own in each]
     starts = np.cumsum([0, *(i.size for i, _ in lower)])
     rows, columns = (np.concatenate([np.zeros(0, dtype=int), *(pair[k] for pair in lower)]) for k in (0, 1))
     paired = (
         np.concatenate([np.zeros(0, dtype=int), *(own[pair[k]] for own, pair in zip(each, lower))]) for k in (0, 1)
     )
-    return firsts, dofs, (starts, rows, columns), tuple(paired)
+    return dofs, (starts, rows, columns), tuple(paired)
 
 
 def _lower(dofs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

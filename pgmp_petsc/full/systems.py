@@ -117,6 +117,25 @@ class FullSystem(SecondOrderSystem):
         """Return a state's array of unknowns as (n, n_samples), on every rank."""
         raise NotImplementedError
 
+    def multipliers(self, state: State) -> np.ndarray:
+        """Return the multipliers of the constraints, shape (n_constraints, n_samples), on every rank. Collective on
+        `comm`."""
+        raise NotImplementedError
+
+    def joint_multipliers(self, time: float, state: State) -> np.ndarray:
+        """Return the multipliers of joints and driven angles (`ConstraintSet.of_joints`), shape (n, n_samples).
+        Collective on `comm`.
+
+        They are those with which accelerations obey the constraints, ``C q'' = -(dC/dt) q' + c_tt``, in the state's
+        positions and velocities. Those of the scheme itself are of first order in the step until what its start has
+        against the constraints is damped (Arnold, Bruls and Cardona 2015); these are of second order, as the motion is.
+        """
+        accelerations = driven(self._sources.motions, time).acceleration
+        drift = self._equations.constraints.drift(self.unpack(state.q), self.unpack(state.v), accelerations)
+        everyone = np.ones(self.n_samples, dtype=bool)
+        found = self._accelerated(time, state, self._against(drift), everyone, True)
+        return self._equations.constraints.of_joints(self.multipliers(found))
+
     def start(self) -> State:
         """Return the start, undeformed or settled, with consistent accelerations and multipliers."""
         return self._begun.copy()
@@ -359,6 +378,10 @@ class FullBatch(FullSystem):
         finite = np.isfinite(self.unpack(state.v)[:, samples]).all(axis=0)
         return np.where(finite, Status.NOT_CONVERGED, Status.NOT_FINITE)
 
+    def multipliers(self, state: State) -> np.ndarray:
+        """Return the multipliers of the constraints, shape (n_constraints, n_samples)."""
+        return self._blocks.unpack(state.multipliers)
+
     def frames(self, state: State) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples)."""
         return self._equations.frames(self.unpack(state.q), self.unpack(state.turns))
@@ -521,10 +544,10 @@ class FullDistributed(FullSystem):
         return np.array([Status.NOT_CONVERGED if finite else Status.NOT_FINITE])
 
     def multipliers(self, state: State) -> np.ndarray:
-        """Return the multipliers of all constraints, shape (n_constraints,), on every rank. Collective on `comm`."""
+        """Return the multipliers of the constraints, shape (n_constraints, 1), on every rank. Collective on `comm`."""
         equations = self._equations
-        every = np.zeros(equations.constraints.n_constraints)
-        every[equations.chosen[equations.owned_constraints]] = state.multipliers
+        every = np.zeros((equations.constraints.n_constraints, 1))
+        every[equations.chosen[equations.owned_constraints], 0] = state.multipliers
         return self.comm.allreduce(every)
 
     def frames(self, state: State) -> np.ndarray:
@@ -656,7 +679,7 @@ class FullStatics:
         lost, (self._share,) = put_on(begin, converge, samples)
         if not lost[0]:
             self._q = self._system.unpack(state.q)
-            torques[0] = self._system.multipliers(state)[-theta.shape[1] :]  # those of driven angles come last
+            torques[0] = self._system.multipliers(state)[-theta.shape[1] :, 0]  # those of driven angles come last
         return torques, lost
 
     def cause(self, sample: int) -> str:

@@ -78,7 +78,7 @@ class Contacts:
     ) -> None:
         self._model, self._linearisation, self._times, self._states = model, linearisation, times, states
         self._radius, self._step = model.scene.simulation.spectral_radius, times[-1] / (len(times) - 1)
-        self._free = np.array([k not in model.motions for k in range(states.q.shape[1])])
+        self._free = ~model.terms.tables.prescribed(model.motions)
         self._beyond = linearisation.depths(times, states) > 0.0
         self._location: EventLocation | None = None
         self._known = 0, states.a[0].copy()  # an instant, and the auxiliary accelerations there

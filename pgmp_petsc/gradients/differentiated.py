@@ -9,12 +9,14 @@ step's beginning, and the step's own matrix,
     (by_q + gain_v by_v + gain_a by_a) x = - (by_p + by_q S_q_hat + by_v S_v_hat + by_a S_a_hat),
     S_q = S_q_hat + x,     S_v = S_v_hat + gain_v x,     S_a = S_a_hat + gain_a x.
 
-One factorisation serves all parameters. Prescribed coordinates do not depend on any.
+One factorisation serves all parameters. Prescribed coordinates do not depend on any; those that say how far joints are
+off are parameters themselves, ``S_q = 1`` from the start on.
 
 Sensitivities at the start of a run.
 
 An undeformed start depends on no parameter, velocities on those that are some of them; first accelerations follow
-from the equations of motion, ``by_a S_a = - (by_p + by_q S_q + by_v S_v)``. In static equilibrium with free coordinates
+from the equations of motion, ``by_a S_a = - (by_p + by_q S_q + by_v S_v)``. Where joints are off it is the static
+answer to that, ``by_q S_q = - by_p`` of flexible coordinates without loads. In static equilibrium with free coordinates
 the residual at rest vanishes, ``by_q S_q = - by_p``. With held ones the angles s of their joints are given and torques
 mu hold them,
 
@@ -48,10 +50,9 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.gradients.contacts import Contact, Contacts
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised, factorise, hold, substitute
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.models.reduced_statics import JointAngles
-from pgmp_petsc.scene.uses import velocity_names
+from pgmp_petsc.scene.uses import offset_directions, velocity_names
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, StateRecord, integrate, integrate_with_smaller_steps
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 from pgmp_petsc.stepping.status import Status
@@ -101,7 +102,6 @@ def differentiate(
     pulse
         Called with the number of steps that have been taken since the last call.
     """
-    check_capabilities(model.scene, Purpose.DERIVATIVES)
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
     of_sample = {name: np.array([value]) for name, value in values.items()}
@@ -146,7 +146,7 @@ def _propagated(
     n_t, n = states.q.shape
     step = times[-1] / (n_t - 1)
     scheme = Scheme.of(model.scene.simulation.spectral_radius, step)
-    prescribed = np.array([k in model.motions for k in range(model.kinematics.n_coordinates)])
+    prescribed = model.terms.tables.prescribed(model.motions)
     moment = start_of_sensitivities(model, linearisation, _part(states, slice(0, 1)))
     result = np.empty((2, n_t, len(linearisation.names), n))
     result[:, 0] = moment[:2]
@@ -199,7 +199,7 @@ def propagate(by_q, by_v, by_a, by_parameters, scheme, step, prescribed, moment,
     step
         s.
     prescribed
-        Whether a coordinate's motion is given, shape (n_theta,).
+        Whether a coordinate is given, shape (n_eta,): it stays what it is in the beginning.
     moment
         S_q, S_v, S_a and S_A at the beginning, shape (4, n_parameters, n_eta); advanced in place.
     result
@@ -222,9 +222,8 @@ def propagate(by_q, by_v, by_a, by_parameters, scheme, step, prescribed, moment,
                 ahead = (now - alpha_m * auxiliary) * weight
                 q[i] = before + step * rate + step * step * ((0.5 - beta) * auxiliary + beta * ahead)
                 v[i], a[i] = rate + step * ((1.0 - gamma) * auxiliary + gamma * ahead), now
-            for k in range(prescribed.size):
-                if prescribed[k]:
-                    q[k] = v[k] = a[k] = 0.0
+                if prescribed[i]:
+                    q[i], v[i], a[i] = before, 0.0, 0.0
             for i in range(n):
                 right[i] = -by_parameters[t, p, i]
                 for j in range(n):
@@ -253,17 +252,28 @@ def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Lin
     """
     n_parameters, n = len(linearisation.names), start.q.shape[1]
     moment = np.zeros((4, n_parameters, n))
-    free = np.array([k not in model.motions for k in range(n)])
+    prescribed = model.terms.tables.prescribed(model.motions)
+    free, given = ~prescribed, offset_directions(model.scene)
+    for row, name in zip(moment[0], linearisation.names):
+        row[n - len(given) :] = [own == name for own in given]
     time, initial = np.zeros(1), model.scene.initial
     if initial.equilibrium:
         still = replace(start, v=np.zeros_like(start.v), a=np.zeros_like(start.a))
         at_rest = linearisation.at(time, still)
         if initial.coordinates == "free":
-            moment[0][:, free] = -_solved(at_rest.by_q[0], at_rest.by_parameters[0], free)
+            pushed = at_rest.by_parameters[0] + moment[0] @ at_rest.by_q[0].T
+            moment[0][:, free] = -_solved(at_rest.by_q[0], pushed, free)
         else:
-            moment[0] = _held(model, start.q, at_rest, linearisation)
+            moment[0] = _held(model, start.q, at_rest, linearisation, moment[0])
         if initial.coordinates == "free" and not model.motions:
             return moment  # at rest it stays there: no accelerations, whatever the parameters
+        moment[0][:, list(model.motions)] = 0.0
+    elif given:
+        still = replace(start, v=np.zeros_like(start.v), a=np.zeros_like(start.a))
+        at_rest, bent = linearisation.at(time, still, loaded=False), free.copy()
+        bent[: model.kinematics.n_coordinates] = False
+        pushed = at_rest.by_parameters[0] + moment[0] @ at_rest.by_q[0].T
+        moment[0][:, bent] = -_solved(at_rest.by_q[0], pushed, bent)
     named = velocity_names(model.scene)
     for k, coordinate in enumerate(model.kinematics.coordinates):
         for row, name in zip(moment[1], linearisation.names):
@@ -281,13 +291,19 @@ def _solved(matrix: np.ndarray, rows: np.ndarray, free: np.ndarray) -> np.ndarra
 
 
 def _held(
-    model: ReducedModel | LengthLanes, eta: np.ndarray, at_rest: Linearised, linearisation: Linearisation
+    model: ReducedModel | LengthLanes,
+    eta: np.ndarray,
+    at_rest: Linearised,
+    linearisation: Linearisation,
+    given: np.ndarray,
 ) -> np.ndarray:
-    """Return S_q of coordinates (n_parameters, n_eta) whose joints' angles are held, at eta (1, n_eta)."""
+    """Return S_q of coordinates (n_parameters, n_eta) whose joints' angles are held, at eta (1, n_eta); `given` has
+    that of coordinates that say how far joints are off."""
     angles = [member.joint_angles for member in model.members]
     slopes, curvatures = _angle_derivatives(model, angles, model.shares(linearisation.values), eta)
     r, n = slopes.shape
-    torques = np.linalg.lstsq(slopes.T, -at_rest.residual[0], rcond=None)[0]
+    moving = ~model.terms.tables.prescribed(())
+    torques = np.linalg.lstsq(slopes[:, moving].T, -at_rest.residual[0, moving], rcond=None)[0]
     matrix = np.zeros((n + r, n + r))
     matrix[:n, :n] = at_rest.by_q[0] + np.einsum("k,kij->ij", torques, curvatures)
     matrix[:n, n:], matrix[n:, :n] = slopes.T, slopes
@@ -297,7 +313,11 @@ def _held(
         if shares.any():
             row[:n] += torques @ _angle_derivatives(model, angles, shares, eta)[0]
             row[n:] += _angles(angles, shares, eta)[0]
-    return -np.linalg.solve(matrix, right.T).T[:, :n]
+    right[:, : given.shape[1]] += given @ matrix[:n, :n].T
+    right[:, n:] += given @ slopes.T
+    found = given.copy()
+    found[:, moving] -= _solved(matrix, right, np.append(moving, np.ones(r, dtype=bool)))[:, :-r]
+    return found
 
 
 def _angle_derivatives(

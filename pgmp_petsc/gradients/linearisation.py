@@ -65,15 +65,23 @@ class Linearisation:
         by_name = {effect.name: effect for effect in model.effects}
         self._load_effects = [by_name[name] for name in tables.load_effects]
         self._local = LocalDerivatives(model, values, names)
-        self._prescribed = np.array([k in model.motions for k in terms.layout.rigid])
+        self._prescribed = tables.prescribed(model.motions)
         self._room = _room(terms.layout, len(tables.load_weights))
 
-    def at(self, times: np.ndarray, states: State, scheme: Scheme | None = None, with_time: bool = False) -> Linearised:
+    def at(
+        self,
+        times: np.ndarray,
+        states: State,
+        scheme: Scheme | None = None,
+        with_time: bool = False,
+        loaded: bool = True,
+    ) -> Linearised:
         """Return the derivatives at times (n_t,), in states of which each array has the shape (n_t, n_eta).
 
         With a scheme they are those at the end of its steps, where the engine's iteration leaves a part of 1e-11 of the
         mechanism's size: little of the coordinates, but more of the accelerations. One more correction takes that away.
-        If asked for, the derivative with time in a given state is the last of those with the parameters.
+        If asked for, the derivative with time in a given state is the last of those with the parameters, and loads and
+        local effects are left out where it is not `loaded`.
         """
         n_t, n = states.q.shape
         strengths = np.array([effect.strength.with_rates(times) for effect in self._load_effects]).reshape(-1, 3, n_t)
@@ -81,6 +89,7 @@ class Linearisation:
         if with_time:
             weights = np.concatenate([weights, np.zeros_like(weights[:1])])
             loads = np.concatenate([loads, (self._load_weights[0] * strengths[:, 1].T)[:, None]], axis=1)
+        loads = loads if loaded else np.zeros_like(loads)
         cells, places = _located(self._terms.grid, states.q)
         own = tuple(np.ascontiguousarray(part) for part in (states.q, states.v, states.a))
         result = Linearised(
@@ -88,7 +97,8 @@ class Linearisation:
             np.zeros((n_t, len(weights) - 1, n)),
             np.zeros((n_t, n)),
         )
-        self._local.add(times, states, result.by_q, result.by_v, result.by_parameters, result.residual)
+        if loaded:
+            self._local.add(times, states, result.by_q, result.by_v, result.by_parameters, result.residual)
         damping, gains = self._terms.damping, (0.0, 0.0) if scheme is None else (scheme.gain_v, scheme.gain_a)
         _linearise(
             self._terms.layout, self._terms.polynomials, weights, np.ascontiguousarray(loads),
@@ -178,7 +188,7 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
         Of terms, (n_sets, n_terms), and of load terms with their amplitudes, (n_t, n_sets, n_load_terms): of the
         sample, and their derivatives with the parameters.
     prescribed
-        Whether a coordinate's motion is given, shape (n_theta,).
+        Whether a coordinate is given, shape (n_eta,).
     gains
         ``(gain_v, gain_a)`` of the step that ends here, zero where the states are to be taken as they are.
     located
@@ -252,7 +262,7 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
                     if local:
                         for j in range(n):
                             room.matrix[i, j, lane] += all_by_q[at[lane], i, j] + gains[0] * all_by_v[at[lane], i, j]
-            for k in range(r):
+            for k in range(n):
                 if prescribed[k]:
                     for j in range(n):
                         matrix[k, j] = spread(1.0 if j == k else 0.0)
@@ -300,7 +310,7 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
 
 @njit(error_model="numpy", counted=False)
 def hold(prescribed, matrix, right):
-    """Make the first rows of a system those of the identity where a coordinate is prescribed, shape (n_theta,)."""
+    """Make the rows of a system those of the identity where a coordinate is prescribed, shape (n,)."""
     for k in range(prescribed.size):
         if prescribed[k]:
             matrix[k, :] = 0.0

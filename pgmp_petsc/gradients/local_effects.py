@@ -23,12 +23,11 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.effects.action import LED, amplitudes_over
 from pgmp_petsc.effects.law import differentiate, obey
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items
+from pgmp_petsc.lanes.lane_items import empty_lanes
 from pgmp_petsc.lanes.vectors import LANES, add, load, same_in_all_lanes, spread, store
-from pgmp_petsc.mechanism.statements import evaluate
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.reduced.action_frames import KeptPlaces, place_nodes
-from pgmp_petsc.reduced.action_kernel import MEASURE, RATE, allocate_local, attach, project
+from pgmp_petsc.reduced.action_kernel import MEASURE, RATE, allocate_local, measure
 from pgmp_petsc.stepping.second_order_system import State
 
 DIFFERENCE = 1e-8  # in rad, and of flexible coordinates in units of the mechanism's size or of 1 rad
@@ -203,21 +202,6 @@ def _take(q, first, of_q):
             of_q[i, lane] = q[t, i]
 
 
-@njit(error_model="numpy", counted=False)
-def _project(local, action, n_angles, of_q, of_v, work):
-    """Return the statement of an action and its rate, and fill its gradient, with nodes placed."""
-    places, statements = local.places, local.actions.statements
-    attach(places, statements, action, work)
-    turned = load(work.frames.rigid, work.frames.rigid.shape[0] - places.sides.shape[0] + action)
-    for k in range(n_angles):
-        turned += places.winding[action, k] * load(of_q, k)
-    s = evaluate(
-        statements.kinds[action], statements.axes[action], items(work.z, WIDE), turned, False,
-        items(work.gradient, WIDE), items(work.hessian, WIDE), items(work.spare, WIDE),
-    )  # fmt: skip
-    return s, project(of_v, work)
-
-
 @njit(cache=True, entry=True, error_model="numpy")
 def _measure(local, weights, grid, strengths, q, v, addresses, gradients, measured, slopes, depths):
     """Measure all actions in states (n_t, n_eta), LANES of them at once.
@@ -227,7 +211,7 @@ def _measure(local, weights, grid, strengths, q, v, addresses, gradients, measur
     """
     places, actions = local.places, local.actions
     n_t, n = q.shape
-    d, n_actions, r = actions.statements.axes.shape[2], places.sides.shape[0], len(grid)
+    d, n_actions, r = actions.statements.axes.shape[2], actions.roles.size, len(grid)
     work, kept = allocate_local(local, r, n), _places_kept(local, weights)
     of_q, of_v = empty_lanes(n, LANES), empty_lanes(n, LANES)
     for first in range(0, n_t, LANES):
@@ -235,7 +219,7 @@ def _measure(local, weights, grid, strengths, q, v, addresses, gradients, measur
         _take(v, first, of_v)
         place_nodes(places, local.all.nodes, grid, d, of_q, kept, work.frames)
         for action in range(n_actions):
-            s, speed = _project(local, action, r, of_q, of_v, work)
+            s, speed = measure(local, action, r, of_q, of_v, False, work)
             if actions.roles[action] != LED:
                 store(work.measured, MEASURE, s)
                 store(work.measured, RATE, speed)
@@ -261,7 +245,7 @@ def _bend(local, weights, grid, steps, q, v, measured, by_q):
     """
     places = local.places
     n_t, n = q.shape
-    d, n_actions, r = local.actions.statements.axes.shape[2], places.sides.shape[0], len(grid)
+    d, n_actions, r = local.actions.statements.axes.shape[2], local.actions.roles.size, len(grid)
     work, kept = allocate_local(local, r, n), _places_kept(local, weights)
     of_q, of_v, total = empty_lanes(n, LANES), empty_lanes(n, LANES), empty_lanes(n, LANES)
     straight, laws = empty_lanes(n_actions * n, LANES), empty_lanes(2 * n_actions, LANES)
@@ -276,7 +260,7 @@ def _bend(local, weights, grid, steps, q, v, measured, by_q):
                 laws[2 * action + 1, lane] = measured[t, action, DAMPING]
         place_nodes(places, local.all.nodes, grid, d, of_q, kept, work.frames)
         for action in range(n_actions):
-            _project(local, action, r, of_q, of_v, work)
+            measure(local, action, r, of_q, of_v, False, work)
             for i in range(n):
                 store(straight, action * n + i, load(work.projected, i))
         for j in range(n):
@@ -286,7 +270,7 @@ def _bend(local, weights, grid, steps, q, v, measured, by_q):
             for i in range(n):
                 store(total, i, 0.0)
             for action in range(n_actions):
-                _project(local, action, r, of_q, of_v, work)
+                measure(local, action, r, of_q, of_v, False, work)
                 turned, force, damping = spread(0.0), load(laws, 2 * action), load(laws, 2 * action + 1)
                 for i in range(n):
                     bent = (load(work.projected, i) - load(straight, action * n + i)) * inverse

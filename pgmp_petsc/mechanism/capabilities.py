@@ -17,7 +17,6 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.joints import CouplingEntry
 from pgmp_petsc.scene.uses import length_uses
 
 BYTES = 8
@@ -36,12 +35,11 @@ class Purpose(Enum):
     FULL = "a full-order run"
     COMPONENTS = "a component run"
     TRADEOFF = "pgmp tradeoff"
-    DERIVATIVES = "derivatives of runs"
 
 
 #: What prepares or uses a reduced model; ``check`` foretells it.
 OF_THE_REDUCTION = frozenset({Purpose.CHECK, Purpose.SIZES, Purpose.BUILD, Purpose.REDUCED, Purpose.TRADEOFF})
-EVERYWHERE = frozenset(Purpose) - {Purpose.DERIVATIVES}
+EVERYWHERE = frozenset(Purpose)
 #: What goes over all configurations of the coordinates.
 OVER_CONFIGURATIONS = EVERYWHERE - {Purpose.CHECK, Purpose.FULL, Purpose.COMPONENTS}
 
@@ -94,10 +92,6 @@ def _elastic(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.elastic" for name, joint in scene.joints.items() if joint.elastic is not None)
 
 
-def _elastic_couplings(scene: Scene) -> Iterator[str]:
-    return (entry for entry in _elastic(scene) if isinstance(scene.joints[entry.split(".")[1]], CouplingEntry))
-
-
 def _off(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset is not None)
 
@@ -109,17 +103,12 @@ def _with(
     return lambda scene: (f"{one} with {entry}" for one in which(scene) for entry in joints(scene))
 
 
-def _beside_off(scene: Scene) -> Iterator[str]:
-    """Yield entries that a reduced model has not beside joints that are off."""
-    for key in ("second_order", "sampling_tolerance", "tolerance", "parameter_modes"):
-        yield from _given(f"reduction.{key}", getattr(scene.reduction, key))
-    yield from _automatic(scene)
-    yield from _of_second_order(scene)
-    yield from _lengths(scene)
-
-
 def _of_second_order(scene: Scene) -> Iterator[str]:
     return (f"effects.{name}" for name, effect in scene.effects.items() if effect.second_order)
+
+
+def _forces(scene: Scene) -> Iterator[str]:
+    return (f"outputs.{n} ({one.type})" for n, one in scene.outputs.items() if one.reads == "multipliers")
 
 
 def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
@@ -194,32 +183,11 @@ FEATURES = (
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "elastic couplings in reduced models",
-        _elastic_couplings,
+        "forces in joints of reduced models",
+        _forces,
         OF_THE_REDUCTION - {Purpose.CHECK},
-        why_not="no part of reduced models",
-        cure="take pgmp simulate SCENE --full or --components, or leave it out: the coupling is then rigid",
-    ),
-    Feature(
-        "joints that are off in modes, sizes of effects and the trade-off",
-        _off,
-        frozenset({Purpose.MODES, Purpose.SIZES, Purpose.TRADEOFF}),
-        why_not="no part of modes over configurations, of sizes of effects, and of the trade-off",
-        cure="leave it out, or take pgmp simulate",
-    ),
-    Feature(
-        "joints that are off with what a reduced model has not beside them",
-        _with(_off, _beside_off),
-        OF_THE_REDUCTION,
-        why_not="not made for joints that are off, of which a reduced model has what is of first order",
-        cure="leave one of both out, or take pgmp simulate SCENE --full",
-    ),
-    Feature(
-        "derivatives with joints that are off",
-        _off,
-        frozenset({Purpose.DERIVATIVES}),
-        why_not="derivatives of runs are of joints where they should be",
-        cure="leave it out, or compare runs with other values (--set)",
+        why_not="forces in joints are no part of reduced models",
+        cure="take pgmp simulate SCENE --full or --components, or leave it out",
     ),
     Feature(
         "joints that are off beside elastic ones",

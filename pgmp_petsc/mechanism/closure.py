@@ -67,6 +67,8 @@ class LoopClosure:
         Number of independent rigid coordinates n_theta.
     scales
         What small changes of the coordinates are measured against, 1 rad or the size, shape (n_theta,).
+    equations
+        All that its solutions depend on; what is the same has the same.
     has_redundant
         Whether joints and coordinates say more than poses can obey, so that a gap may be left.
     """
@@ -87,6 +89,9 @@ class LoopClosure:
         self._rows = StatementRows(statements, sides, self.pose_dofs, mechanism.space.dimension)
         self._jacobian_at = _jacobian_of(self._rows, self.n_pose * len(mechanism.bodies))
         self._wanted = np.concatenate([wanted, np.zeros(self.n_coordinates)])
+        periodic = [c.periodic for c in mechanism.coordinates]
+        counted = len(mechanism.bodies), mechanism.n_constraints, len(mechanism.couplings)
+        self.equations = statements, sides, wanted, periodic, counted, self.size
         self._units = np.tile(mechanism.space.units(self.size), len(mechanism.bodies))
         self._scale = np.where([part.is_length for part in statements], self.size, 1.0)
         # those that make poses rigid are no joints

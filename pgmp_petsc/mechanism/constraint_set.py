@@ -105,9 +105,7 @@ class ConstraintSet:
 
     def curvature_values(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """Return the entries of ``sum lambda d2c/dq2`` on `curvature_pattern`, shape (n_curved, ...)."""
-        everywhere = np.zeros((self._first[-1], *multipliers.shape[1:]))
-        everywhere[self._kept] = multipliers
-        shares = np.split(everywhere, self._first[1:-1])
+        shares = np.split(self._of_all(multipliers), self._first[1:-1])
         return np.concatenate([part.curvature_values(q, share) for part, share in zip(self._parts, shares)])
 
     def rates(self, q: np.ndarray, v: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
@@ -175,13 +173,37 @@ class ConstraintSet:
 
     def independent(self, q: np.ndarray) -> ConstraintSet:
         """Return the constraints without those that follow from the others, as found at unknowns (n_dofs,)."""
+        kept = null_space(self._jacobian_at(q)).rows
+        return self if kept.size == self.n_constraints - self.n_driven else ConstraintSet(self._unknowns, kept)
+
+    def undetermined(self, q: np.ndarray) -> np.ndarray:
+        """Return multipliers of all constraints that do nothing at unknowns (n_dofs,): an orthonormal basis Z of
+        ``C^T Z = 0``, shape (n_constraints, n_redundant), without driven angles."""
+        jacobian = self._jacobian_at(q)
+        n_redundant = null_space(jacobian).n_redundant
+        if not n_redundant:
+            return np.zeros((jacobian.shape[0], 0))
+        return np.linalg.eigh((jacobian @ jacobian.T).toarray())[1][:, :n_redundant]
+
+    def of_joints(self, multipliers: np.ndarray) -> np.ndarray:
+        """Return the multipliers of what joints hold, zero where it follows from others, and those of the driven
+        angles behind them, shape (n_held + n_driven, ...), of those of the constraints (n_constraints, ...)."""
+        every = self._of_all(multipliers)
+        return np.concatenate([every[: self._unknowns.mechanism.n_held], every[self._first[2] :]])
+
+    def _of_all(self, multipliers: np.ndarray) -> np.ndarray:
+        """Return multipliers with zeros for constraints that are not taken."""
+        everywhere = np.zeros((self._first[-1], *multipliers.shape[1:]))
+        everywhere[self._kept] = multipliers
+        return everywhere
+
+    def _jacobian_at(self, q: np.ndarray) -> sp.csr_matrix:
+        """Return C without driven angles at unknowns (n_dofs,), of a set that takes all constraints."""
         n_own = int(self._first[2])
         rows, columns = self.jacobian_pattern
         values = self.jacobian_values(q[:, None])[:, 0]
         own = (rows < n_own) & (np.abs(values) > ROUND_OFF)  # what no constraint feels must not become dependent
-        jacobian = sp.csr_matrix((values[own], (rows[own], columns[own])), shape=(n_own, self._unknowns.n_dofs))
-        kept = null_space(jacobian).rows
-        return self if kept.size == self.n_constraints - self.n_driven else ConstraintSet(self._unknowns, kept)
+        return sp.csr_matrix((values[own], (rows[own], columns[own])), shape=(n_own, self._unknowns.n_dofs))
 
     def _find_patterns(self) -> None:
         rows = np.concatenate([first + part.jacobian_pattern[0] for first, part in zip(self._first, self._parts)])

@@ -6,6 +6,7 @@ followed over the whole range once (`continuation`), and every later call starts
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -29,7 +30,11 @@ COARSE_STEP = 0.1  # where a tensor grid is to be followed
 LEAST_STEPS, MOST_STEPS = 8, 5000
 MOST_COORDINATES = 2
 FURTHEST = 1e6  # rad that a coordinate turns; beyond, round-off shows in where it stands, and runs have run away
+MOST_KEPT = 16  # branches that were followed
 REACH = 0.05  # rad, or of the mechanism's size, beyond a limited range: the bending of a joint's node at its end
+
+
+_KEPT: dict[bytes, PoseBranch] = {}  # the branches that were followed last, by all that decides about them
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,11 +142,17 @@ class RigidKinematics:
         return ReleasedClosure(self._closure)
 
     def _continued(self) -> PoseBranch:
-        """Follow the assembly branch over the range."""
+        """Follow the assembly branch over the range; models of one scene, and of scenes that move alike, share it."""
         axes = [self._axis(coordinate) for coordinate in self.coordinates]
-        start, assembled = self._assemble(axes)
-        n_redundant = self._check_count(assembled)
-        return PoseBranch.of(self._closure, Continuation(self._closure, axes, start, assembled), axes, n_redundant)
+        key = pickle.dumps((self._closure.equations, self.mechanism.first_guess, axes))
+        if key not in _KEPT:
+            start, assembled = self._assemble(axes)
+            n_redundant = self._check_count(assembled)
+            continued = Continuation(self._closure, axes, start, assembled)
+            _KEPT[key] = PoseBranch.of(self._closure, continued, axes, n_redundant)
+            if len(_KEPT) > MOST_KEPT:
+                del _KEPT[next(iter(_KEPT))]
+        return _KEPT[key]
 
     def _started(self) -> tuple[Walk, int]:
         """Assemble near the first guess; return where, and the number of constraints that follow from the others."""

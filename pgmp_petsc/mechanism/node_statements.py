@@ -115,16 +115,29 @@ def state(statements, k, y, known, second, scratch, g, h):
         _place(statements, k, y, z)
         s = evaluate(statements.kinds[k], statements.axes[k], z, known, second, gradient, hessian, spare)
         _to_unknowns(statements.arms[k], z, second, gradient, hessian, half, g, h)
-    first, last = statements.pieces[0][k], statements.pieces[0][k + 1]
-    if statements.factors[k] != 1.0 or last > first:
-        s = _of(statements, k, first, last, s, second, g, h)
-    return s
+    if is_itself(statements, k):
+        return s
+    value, slope, bend = function_at(statements, k, s)
+    if second:
+        for i in range(g.size):
+            for j in range(g.size):
+                h[i, j] = slope * h[i, j] + bend * g[i] * g[j]
+    for i in range(g.size):
+        g[i] *= slope
+    return value
+
+
+@njit(inline="always")
+def is_itself(statements, k):
+    """Return whether the function of a statement is the statement."""
+    return statements.factors[k] == 1.0 and statements.pieces[0][k] == statements.pieces[0][k + 1]
 
 
 @njit(cache=True, error_model="numpy")
-def _of(statements, k, first, last, s, second, g, h):
-    """Return the function of a statement s, and turn derivatives of s into its own."""
+def function_at(statements, k, s):
+    """Return the function of a statement where that is s, its slope and its second derivative."""
     factor, spans, coefficients = statements.factors[k], statements.pieces[1], statements.pieces[2]
+    first, last = statements.pieces[0][k], statements.pieces[0][k + 1]
     value, slope, bend = factor * s, factor, 0.0
     if last > first:
         begin = spans[first, 0]
@@ -140,13 +153,7 @@ def _of(statements, k, first, last, s, second, g, h):
         value = factor * (c[0] + x * (c[1] + x * (c[2] + x * c[3])))
         slope = factor * (c[1] + x * (2.0 * c[2] + x * 3.0 * c[3]))
         bend = factor * (2.0 * c[2] + x * 6.0 * c[3])
-    if second:
-        for i in range(g.size):
-            for j in range(g.size):
-                h[i, j] = slope * h[i, j] + bend * g[i] * g[j]
-    for i in range(g.size):
-        g[i] *= slope
-    return value
+    return value, slope, bend
 
 
 @njit(inline="always")

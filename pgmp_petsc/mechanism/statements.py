@@ -58,6 +58,14 @@ class Function:
         found = CubicSpline(x, np.append(y[:-1], y[0]), bc_type="periodic")
         return cls(factor, x, np.ascontiguousarray(found.c[::-1].T))
 
+    def slope(self, s: np.ndarray) -> np.ndarray | float:
+        """Return df/ds at values of s (n,)."""
+        if not self.breaks.size:
+            return self.factor
+        from scipy.interpolate import PPoly  # for cams alone
+
+        return self.factor * PPoly(self.coefficients[:, ::-1].T, self.breaks, "periodic")(s, 1)
+
     @property
     def generic(self) -> Function:
         """A function none of whose derivatives is zero where this one's may be other than zero."""

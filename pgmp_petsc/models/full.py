@@ -277,15 +277,15 @@ class FullModel:
         with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
             return ~self.outputs.reached(dict(zip(self.outputs.nodes, frames)))
 
-    def observed(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
-        """Return what the outputs are made of, shape (n_observed, n_samples). Collective on the system's
+    def observed(self, system: FullBatch | FullDistributed, state: State, time: float = 0.0) -> np.ndarray:
+        """Return what the outputs are made of at a time (s), shape (n_observed, n_samples). Collective on the system's
         communicator."""
-        return self.observed_over(system, [state], system.frames(state))
+        return self.observed_over(system, [state], system.frames(state), [time])
 
     def observed_over(
-        self, system: FullBatch | FullDistributed, states: Sequence[State], frames: np.ndarray
+        self, system: FullBatch | FullDistributed, states: Sequence[State], frames: np.ndarray, times: Sequence[float]
     ) -> np.ndarray:
-        """Return what the outputs are made of in one state, or in several ones of the only sample.
+        """Return what the outputs are made of in one state, or in several ones of the only sample, at times (s).
 
         Collective on the system's communicator.
 
@@ -298,24 +298,34 @@ class FullModel:
         -------
         ndarray, shape (n_observed, n)
         """
-        q = v = np.empty((0, frames.shape[2]))
+        q = v = multipliers = np.empty((0, frames.shape[2]))
         if self._stresses is not None:
             q = np.concatenate([system.unpack(state.q) for state in states], axis=1)
         if self.outputs.n_rates:
             v = np.concatenate([system.unpack(state.v) for state in states], axis=1)
-        return self.observed_of(q, frames, system.values, v)
+        if self.outputs.forces:
+            multipliers = np.concatenate([system.joint_multipliers(*one) for one in zip(times, states)], axis=1)
+        return self.observed_of(q, frames, system.values, v, multipliers)
 
     def observed_of(
-        self, q: np.ndarray, frames: np.ndarray, values: Mapping[str, np.ndarray | float], v: np.ndarray | None = None
+        self,
+        q: np.ndarray,
+        frames: np.ndarray,
+        values: Mapping[str, np.ndarray | float],
+        v: np.ndarray | None = None,
+        multipliers: np.ndarray | None = None,
     ) -> np.ndarray:
         """Return what the outputs are made of, (n_observed, n), for the frames of all nodes (n_nodes, n_frame, n).
 
-        Stresses alone need the unknowns (n_dofs, n), and outputs that read rates theirs. Parameter values are numbers,
-        or of shape (n,).
+        Stresses alone need the unknowns (n_dofs, n), outputs that read rates theirs, and forces in joints their
+        multipliers (`FullSystem.joint_multipliers`). Parameter values are numbers, or of shape (n,).
         """
         stresses = np.empty((0, frames.shape[2])) if self._stresses is None else self._stresses.of(q, values)
         nodes = list(self.outputs.nodes)
         rates = Unknowns(self.kinematics.mechanism).frames(v)[nodes] if self.outputs.n_rates else None
+        if self.outputs.forces:
+            forces = self.outputs.forces_of(frames[nodes], rates, multipliers, values)
+            stresses = np.concatenate([stresses, forces])
         return self.outputs.observed(frames[nodes], stresses, rates)
 
     def fields(self) -> FullFields:

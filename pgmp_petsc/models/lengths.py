@@ -103,10 +103,10 @@ class SeparateLengths:
         """See `FullModel`. Collective on the system's communicator."""
         return self._models[system].left_range(system, state)
 
-    def observed(self, system: SecondOrderSystem, state: State) -> np.ndarray:
+    def observed(self, system: SecondOrderSystem, state: State, time: float = 0.0) -> np.ndarray:
         """Return the outputs, shape (n_outputs, n_samples). Collective on the system's communicator."""
         own = self._models[system]
-        return _stacked(own.outputs.evaluate(own.observed(system, state)), system.n_samples)
+        return _stacked(own.outputs.evaluate(own.observed(system, state, time)), system.n_samples)
 
     def _at(self, lengths: Mapping[str, float]) -> FullModel:
         return self.model.at_lengths(self.scene.with_values(lengths))
@@ -180,7 +180,7 @@ class LengthLanes:
         """Return the share of every member at values of shape (n,), (n_members, n); their derivatives by a length."""
         return self.grid.shares(values, by)
 
-    def observed(self, system: ReducedSystem, state: State) -> np.ndarray:
+    def observed(self, system: ReducedSystem, state: State, time: float = 0.0) -> np.ndarray:
         """Return the outputs, shape (n_outputs, n_samples)."""
         return self.observed_of(state.q, system.values, state.v)
 

@@ -36,8 +36,8 @@ class Model(Protocol):
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> SecondOrderSystem:
         """Return a system of n_samples samples on this rank; values have shape (n_samples,)."""
 
-    def observed(self, system: SecondOrderSystem, state: State) -> np.ndarray:
-        """Return what ``outputs.evaluate`` takes, shape (n_observed, n_samples)."""
+    def observed(self, system: SecondOrderSystem, state: State, time: float) -> np.ndarray:
+        """Return what ``outputs.evaluate`` takes at a time (s), shape (n_observed, n_samples)."""
 
 
 def floors_of(model: Model) -> np.ndarray:

@@ -23,7 +23,7 @@ from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel, Served, served_ranges
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.scene.uses import offset_directions
+from pgmp_petsc.scene.uses import offset_values
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.static_equilibrium import settle
 
@@ -139,8 +139,8 @@ class ReducedModel:
         """Return the share of every member, shape (n_members,), or its derivative by a parameter."""
         return np.zeros(1) if by else np.ones(1)
 
-    def observed(self, system: ReducedSystem, state: State) -> np.ndarray:
-        """Return what the outputs are made of, shape (n_observed, n_samples)."""
+    def observed(self, system: ReducedSystem, state: State, time: float = 0.0) -> np.ndarray:
+        """Return what the outputs are made of at a time (s), shape (n_observed, n_samples)."""
         return self.observed_of(state.q, system.values, state.v)
 
     def observed_of(
@@ -188,10 +188,8 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
     positions, of_run = model.start
     start = positions, velocities_of(model.scene, model.kinematics.mechanism, of_run, values, n_samples).T
     own = model.scene.values | dict(values)
-    given = [np.broadcast_to(1.0 if k is None else own[k], n_samples) for k in offset_directions(model.scene)]
-    system = ReducedSystem(
-        model.terms, model.effects, values, start, n_samples, model.motions, model.actions, np.array(given)
-    )
+    given = offset_values(model.scene, own, n_samples)
+    system = ReducedSystem(model.terms, model.effects, values, start, n_samples, model.motions, model.actions, given)
     if model.scene.initial.equilibrium:
         free = model.scene.initial.coordinates == "free"
         statics = ReducedStatics(system, None if free else angles)

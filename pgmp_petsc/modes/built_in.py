@@ -18,10 +18,13 @@ X is a displacement of the nodes at the joints that closes the gaps, and the sta
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 
 import numpy as np
+import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.shape import BodyShape
@@ -31,7 +34,6 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.joints import Offset
 from pgmp_petsc.scene.uses import offset_directions
 
 STEP = 1e-4  # of differences, rad or of the mechanism's size: gaps are linear in places, and off by its square in turns
@@ -40,16 +42,39 @@ CLOSED = 1e-9  # share of a gap that displacements may leave
 
 @dataclass(frozen=True, eq=False)
 class _Gap:
-    """A unit of one offset: the statements of the joints on either side of none, and what lies between."""
+    """A unit of one offset: the mechanisms on either side of none, and what lies between."""
 
-    above: StatementRows
-    below: StatementRows
+    above: Mechanism
+    below: Mechanism
     between: float
-    rows: np.ndarray  # numbers of these among the constraints
+
+    @cached_property
+    def _values(self) -> tuple[StatementRows, StatementRows]:
+        return _statements(self.above), _statements(self.below)
+
+    @cached_property
+    def _jacobians(self) -> tuple[ConstraintJacobian, ConstraintJacobian]:
+        return ConstraintJacobian(self.above), ConstraintJacobian(self.below)
 
     def at(self, poses: np.ndarray) -> np.ndarray:
-        """Return by how much the statements change at poses (n_bodies, n_pose), m or 1 per unit."""
-        return (self.above.values(poses.ravel()) - self.below.values(poses.ravel())) / self.between
+        """Return by how much the constraints change at poses (n_bodies, n_pose), m or 1 per unit."""
+        above, below = (rows.values(poses.ravel()) for rows in self._values)
+        return (above - below) / self.between
+
+    def slopes_at(self, poses: np.ndarray) -> sp.csr_matrix:
+        """Return by how much their derivatives with unknowns in body frames change, (n_constraints, n_dofs)."""
+        above, below = (jacobian.at(poses) for jacobian in self._jacobians)
+        return (above - below)[: self._values[0].n] / self.between
+
+
+@dataclass(frozen=True, eq=False)
+class GapDerivatives:
+    """Derivatives of the constraints with offsets at one configuration."""
+
+    #: slopes, bends: with an offset and unknowns in body frames, (n_held, n_dofs) each, and with two, (n_offsets,
+    #: n_offsets, n_held)
+    slopes: Sequence[sp.csr_matrix]
+    bends: np.ndarray
 
 
 class BuiltIn:
@@ -66,8 +91,56 @@ class BuiltIn:
     def __init__(self, problem: ModalProblem, scene: Scene, shapes: Mapping[str, BodyShape]) -> None:
         self._problem, mechanism = problem, problem.mechanism
         self._n_held, self._coordinates = mechanism.n_held, ConstraintJacobian(mechanism, mechanism.coordinates)
-        self._by = offset_directions(scene)
-        self._gaps = [_gap(scene, shapes, mechanism, name) for name in self._by]
+        self._by, self._scene, self._shapes = offset_directions(scene), scene, shapes
+        self._steps = [_step(scene, size_of(mechanism), name) for name in self._by]
+        self._gaps = [
+            _Gap(self._off_by({name: step}), self._off_by({name: -step}), 2.0 * step)
+            for name, step in zip(self._by, self._steps)
+        ]
+
+    @property
+    def n(self) -> int:
+        """Number of offsets."""
+        return len(self._gaps)
+
+    def derivatives(self, theta: np.ndarray) -> GapDerivatives:
+        """Return the derivatives of the constraints with offsets at a configuration (n_theta,)."""
+        poses = self._problem.kinematics.motion(theta).poses
+        bends = np.zeros((self.n, self.n, self._n_held))
+        for (i, j), four in self._pairs.items():
+            near, *far = (rows.values(poses.ravel()) for rows in four)
+            bends[i, j] = bends[j, i] = (near - far[0] - far[1] + far[2]) / (4.0 * self._steps[i] * self._steps[j])
+        return GapDerivatives([gap.slopes_at(poses) for gap in self._gaps], bends)
+
+    @cached_property
+    def _pairs(self) -> dict[tuple[int, int], list[StatementRows]]:
+        """The constraints about no offset, with two offsets of one joint forwards or backwards, by their numbers; those
+        of different joints add up."""
+        joints = [
+            {
+                joint
+                for joint, entry in self._scene.joints.items()
+                if entry.offset is not None and entry.offset.has(name)
+            }
+            for name in self._by
+        ]
+        found = {}
+        for i, j in zip(*np.tril_indices(self.n)):
+            if joints[i] & joints[j]:
+                both = [(k * self._steps[i], l * self._steps[j]) for k, l in product((1.0, -1.0), repeat=2)]
+                found[i, j] = [
+                    _statements(self._off_by({self._by[j]: b, self._by[i]: a + (b if i == j else 0.0)}))
+                    for a, b in both
+                ]
+        return found
+
+    def _off_by(self, sizes: Mapping[str | None, float]) -> Mechanism:
+        """Return the mechanism with some offsets, by their parameters, 0 of others."""
+        joints = {
+            name: joint if joint.offset is None else joint.model_copy(update={"offset": joint.offset.part(sizes)})
+            for name, joint in self._scene.joints.items()
+        }
+        return Mechanism.from_scene(self._scene.model_copy(update={"joints": joints}), self._shapes)
 
     def at(self, modes: ModeSet) -> np.ndarray:
         """Return X at the configuration that the problem is at, in body frames, local rows, (n_local, n_offsets).
@@ -81,7 +154,7 @@ class BuiltIn:
         constraints = problem.constraints_at(poses)
         gaps = np.zeros((constraints.shape[0], len(self._gaps)))
         for column, gap in zip(gaps.T, self._gaps):
-            column[gap.rows] = gap.at(poses)
+            column[: self._n_held] = gap.at(poses)
         moved = np.unique(constraints.indices)
         slopes = constraints[:, moved].toarray()
         placed = -np.linalg.lstsq(slopes, gaps, rcond=None)[0]
@@ -116,47 +189,21 @@ class BuiltIn:
         return modes.rigid[:, free] @ np.linalg.solve(shown[:, : free.size], shown[:, free.size :])
 
 
-def _gap(scene: Scene, shapes: Mapping[str, BodyShape], mechanism: Mechanism, name: str | None) -> _Gap:
-    """Return the gap of a unit of the offsets that name a parameter, or of those that are numbers."""
-    offsets = {joint: entry.offset for joint, entry in scene.joints.items() if entry.offset is not None}
-    size, step = size_of(mechanism), STEP
+def _step(scene: Scene, size: float, name: str | None) -> float:
+    """Return the step of differences of the offsets that name a parameter, or of those that are numbers."""
+    offsets = [joint.offset for joint in scene.joints.values() if joint.offset is not None]
     if name is None:
-        step /= max(abs(x) for offset in offsets.values() for x in _numbers(offset, size))
-    elif any(name in offset.place for offset in offsets.values()):
-        step *= size
-    sides = []
-    for amplitude in (step, -step):
-        joints = dict(scene.joints)
-        for joint, offset in offsets.items():
-            joints[joint] = joints[joint].model_copy(update={"offset": offset.part(name, amplitude)})
-        other = Mechanism.from_scene(scene.model_copy(update={"joints": joints}), shapes)
-        parts = [
-            part for connection in other.connections if connection.name in offsets for part in connection.holding(True)
-        ]
-        n_pose = mechanism.space.n_pose
-        sides.append(
-            StatementRows(
-                [statement for statement, _ in parts],
-                [tuple(side.on_pose() for side in pair) for _, pair in parts],
-                lambda body: n_pose * body + np.arange(n_pose),
-                mechanism.space.dimension,
-            )
-        )
-    return _Gap(*sides, 2.0 * step, _rows(mechanism, offsets))
+        own = [offset.part({None: 1.0}) for offset in offsets]
+        return STEP / max(abs(x) for one in own for x in (*one.turn, *(x / size for x in one.place)))
+    return STEP * size if any(name in offset.place for offset in offsets) else STEP
 
 
-def _numbers(offset: Offset, size: float) -> tuple[float, ...]:
-    """Return the numbers of an offset, in rad and in units of a size (m), 0 for parameters."""
-    own = offset.part(None, 1.0)
-    return *own.turn, *(x / size for x in own.place)
-
-
-def _rows(mechanism: Mechanism, joints: Mapping[str, object]) -> np.ndarray:
-    """Return the numbers of the constraints of some joints."""
-    first, found = 0, []
-    for one in mechanism.holders:
-        count = len(one.holding(moving=True))
-        if one.name in joints:
-            found.append(np.arange(first, first + count))
-        first += count
-    return np.concatenate(found)
+def _statements(mechanism: Mechanism) -> StatementRows:
+    """Return the constraints of the joints in the poses of the bodies."""
+    parts, n_pose = [part for one in mechanism.holders for part in one.holding(True)], mechanism.space.n_pose
+    return StatementRows(
+        [statement for statement, _ in parts],
+        [tuple(side.on_pose() for side in sides) for _, sides in parts],
+        lambda body: n_pose * body + np.arange(n_pose),
+        mechanism.space.dimension,
+    )

@@ -15,6 +15,15 @@ order, the nonlinear static answers to all loads that Psi answers to first order
 rigid motion and of Psi, is deflated: chi is M-orthogonal to both, in space with the momenta of sections that turn
 (`rotary_curvature`), so that delta is the part of the motion along Psi to second order too.
 
+The last vectors of Psi may answer offsets p of joints instead (`modes.built_in`), of which the constraints are
+``c + gamma p + 1/2 gamma' p p``. In pairs with these, gamma stands beside ``c'' psi``: for x_a and psi_j
+
+    K chi_aj + K3[x_a, psi_j] + (mu_a.c'') psi_j + mu_j.(c'' x_a + d gamma_a) + C^T nu_aj = 0,
+    C chi_aj = - c''[x_a, psi_j] - d gamma_a.psi_j,
+
+and so on for two of them, with ``- gamma'_ab`` too. Their amplitudes are given: chi keeps its part along them, that
+of two of them along all vectors, which is at rest, and none of what is stiff in other pairs.
+
 Along stiff vectors of Psi chi may keep its part (`static_stretching`): bending shortens a beam without stretching it.
 Left to a stiff coordinate, the shortening is followed with its inertia, but the cubic strain energy, which then couples
 the two, is unbounded at deflections of about twice the radius of gyration. With ``K = Psi^T K Psi`` and ``M = Psi^T M
@@ -40,7 +49,7 @@ nothing of the kind: angles add up.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,6 +61,7 @@ from pgmp_petsc.mechanism.constraints import ConstraintHessian, ConstraintHessia
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE
 from pgmp_petsc.mechanism.space import SPATIAL, turning_of_second_order
+from pgmp_petsc.modes.built_in import BuiltIn, GapDerivatives
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 
 # squares of frequencies over that of the softest vectors: five times as fast, a vector is at rest for vibrations of
@@ -77,10 +87,12 @@ class CurvatureProblem:
         Eigenproblem at the nominal parameters.
     static_stretching
         Whether chi keeps its part along stiff vectors, which stretch the bodies.
+    built_in
+        Offsets, which the last vectors of a basis answer.
     """
 
-    def __init__(self, problem: ModalProblem, static_stretching: bool = False) -> None:
-        self._problem = problem
+    def __init__(self, problem: ModalProblem, static_stretching: bool = False, built_in: BuiltIn | None = None) -> None:
+        self._problem, self._built_in = problem, built_in
         bodies = problem.mechanism.bodies
         self._third = ThirdDerivative(bodies, problem.rows)
         self.rotary = RotaryCurvature(problem.mechanism)
@@ -97,7 +109,7 @@ class CurvatureProblem:
         modes
             Modes at the configuration that the problem is at; the basis holds them.
         shape
-            The flexible vectors of the basis, local rows, shape (n_local, m).
+            The flexible vectors of the basis, local rows, shape (n_local, m), the answers to offsets last.
         answered
             The load that each of them answers, as from `answered_loads` and combinations of them, zero where none is
             known (joints then take of its elastic forces what they can), shape (n_local, m).
@@ -111,15 +123,20 @@ class CurvatureProblem:
         where = problem.kinematics.describe(modes.theta)
         what = f"static modal derivatives at {where}"
         rigid = modes.unstrained
-        # modes may be stiff too
-        deflated = modes.eigenvectors if self._axial is None else rigid
-        chi = self._answers(modes, deflated, shape, answered, pairs, forces, what)
+        gaps = None if self._built_in is None or not self._built_in.n else self._built_in.derivatives(modes.theta)
+        # modes may be stiff too, and what answers offsets alone stays whole
+        deflated = modes.eigenvectors if self._axial is None and gaps is None else rigid
+        chi = self._answers(modes, deflated, shape, answered, pairs, forces, what, gaps)
         momenta = self.rotary.momenta(everywhere, pairs, problem.values)[problem.rows.start : problem.rows.stop]
-        if self._axial is None:
-            return Curvature(chi - self._along(np.hstack([rigid, shape]), chi, momenta), third)
-        chi = chi - self._along(rigid, chi, momenta)
-        part = problem.inner(shape, problem.times_mass(chi) + momenta)
-        return Curvature(chi - shape @ self._dropped_part(shape, part), third)
+        moving = shape if gaps is None else shape[:, : -self._built_in.n]
+        own, free = np.maximum(*pairs) < moving.shape[1], np.minimum(*pairs) < moving.shape[1]
+        crossed = free & ~own if self._axial is not None else free
+        chi[:, crossed] -= self._along(np.hstack([rigid, moving]), chi[:, crossed], momenta[:, crossed])
+        chi[:, ~crossed] -= self._along(rigid, chi[:, ~crossed], momenta[:, ~crossed])
+        if self._axial is not None:
+            part = problem.inner(moving, problem.times_mass(chi[:, own]) + momenta[:, own])
+            chi[:, own] -= moving @ self._dropped_part(moving, part)
+        return Curvature(chi, third)
 
     def stiffness_answers(self, modes: ModeSet) -> np.ndarray:
         """Return what tells how a load changes the stiffness of each mode, local rows, shape (n_local, n_modes).
@@ -151,15 +168,16 @@ class CurvatureProblem:
         pairs: tuple[np.ndarray, np.ndarray],
         forces: np.ndarray,
         what: str,
+        gaps: GapDerivatives | None = None,
     ) -> np.ndarray:
         """Return chi for pairs of vectors but for multiples of kept eigenvectors, given ``K3[psi_i, psi_j]``."""
         problem = self._problem
         chi = np.zeros_like(forces)
         poses = problem.kinematics.motion(modes.theta).poses
         hessians = self._joints.at(poses)
-        if hessians:
+        if hessians or gaps is not None:
             reactions = problem.all_rows(answered - problem.times_stiffness(shape))
-            joints = _TurningJoints(problem.constraints_at(poses), hessians, problem.all_rows(shape), pairs)
+            joints = _TurningJoints(problem.constraints_at(poses), hessians, problem.all_rows(shape), pairs, gaps)
             own = slice(problem.rows.start, problem.rows.stop)
             chi = joints.displacements()[own]
             forces = forces + joints.forces(reactions)[own] + problem.times_stiffness(chi)
@@ -229,6 +247,8 @@ class _TurningJoints:
         Psi in body frames, shape (n_dofs, m).
     pairs
         Numbers i and j of the vectors of every pair, shape (n_pairs,) each.
+    gaps
+        Of the offsets that the last vectors answer, if there are any.
     """
 
     def __init__(
@@ -237,12 +257,22 @@ class _TurningJoints:
         hessians: list[ConstraintHessian],
         shape: np.ndarray,
         pairs: tuple[np.ndarray, np.ndarray],
+        gaps: GapDerivatives | None = None,
     ) -> None:
         self._touched = np.unique(jacobian.indices)
         self._jacobian = jacobian[:, self._touched].toarray()
         self._hessians = hessians
         self._shape = shape
         self._pairs = pairs
+        self._bends = np.zeros((0, 0, 0)) if gaps is None else gaps.bends
+        slopes = () if gaps is None else gaps.slopes
+        self._slopes = dict(enumerate((own[:, self._touched] for own in slopes), shape.shape[1] - len(slopes)))
+
+    def _beside(self) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """Yield the number of every vector that answers an offset, pairs that it is in and the others in these."""
+        for k in self._slopes:
+            for own, others in (self._pairs, self._pairs[::-1]):
+                yield k, np.flatnonzero(own == k), others[own == k]
 
     def displacements(self) -> np.ndarray:
         """Return some vectors with ``C x_ij = -c''[psi_i, psi_j]``, shape (n_dofs, n_pairs)."""
@@ -251,6 +281,11 @@ class _TurningJoints:
         for hessian in self._hessians:
             psi = self._shape[hessian.dofs]
             closing[hessian.rows] = -np.einsum("ckl,kp,lp->cp", hessian.values, psi[:, i], psi[:, j])
+        for k, which, others in self._beside():
+            closing[: self._slopes[k].shape[0], which] -= self._slopes[k] @ self._shape[self._touched][:, others]
+        first = self._shape.shape[1] - len(self._slopes)
+        both = np.flatnonzero((i >= first) & (j >= first))
+        closing[: self._bends.shape[2], both] -= self._bends[i[both] - first, j[both] - first].T
         result = np.zeros((len(self._shape), i.size))
         result[self._touched] = np.linalg.lstsq(self._jacobian, closing, rcond=RANK_TOLERANCE)[0]
         return result
@@ -269,6 +304,9 @@ class _TurningJoints:
         for hessian in self._hessians:
             turned = np.einsum("cm,ckl,ln->kmn", multipliers[hessian.rows], hessian.values, self._shape[hessian.dofs])
             result[hessian.dofs] += turned[:, i, j] + turned[:, j, i]
+        for k, which, others in self._beside():
+            slope = self._slopes[k]
+            result[np.ix_(self._touched, which)] += slope.T @ multipliers[: slope.shape[0], others]
         return result
 
 

@@ -2,14 +2,15 @@
 
 All outputs but stresses are read of the frames of some nodes and of their rates, whichever model moved them
 (`readings`). Stresses depend on what else a model knows of a body, and on parameters; each model evaluates them in its
-own way (`models.stresses`), and they follow the frames and rates in what it observes.
+own way (`models.stresses`), and they follow the frames and rates in what it observes. So do forces in joints, which
+depend on the model's multipliers (`joint_forces`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from pgmp_petsc.outputs.readings import Frames, Reading, RigidReference
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
+    from pgmp_petsc.outputs.joint_forces import ForceOutput
     from pgmp_petsc.outputs.stress import StressOutput
 
 
@@ -31,8 +33,9 @@ class OutputSet:
     nodes: tuple[int, ...]  # global node numbers whose frames are needed, increasing
     units: dict[str, str]  # unit of every output
     n_frame: int  # numbers of a frame: 3 in the plane, in space 12 and the coordinates
-    functions: dict[str, Reading | None]  # what is read of frames; None of a stress
+    functions: dict[str, Reading | None]  # what is read of frames; None of a stress or force
     stresses: tuple[StressOutput, ...] = ()  # stress outputs, in the order in which models observe them
+    forces: tuple[ForceOutput, ...] = ()  # outputs of multipliers, which follow them in this order
     #: from frames to where the coordinates are within their ranges, shape (n,); None where all outputs are known
     #: everywhere: none is a deformation, or every coordinate is periodic
     reached: Callable[[Frames], np.ndarray] | None = None
@@ -42,7 +45,8 @@ class OutputSet:
 
     def observed(self, frames: np.ndarray, stresses: np.ndarray, rates: np.ndarray | None = None) -> np.ndarray:
         """Return what `evaluate` takes, shape (n_observed, n), of frames of `nodes` (n_nodes, n_frame, n), stresses
-        (n_stresses, n) and, where outputs read them, rates of the frames (n_nodes, n_rates, n)."""
+        with forces behind them (n_stresses + n_forces, n) and, where outputs read them, rates of the frames (n_nodes,
+        n_rates, n)."""
         parts = [frames, rates] if self.n_rates else [frames]
         return np.concatenate([*(part.reshape(-1, stresses.shape[1]) for part in parts), stresses])
 
@@ -62,11 +66,21 @@ class OutputSet:
         behind = observed[n_nodes * self.n_frame :]
         moving = behind[: n_nodes * self.n_rates].reshape(n_nodes, self.n_rates, observed.shape[1])
         rates = dict(zip(self.nodes, moving))
-        of_stresses = dict(zip((stress.name for stress in self.stresses), behind[n_nodes * self.n_rates :]))
+        names = (*(stress.name for stress in self.stresses), *(force.name for force in self.forces))
+        of_stresses = dict(zip(names, behind[n_nodes * self.n_rates :]))
         return {
             name: of_stresses[name] if reading is None else reading.value(by_node, rigid, rates)
             for name, reading in self.functions.items()
         }
+
+    def forces_of(
+        self, frames: np.ndarray, rates: np.ndarray | None, multipliers: np.ndarray, values: Mapping[str, Any]
+    ) -> np.ndarray:
+        """Return the forces (n_forces, n) for frames of `nodes` and their rates, as of `observed`, multipliers of
+        joints and prescribed coordinates (n_held + n_driven, n), and parameter values, numbers or of shape (n,)."""
+        by_node = dict(zip(self.nodes, frames))
+        moving = {} if rates is None else dict(zip(self.nodes, rates))
+        return np.array([force.value(by_node, moving, multipliers, values) for force in self.forces])
 
     def left_range(self, observed: np.ndarray) -> np.ndarray:
         """Return where a coordinate is outside the range that a deformation is known in, shape (n,), for what a model
@@ -101,6 +115,9 @@ class OutputSet:
                 functions[name], units[name] = None, entry.unit_in(scene)
                 nodes |= _nodes_of_beams(kinematics.mechanism.bodies[stresses[-1].body])
                 continue
+            if entry.reads == "multipliers":
+                functions[name], units[name] = None, entry.unit_in(scene)
+                continue
             reading = replace(entry.reading(f"outputs.{name}", start, kinematics), rate=entry.reads == "rates")
             if reading.rate and reading.of_coordinates:
                 raise InputError(f"outputs.{name}: a deformation is read, and has no rate; read that of a position")
@@ -116,8 +133,10 @@ class OutputSet:
         system = scene.system
         units = {name: system.unit(unit) for name, unit in units.items()}
         reads_rates = any(reading is not None and reading.rate for reading in functions.values())
-        n_rates = mechanism.space.n_pose if reads_rates else 0
-        return cls(tuple(sorted(nodes)), units, n_frame, functions, tuple(stresses), reached, rigid, n_rates)
+        forces = _forces(scene, kinematics, start)
+        nodes = nodes.union(*(force.nodes for force in forces))
+        n_rates = mechanism.space.n_pose if reads_rates or any(force.reads_rates for force in forces) else 0
+        return cls(tuple(sorted(nodes)), units, n_frame, functions, tuple(stresses), forces, reached, rigid, n_rates)
 
 
 def _stress(name: str, scene: Scene, kinematics: RigidKinematics) -> StressOutput:
@@ -126,6 +145,14 @@ def _stress(name: str, scene: Scene, kinematics: RigidKinematics) -> StressOutpu
     bodies = kinematics.mechanism.bodies
     number = next(k for k, body in enumerate(bodies) if body.name == scene.outputs[name].body)
     return StressOutput.of(name, scene, number, bodies[number])
+
+
+def _forces(scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> tuple[ForceOutput, ...]:
+    if not any(entry.reads == "multipliers" for entry in scene.outputs.values()):
+        return ()
+    from pgmp_petsc.outputs.joint_forces import force_outputs  # few scenes have them
+
+    return force_outputs(scene, kinematics, start)
 
 
 def _nodes_of_beams(body: Body) -> set[int]:

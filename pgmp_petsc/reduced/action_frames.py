@@ -86,14 +86,15 @@ class Places(NamedTuple):
     """Where actions hold."""
 
     fine: tuple[Grid, ...]  # cells of `rigid` along every coordinate
-    #: polynomials on this grid: the nodes' frames on the rigid mechanism, and the angles of the actions less their
-    #: winding, 0 where they have none, shape (n_cells, n_terms, (n_nodes * n_frame + n_actions) * 4**n_theta)
+    #: polynomials on this grid: the nodes' frames on the rigid mechanism, and the angles that actions measure less
+    #: their winding, 0 for what is no angle, shape (n_cells, n_terms, (n_nodes * n_frame + n_parts) * 4**n_theta)
     rigid: np.ndarray
     shapes: np.ndarray  # polynomials of Psi and chi, shape (n_cells, n_terms, n_nodes * n_dofs * n_shapes * 4**n_theta)
     together: np.ndarray  # as many zeros as there are terms: all of them add to one polynomial
-    #: what the angles of the actions turn with each coordinate on the whole, shape (n_actions, n_theta)
+    #: what these angles turn with each coordinate on the whole, shape (n_parts, n_theta)
     winding: np.ndarray
-    sides: np.ndarray  # node of both sides of each action, -1 on the ground, shape (n_actions, 2)
+    #: node of both sides of each statement that the actions measure, -1 on the ground, shape (n_parts, 2)
+    sides: np.ndarray
     n_nodes: int  # number of nodes
 
 

@@ -5,9 +5,10 @@ s, its gradient g and second derivative h in the frames adds to the equations of
 
     r -= J^T F g,     dr/d eta = J^T ((k + gain_v c) g g^T - F h) J,     k = -dF/ds,  c = -dF/ds'
 
-without the change of J with eta. Of a law that is led by the action before it (`effects.action`) ``k + gain_v c`` is
-with the product of its own g and of g there. An angle is that turn of its joint which is nearest to the rigid
-mechanism's. Laws are evaluated lane by lane: they have cases.
+without the change of J with eta. A measure that is the sum of functions f_i of several statements has ``g = sum_i f_i'
+g_i`` and ``h = sum_i (f_i' h_i + f_i'' g_i g_i^T)``, each in the frames of its own two nodes. Of a law that is led by
+the action before it (`effects.action`) ``k + gain_v c`` is with the product of its own g and of g there. An angle is
+that turn of its joint which is nearest to the rigid mechanism's. Laws are evaluated lane by lane: they have cases.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from pgmp_petsc.effects.law import obey
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items
 from pgmp_petsc.lanes.vectors import LANES, N_POWERS, add, aligned_zeros, differing, load, spread, store
+from pgmp_petsc.mechanism.node_statements import function_at, is_itself
 from pgmp_petsc.mechanism.statements import evaluate
 from pgmp_petsc.reduced.action_frames import Frames, Places, place_nodes
 
@@ -62,13 +64,14 @@ class LocalWork(NamedTuple):
     """Work arrays of local effects, for one block of samples; arrays of vectors (..., LANES)."""
 
     frames: Frames  # of the nodes
-    #: z, gradient, spare: of one action's two frames, (2 n_frame)
+    #: z, gradient, spare: of the two frames of a term, (2 n_frame)
     z: np.ndarray
     gradient: np.ndarray
     spare: np.ndarray
-    hessian: np.ndarray  # of its statement, (2 n_frame, 2 n_frame)
+    hessian: np.ndarray  # of its function, (2 n_frame, 2 n_frame)
     jacobian: np.ndarray  # of its frames, (2 n_frame, n_eta)
-    #: bent, projected: a row of h J, and ``J^T g``, (n_eta); leading: that of the action that leads
+    function: np.ndarray  # its value, slope and second derivative in the statement, (3)
+    #: bent, projected: a row of h J, and ``J^T g`` of an action, (n_eta); leading: that of the action that leads
     bent: np.ndarray
     projected: np.ndarray
     leading: np.ndarray
@@ -107,6 +110,7 @@ def allocate_local(local, r, n_eta):
         empty_lanes(n, LANES),
         empty_lanes(n * n, LANES).reshape((n, n, LANES)),
         empty_lanes(n * n_eta, LANES).reshape((n, n_eta, LANES)),
+        empty_lanes(3, LANES),
         empty_lanes(n_eta, LANES),
         empty_lanes(n_eta, LANES),
         empty_lanes(n_eta, LANES),
@@ -155,25 +159,18 @@ def act(
         Result: how far each edge of a law is crossed, negative where it is not, shape (n_samples, n_edges).
     """
     places, actions = local.places, local.actions
-    n, n_actions, r = q.shape[0], places.sides.shape[0], len(grid)
+    n, r = q.shape[0], len(grid)
     for i in range(n):
         store(acting.balance, i, 0.0)
         for j in range(n if with_tangent else 0):
             store(acting.tangent, i * n + j, 0.0)
     place_nodes(places, chosen.nodes, grid, actions.statements.axes.shape[2], q, kept, work.frames)
-    first_angle, n_rubbing = work.frames.rigid.shape[0] - n_actions, 0
+    n_rubbing = 0
     for number in range(chosen.actions.size):
         action = chosen.actions[number]
-        attach(places, actions.statements, action, work)
-        turned = load(work.frames.rigid, first_angle + action)
-        for k in range(r):
-            turned += places.winding[action, k] * load(q, k)
-        kind, axes = actions.statements.kinds[action], actions.statements.axes[action]
-        s = evaluate(
-            kind, axes, items(work.z, WIDE), turned, with_tangent, items(work.gradient, WIDE),
-            items(work.hessian, WIDE), items(work.spare, WIDE),
-        )  # fmt: skip
-        rate, role = project(v, work), actions.roles[action]
+        first, last, role = actions.firsts[action], actions.firsts[action + 1], actions.roles[action]
+        single = last - first == 1
+        s, rate = measure(local, action, r, q, v, with_tangent and single, work)
         store(work.measured, ALONG, rate)
         if role != LED:
             store(work.measured, MEASURE, s)
@@ -191,7 +188,11 @@ def act(
             add(acting.balance, i, -force * load(work.projected, i))
         if with_tangent:
             stiffness = load(work.measured, STIFFNESS) + gain_v * load(work.measured, DAMPING)
-            _add_tangent(stiffness, force, work, work.leading if role == LED else work.projected, acting.tangent)
+            _stiffen(stiffness, work, work.leading if role == LED else work.projected, acting.tangent)
+            for term in range(first, last if differing(force, spread(0.0)) != 0 else first):
+                if not single:
+                    _measure_term(local, term, r, q, True, work)
+                _turn(force, work, acting.tangent)
 
 
 @njit(error_model="numpy", counted=False)
@@ -222,13 +223,10 @@ def bent_lanes(local, amplitudes, v, samples, lanes, work, depths):
         number += 1
         for lane in range(LANES):
             if lanes & (1 << lane):
-                p, of_sample = (
-                    local.actions.parameters[action, samples[lane]],
-                    depths[samples[lane], laws.edges[action] :],
-                )
+                p, edges = local.actions.parameters[action, samples[lane]], depths[samples[lane], laws.edges[action] :]
                 s, before, force, damping = kept[n, lane], kept[n + 1, lane], kept[n + 2, lane], kept[n + 3, lane]
                 after = work.measured[ALONG, lane]
-                now = obey(laws.addresses[action], p, amplitudes[action, lane], s, after, np.nan, of_sample).force
+                now = obey(laws.addresses[action], p, amplitudes[action, lane], s, after, np.nan, edges).force
                 off = abs(now - force + damping * (after - before))
                 found |= np.int64(not off <= UNBALANCED * (abs(now) + abs(force))) << lane
     return found
@@ -254,18 +252,64 @@ def limited_lanes(known, samples, lanes):
     return found
 
 
+@njit(error_model="numpy", counted=False)
+def measure(local, action, n_theta, q, v, second, work):
+    """Return what an action measures and its rate, and fill ``J^T g``, with its nodes placed.
+
+    `second` asks for the second derivatives of its last term.
+    """
+    firsts, n_eta, s, rate = local.actions.firsts, q.shape[0], spread(0.0), spread(0.0)
+    for i in range(n_eta):
+        store(work.projected, i, 0.0)
+    for term in range(firsts[action], firsts[action + 1]):
+        s += _measure_term(local, term, n_theta, q, second, work)
+        _project(work)
+    for i in range(n_eta):
+        rate += load(work.projected, i) * load(v, i)
+    return s, rate
+
+
+@njit(error_model="numpy", counted=False)
+def _measure_term(local, term, n_theta, q, second, work):
+    """Return a term of a measure, and fill its two frames, their Jacobian, and its derivatives in them."""
+    places, statements = local.places, local.actions.statements
+    _attach(places, statements, term, work)
+    turned = load(work.frames.rigid, work.frames.rigid.shape[0] - places.sides.shape[0] + term)
+    for k in range(n_theta):
+        turned += places.winding[term, k] * load(q, k)
+    s = evaluate(
+        statements.kinds[term], statements.axes[term], items(work.z, WIDE), turned, second, items(work.gradient, WIDE),
+        items(work.hessian, WIDE), items(work.spare, WIDE),
+    )  # fmt: skip
+    if is_itself(statements, term):
+        return s
+    store(work.function, 0, s)
+    for lane in range(LANES):
+        found = function_at(statements, term, work.function[0, lane])
+        work.function[0, lane], work.function[1, lane], work.function[2, lane] = found
+    slope, bend, n = load(work.function, 1), load(work.function, 2), work.z.shape[0]
+    for c in range(n if second else 0):
+        bent = bend * load(work.gradient, c)
+        for d in range(n):
+            at = c * n + d
+            store(work.hessian, at, slope * load(work.hessian, at) + bent * load(work.gradient, d))
+    for c in range(n):
+        store(work.gradient, c, slope * load(work.gradient, c))
+    return load(work.function, 0)
+
+
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def attach(places, statements, action, work):
-    """Fill an action's two frames and their Jacobian."""
+def _attach(places, statements, term, work):
+    """Fill the two frames of a term and their Jacobian."""
     d, n = statements.axes.shape[2], statements.ground.shape[1] // 2
     z, jacobian = items(work.z, WIDE), items(work.jacobian, WIDE)
     frames, jacobians = items(work.frames.frames, WIDE), items(work.frames.jacobians, WIDE)
     n_eta = jacobian.shape[1]
     for side in range(2):
-        first, node = n * side, places.sides[action, side]
+        first, node = n * side, places.sides[term, side]
         if node < 0:
             for c in range(n):
-                z[first + c] = statements.ground[action, first + c]
+                z[first + c] = statements.ground[term, first + c]
                 for i in range(n_eta):
                     jacobian[first + c, i] = 0.0
             continue
@@ -274,7 +318,7 @@ def attach(places, statements, action, work):
             for i in range(n_eta):
                 jacobian[first + c, i] = jacobians[node, c, i]
         for j in range(d):
-            arm = statements.arms[action, side, j]
+            arm = statements.arms[term, side, j]
             if arm != 0.0:
                 for c in range(d):
                     at = first + d + d * j + c
@@ -284,20 +328,14 @@ def attach(places, statements, action, work):
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def project(v, work):
-    """Fill ``J^T g``, and return the rate of the statement, ``g^T J eta'``."""
+def _project(work):
+    """Add ``J^T g`` of a term."""
     n_eta = work.projected.shape[0]
-    for i in range(n_eta):
-        store(work.projected, i, 0.0)
     for c in range(work.gradient.shape[0]):
         slope = load(work.gradient, c)
         if differing(slope, spread(0.0)) != 0:  # few are not
             for i in range(n_eta):
                 add(work.projected, i, slope * load(work.jacobian, c * n_eta + i))
-    rate = spread(0.0)
-    for i in range(n_eta):
-        rate += load(work.projected, i) * load(v, i)
-    return rate
 
 
 @njit(error_model="numpy", counted=False)
@@ -320,15 +358,19 @@ def _obey(actions, action, amplitudes, samples, lanes, limiting, measured, known
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def _add_tangent(stiffness, force, work, leading, tangent):
-    """Add ``J^T (stiffness g l^T - F h) J`` to the tangent (n_eta, n_eta, LANES), with ``leading = J^T l``."""
-    n, n_pair = work.projected.shape[0], work.z.shape[0]
+def _stiffen(stiffness, work, leading, tangent):
+    """Add ``J^T (stiffness g l^T) J`` to the tangent (n_eta, n_eta, LANES), with ``leading = J^T l``."""
+    n = work.projected.shape[0]
     for i in range(n):
         across = stiffness * load(work.projected, i)
         for j in range(n):
             add(tangent, i * n + j, across * load(leading, j))
-    if differing(force, spread(0.0)) == 0:
-        return
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _turn(force, work, tangent):
+    """Take ``J^T F h J`` of a term off the tangent (n_eta, n_eta, LANES)."""
+    n, n_pair = work.projected.shape[0], work.z.shape[0]
     for c in range(n_pair):
         touched = False
         for d in range(n_pair):

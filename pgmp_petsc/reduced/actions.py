@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.effects.action import Action, compile_actions
+from pgmp_petsc.effects.action import Action, compile_actions, counted_from
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.motion import Motion
 from pgmp_petsc.effects.time_function import TimeFunction, joined
 from pgmp_petsc.lanes.vectors import N_POWERS
+from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.statements import ANGLE
+from pgmp_petsc.mechanism.statements import ANGLE, Statement
 from pgmp_petsc.reduced.action_frames import Places
 from pgmp_petsc.reduced.action_kernel import Chosen, LocalEffects
 from pgmp_petsc.reduced.arrays import Strengths
@@ -113,9 +114,9 @@ class ReducedActions:
 
     def _chosen(self, numbers: Sequence[int]) -> Chosen:
         """Return some actions with their nodes."""
-        actions = np.array(numbers, dtype=np.int64)
-        nodes = np.unique(self.places.sides[actions])
-        return Chosen(actions, nodes[nodes >= 0])
+        every = nodes_of(self.actions)
+        nodes = [every.index(node) for node in nodes_of([self.actions[k] for k in numbers])]
+        return Chosen(np.array(numbers, dtype=np.int64), np.array(nodes, dtype=np.int64))
 
 
 def nodes_of(actions: Sequence[Action]) -> list[int]:
@@ -126,16 +127,18 @@ def nodes_of(actions: Sequence[Action]) -> list[int]:
 def rigid_places(
     actions: Sequence[Action], kinematics: RigidKinematics, fine: SampleGrid, start: np.ndarray
 ) -> tuple[Interpolant, np.ndarray]:
-    """Return the frames of `nodes_of` actions on the rigid mechanism, and behind them the actions' angles less their
-    winding, 0 where they have none, as one interpolant; and the winding, shape (n_actions, n_theta)."""
+    """Return the frames of `nodes_of` actions on the rigid mechanism, and behind them the angles that actions measure
+    less their winding, 0 for what is no angle, as one interpolant; and the winding, shape (n_parts, n_theta)."""
     space, poses, frames = kinematics.mechanism.space, kinematics.poses(fine.theta), []
     for body, point in map(kinematics.mechanism.body_of, nodes_of(actions)):
         frames.append(space.natural(space.place(poses[body], point[None])[0]).T)
-    angles, winding = np.zeros((fine.n, len(actions))), np.zeros((len(actions), fine.n_coordinates))
-    for k, action in enumerate(actions):
-        if action.statement.kind == ANGLE:
-            angles[:, k], winding[k] = _counted(action, kinematics, poses, fine, start)
-    return interpolant(fine, np.concatenate([*frames, angles], axis=1), "spline"), winding
+    found = []
+    for action in actions:
+        near = counted_from(action, kinematics, start[:, None])[:, 0]
+        for (part, _), *sides, at in zip(action.statement.terms, action.sides[::2], action.sides[1::2], near):
+            found.append(_counted(part, sides, kinematics, poses, fine, start, at))
+    angles, winding = map(np.array, zip(*found))
+    return interpolant(fine, np.concatenate([*frames, angles.T], axis=1), "spline"), winding
 
 
 def functions_of_time(
@@ -158,30 +161,35 @@ def _rows(part: Interpolant, parts: int) -> np.ndarray:
 
 def _same_turns(rigid: np.ndarray, other: np.ndarray, winding: np.ndarray) -> np.ndarray:
     """Return polynomials of `Places.rigid` with the turns of their angles, the last entries, counted as of others."""
-    found, (n_actions, n_theta) = rigid.copy(), winding.shape
+    found, (n_parts, n_theta) = rigid.copy(), winding.shape
     n_powers = N_POWERS**n_theta
-    angles = slice(found.shape[2] - n_actions * n_powers, None, n_powers)  # the constant terms
+    angles = slice(found.shape[2] - n_parts * n_powers, None, n_powers)  # the constant terms
     away = found[0, 0, angles] - other[0, 0, angles]
     found[:, 0, angles] -= 2 * np.pi * np.rint(away / (2 * np.pi))
     return found
 
 
 def _counted(
-    action: Action, kinematics: RigidKinematics, poses: np.ndarray, fine: SampleGrid, start: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return an angle on the rigid mechanism less its winding (n,), and the winding (n_theta,), with turns counted.
+    part: Statement, sides: Sequence[Attachment], kinematics: RigidKinematics, poses: np.ndarray, fine: SampleGrid,
+    start: np.ndarray, near: float,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return an angle on the rigid mechanism less its winding (n,), and the winding (n_theta,), with turns counted; 0
+    for what is no angle.
 
     A coordinate is its own angle. In the plane bodies count their turns; in space the angle of another joint is
-    followed over the grid, and in (-pi, pi] at the start.
+    followed over the grid, and nearest to `near` at the start.
     """
-    if action.coordinate >= 0:
-        return np.zeros(fine.n), np.eye(fine.n_coordinates)[action.coordinate]
+    winding = np.zeros(fine.n_coordinates)
+    if part.kind != ANGLE:
+        return np.zeros(fine.n), winding
+    for k, coordinate in enumerate(kinematics.coordinates):
+        if coordinate.statement is part:
+            return np.zeros(fine.n), np.eye(fine.n_coordinates)[k]
     space = kinematics.mechanism.space
 
-    def measured(at: np.ndarray) -> np.ndarray:
-        return space.angle(action.statement, *(side.frame_of_pose(at) for side in action.sides))
+    def measured(at: np.ndarray, turned: float = 0.0) -> np.ndarray:
+        return space.angle(part, *(side.frame_of_pose(at) for side in sides), turned)
 
-    winding = np.zeros(fine.n_coordinates)
     angles = measured(poses).reshape(fine.shape)
     for k in range(fine.n_coordinates):
         angles = np.unwrap(angles, axis=k)
@@ -191,7 +199,7 @@ def _counted(
             winding[k] = 2 * np.pi * np.rint((line[-1] - line[0]) / (2 * np.pi)) / (axis.upper - axis.lower)
     angles = angles.ravel() - fine.theta @ winding
     if space.dimension == 3:
-        first = measured(kinematics.poses(start[None]))[0]
+        first = measured(kinematics.poses(start[None]), near)[0]
         away = first - angles[fine.nearest(start[None])[0]] - winding @ start
         angles += 2 * np.pi * np.rint(away / (2 * np.pi))
     return angles, winding

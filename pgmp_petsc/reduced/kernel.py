@@ -139,9 +139,10 @@ def _hold_prescribed(equations, matrix):
                 store(matrix.row, k * m + i, spread(0.0))
     for i in range(m):
         if equations.prescribed[r + i]:
-            # no scene has both these and terms of second order, which have a skew part
             for j in range(m):
                 store(matrix.factor, pair(i, j), spread(1.0 if j == i else 0.0))
+                if matrix.skew.shape[0] > 0:
+                    store(matrix.skew, pair(i, j), spread(0.0))
             for k in range(r):
                 store(matrix.column, k * m + i, spread(0.0))
 

@@ -180,7 +180,8 @@ class ReducedLanes:
 
 LARGEST = 2**19  # numbers that are written down, of all samples and steps
 FURTHEST = 2**21  # numbers of all samples and steps: in more of them samples that began side by side drift apart
-LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
+STARTING_CORRECTIONS = 4  # one where stiffness does not change with the deformation
+LARGE = 1e30  # nothing limits; gain that makes stiffness negligible beside mass in the iteration matrix
 
 
 class ReducedTrail(State):
@@ -239,8 +240,7 @@ class ReducedSystem(SecondOrderSystem):
         names = [effect.name for effect in self._load_effects]
         self._actions = actions or ReducedActions.none(len(layout.rigid))
         self.built_in = given if tables.n_given else None
-        self._prescribed = np.arange(self.n_eta) >= self.n_moving
-        self._prescribed[list(motions)] = True
+        self._prescribed = tables.prescribed(motions)
         self._is_rigid = np.arange(self.n_eta) < tables.n_coordinates
         self._lanes = ReducedLanes(terms, self._actions, names, values, self._prescribed, n_samples)
         self._equations, self._memory = self._lanes.equations, self._lanes.memory
@@ -279,6 +279,8 @@ class ReducedSystem(SecondOrderSystem):
         q = self.undeformed(self._initial[0])
         v = np.zeros_like(q)
         if self.settled is None:
+            if self.built_in is not None:
+                self._answer_offsets(q)
             v[:, :r] = self._initial[1]
         else:
             q[:] = self.settled.unknowns.T
@@ -291,6 +293,13 @@ class ReducedSystem(SecondOrderSystem):
         state.a = trial.a
         self._strengths.prescribe(0.0, state, everyone)
         return state if self.settled is None else self.settled.at_rest(state, len(self._motions))
+
+    def _answer_offsets(self, q: np.ndarray) -> None:
+        """Give the flexible coordinates of q what they add to the static answer to offsets, without loads, in place:
+        nothing at the nominal parameters, in the terms of first order."""
+        state, everyone = State(q, *np.zeros((2, *q.shape)), np.zeros(0)), np.ones(self.n_samples, dtype=bool)
+        for _ in range(STARTING_CORRECTIONS):
+            self.correct_at_rest(state, np.zeros_like(q), everyone, 0.0, LARGE)
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""

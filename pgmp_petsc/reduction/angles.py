@@ -93,7 +93,7 @@ class AngleRounds:
 
     def _for_stresses(self, axis: Samples, basis: ContinuousBasis) -> np.ndarray:
         """Return the angles, shape (n,), that stress outputs need."""
-        self._errors = stress_errors(self._scene, self._mechanism, basis.tables.moving, basis.projection, self.static)
+        self._errors = stress_errors(self._scene, self._mechanism, basis.tables.moving(), basis.projection, self.static)
         self._before.append(max(self._errors.values()))
         poor, most = [name for name, error in self._errors.items() if error > TARGET], self._scene.reduction.max_angles
         if not (poor and self._refinable):

@@ -26,7 +26,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
+from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bodies.component import Component
@@ -225,8 +225,6 @@ def _built(
     """As `build_rom`, with condensed bodies."""
     with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
         mechanism = Mechanism.from_scene(scene, meshes).straight
-        if _forces_change(scene, mechanism):
-            _refuse_offsets(scene)
         kinematics = RigidKinematics(mechanism)
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         matrices, effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
@@ -242,12 +240,14 @@ def _built(
         with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
             snapshots = opened.enter_context(ParameterSnapshots(problem, static_loads, points.points))
             probe = _probe(problem, actions_of(effects))
-            sampler = Sampler(problem, loads, static_loads, snapshots, probe, BuiltIn(problem, scene, meshes))
+            built_in = BuiltIn(problem, scene, meshes)
+            sampler = Sampler(problem, loads, static_loads, snapshots, probe, built_in)
         sampling = _Sampling(scene, sampler, group, way)
         joined, basis, rounds = sampling.joined(store, loads, bool(actions_of(effects)), timings)
         if scene.second_order:
             with timings.phase("second order"):
-                basis = sampling.curve(store, basis, Manifold(problem, loads, static_loads, scene.static_stretching))
+                manifold = Manifold(problem, loads, static_loads, scene.static_stretching, built_in)
+                basis = sampling.curve(store, basis, manifold)
         missed = None
         if _forces_change(scene, mechanism):
             with timings.phase("section forces"):
@@ -260,10 +260,12 @@ def _built(
     if group.comm.size > 1:
         mass = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
     if scene.second_order:
-        changes = mode_changes(kinematics, mass, tables.samples, basis.projection, scene.reduction.interpolation)
+        changes = mode_changes(
+            kinematics, mass, tables.samples, basis.projection, scene.reduction.interpolation, tables.n_given
+        )
         tables = replace(tables, changes=changes)
     n_parameter = tables.n_modes - tables.n_given - joined.n_kept
-    indefinite = indefinite_between(tables.moving, scene.reduction.interpolation, *spanning_values(scene))
+    indefinite = indefinite_between(tables.moving(), scene.reduction.interpolation, *spanning_values(scene))
     remarks = (
         *scene.remarks,
         *(() if way.checkpoint is None else way.checkpoint.remarks),
@@ -295,17 +297,6 @@ def _forces_change(scene: Scene, mechanism: Mechanism) -> bool:
     """Return whether stress outputs are asked for of bodies that parameters change."""
     weights = (*mechanism.mass_weights, *mechanism.stiffness_weights)
     return bool(stressed_bodies(scene)) and any(weight.powers for weight in weights)
-
-
-def _refuse_offsets(scene: Scene) -> None:
-    """Refuse stress outputs of bodies that parameters change beside joints that are off."""
-    off = next((name for name, joint in scene.joints.items() if joint.offset is not None), None)
-    if off is not None:
-        stress = next(name for name, output in scene.outputs.items() if output.reads == "stresses")
-        raise InputError(
-            f"outputs.{stress} with joints.{off}.offset: stresses of bodies that parameters change are not made for "
-            "joints that are off; leave one of both out, or take pgmp simulate SCENE --full"
-        )
 
 
 @gathered
@@ -497,13 +488,20 @@ class Manifold:
         Loads whose static answers the basis holds.
     static_stretching
         As for `CurvatureProblem`.
+    built_in
+        Offsets, of which samples have the answers, or None.
     """
 
     def __init__(
-        self, problem: ModalProblem, loads: Sequence[Load], static_loads: StaticLoads, static_stretching: bool = False
+        self,
+        problem: ModalProblem,
+        loads: Sequence[Load],
+        static_loads: StaticLoads,
+        static_stretching: bool = False,
+        built_in: BuiltIn | None = None,
     ) -> None:
         self._problem, self._loads, self._static_loads = problem, TurnedLoads(problem, loads), static_loads
-        self._curvature = CurvatureProblem(problem, static_stretching)
+        self._curvature = CurvatureProblem(problem, static_stretching, built_in)
 
     def at(self, theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, SecondOrderTables]:
         """Return chi in body frames, pairs packed, local rows, shape (n_local, n_pairs), and the tables of one sample.
@@ -523,7 +521,7 @@ class Manifold:
         modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
         static = sample.kept[:, sample.n_modes :]
         answered = self._curvature.answered_loads(modes, static, self._static_loads.at(problem, modes))
-        shape = sample.shape @ combination
+        shape = np.hstack([sample.shape, sample.built_in]) @ combination
         curvature = self._curvature.solve(modes, shape, answered @ combination[: sample.n_kept])
         everywhere = problem.all_rows(curvature.chi)
         mass = [problem.matrices.mass[weight] for weight in problem.mechanism.mass_weights]

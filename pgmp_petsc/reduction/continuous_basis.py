@@ -392,7 +392,7 @@ def interpolation_errors(
 
 def _align(fresh: np.ndarray, guess: np.ndarray, groups: Sequence[np.ndarray]) -> np.ndarray:
     """Return the rotation of a fresh basis (n_dofs, m), group by group, to an interpolated one."""
-    rotation = np.zeros((fresh.shape[1], fresh.shape[1]))
+    rotation = np.eye(fresh.shape[1])
     for group in groups:
         rotation[np.ix_(group, group)], _ = procrustes(fresh[:, group].T @ guess[:, group])
     return rotation

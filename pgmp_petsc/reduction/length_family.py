@@ -6,8 +6,9 @@ the family are models built at the points l_p; their bases are expressed in that
     Psi_p R_p,    R_p(theta) = (Psi_p^T M Psi_p)^-1 Psi_p^T M Psi_nominal,
 
 so that entries of their tables are smooth in l, whatever signs, order and rotations the builds have found (Amsallem and
-Farhat 2011 join the members of a family so). In between, tables are polynomials of l (`sample_grid`). The kinematics of
-one run are exact: the mechanism is made anew with its lengths.
+Farhat 2011 join the members of a family so); answers to joints that are off, behind these, are smooth as they
+are. In between, tables are polynomials of l (`sample_grid`). The kinematics of one run are exact: the mechanism is made
+anew with its lengths.
 """
 
 from __future__ import annotations
@@ -178,18 +179,22 @@ class _Gauge:
                     lengths, own.shape[2], len(own), wanted.shape[2], len(wanted), cosine, *causes
                 )
             )
+        n_given = member.tables.n_given
+        n = own.shape[2] - n_given
+        own, wanted = own[..., :n], wanted[..., :n]
         weighted = np.array([self.mass @ shape for shape in own])
         gram, crossed = np.swapaxes(own, 1, 2) @ weighted, np.swapaxes(weighted, 1, 2) @ wanted
         square = np.array([shape.T @ (self.mass @ shape) for shape in wanted])
-        rotations = np.linalg.solve(gram, crossed)
-        projection = own @ rotations
+        rotations = np.tile(np.eye(n + n_given), (len(own), 1, 1))
+        rotations[:, :n, :n] = np.linalg.solve(gram, crossed)
+        projection = member.projection @ rotations
         tables, curvature = member.tables.turned(rotations), member.curvature
         if curvature is not None:
             curvature = curvature @ pair_rotations(rotations)
             kinematics = RigidKinematics(Mechanism.from_scene(scene, member.meshes), member.branch)
             masses = mass_of_bodies(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
             scheme = scene.reduction.interpolation
-            changes = mode_changes(kinematics, masses, tables.samples, projection, scheme)
+            changes = mode_changes(kinematics, masses, tables.samples, projection, scheme, n_given)
             tables = replace(tables, changes=changes)
         missed = None if member.missed is None else member.missed.turned(rotations)
         turned = replace(member, tables=tables, projection=projection, curvature=curvature, missed=missed, meshes={})

@@ -14,7 +14,8 @@ where S gives strains and D forces of strains. At p0 ``L = K Psi``, g = delta an
 equilibrium alone (statically determinate bodies and mechanisms), and in bodies all of whose stiffness has one factor,
 the forces are then those that balance the loads, at any p; elsewhere what is left is of second order in p - p0. It is
 the residual weighted with the answers to unit forces of the outputs (Becker and Rannacher 2001), which for statically
-determinate forces are their influence lines.
+determinate forces are their influence lines. What answers joints that are off answers no load: it has a part in K Psi
+alone.
 
 Loads and stiffness are affine, so that forces and answers of every term are tables over the configurations.
 """
@@ -126,8 +127,9 @@ def missed_answers_at(
         As of `Manifold.at`.
     """
     modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
-    rigid, shape = modes.rigid[:, modes.free], sample.shape @ combination
-    kept, others = combination[: sample.n_kept], sample.shape[:, sample.n_kept :] @ combination[sample.n_kept :]
+    rigid, vectors = modes.rigid[:, modes.free], np.hstack([sample.shape, sample.built_in])
+    shape, n_own = vectors @ combination, sample.shape.shape[1]
+    kept, others = combination[: sample.n_kept], sample.shape[:, sample.n_kept :] @ combination[sample.n_kept : n_own]
     stiffness = [problem.matrices.stiffness[weight] for weight in problem.mechanism.stiffness_weights]
     n_rigid, n = rigid.shape[1], rigid.shape[1] + shape.shape[1]
     terms: dict[Monomial, np.ndarray] = {}
@@ -147,6 +149,8 @@ def missed_answers_at(
     weights = tuple(sorted(terms))
     loads = np.array([terms[weight] for weight in weights])
     forces = problem.inner(np.hstack([rigid, shape]), loads)
+    given = np.arange(n - sample.built_in.shape[1], n)
+    forces[0, given, given] = 1.0  # no loads, and whatever their amplitudes none of them
     everywhere = problem.all_rows(shape)
     columns = np.hstack([*loads, *(term @ everywhere for term in stiffness)])
     return weights, forces, problem.static_answers(modes.unstrained, columns, "answers at other parameters").T

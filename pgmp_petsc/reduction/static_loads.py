@@ -1,23 +1,29 @@
 """The loads whose static answers extend the basis, at any configuration and parameter values, in body frames.
 
-`InfluenceProbe` has the influences of unit loads on the stiffness of the modes (`tables`).
+`InfluenceProbe` has the influences of unit loads on the stiffness of the modes (`tables`), `BuiltInStress` that of
+joints that are off.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.effects import Action, Patterns
 from pgmp_petsc.effects.patterns import UnitForces
+from pgmp_petsc.modes.built_in import BuiltIn
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, ModalProblem, ModeSet
 from pgmp_petsc.modes.static_modes import dependent_loads
+from pgmp_petsc.reduction.cell_products import symmetric, unpacked
+from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Reduction
+from pgmp_petsc.scene.uses import offset_values
 
 ROUND_OFF = 1e-24  # a square: of inertia forces, beside those of the largest velocity of the rigid motion
 # shares of the ranges at which loads are compared, far from every symmetry
@@ -101,7 +107,6 @@ class StaticLoads:
             weight: np.hstack([acting if weight == Monomial() else np.zeros_like(acting), inertia])
             for weight, inertia in found.items()
         }
-
 
     def _lost(self, problem: ModalProblem, modes: ModeSet) -> dict[Monomial, np.ndarray]:
         """Return `ModalProblem.lost_inertia` of the accelerations, by weight, each of shape (n_local, n_inertia)."""
@@ -225,3 +230,37 @@ class InfluenceProbe:
         for t, weight in enumerate(problem.mechanism.mass_weights):
             columns = slice(t * fields.shape[2], (t + 1) * fields.shape[2])
             influences[:, columns] += self._curvature.rotary.work(fields, vectors, each, weight).T
+
+
+class BuiltInStress:
+    """What the stress that joints that are off build in adds to the stiffness of modes. Collective on the problem's
+    communicator.
+
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters; the third derivative of its bodies' strain energy is known.
+    scene, shapes
+        As of `BuiltIn`; the scene has the offsets.
+    """
+
+    def __init__(self, problem: ModalProblem, scene: Scene, shapes: Mapping[str, BodyShape]) -> None:
+        self._problem, self._built_in = problem, BuiltIn(problem, scene, shapes)
+        self._curvature = CurvatureProblem(problem, built_in=self._built_in)
+        self._offsets = offset_values(scene, scene.values)
+
+    def at(self, modes: ModeSet) -> np.ndarray:
+        """Return it in the modes, ``Psi^T K Psi``, shape (n_modes, n_modes), of first order in the offsets.
+
+        Raises what `BuiltIn.at` and `CurvatureProblem.solve` raise.
+        """
+        problem, n = self._problem, modes.flexible.shape[1]
+        if not self._offsets.size:
+            return np.zeros((n, n))
+        inertia = modes.eigenvalues * problem.times_mass(modes.flexible)
+        shape = np.hstack([modes.flexible, self._built_in.at(modes)])
+        found = self._curvature.solve(modes, shape, np.pad(inertia, ((0, 0), (0, self._offsets.size))))
+        forces = problem.times_stiffness(found.chi)
+        for weight, part in found.third.items():
+            forces += float(weight.evaluate(problem.values)) / 3.0 * part
+        return 3.0 * symmetric(unpacked(problem.inner(shape, forces)))[:n, :n, n:] @ self._offsets

@@ -44,14 +44,14 @@ lambda_k is kept term by term and follows the parameters.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
-from pgmp_petsc.bodies.matrices import Moments, inertia_moments, turned
+from pgmp_petsc.bodies.matrices import inertia_moments
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.cell_products import SecondOrderTables, congruent
 from pgmp_petsc.reduction.interpolation import interpolant
@@ -75,6 +75,7 @@ def mode_changes(
     samples: SampleGrid,
     projection: np.ndarray,
     scheme: str,
+    n_given: int = 0,
 ) -> ModeChanges:
     """Return the tables of changing modes.
 
@@ -86,12 +87,15 @@ def mode_changes(
         Flexible vectors in body frames, shape (n, n_dofs, n_delta), continuous.
     scheme
         Interpolation over the samples.
+    n_given
+        Number of the last vectors whose coordinates do not change: with theirs alone D^T M Psi counts, all of it.
     """
     mechanism, r = kinematics.mechanism, kinematics.n_coordinates
     over = interpolant(samples, projection, scheme)
     slopes = np.array([over.slope(samples.theta, k) for k in range(r)])
     bodies = [(body.dofs, inertia_moments(body)) for body in mechanism.bodies]
     n, _, m = projection.shape
+    own = m - n_given
     n_terms, pairs = len(mechanism.mass_weights), np.tril_indices(r)
     gyroscopic, spread = np.empty((n, n_terms, r, m, m)), np.empty((n, n_terms, pairs[0].size, m, m))
     for sample in range(n):
@@ -100,31 +104,29 @@ def mode_changes(
         theta = samples.theta[sample]
         d = kinematics.mechanism.space.dimension
         fields = kinematics.motion(theta).velocities[:, d:]
-        spins = [np.moveaxis(own.reshape(d, d, -1), -1, 0) for own in fields]
+        spins = [np.moveaxis(field.reshape(d, d, -1), -1, 0) for field in fields]
         for t, weight in enumerate(mechanism.mass_weights):
             m_changes = [masses[weight] @ change for change in changes]
-            m_spins = [_turned(bodies, weight, [own[k] for own in spins], shape) for k in range(r)]
+            felt = [moments[weight] @ shape[dofs] if weight in moments else None for dofs, moments in bodies]
+            m_spins = [_turned(bodies, felt, [spin[k] for spin in spins], shape) for k in range(r)]
             for k in range(r):
                 mixed = m_changes[k].T @ shape + m_spins[k].T @ shape
+                mixed[:own, own:] = -mixed[own:, :own].T
                 gyroscopic[sample, t, k] = 0.5 * (mixed - mixed.T)
             for pair, (k, j) in enumerate(zip(*pairs)):
-                both = _turned(bodies, weight, [own[k].T @ own[j] for own in spins], shape)
+                both = _turned(bodies, felt, [spin[k].T @ spin[j] for spin in spins], shape)
                 crossed = changes[k].T @ m_spins[j] + m_spins[k].T @ changes[j]
                 spread[sample, t, pair] = changes[k].T @ m_changes[j] + crossed + shape.T @ both
     return ModeChanges(gyroscopic, 0.5 * (spread + np.swapaxes(spread, -1, -2)))
 
 
-def _turned(
-    bodies: list[tuple[np.ndarray, dict[Monomial, Moments]]],
-    weight: Monomial,
-    turns: list[np.ndarray],
-    vectors: np.ndarray,
-) -> np.ndarray:
-    """Return ``C^T m (W C v)`` of one mass term, shape (n_dofs, m), for a matrix W (d, d) of every body."""
+def _turned(bodies: list, felt: list[np.ndarray | None], turns: list[np.ndarray], vectors: np.ndarray) -> np.ndarray:
+    """Return ``C^T m (W C v)`` of one mass term, shape (n_dofs, m), for a matrix W (d, d) of every body and what
+    `inertia_moments` make of its vectors."""
     result = np.zeros_like(vectors)
-    for (dofs, moments), turn in zip(bodies, turns):
-        if weight in moments:
-            result[dofs] += turned(moments[weight], turn) @ vectors[dofs]
+    for (dofs, _), parts, turn in zip(bodies, felt, turns):
+        if parts is not None:
+            result[dofs] = np.tensordot(turn.ravel(), parts.reshape(turn.size, dofs.size, -1), axes=1)
     return result
 
 
@@ -175,6 +177,13 @@ class ReducedTables:
     def n_coordinates(self) -> int:
         """Number of rigid coordinates n_theta."""
         return self.mass.shape[-1] - self.n_modes
+
+    def prescribed(self, motions: Collection[int]) -> np.ndarray:
+        """Return whether a coordinate is given, shape (n_eta,): one that moves as said, or how far a joint is off."""
+        n_eta = self.mass.shape[-1]
+        found = np.arange(n_eta) >= n_eta - self.n_given
+        found[list(motions)] = True
+        return found
 
     def at(self, rows: np.ndarray) -> ReducedTables:
         """Return the tables at some of the samples of one coordinate, given by their increasing numbers."""
@@ -229,14 +238,23 @@ class ReducedTables:
         """Numbers of the flexible coordinates without stiffness at any parameters: what elastic joints allow."""
         return np.flatnonzero(~self.stiffness[..., : self.n_modes - self.n_given].any(axis=(0, 1, 2)))
 
-    @property
-    def moving(self) -> ReducedTables:
-        """The tables without given coordinates."""
+    def moving(self, given: np.ndarray | None = None) -> ReducedTables:
+        """Return the tables without given coordinates, whose values (n_given,) change the stiffness where they have
+        terms of second order."""
         if not self.n_given:
             return self
-        own = slice(-self.n_given)
-        parts = self.mass[..., own, own], self.inertia[..., own], self.stiffness[..., own, own], self.load[..., own]
-        return replace(self, n_given=0, **dict(zip(("mass", "inertia", "stiffness", "load"), parts)))
+        own, bent = slice(-self.n_given), self.second_order
+        stiffness = self.stiffness[..., own, own]
+        if bent is not None:
+            if given is not None:
+                stiffness = stiffness + bent.cubic[..., own, own, -self.n_given :] @ given
+            bent = SecondOrderTables(
+                bent.cubic[..., own, own, own], bent.curved_load[..., own, own], bent.curved_inertia[..., own, own]
+            )
+        return replace(
+            self, mass=self.mass[..., own, own], inertia=self.inertia[..., own], stiffness=stiffness,
+            load=self.load[..., own], n_given=0, second_order=bent, changes=None,
+        )  # fmt: skip
 
     def frequencies_hz(
         self, mass_weights: np.ndarray, stiffness_weights: np.ndarray, free: Sequence[int] | None = None
@@ -255,7 +273,7 @@ class ReducedTables:
         ndarray, shape (n, n_delta - n_unstrained), Hz
         """
         if self.n_given:
-            return self.moving.frequencies_hz(mass_weights, stiffness_weights, free)
+            return self.moving().frequencies_hz(mass_weights, stiffness_weights, free)
         r = self.n_coordinates
         mass = np.einsum("t,ntij->nij", mass_weights, self.mass)
         stiffness = np.einsum("t,ntij->nij", stiffness_weights, self.stiffness)

@@ -126,13 +126,16 @@ class Offset(Table):
         for key, (sign, unit) in quantities_of(type(self)).items():
             yield from ((key, value, sign, unit.turning) for value in getattr(self, key))
 
-    def part(self, name: str | None, size: float) -> Self:
-        """Return an offset by the entries alone that name a parameter, at a value; of none by the numbers, times it."""
+    def has(self, name: str | None) -> bool:
+        """Return whether an entry names a parameter; of None, whether one is a number but 0."""
+        entries = (*self.place, *self.turn)
+        return name in entries if name is not None else any(x for x in entries if not isinstance(x, str))
+
+    def part(self, sizes: Mapping[str | None, float]) -> Self:
+        """Return the offset at some values of the parameters, 0 of others; under None is what its numbers are times."""
 
         def of(value: float | str) -> float:
-            if isinstance(value, str):
-                return size if value == name else 0.0
-            return size * value if name is None else 0.0
+            return sizes.get(value, 0.0) if isinstance(value, str) else sizes.get(None, 0.0) * value
 
         return self.model_copy(
             update={key: tuple(of(value) for value in getattr(self, key)) for key in ("place", "turn")}

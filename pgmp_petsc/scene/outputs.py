@@ -36,8 +36,8 @@ class OutputEntry(Table):
     """A table ``[outputs.NAME]``. An output is a subclass with ``type: Literal["..."]``, its entries, and `reads`."""
 
     #: What it reads of a motion: ``frames`` of nodes, of which it is what `reading` returns; their ``rates``, with
-    #: which it is how fast that changes; or ``stresses``, which models observe.
-    reads: ClassVar[Literal["frames", "rates", "stresses"]]
+    #: which it is how fast that changes; or ``stresses`` or ``multipliers`` of constraints, which models observe.
+    reads: ClassVar[Literal["frames", "rates", "stresses", "multipliers"]]
     #: Motions of which the joint that it is of leaves one free: ``turning``, ``sliding``.
     joints: ClassVar[tuple[str, ...]] = ()
     #: Unit of what is read of frames, or of its rate.
@@ -47,16 +47,21 @@ class OutputEntry(Table):
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
         if not OUTPUTS.take(cls):
             return
-        if getattr(cls, "reads", None) not in ("frames", "rates", "stresses"):
-            raise refuse(cls, 'an output says what it reads: reads = "frames" (or "rates", "stresses")')
-        of_frames = cls.reads != "stresses"
+        if getattr(cls, "reads", None) not in ("frames", "rates", "stresses", "multipliers"):
+            raise refuse(cls, 'an output says what it reads: reads = "frames" (or "rates", "stresses", "multipliers")')
+        of_frames = cls.of_frames()
         if (cls.reading is not OutputEntry.reading) != of_frames:
             words = 'an output has the method reading(self, name, start, kinematics) if it reads "frames" or "rates"'
             raise refuse(cls, words)
-        if bool(cls.unit) != of_frames:
+        if of_frames and not cls.unit:
             raise refuse(cls, 'an output of frames says its unit: unit = "m"')
-        if bool(cls.joints) != ("joint" in cls.model_fields):
+        if of_frames and bool(cls.joints) != ("joint" in cls.model_fields):
             raise refuse(cls, 'an output with the entry joint says what of it is free: joints = ("turning",)')
+
+    @classmethod
+    def of_frames(cls) -> bool:
+        """Whether frames and their rates are all that it reads."""
+        return cls.reads in ("frames", "rates")
 
     def unit_in(self, scene: AnyScene) -> str:
         """Return its unit, where that is not the same for all."""

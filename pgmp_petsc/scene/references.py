@@ -34,12 +34,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgmp_petsc.base.errors import nearest_name
+from pgmp_petsc.base.errors import nearest_name, shortened
 from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.fields import GROUND, AnyScene, split_point
 from pgmp_petsc.scene.joints import MEASURED, CouplingEntry, JointEntry, joints_with
-from pgmp_petsc.scene.messages import COMPONENTS, problem
+from pgmp_petsc.scene.messages import COMPONENTS, MAX_RECEIVED, problem
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry
 from pgmp_petsc.scene.uses import Use, motion_over, ordered_ends, slides, uses_of
 
@@ -129,7 +129,7 @@ def point_problems(scene: AnyScene, entry: str, point: str, ground_allowed: bool
             yield unknown(entry, "ground point", point, [f"ground:{known}" for known in scene.ground.positions])
     elif owner not in scene.bodies:
         known = [*scene.bodies, GROUND] if ground_allowed else scene.bodies
-        yield problem(entry, f"there is no body '{owner}'{nearest_name(owner, known)}", point)
+        yield problem(entry, f"there is no body '{shortened(owner, MAX_RECEIVED)}'{nearest_name(owner, known)}", point)
     elif (rigid := scene.bodies[owner].rigid) is not None and name not in rigid.places:
         yield unknown(entry, "point", point, [f"{owner}:{known}" for known in rigid.places])
 

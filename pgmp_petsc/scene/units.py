@@ -169,7 +169,7 @@ def text_problems(scene: AnyScene, raw: Mapping[str, Any]) -> Iterator[str]:
     for use in (*uses_of(scene), *measured_uses(scene)) if has_any else ():
         found = _at(raw, use.entry)
         in_row = use.entry.endswith("]") and isinstance(found, (list, tuple))  # a time, and what the use is of
-        for text in _strings(found[-1] if in_row else found):
+        for text in () if isinstance(found, dict) else _strings(found[-1] if in_row else found):
             if (use.entry, text) in seen:
                 continue
             seen.add((use.entry, text))

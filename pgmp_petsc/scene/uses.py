@@ -134,6 +134,14 @@ def offset_directions(scene: AnyScene) -> tuple[str | None, ...]:
     return (*sorted(offset_names(scene)), *((None,) if numbers else ()))
 
 
+def offset_values(scene: AnyScene, values: Mapping[str, Any], n_samples: int | None = None) -> np.ndarray:
+    """Return how far joints are off by each of `offset_directions`, (n_offsets,), or of samples (n_offsets, n_samples);
+    numbers are once what they are."""
+    each = [1.0 if name is None else values[name] for name in offset_directions(scene)]
+    shape = () if n_samples is None else (n_samples,)
+    return np.array([np.broadcast_to(value, shape) for value in each]).reshape(len(each), *shape)
+
+
 def ordered_ends(scene: AnyScene) -> Iterator[tuple[str, str, float | str, float | str, float]]:
     """Yield pairs of entries of which the first is below the second, or a share of it: the first one's dotted name, the
     second one in words, both values, and the share."""

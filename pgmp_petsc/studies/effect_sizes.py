@@ -43,7 +43,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.sampler import TurnedLoads
-from pgmp_petsc.reduction.static_loads import InfluenceProbe
+from pgmp_petsc.reduction.static_loads import BuiltInStress, InfluenceProbe
 from pgmp_petsc.results.selection import EffectSize, EffectSizes
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass
@@ -82,13 +82,13 @@ def estimate_effects(
     if shapes is None:
         with RankGroup.split(alone(), 1) as group:
             shapes = condensed(scene, meshes, group, large=True)
-    kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes), branch)
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes).straight, branch)
     run = run_rigid(scene, meshes, kinematics)
     tolerance = scene.reduction.tolerance or DEFAULT_TOLERANCE
     # what moves a mechanism by its own size within the run
     scale = run.mass * (size_of(kinematics.mechanism) / scene.simulation.duration) ** 2
     exchanged = run.balance.exchanged if run.balance.exchanged > AT_REST * scale else 0.0
-    sizes = [*_named(scene, run, exchanged, tolerance), *_terms(scene, kinematics, run, tolerance)]
+    sizes = [*_named(scene, run, exchanged, tolerance), *_terms(scene, shapes, kinematics, run, tolerance)]
     sizes += _unnamed(scene, run, exchanged, tolerance)
     names = [coordinate for coordinate in scene.coordinates]
     speeds = {name: float(np.max(np.abs(run.speed[:, k]))) for k, name in enumerate(names)}
@@ -168,12 +168,14 @@ def _named(scene: Scene, run: RigidRun, exchanged: float, tolerance: float) -> l
     return sizes
 
 
-def _terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun, tolerance: float) -> list[EffectSize]:
+def _terms(
+    scene: Scene, shapes: Mapping[str, BodyShape], kinematics: RigidKinematics, run: RigidRun, tolerance: float
+) -> list[EffectSize]:
     """Return the sizes of the terms of the reduced model."""
     if not any(body.flexible for body in scene.bodies.values()):
         return []
     names = {effect.type: name for name, effect in scene.effects.items()}
-    shares = _shares_of_terms(scene, kinematics, run)
+    shares = _shares_of_terms(scene, shapes, kinematics, run)
     local = sorted({action.effect for action in actions_of(effects_of(scene, kinematics.mechanism))})
     without = f"; forces of {', '.join(local)} are no part of it" if local else ""
     about = {
@@ -191,7 +193,9 @@ def _terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun, tolerance: 
     return [EffectSize(names.get(kind, ""), kind, shares[kind], keeps[kind], about[kind]) for kind in TERMS]
 
 
-def _shares_of_terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -> dict[str, float]:
+def _shares_of_terms(
+    scene: Scene, shapes: Mapping[str, BodyShape], kinematics: RigidKinematics, run: RigidRun
+) -> dict[str, float]:
     mechanism = kinematics.mechanism
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     effects = effects_of(scene, mechanism)
@@ -204,6 +208,7 @@ def _shares_of_terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -
     by_speed, by_acceleration, stiffening, spins = [], [], [0.0], [0.0]
     with ModalProblem(kinematics, scene.values, 1, alone(), matrices) as problem:
         turned, probe = TurnedLoads(problem, loads), InfluenceProbe(problem, ())
+        stress = BuiltInStress(problem, scene, shapes)
         kinematics.follow(run.theta[instants])
         for k in instants:
             theta, speed, acceleration = run.theta[k], run.speed[k], run.acceleration[k]
@@ -217,7 +222,7 @@ def _shares_of_terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -
             i, j = np.tril_indices(speed.size)
             moving = np.concatenate([acceleration, np.where(i == j, 1.0, 2.0) * speed[i] * speed[j]])
             forces = np.concatenate([load_weights * amplitudes, np.outer(mass_weights, moving).ravel()])
-            change = probe.at(modes, turned.at(theta))[0] @ forces
+            change = probe.at(modes, turned.at(theta))[0] @ forces + stress.at(modes)[0, 0]
             stiffening.append(abs(float(change)) / modes.eigenvalues[0])
             spins.append(_fastest_spin(kinematics, theta, speed) / np.sqrt(modes.eigenvalues[0]))
     by_speed, by_acceleration = np.abs(by_speed).max(initial=0.0), np.abs(by_acceleration).max(initial=0.0)

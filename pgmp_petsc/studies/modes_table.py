@@ -40,9 +40,11 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
+from pgmp_petsc.reduction.static_loads import BuiltInStress
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.results.trajectory import ModesTable
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.scene.uses import offset_directions, offset_values
 
 
 def reduced_vibrations(
@@ -66,7 +68,7 @@ def reduced_vibrations(
     ndarray, shape (n, n_free + n_delta - n_rigid)
         Ascending, without the rigid motions that no spring resists, Hz; below zero as in `frequencies_of`.
     """
-    tables, kinematics = rom.tables, springs.kinematics
+    tables, kinematics = rom.tables.moving(), springs.kinematics
     mechanism, r, free = kinematics.mechanism, rom.tables.n_coordinates, springs.free
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     whole_mass = weighted_sum(matrices.mass, values)
@@ -82,7 +84,7 @@ def reduced_vibrations(
         interpolant(tables.samples, tables.stiffness, scheme)(theta),
     )  # fmt: skip
     dofs = np.unique(np.concatenate([np.zeros(0, dtype=int), *springs.dofs]))
-    shapes = interpolant(tables.samples, rom.projection[:, dofs], scheme)(theta)
+    shapes = interpolant(tables.samples, rom.projection[:, dofs, : tables.n_modes], scheme)(theta)
     found = np.empty((len(theta), kept.size - n_rigid))
     for number, configuration in enumerate(theta):
         poses = kinematics.poses(configuration)
@@ -102,6 +104,11 @@ def reduced_vibrations(
     return frequencies_of(found)
 
 
+STRESSED = "the frequencies are of bodies under the stress that joints that are off build in, of first order in how far"
+UNSTRESSED = (
+    "the stress that joints that are off build in has no part in the frequencies; it has with geometric_stiffening in "
+    "[effects] and without springs"
+)
 MESH_ERROR = "errors of the mesh in the frequencies were not estimated; compare with more elements a body"
 STRUCTURE = ("ground", "materials", "bodies", "joints", "coordinates")
 
@@ -146,18 +153,23 @@ def _tabulated(
         progress(n_angles ** len(scene.coordinates), "eigenproblems", group.world) as bar,
     ):
         _check_same_mechanism(scene, rom)
-        mechanism = Mechanism.from_scene(scene, meshes)
+        mechanism = Mechanism.from_scene(scene, meshes).straight
         kinematics = RigidKinematics(mechanism)
         springs, said = springs_of(scene, kinematics)
+        stressed = False
+        if offset_directions(scene):
+            known = all(body.third_derivative_known for body in mechanism.bodies)
+            stressed = springs is None and scene.second_order and known
+            said += (note(STRESSED if stressed else UNSTRESSED),)
         coordinates = kinematics.coordinates
         samples = SampleGrid(tuple(Samples.uniform(c.lower, c.upper, n_angles, c.periodic) for c in coordinates))
         theta = samples.theta
         arc = group.arc(samples.n)
         if arc:
             with _problem(scene, kinematics, springs, group.comm) as problem:
-                rows = []
+                rows, stress = [], BuiltInStress(problem, scene, meshes) if stressed else None
                 for index in arc:
-                    rows.append(_frequencies(problem, theta[index]))
+                    rows.append(_frequencies(problem, theta[index], stress))
                     bar.update(group.count)
                 own = np.array(rows)
     timings = timings.maximum(group.world)
@@ -173,7 +185,8 @@ def _tabulated(
             scheme = scene_from_toml(rom.record.scene_toml, scene.directory).reduction.interpolation
             free = [k for k, coordinate in enumerate(coordinates) if not coordinate.prescribed]
             if springs is None:
-                reduced = reduced_frequencies(rom.tables, scheme, scene.values, theta, free)
+                given = offset_values(scene, scene.values) if stressed else None
+                reduced = reduced_frequencies(rom.tables.moving(given), scheme, scene.values, theta, free)
             else:
                 reduced = reduced_vibrations(rom, springs, scheme, scene.values, theta)
     full = np.concatenate(arcs)
@@ -212,10 +225,13 @@ def _problem(scene: Scene, kinematics: RigidKinematics, springs: SpringStiffness
     return VibrationProblem(springs, scene.values, scene.reduction.modes, comm)
 
 
-def _frequencies(problem: ModalProblem, theta: np.ndarray) -> np.ndarray:
+def _frequencies(problem: ModalProblem, theta: np.ndarray, stress: BuiltInStress | None) -> np.ndarray:
     if isinstance(problem, VibrationProblem):
         return frequencies_of(problem.eigenvalues(theta))
-    return problem.solve(theta).frequencies_hz
+    modes = problem.solve(theta)
+    if stress is None:
+        return modes.frequencies_hz
+    return frequencies_of(np.linalg.eigvalsh(np.diag(modes.eigenvalues) + stress.at(modes)))
 
 
 @gathered

@@ -93,7 +93,7 @@ class FullRecord:
         with np.errstate(all="ignore"):  # a run that fails may overflow before it is given up
             every = self._system.frames_over(states)
             self._energies.append(self._system.energies_over(self.times[first:], states))
-            self._outputs.append(self._model.observed_over(self._system, states, every))
+            self._outputs.append(self._model.observed_over(self._system, states, every, self.times[first:]))
         self._coordinates.append(self._measured(every))
         wanted = [k for k in range(len(states)) if first + k in self._wanted]
         self._frames += [every[..., k] for k in wanted]

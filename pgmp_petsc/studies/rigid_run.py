@@ -125,9 +125,13 @@ def _with_rigid_bodies(scene: Scene) -> Scene:
         )
     materials = {name: valued(material, quantities_of(type(material))) for name, material in scene.materials.items()}
     effects = {k: effect for k, effect in scene.effects.items() if not effect.on_vibrations}
+    # rigid bodies do not give way to joints that are off
+    joints = {
+        k: joint.model_copy(update={"offset": None}) if joint.offset else joint for k, joint in scene.joints.items()
+    }
     # stresses are those of flexible bodies alone
-    changed = {"bodies": bodies, "materials": materials, "effects": effects, "outputs": {}, "fields": {}}
-    return scene.model_copy(update=changed)
+    changed = {"bodies": bodies, "joints": joints, "materials": materials, "effects": effects}
+    return scene.model_copy(update={**changed, "outputs": {}, "fields": {}})
 
 
 def _collect(

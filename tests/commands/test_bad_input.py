@@ -39,6 +39,14 @@ REFUSED = cases("""
     bodies.crank.orientation = [1.0, 0.0, 0.0]: parallel to element 0
 * check RSSR & bodies.coupler.element="beam2d" -> bodies.coupler | beam2d | beam3d
 * check RSSR & bodies.coupler.line={length=5.0, elements=8} -> joints. | cannot close at theta = 0 rad | m remains
+# forces in joints
+* check SCENE & outputs.f={type="joint_force", joint="elbw"} -> outputs.f.joint = "elbw": there is no such joint
+* check SCENE & outputs.f={type="joint_torque", joint="elbow"} -> outputs.f.joint = "elbow" | holds no turning
+* check SCENE & outputs.f={type="joint_force", joint="elbow", component="up"} -> outputs.f.component = "up" | radial
+* check SCENE & outputs.f={type="drive_torque", joint="elbow"} -> outputs.f.joint = "elbow": no prescribed motion
+* check SCENE & joints.twin={type="revolute", connect=["crank:tip", "rod:hinge"]} & \
+    outputs.f={type="joint_force", joint="twin"} -> outputs.f.joint: constraints of elbow, twin | that of twin
+* build SCENE -o OUT & outputs.f={type="joint_force", joint="elbow"} -> outputs.f (joint_force): | --full
 # rigid bodies
 * check SCENE & bodies.crank={rigid={mass=-2.0, inertia=0.1}} -> bodies.crank.rigid.mass = -2.0: a positive number
 * simulate SCENE --full -o OUT & bodies.crank={rigid={mass=2.0, inertia=0.1, points={hinge=[0.0, 0.0]}}} -> \

@@ -19,7 +19,7 @@ from pgmp_petsc.scene.loading import write_template
 # without extremes: fewer pictures on the page
 SHORT = overridden(
     "simulation.duration=0.03", "simulation.step=1e-3", "reduction.modes=2", "reduction.angles=12", "ensemble.bins=10",
-    "ensemble.extremes=false",
+    "ensemble.extremes=false", "simulation.frames=5",
 )  # fmt: skip
 STEPS = ("check", "build", "simulate", "compare", "ensemble", "report")
 

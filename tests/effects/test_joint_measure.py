@@ -38,5 +38,4 @@ def test_the_motion_in_a_joint(kind: str, motion: str | None, expected: float) -
     place = joint_measure(made, SimpleNamespace(joint="guide", motion=motion))
     frames = [place[side].frame_of_pose(poses) for side in "ab"]
     assert place["statement"].value(*frames) == pytest.approx(expected, abs=1e-12)
-    assert place.get("coordinate", -1) == -1
-    assert joint_measure(made, SimpleNamespace(joint="drive"))["coordinate"] == 0
+    assert joint_measure(made, SimpleNamespace(joint="drive"))["statement"] is made.coordinates[0].statement

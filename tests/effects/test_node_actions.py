@@ -33,12 +33,12 @@ class LocalForces:
 
     def __init__(self, action: Action, d: int) -> None:
         n = 3 if d == 2 else 12
-        firsts, self._dofs, entries, self.pattern = pairs_of([action], lambda node: n * node + np.arange(n))
+        self._dofs, entries, self.pattern = pairs_of([action], lambda node: n * node + np.arange(n))
         compiled = compile_actions([action], {}, 1, d)
         self.turns = np.zeros((len(self._dofs), 1))
         self._actions = BlockActions(
-            compiled.statements, compiled.laws, compiled.parameters[None], compiled.roles, firsts, self._dofs, entries,
-            self.pattern[0], np.ones(1, dtype=bool),
+            compiled.statements, compiled.laws, compiled.parameters[None], compiled.roles, compiled.firsts, self._dofs,
+            entries, self.pattern[0], np.ones(1, dtype=bool),
         )  # fmt: skip
 
     def evaluate(self, q: np.ndarray, v: np.ndarray, gain_v: float) -> Acted:

@@ -32,7 +32,7 @@ class Model:
         )
         self.outputs = SimpleNamespace(functions={"y": None}, evaluate=lambda observed: {"y": observed[0]})
 
-    def observed(self, system: object, state: State) -> np.ndarray:
+    def observed(self, system: object, state: State, time: float) -> np.ndarray:
         return state.q.reshape(1, -1)
 
 

@@ -24,8 +24,9 @@ from pathlib import Path
 from typing import Any
 
 import tomli_w
-from coupled_scenes import CAM, RACK, SCREW
-from machine_scenes import EVERYTHING, cart
+from coupled_scenes import CAM, GEARED, RACK, ROTORS, ROTORS_IN_SPACE, SCREW
+from elastic_scenes import ROTOR
+from machine_scenes import EVERYTHING, IN_PLANE, cart
 from mpi4py import MPI
 from offset_scenes import clamped_beam, offset
 
@@ -51,6 +52,8 @@ TEXTS = (
     "pipe.msh", "directory.msh", "words.msh", "half.msh", "words.off", "words.ply", "words.vtu", "norm", "GPa", "mm",
         "K",
     "m**9**9", "5 mm", "30 deg", "1 kg", "9 mmm", "-", "%", "N" * 200 + "/x.msh", "1e400", "true",
+    "torque.csv", "unsorted.csv", "words.csv", "columns.csv", "semicolons.csv", "directory.msh/x.csv", "mesh", "input",
+    "sin(s", "s / 0", "1 / (s - s)", "s" * 200, "min(s)", "__import__('os')", "9 ** 9 ** 9", "2 Hz", "1 N m",
 )  # fmt: skip
 STRUCTURES: tuple[Any, ...] = (
     True,
@@ -65,6 +68,58 @@ STRUCTURES: tuple[Any, ...] = (
     [[0, 1], [1, 2]],
     {"a": 1},
 )
+#: What tables of scenes name, in the folder of the scene.
+CSV = {
+    "torque.csv": "t (s),T (N m)\n0.0,0.0\n0.1,0.5\n1.0,0.5\n",
+    "unsorted.csv": "0.0,1.0\n0.2,1.0\n0.1,2.0\n",
+    "words.csv": "t,T\n0.0,0.0\n0.1,much\n",
+    "columns.csv": "t,T,P\n0.0,0.0,1.0\n0.1,0.5,2.0\n",
+    "semicolons.csv": "0,0;1,5\n1,0;2,5\n",
+}
+#: A belt with parameters for its pulleys, with tables in files and over another joint; gears that give way; an arm that
+#: slides in the plane, with texts in units; a sum of motions.
+BELT = ROTORS.replace('"gear"', '"belt"').replace("ratio = -0.37", 'radii = ["r", 0.1]')
+BELT += """
+[parameters]
+r = { nominal = 40.0, unit = "mm", bounds = [30.0, 50.0] }
+[effects]
+measured = { type = "torque", joint = "output", table = "torque.csv" }
+named = { type = "torque", joint = "output", table = { file = "columns.csv", x = "t", y = "T" }, scale = 0.5 }
+gas = { type = "torque", joint = "output", over = "input", table = [["0 deg", 0.2], [1.0, "100 N mm"]] }
+cogging = { type = "law", joint = "output", over = "input", force = "A * sin(12 * s) - t", constants = { A = 0.1 } }
+"""
+GEARS = (
+    ROTORS_IN_SPACE
+    + """
+[joints.mesh.elastic]
+stiffness = "k"
+damping = 0.1
+[parameters]
+k = { nominal = 500.0, unit = "N m/rad", distribution = { name = "norm", loc = 500.0, scale = 20.0 } }
+"""
+)
+PRESS = (
+    IN_PLANE
+    + """
+[parameters]
+c = { nominal = 2.0, unit = "N s/m" }
+[effects]
+push = { type = "force", joint = "rail", over = "rail", table = [["-200 mm", 5.0], ["0.5 m", "2 N"]] }
+law = { type = "law", joint = "rail", force = "-c * v - 10 * max(s - 0.1, 0) ** 1.5", constants = { c = "c" } }
+slide = { type = "point_friction", point = "arm:tip", direction = [1.0, 0.0], limit = 0.1, speed = "10 mm/s" }
+stop = { type = "end_stop", joint = "rail", lower = "-15 cm", upper = 0.4, stiffness = "5 N/mm", damping = 0.0 }
+held = { type = "bushing", points = ["ground:origin", "arm:tip"], reference = [[1.0, 0.0]], stiffness = [0.0, 5.0] }
+[fields.modulus]
+body = "arm"
+quantity = "E"
+variation = 0.1
+length = "20 cm"
+terms = 2
+"""
+)
+MESH = 'type = "gear"\njoints = ["input", "output"]\nratio = -1.0'
+SUM = GEARED.replace(MESH, 'type = "coupling"\nterms = { input = 1.0, output = "share" }')
+SUM += "\n[parameters]\nshare = { nominal = 1.0, bounds = [0.9, 1.1] }\n"
 BYTES = (b"\0", b"\xff", b"\xef\xbb\xbf", b"[", b"]", b"\n", b'"', b"=", b"9" * 5000)
 
 
@@ -90,6 +145,8 @@ def prepare(folder: Path) -> Path:
     (scenes / "directory.msh").mkdir()
     for name in ("words.msh", "words.off", "words.ply", "words.vtu"):
         (scenes / name).write_text("these are words\n1 2 3\n")
+    for name, text in CSV.items():
+        (scenes / name).write_text(text)
     whole = (ROOT / "meshes" / "crank_5.msh").read_bytes()
     (scenes / "half.msh").write_bytes(whole[: len(whole) // 2])
     return scenes / "scene.toml"
@@ -97,19 +154,21 @@ def prepare(folder: Path) -> Path:
 
 def bases() -> list[dict[str, Any]]:
     """Return the tables of the shipped scenes, and of machines with all that slides, with couplings, with joints that
-    are off, and in mm, with short ranges, so that assembling takes no time."""
+    are elastic or off, with tables in files, texts with units, and in mm; with short ranges, so that assembling takes
+    no time."""
     found = []
     texts = [path.read_text(encoding="utf-8") for path in sorted((ROOT / "scenes").glob("*.toml"))]
     off = clamped_beam(offset("right", place=[1e-5, "d"], turn=[1e-4]), "parameters.d={nominal=1e-5}")
-    texts += [scene_to_toml(cart(*EVERYTHING)), RACK, SCREW, CAM, scene_to_toml(off)]
+    texts += [scene_to_toml(cart(*EVERYTHING)), RACK, SCREW, CAM, scene_to_toml(off), BELT, GEARS, PRESS, SUM, ROTOR]
     texts.append(RACK.replace("[scene]", '[scene]\nunits = "mm"'))
     for data in map(tomllib.loads, texts):
         for name, coordinate in data["coordinates"].items():
             start = data.get("simulation", {}).get("initial", {}).get(name, {}).get("position", 0.5)
             coordinate.update(range=[start - 0.05, start + 0.05], periodic=False)
             data.setdefault("simulation", {}).setdefault("initial", {}).setdefault(name, {})["position"] = start
-        if any(effect["type"] == "prescribed_motion" for effect in data.get("effects", {}).values()):
-            data["simulation"].pop("initial")
+        for effect in data.get("effects", {}).values():
+            if effect["type"] == "prescribed_motion":
+                data["simulation"]["initial"].pop(effect["coordinate"])
         found.append(data)
     return found
 
@@ -238,10 +297,12 @@ def _nest(data: dict[str, Any], rng: random.Random) -> None:
 
 def _add(data: dict[str, Any], rng: random.Random) -> None:
     """Add entries that scenes have elsewhere."""
+    joints = data.get("joints")
+    named = list(joints) if joints and isinstance(joints, dict) else ["a"]
     extra = rng.choice(
         (
             ("effects", "extra", {"type": rng.choice(("gravity", "end_stop", "joint_friction", "mode_inertia",
-                "point_mass",
+                "point_mass", "law", "base_motion", "force", "torque", "bushing", "free_play",
                                                       "geometric_stiffening", "spring_damper", "structural_damping"))}),
             ("parameters", "extra", {"nominal": rng.choice(NUMBERS), "unit": rng.choice(TEXTS)}),
             ("parameters", "r1", {"nominal": 5.6, "unit": rng.choice(("mm", "m", "GPa", "in", "kg", "deg"))}),
@@ -250,6 +311,11 @@ def _add(data: dict[str, Any], rng: random.Random) -> None:
             ("reduction", "sampling_tolerance", rng.choice(NUMBERS)),
             ("simulation", "initial", {"theta": {"position": rng.choice(NUMBERS), "velocity": rng.choice(NUMBERS)}}),
             ("ensemble", "bins", rng.choice(NUMBERS)),
+            ("joints", "extra", {"type": rng.choice(("gear", "belt", "rack", "screw", "cam", "coupling", "prismatic")),
+                                 "joints": [rng.choice(named) for _ in "ab"],
+                                 "ratio": rng.choice(NUMBERS)}),
+            ("scene", "units", rng.choice(("mm", "SI", "inch", 1))),
+            ("initial", "equilibrium", True),
             ("materials", "extra", {"E": rng.choice(NUMBERS), "nu": 0.3, "rho": rng.choice(NUMBERS)}),
         )
     )  # fmt: skip

@@ -195,6 +195,21 @@ def test_many_problems_are_cut_to_eight_lines() -> None:
 
 
 @pytest.mark.parametrize(
+    "change",
+    [
+        'joints.elbow.connect=["crank:tip", "NAME:hinge"]',
+        'effects.e={type="structural_damping", mass=1, bodies=["NAME"]}',
+        'effects.e={type="law", joint="crank_hinge", force="NAME * s"}',
+        'effects.e={type="law", joint="crank_hinge", force="NAME(s)"}',
+    ],
+)
+def test_long_names_are_cut(change: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_scene(SLIDER_CRANK, [change.replace("NAME", "n" * 2000)])
+    assert max(map(len, str(caught.value).splitlines())) < 600
+
+
+@pytest.mark.parametrize(
     ("value", "text"),
     [
         ('a"b', '"a\\"b"'),

@@ -149,6 +149,8 @@ TEXTS = [
     ('parameters.r1={nominal="5.6 mm", bounds=["0.1 cm", 0.012], distribution={name="norm", loc="5.6 mm", scale="560 um"}}',
      lambda scene: (scene.nominal["r1"], *scene.parameters["r1"].distribution.arguments.values()),
      (5.6e-3, 5.6e-3, 0.56e-3)),
+    ('fields.soft={body="rod", quantity="E", variation=0.1, length="20 cm", terms=1}',
+     lambda scene: scene.fields["soft"].length, 0.2),
 ]  # fmt: skip
 
 

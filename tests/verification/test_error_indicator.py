@@ -12,7 +12,7 @@ from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.estimates.error_indicator import STOPPED, UNSOLVED, ErrorIndicator, Estimate, WatchedRun
 from pgmp_petsc.estimates.reference_motion import ReferenceMotion
 from pgmp_petsc.full import systems as full_systems
-from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping import generalised_alpha
@@ -44,11 +44,6 @@ def estimated(model: ReducedModel, values: Mapping[str, np.ndarray], n: int) -> 
     return watched.estimate(run.status)
 
 
-def every(model: Model, values: Mapping[str, np.ndarray], n: int, refinement: int) -> Outputs:
-    """Return the outputs of a run with finer steps at the steps of the scene."""
-    return {name: found[::refinement] for name, found in runs.history(model, values, n)[1].items()}
-
-
 def effectivity(
     make,
     overrides: tuple[str, ...],
@@ -61,7 +56,7 @@ def effectivity(
     n = len(next(iter(values.values())))
     model = ReducedModel(scene, runs.rom_of(scene) if rom is None else rom)
     fine = make(*overrides, f"simulation.step={scene.simulation.step / refinement!r}")
-    exact = every(runs.full_model(fine), values, n, refinement)
+    exact = runs.history(runs.full_model(fine), values, n, refinement)[1]
     true = {name: np.abs(one - exact[name]).max(axis=0) for name, one in runs.history(model, values, n)[1].items()}
     found = estimated(model, values, n).largest
     largest = {name: np.abs(one).max(axis=0) for name, one in exact.items()}
@@ -94,7 +89,7 @@ def many_exact() -> tuple[dict[str, np.ndarray], Outputs]:
     """Return parameters and full-order outputs of the samples of acceptance."""
     values = draw(runs.paper_scene(), SEED_ACCEPTED, 0, N_ACCEPTED)
     fine = runs.paper_scene(SHORT, f"simulation.step={1e-3 / MIDDLE!r}")
-    return values, every(runs.full_model(fine), values, N_ACCEPTED, MIDDLE)
+    return values, runs.history(runs.full_model(fine), values, N_ACCEPTED, MIDDLE)[1]
 
 
 @pytest.mark.parametrize("second_order", ["false", "true"])
@@ -118,7 +113,9 @@ def test_a_worse_basis_is_reported_as_worse() -> None:
     name, n, estimates, true = "slider_deformation", 6, [], []
     values = draw(runs.paper_scene(), SEED_ACCEPTED, 0, n)
     short = "simulation.duration=0.3"
-    exact = every(runs.full_model(runs.paper_scene(short, f"simulation.step={1e-3 / MIDDLE!r}")), values, n, MIDDLE)
+    exact = runs.history(
+        runs.full_model(runs.paper_scene(short, f"simulation.step={1e-3 / MIDDLE!r}")), values, n, MIDDLE
+    )[1]
     for modes, static in ((2, "false"), (7, "false"), (7, "true")):
         reduction = (f"reduction.modes={modes}", f"reduction.static_modes={static}")
         model = runs.reduced_model(runs.accurate_scene(short, *reduction))

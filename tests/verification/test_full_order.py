@@ -115,7 +115,7 @@ for radius in (0.8, 1.0):
     model = full_model(scene)
     with model.distributed(scene.values, MPI.COMM_WORLD) as system:
         run = integrate(system, scene.simulation)
-        q, v, multipliers = (*(system.unpack(p)[:, 0] for p in (run.state.q, run.state.v)), system.multipliers(run.state))
+        q, v, multipliers = (*(system.unpack(p)[:, 0] for p in (run.state.q, run.state.v)), system.multipliers(run.state)[:, 0])
     batch, expected = run_model(model)
     for one, name in ((q, "q"), (v, "v"), (multipliers, "multipliers")):
         two = batch.unpack(getattr(expected.state, name))[:, 0]

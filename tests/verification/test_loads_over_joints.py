@@ -12,7 +12,7 @@ from length_scenes import SMALL, long_crank
 from machine_scenes import MODELS, RIGID, CartAndPole, cart, rail, run
 from mpi4py import MPI
 from refusals import cases, check_said
-from runs import PGMP, full_model, reduced_model
+from runs import full_model, in_turn, pgmp, reduced_model
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.optimize import root
 
@@ -207,18 +207,22 @@ def test_loads_over_the_other_joint_in_c(tmp_path: Path) -> None:
     assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
 
 
-@pytest.mark.parametrize("model", ["--full", "--components", "reduced"])
-def test_loads_over_the_other_joint_on_ranks(mpirun, tmp_path: Path, model: str) -> None:
+def test_loads_over_the_other_joint_on_ranks(tmp_path: Path) -> None:
     """The action that leads is measured on every rank that has what it leads."""
-    scene, found = tmp_path / "cart.toml", []
+    scene = tmp_path / "cart.toml"
     scene.write_text(scene_to_toml(cart(*ACROSS, "simulation.duration=0.05", "reduction.angles=6")))
-    for n_ranks in (1, 3):
-        rom, path = (tmp_path / f"{kind}_{n_ranks}.h5" for kind in ("rom", "run"))
-        if model == "reduced":
-            mpirun(n_ranks, *PGMP, "build", scene, "-o", rom)
-        mpirun(n_ranks, *PGMP, "simulate", *([rom] if model == "reduced" else [scene, model]), "-o", path)
-        found.append(Trajectory.read(path).outputs)
-    assert_equal(*found)
+
+    def commands(n: int) -> list[list[object]]:
+        rom, *runs = (tmp_path / f"{n}_{name}.h5" for name in ("rom", *MODELS))
+        of = {"full": [scene, "--full"], "components": [scene, "--components"], "reduced": [rom]}
+        return [["build", scene, "-o", rom], *(["simulate", *of[m], "-o", path] for m, path in zip(MODELS, runs))]
+
+    for one in commands(1):
+        pgmp(*one)
+    statuses, done = in_turn(3, commands(3))
+    assert statuses == [[0] * 3] * 4, done.stderr
+    for model in MODELS:
+        assert_equal(*(Trajectory.read(tmp_path / f"{n}_{model}.h5").outputs for n in (3, 1)))
 
 
 REFUSED = """

@@ -5,23 +5,26 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import exported
 import numpy as np
 import pytest
 from conftest import ROOT
 from crooked_scenes import FOUR_BAR, spatial_four_bar
+from differences import compare
 from machine_scenes import MODELS
 from mpi4py import MPI
-from offset_scenes import CLAMPED, LENGTH, clamped_beam, clamped_stiffness, offset
-from refusals import cases, check_said
+from offset_scenes import CLAMPED, HEIGHT, LENGTH, WIDTH, E, clamped_beam, clamped_stiffness, offset
 from runs import PGMP, built_rom, full_model, overridden, read_meshes, reduced_model
+from scipy.optimize import brentq
 from scipy.stats import norm
 from solid_scenes import solid_meshes, solid_slider_crank
 
-from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.c_export.constants import constants_of
-from pgmp_petsc.design.sensitivities import sensitivities
+from pgmp_petsc.c_export.description import OUTPUTS
+from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
+from pgmp_petsc.design.fitting import fit
+from pgmp_petsc.design.measured_history import MeasuredHistory
 from pgmp_petsc.estimates.error_indicator import indicator_of
-from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
@@ -29,6 +32,8 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.studies.effect_sizes import estimate_effects
+from pgmp_petsc.studies.modes_table import tabulate_modes
 from pgmp_petsc.studies.simulate import simulate
 
 TILT = float(np.radians(5.0))
@@ -47,7 +52,7 @@ DRAWN = (
 
 def begun(model: Model) -> tuple[float, dict[str, float]]:
     """Return strain energy and outputs at the start of a run."""
-    system = model.batch({}, 1)
+    system = model.batch({name: np.array([value]) for name, value in model.scene.values.items()}, 1)
     state = system.start()
     outputs = model.outputs.evaluate(model.observed(system, state))
     return float(system.energies(0.0, state).strain[0]), {name: float(value[0]) for name, value in outputs.items()}
@@ -216,45 +221,182 @@ def test_commands(mpirun: Callable, ranks: int, tmp_path: Path) -> None:
         assert figures["estimate"] == pytest.approx(norm.sf(3.0), rel=0.1)
 
 
-REFUSED = cases("""
-reduction.second_order=true -> reduction.second_order = true with joints.C.offset: not made for joints that are off
-reduction={sampling_tolerance=1e-3,interpolation='spline'} -> reduction.sampling_tolerance = 0.001 with joints.C.offset
-reduction.tolerance=1e-2 -> reduction.tolerance = 0.01 with joints.C.offset: not made
-reduction.parameter_modes=2 -> reduction.parameter_modes = 2 with joints.C.offset: not made
-reduction.effects='auto' -> reduction.effects = "auto" with joints.C.offset: not made
-effects={stiff={type='geometric_stiffening'},swing={type='mode_inertia'}} -> effects.stiff with joints.C.offset
-bodies.rocker.line.length='reach' -> bodies.rocker.line.length = "reach" with joints.C.offset: not made
-""")
+BESIDE = {
+    "second order": ("reduction.second_order=true",),
+    "angles by a tolerance": ("reduction={sampling_tolerance=1e-3,interpolation='spline',modes=4,angles=9}",),
+    "modes of other parameters": (
+        "reduction.parameter_modes=1",
+        "parameters.r={nominal=8e-3,unit='m',distribution={name='uniform',loc=7e-3,scale=2e-3}}",
+        "bodies.rocker.section.height='r'",
+    ),
+    "effects by their sizes": ("reduction.effects='auto'",),
+    "stiffening at once": (
+        "effects={stiff={type='geometric_stiffening',stretching='static'},swing={type='mode_inertia'}}",
+    ),
+    "a length": ("bodies.rocker.line.length='reach'", "parameters.reach={nominal=0.16,unit='m',bounds=[0.155,0.165]}"),
+}  # fmt: skip
 
 
-@pytest.mark.parametrize(("asked", "said"), REFUSED)
-def test_refused_beside_offsets(asked: str, said: str) -> None:
-    scene = spatial_four_bar(
-        offset("C", turn=[1e-3, 0.0, 0.0]), "parameters.reach={nominal=0.16,unit='m',bounds=[0.15,0.17]}", asked
+@pytest.mark.parametrize("beside", list(BESIDE))
+def test_beside_what_reduced_models_have(beside: str) -> None:
+    scene = spatial_four_bar(offset("C", turn=[0.02, 0.0, 0.0], place=[0.0, 0.0, 1e-3]), *BESIDE[beside])
+    rom = built_rom(scene)
+    assert rom.tables.n_given == 1
+    other = scene.with_values({name: 1.02 * value for name, value in scene.values.items()})
+    for own in (scene, other):
+        (energy, outputs), (expected, others) = begun(ReducedModel(own, rom)), begun(full_model(own))
+        # of second order in 0.02 rad, and in 2 % of a section or a length
+        assert energy == pytest.approx(expected, rel=1e-3)
+        assert outputs["aside"] == pytest.approx(others["aside"], rel=1e-3)
+
+
+@pytest.mark.parametrize("part", [{"turn": (0.0, TILT, 0.0)}, {"place": (0.0, 0.0, 8e-3)}])
+def test_terms_of_second_order_have_what_is_of_second_order_in_offsets(part: dict) -> None:
+    """The angle of a joint, which an offset changes by its square; what is left is of fourth order."""
+    errors = []
+    for share in (1.0, 0.5):
+        off = offset("C", **{key: [share * x for x in direction] for key, direction in part.items()})
+        scene = spatial_four_bar(
+            off, "reduction.second_order=true", "reduction.interpolation='spectral'", "effects={}",
+            "initial.equilibrium=true", "reduction.static_modes=true", "reduction.modes=8",
+        )  # fmt: skip
+        (_, outputs), (_, expected) = begun(reduced_model(scene)), begun(full_model(scene))
+        errors.append(outputs["angle"] / expected["angle"] - 1.0)
+    assert abs(errors[0]) < 1e-3
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
+
+
+TENSION = ("bodies.beam.line.elements=40", "reduction.modes=3", "reduction.second_order=true")
+
+
+@pytest.mark.parametrize("stretch", [1e-4, -2e-5])
+def test_built_in_stress_tunes_a_beam_as_a_string(stretch: float) -> None:
+    """By what the closed form of a clamped Euler-Bernoulli beam under a force has."""
+    scene, group = clamped_beam(offset("right", place=[stretch, 0.0]), *TENSION), RankGroup.split(MPI.COMM_SELF, 1)
+    rom = built_rom(scene)
+    straight, pulled = (
+        tabulate_modes(own, read_meshes(own), model, 2, group)
+        for own, model in ((clamped_beam(*TENSION), None), (scene, rom))
     )
-    with pytest.raises(InputError) as error:
-        check_capabilities(scene, Purpose.BUILD, read_meshes(scene))
-    check_said(str(error.value), said, asked)
+    assert any("under the stress that joints that are off build in" in remark.text for remark in pulled.record.remarks)
+    np.testing.assert_allclose(pulled.reduced_hz, pulled.full_hz, rtol=1e-9)
+    bending, mass = E * WIDTH * HEIGHT**3 / 12.0, 7800.0 * WIDTH * HEIGHT
+
+    def characteristic(omega: float, force: float) -> float:
+        half, both = force / (2.0 * bending), mass * omega**2 / bending
+        s, q = (np.sqrt(np.sqrt(half**2 + both) + sign * half) for sign in (1.0, -1.0))
+        hyperbolic, circular = s * LENGTH, q * LENGTH
+        return (s**2 - q**2) * np.sinh(hyperbolic) * np.sin(circular) + 2.0 * s * q * (
+            1.0 - np.cosh(hyperbolic) * np.cos(circular)
+        )
+
+    omega = 2.0 * np.pi * straight.full_hz[0, 0]
+    free, loaded = (
+        brentq(characteristic, 0.8 * omega, 1.3 * omega, args=(force,))
+        for force in (0.0, E * WIDTH * HEIGHT * stretch / LENGTH)
+    )
+    # of first order in the offset, and shear and mesh change the beam itself by 1 %
+    change = (pulled.full_hz[0, 0] / straight.full_hz[0, 0]) ** 2 - 1.0
+    assert change == pytest.approx((loaded / free) ** 2 - 1.0, rel=5e-3)
 
 
-def test_stresses_of_bodies_that_parameters_change_are_refused() -> None:
+def test_modes_without_terms_of_second_order_say_that_stress_has_no_part() -> None:
+    scene, group = clamped_beam(offset("right", place=[1e-4, 0.0])), RankGroup.split(MPI.COMM_SELF, 1)
+    off, straight = (tabulate_modes(own, read_meshes(own), None, 2, group) for own in (scene, clamped_beam()))
+    np.testing.assert_array_equal(off.full_hz, straight.full_hz)
+    assert any("has no part in the frequencies" in remark.text for remark in off.record.remarks)
+
+
+def test_sizes_of_effects_have_the_stress_that_is_built_in() -> None:
+    scene = clamped_beam(offset("right", place=[1e-4, 0.0]), *TENSION[:2])
+    sizes = {size.kind: size.share for size in estimate_effects(scene, read_meshes(scene)).sizes}
+    assert sizes["geometric_stiffening"] == pytest.approx(0.147, rel=0.01)  # as of the string above
+
+
+def test_forces_at_other_parameters_are_those_of_the_mesh() -> None:
     given = (
-        "parameters.E={nominal=210e9,unit='Pa'}", "materials.steel.E='E'",
+        "parameters.E={nominal=210e9,unit='Pa'}", "materials.steel.E='E'", "parameters.h={nominal=0.01,unit='m'}",
+        "bodies.beam.section.height='h'", offset("right", place=[1e-6, 1e-5], turn=[2e-5]),
         "outputs.root={type='stress',body='beam',at=[0.0,0.0],quantity='bending_moment'}",
-        offset("right", place=[0.0, 1e-5]),
+        "outputs.axial={type='stress',body='beam',at=[0.2,0.0],quantity='axial_force'}",
     )  # fmt: skip
-    with pytest.raises(
-        InputError, match=r"^outputs\.root with joints\.right\.offset: stresses of bodies that parameters"
-    ):
-        built_rom(clamped_beam(*given))
+    scene = clamped_beam(*given)
+    for values in ({}, {"E": 100e9}, {"h": 0.012}):
+        own = scene.with_values(values)
+        found, expected = (
+            simulate(model, MPI.COMM_SELF).outputs
+            for model in (ReducedModel(own, reduced_model(scene).rom), full_model(own))
+        )
+        for name in ("root", "axial"):  # of second order in 2e-5, and in a fifth of the height
+            assert found[name][0] == pytest.approx(expected[name][0], rel=3e-3), (values, name)
 
 
-def test_derivatives_and_models_in_c_are_refused() -> None:
-    model = reduced_model(spatial_four_bar(*DRAWN))
-    with pytest.raises(InputError, match=r"^joints\.C\.offset: derivatives of runs are of joints where they should be"):
-        sensitivities(model, [], MPI.COMM_SELF)
-    with pytest.raises(InputError, match=r"^joints\.C\.offset: in a model in C joints are where they should be"):
-        constants_of(model, "it")
+CROOKED = (
+    "parameters.tilt={nominal=0.02,unit='rad'}", "parameters.bore={nominal=1e-3,unit='m'}",
+    "parameters.r={nominal=8e-3,unit='m'}", "bodies.rocker.section.height='r'",
+    "joints.C.offset={turn=['tilt',0.0,0.0],place=[0.0,0.0,5e-4]}", "joints.D.offset={place=[0.0,0.0,'bore']}",
+)  # fmt: skip
+PULLED = (
+    "effects.pull={type='spring_damper',points=['ground:high','coupler:tip'],stiffness=2e5,rest=0.5}",
+    "ground.points.high=[0.22647580015448898,0.159427400463467,0.5]", "initial.equilibrium=true",
+)  # fmt: skip
+RUNS = {
+    "as they are built": (),
+    "held at first": PULLED,
+    "settled": (
+        *PULLED, "initial.coordinates='free'", "effects.hold={type='spring_damper',joint='A',stiffness=5.0}",
+    ),
+    "of second order": ("reduction.second_order=true",),
+    "over a stop": (
+        "effects.stop={type='end_stop',joint='A',lower=-0.3,upper=0.004,stiffness=1e3,damping=0.1}",
+        "effects.motor.table=[[0.0,40.0],[0.01,40.0]]",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("run", list(RUNS))
+def test_derivatives_are_central_differences(run: str) -> None:
+    # equilibria are found to their own rounding, which larger changes stand out from
+    compare(reduced_model(spatial_four_bar(*CROOKED, *RUNS[run])), (1e-2, 1e-3))
+
+
+def test_an_offset_is_recovered_from_a_full_order_history() -> None:
+    scene = spatial_four_bar(*CROOKED, "parameters.bore.bounds=[-2e-3,2e-3]")
+    run = simulate(full_model(scene.with_values({"bore": -5e-4})), MPI.COMM_SELF)
+    # of the angle the reduced model has what is of first order in the offsets, which is nothing
+    history = MeasuredHistory(run.time, {"aside": run.outputs["aside"]})
+    (found,) = fit(reduced_model(scene), history, ["bore"], {}, MPI.COMM_SELF).parameters
+    assert found.estimate == pytest.approx(-5e-4, rel=1e-3)
+
+
+def test_models_in_c_and_units(tmp_path: Path) -> None:
+    """Other offsets too, which are constants of a state, and no states of model exchange."""
+    model, other = (
+        reduced_model(spatial_four_bar(*CROOKED, *RUNS["over a stop"])),
+        {"tilt": -0.01, "bore": 2e-4, "r": 8.5e-3},
+    )
+    changed = ReducedModel(model.scene.with_values(other), model.rom)
+    exported.assert_same_in_c(model, tmp_path)
+    wanted = exported.motion(changed).outputs
+    exported.assert_equal(exported.outputs_of(tmp_path / "run", "tilt=-0.01", "bore=2e-4", "r=8.5e-3"), wanted)
+    constants = constants_of(model, "it")
+    assert constants.free == ["theta", "mode[1]", "mode[2]", "mode[3]", "mode[4]"]
+    for version in VERSIONS:
+        write_fmu(constants, tmp_path / "it.fmu", version)
+        unit = exported.Unit(tmp_path / "it.fmu", tmp_path / str(version))
+        assert unit.instantiate()
+        for number, name in enumerate(model.scene.parameters):
+            assert unit.set("Real", number, other[name]) == 0
+        assert unit.begin() == 0
+        for number in range(len(wanted["aside"]) - 1):
+            assert unit.step(number * 2.5e-4, 2.5e-4) == 0
+        for number, (name, values) in enumerate(wanted.items()):
+            found = {name: unit.get("Real", OUTPUTS + number)}
+            exported.assert_equal(found, {name: values[-1:]})
+        exchanged = exported.Unit(tmp_path / "it.fmu", tmp_path / f"exchanged {version}")
+        assert exchanged.instantiate(exchange=True)
+        assert exchanged.begin() == 0
+        assert exchanged.states(10).shape == (10,)
 
 
 RIGID = overridden(

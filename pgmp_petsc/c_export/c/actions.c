@@ -2,7 +2,8 @@
 
      r -= J^T F g,     dr/d eta = J^T ((k + gain_v c) g g^T - F h) J,     k = -dF/ds,  c = -dF/ds'
 
-   without the change of J with eta. Of a law that is led by the effect before it k + gain_v c is with the product of its
+   without the change of J with eta. A measure is the sum of functions of statements, each about two frames of its own.
+   Of a law that is led by the effect before it k + gain_v c is with the product of its
    own g and of g there. A node's frame is that of its rigid body, moved and turned by Psi delta + 1/2 chi
    delta delta in the body's frame; rigid frames and the angles of the effects are tables over theta.
 
@@ -132,13 +133,13 @@ static void place_node(const struct stencil *stencil, int slot, const double q[N
     }
 }
 
-/* Both frames of an effect, and their Jacobian; a point at an arm moves with the directors. */
-static void attach_pair(const struct action *action, const struct moving nodes[], double z[2 * N_FRAME],
+/* Both frames of a part, and their Jacobian; a point at an arm moves with the directors. */
+static void attach_pair(const struct part *part, const struct moving nodes[], double z[2 * N_FRAME],
                         double jacobian[2 * N_FRAME][N]) {
     memset(jacobian, 0, 2 * N_FRAME * N * sizeof(double));
     for (int end = 0; end < 2; end++) {
-        const struct side *side = end ? &action->statement.b : &action->statement.a;
-        int node = end ? action->b : action->a, first = end * N_FRAME;
+        const struct side *side = end ? &part->term.statement.b : &part->term.statement.a;
+        int node = end ? part->b : part->a, first = end * N_FRAME;
         if (node < 0) {
             for (int c = 0; c < N_FRAME; c++)
                 z[first + c] = c < D ? side->point[c] : (c - D) % (D + 1) == 0; /* directors are those of the ground */
@@ -155,17 +156,30 @@ static void attach_pair(const struct action *action, const struct moving nodes[]
     }
 }
 
-static void add_tangent(double stiffness, double force, const double projected[N], const double leading[N],
-                        double hessian[][2 * N_FRAME], double jacobian[2 * N_FRAME][N], double tangent[N][N]) {
+/* Value of a part; its derivative is added to those of the measure, its second ones to `bent`, where that is wanted. */
+static double add_part(const struct part *part, const struct moving nodes[], double turned, const double q[N],
+                       double projected[N], double (*bent)[N]) {
+    double z[2 * N_FRAME], jacobian[2 * N_FRAME][N], gradient[2 * N_FRAME], hessian[2 * N_FRAME][2 * N_FRAME];
+    double slope, bend, own[N] = {0};
+    for (int k = 0; k < R; k++) turned += part->winding[k] * q[k];
+    attach_pair(part, nodes, z, jacobian);
+    double s = evaluate_statement(&part->term.statement, z, turned, gradient, bent ? hessian : 0);
+    double value = of_term(&part->term, s, &slope, &bend);
+    for (int i = 0; i < N; i++) {
+        for (int c = 0; c < 2 * N_FRAME; c++) own[i] += gradient[c] * jacobian[c][i];
+        projected[i] += slope * own[i];
+    }
+    if (!bent) return value;
     for (int i = 0; i < N; i++)
-        for (int j = 0; j < N; j++) tangent[i][j] += stiffness * projected[i] * leading[j];
+        for (int j = 0; j < N; j++) bent[i][j] += bend * own[i] * own[j];
     for (int c = 0; c < 2 * N_FRAME; c++)
         for (int d = 0; d < 2 * N_FRAME; d++) {
-            double bent = force * hessian[c][d];
-            if (bent == 0.0) continue; /* few are not */
+            double by = slope * hessian[c][d];
+            if (by == 0.0) continue; /* few are not */
             for (int i = 0; i < N; i++)
-                for (int j = 0; j < N; j++) tangent[i][j] -= bent * jacobian[c][i] * jacobian[d][j];
+                for (int j = 0; j < N; j++) bent[i][j] += by * jacobian[c][i] * jacobian[d][j];
         }
+    return value;
 }
 
 /* A force that turns with its body has no symmetric tangent; its mean serves the symmetric flexible block. */
@@ -195,16 +209,11 @@ void add_actions(const struct pgmp_model *m, const struct stencil *stencil, cons
     }
     for (int number = 0; number < N_ACTIONS; number++) {
         const struct action *action = actions + number;
-        double z[2 * N_FRAME], jacobian[2 * N_FRAME][N], gradient[2 * N_FRAME], hessian[2 * N_FRAME][2 * N_FRAME];
-        double turned = rigid[0][N_FRAME * N_ACTION_NODES + number], rate = 0.0, projected[N], found[LAW_END + MOST_EDGES];
-        for (int k = 0; k < R; k++) turned += action->winding[k] * q[k];
-        attach_pair(action, nodes, z, jacobian);
-        double s = evaluate_statement(&action->statement, z, turned, gradient, fresh ? hessian : 0);
-        for (int i = 0; i < N; i++) {
-            projected[i] = 0.0;
-            for (int c = 0; c < 2 * N_FRAME; c++) projected[i] += gradient[c] * jacobian[c][i];
-            rate += projected[i] * v[i];
-        }
+        double s = 0.0, rate = 0.0, projected[N] = {0}, bent[N][N] = {{0}}, found[LAW_END + MOST_EDGES];
+        for (int part = action->first; part < action->last; part++)
+            s += add_part(action_parts + part, nodes, rigid[0][N_FRAME * N_ACTION_NODES + part], q, projected,
+                          fresh ? bent : 0);
+        for (int i = 0; i < N; i++) rate += projected[i] * v[i];
         if (action->role != LED) {
             place = s, speed = rate;
             memcpy(leading, projected, sizeof leading);
@@ -218,9 +227,10 @@ void add_actions(const struct pgmp_model *m, const struct stencil *stencil, cons
         if (about) about[number] = found[LAW_ABOUT];
         for (int e = 0; depths && e < action->n_edges; e++) depths[action->edge + e] = found[LAW_END + e];
         for (int i = 0; i < N; i++) r[i] -= found[LAW_FORCE] * projected[i];
-        if (fresh)
-            add_tangent(found[LAW_STIFFNESS] + gain_v * found[LAW_DAMPING], found[LAW_FORCE], projected, leading,
-                        hessian, jacobian, tangent);
+        double stiffness = found[LAW_STIFFNESS] + gain_v * found[LAW_DAMPING];
+        for (int i = 0; fresh && i < N; i++)
+            for (int j = 0; j < N; j++)
+                tangent[i][j] += stiffness * projected[i] * leading[j] - found[LAW_FORCE] * bent[i][j];
     }
     if (fresh) add_to_matrix(tangent, matrix);
 }

@@ -94,23 +94,24 @@ static void frame_of_point(const struct side *side, double poses[N_BODIES][N_POS
         for (int c = 0; c < D; c++) z[c] += side->point[j] * body[D + D * j + c];
 }
 
-/* Value of a term of a measure s, and what its derivative is times that of s. */
-static double of_term(const struct term *term, double s, double *slope) {
+/* Value of a term where its statement is s, and its first and second derivatives in s. */
+double of_term(const struct term *term, double s, double *slope, double *bend) {
     const struct spline_piece *piece = spline_pieces + term->first;
-    *slope = term->factor;
+    *slope = term->factor, *bend = 0.0;
     if (!term->n_pieces) return term->factor * s;
     double period = piece[term->n_pieces - 1].end - piece->begin, x = s - period * floor((s - piece->begin) / period);
     for (int k = 1; k < term->n_pieces && x >= piece[1].begin; k++) piece++;
     const double *c = piece->cubic;
     x -= piece->begin;
     *slope *= c[1] + x * (2.0 * c[2] + x * 3.0 * c[3]);
+    *bend = term->factor * (2.0 * c[2] + x * 6.0 * c[3]);
     return term->factor * (c[0] + x * (c[1] + x * (c[2] + x * c[3])));
 }
 
 /* Adds the derivatives of a statement times a factor to those in the poses, and returns its value. */
 static double add_statement(const struct statement *s, double near, double poses[N_BODIES][N_POSE],
                             const struct term *term, double row[N_UNKNOWNS]) {
-    double z[2 * N_FRAME], bodies[2][N_FRAME], gradient[2 * N_FRAME], slope = 1.0;
+    double z[2 * N_FRAME], bodies[2][N_FRAME], gradient[2 * N_FRAME], slope = 1.0, bend;
     frame_of_point(&s->a, poses, bodies[0], z);
     frame_of_point(&s->b, poses, bodies[1], z + N_FRAME);
 #if D == 2 /* angles count turns with the bodies */
@@ -118,7 +119,7 @@ static double add_statement(const struct statement *s, double near, double poses
         near = (s->b.body < 0 ? 0.0 : poses[s->b.body][2]) - (s->a.body < 0 ? 0.0 : poses[s->a.body][2]);
 #endif
     double value = evaluate_statement(s, z, near, gradient, 0);
-    if (term) value = of_term(term, value, &slope);
+    if (term) value = of_term(term, value, &slope, &bend);
     for (int i = 0; i < 2 * N_FRAME; i++) gradient[i] *= slope;
     if (s->a.body >= 0) add_to_pose(bodies[0], s->a.point, gradient, row + N_POSE * s->a.body);
     if (s->b.body >= 0) add_to_pose(bodies[1], s->b.point, gradient + N_FRAME, row + N_POSE * s->b.body);

@@ -14,7 +14,8 @@
 
 #include "sizes.h"
 
-/* R rigid coordinates theta (rad) before M flexible ones delta; D dimensions */
+/* R rigid coordinates theta (rad) before M flexible ones delta, the last N_GIVEN of them constants: how far joints are
+   off; D dimensions */
 #define N (R + M)
 #define PACKED(n) ((n) * ((n) + 1) / 2)
 #define N_PAIRS (SECOND_ORDER ? PACKED(M) : 0)
@@ -75,6 +76,6 @@ void pgmp_accelerate(struct pgmp_model *model, double time, double since);
 double pgmp_next_break(const struct pgmp_model *model, double time);
 
 extern const char *const pgmp_parameter_names[], *const pgmp_strength_names[], *const pgmp_output_names[];
-extern const int pgmp_prescribed[R]; /* which coordinates have a motion that is given */
+extern const int pgmp_prescribed[N]; /* which coordinates are given: by a motion, or by how far a joint is off */
 
 #endif

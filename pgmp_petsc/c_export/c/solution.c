@@ -62,13 +62,20 @@ static void invert(double corner[R][R]) {
 }
 
 /* Factors take the place of the flexible block S, S^-1 C that of the column, (s - R S^-1 C)^-1 that of the corner;
-   coordinates whose motion is given are not corrected. */
+   coordinates that are given are not corrected. */
 void eliminate(struct matrix *m) {
     for (int k = 0; k < R; k++)
         if (pgmp_prescribed[k]) {
             for (int j = 0; j < R; j++) m->corner[k][j] = j == k;
             for (int i = 0; i < M; i++) m->row[k][i] = 0.0;
         }
+    for (int i = M - N_GIVEN; i < M; i++) {
+        for (int j = 0; j < M; j++) {
+            int entry = i < j ? PACKED(j) + i : PACKED(i) + j;
+            m->factor[entry] = j == i, m->skew[entry] = 0.0;
+        }
+        for (int k = 0; k < R; k++) m->column[k][i] = 0.0;
+    }
     factorise(m);
     for (int k = 0; k < R; k++) substitute(m, m->column[k]);
     for (int k = 0; k < R; k++)
@@ -80,8 +87,8 @@ void eliminate(struct matrix *m) {
 /* Replaces a residual by its Newton correction. */
 void solve(const struct matrix *m, double x[N]) {
     double right[R];
-    for (int k = 0; k < R; k++)
-        if (pgmp_prescribed[k]) x[k] = 0.0;
+    for (int i = 0; i < N; i++)
+        if (pgmp_prescribed[i]) x[i] = 0.0;
     substitute(m, x + R);
     for (int k = 0; k < R; k++) {
         right[k] = x[k];

@@ -28,7 +28,7 @@ void pgmp_initialise(struct pgmp_model *m) {
 
 void pgmp_weigh(struct pgmp_model *m) {
     double of_terms[N_TERMS], of_loads[AT_LEAST_ONE(N_LOAD_TERMS)];
-    weigh(m->parameters, of_terms, of_loads, m->laws);
+    weigh(m->parameters, of_terms, of_loads, m->laws, m->q + (N - N_GIVEN));
     memset(m->rigid, 0, sizeof m->rigid);
     memset(m->terms, 0, sizeof m->terms);
     memset(m->loads, 0, sizeof m->loads);
@@ -101,12 +101,36 @@ void pgmp_accelerate(struct pgmp_model *m, double time, double since) {
     look_at_state(m);
 }
 
+/* What flexible coordinates add to the static answer to joints that are off: at rest, theta held, without loads. */
+static void answer_offsets(struct pgmp_model *m) {
+    static const double none[AT_LEAST_ONE(N_STRENGTHS)];
+    const double at_rest[N] = {0};
+    double r[N];
+    struct stencil stencil;
+    struct terms t;
+    struct matrix matrix;
+    for (int number = 0; number < (N_GIVEN ? STARTING_CORRECTIONS : 0); number++) {
+        find_stencil(axes, m->q, &stencil);
+        interpolate(m, &stencil, m->q, none, &t);
+        evaluate_lagrangian(&t, m->q, at_rest, at_rest, 0.0, 0.0, 1, r, &matrix);
+        for (int k = 0; k < R; k++) {
+            r[k] = 0.0;
+            for (int j = 0; j < R; j++) matrix.corner[k][j] = j == k;
+            for (int i = 0; i < M; i++) matrix.row[k][i] = 0.0;
+        }
+        eliminate(&matrix);
+        solve(&matrix, r);
+        for (int i = R; i < N; i++) m->q[i] -= r[i];
+    }
+}
+
 void pgmp_start(struct pgmp_model *m) {
     double depths[AT_LEAST_ONE(N_EDGES)];
     m->number = 0, m->validity = 0, m->correction = 0.0, m->contraction = FIRST_CONTRACTION;
-    pgmp_weigh(m);
     for (int i = 0; i < N; i++) m->q[i] = m->v[i] = 0.0;
+    pgmp_weigh(m);
     for (int k = 0; k < R; k++) m->q[k] = start_position[k], m->v[k] = start_velocity[k];
+    answer_offsets(m);
     pgmp_accelerate(m, 0.0, 0.0);
     find_depths(m, m->q, depths);
     for (int e = 0; e < N_EDGES; e++) m->beyond[e] = depths[e] > 0.0;

@@ -16,8 +16,9 @@ struct piece { double begin, origin, cubic[4], wave[3]; };
 struct side { int slot, body; double point[D], arm[D]; };
 /* A statement about two points; an angle in space is near turns[0] + turns[1] theta_1 + ... */
 struct statement { int kind; double turns[1 + R], axes[3][D]; struct side a, b; };
-/* A factor times a statement, or times the spline of it: row of the closure that it adds to, first and number of pieces,
-   and the coordinate that an angle is near to, -1 where that is what the others leave of the row's value. */
+/* A factor times a statement, or times the spline of it: row of the closure that it adds to, or local effect, first and
+   number of pieces, and the coordinate that an angle in the closure is near to, -1 where that is what the others leave of
+   the row's value. */
 struct term { int row, first, n_pieces, near; double factor; struct statement statement; };
 struct spline_piece { double begin, end, cubic[4]; };
 /* A law of a measure s. About is, in an iteration, the rate at which the law was evaluated last, NAN before that. One
@@ -25,11 +26,13 @@ struct spline_piece { double begin, end, cubic[4]; };
    far each edge of the law is crossed. */
 enum { LAW_FORCE, LAW_STIFFNESS, LAW_DAMPING, LAW_ABOUT, LAW_END };
 typedef void law_function(const double p[], double amplitude, double s, double rate, double about, double found[]);
-/* A local effect: numbers of its nodes among those of the effects, -1 on the ground, of its strength, and of
-   its first edge among those of all; how many edges its law has; and whose measure the law is of. One that leads does
-   nothing but measure, for the law of the one behind it. */
+/* A local effect: number of the first part of its measure, which is the sum of them, and of the last one; of its strength,
+   and of its first edge among those of all; how many edges its law has; and whose measure the law is of. One that leads
+   does nothing but measure, for the law of the one behind it. */
 enum { ALONE, LEADS, LED };
-struct action { int a, b, strength, edge, n_edges, role; law_function *law; double winding[R]; struct statement statement; };
+struct action { int first, last, strength, edge, n_edges, role; law_function *law; };
+/* A part of a measure: numbers of its nodes among those of the effects, -1 on the ground. */
+struct part { int a, b; double winding[R]; struct term term; };
 struct output { int kind, axis, in_body, rate; double origin; struct statement statement; };
 
 enum { MEASURE, ROTATION, POSITION, DEFORMATION };
@@ -48,10 +51,11 @@ extern const int node_bodies[];
 extern const struct piece pieces[];
 extern const struct output outputs[];
 extern const struct action actions[];
+extern const struct part action_parts[];
 extern const struct statement coordinates[R];
 extern const struct term closure[];
 extern const struct spline_piece spline_pieces[];
-void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW]);
+void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW], double *given);
 
 /* Rows of a table over the coordinates, with their weights for the value and for the derivative with each of them. */
 struct stencil { int rows[N_STENCIL]; double weights[1 + R][N_STENCIL]; };
@@ -89,6 +93,7 @@ double evaluate_statement(const struct statement *s, const double z[2 * N_FRAME]
                           double (*hessian)[2 * N_FRAME]);
 void turn_frame(const double rigid[N_FRAME], const double moved[N_DOFS], const double point[D], struct frame *frame);
 void attach(const struct side *side, const struct frame nodes[], struct frame *frame);
+double of_term(const struct term *term, double s, double *slope, double *bend);
 void place_bodies(const double theta[R], struct frame bodies[N_BODIES]);
 
 #endif

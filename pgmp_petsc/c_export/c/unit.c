@@ -79,16 +79,14 @@ int unit_begin(struct unit *me) {
 /* The number of the coordinate that a state belongs to. */
 static int coordinate_of(unsigned state) {
     unsigned free = (unsigned)unit_count_states() / 2, number = state % free;
-    for (int i = 0; i < R; i++) {
-        if (pgmp_prescribed[i]) continue;
-        if (number-- == 0) return i;
-    }
-    return R + (int)number;
+    int i = -1;
+    do i++; while (pgmp_prescribed[i] || number-- > 0);
+    return i;
 }
 
 size_t unit_count_states(void) {
     size_t n = 2 * N;
-    for (int k = 0; k < R; k++) n -= pgmp_prescribed[k] ? 2 : 0;
+    for (int k = 0; k < N; k++) n -= pgmp_prescribed[k] ? 2 : 0;
     return n;
 }
 

@@ -1,0 +1,554 @@
+"""Forces and moments in joints, and what prescribed motions take: outputs of the multipliers of constraints.
+
+With the equations of motion
+
+    M q'' + g_int + C^T lambda = g_ext,     c(q) = 0,
+
+a joint that holds statements s_i of two frames acts on the second one with ``-lambda_i ds_i/dp`` at its point, and with
+the moment ``-sum_k d_k x lambda_i ds_i/dd_k``, p and d_k being position and directors there. What an elastic joint
+releases is held by its springs and dampers, ``k (s - rest) + c s'`` in place of lambda.
+
+**Point and sign.** Force and moment are those on the body of the joint's second point, at that point; with
+``of = "first"`` they are the opposite ones on the first body, at the same point of space. They are what the joint
+itself transmits: motors, springs, friction and prescribed motions in it are not in it. A coupling acts on the motion of
+its first or second joint by ``-mu df/ds``. What a prescribed motion takes is ``-lambda`` of its coordinate, above zero
+where it drives on; its power is that times the rate of the coordinate.
+
+Where constraints follow from others (`mechanism.null_space`), forces that hang on how they are shared out are refused,
+with a combination that is determined. Multipliers are the models' own: of full-order and component models those of
+their equations (`full.systems`), of a reduced model those that `reduction` finds from static answers to gaps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.units import SI
+from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.springs import elastic_coupling, elastic_joint
+from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet
+from pgmp_petsc.mechanism.joints import Connection, Coupling
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
+from pgmp_petsc.mechanism.space import Space
+from pgmp_petsc.mechanism.statements import Function, Statement
+from pgmp_petsc.mechanism.unknowns import Unknowns
+from pgmp_petsc.outputs.readings import AXES, Frames, Reading
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effects import Driving
+from pgmp_petsc.scene.fields import exactly_one
+from pgmp_petsc.scene.joints import CouplingEntry
+from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.outputs import OutputEntry
+from pgmp_petsc.scene.references import unknown
+from pgmp_petsc.scene.uses import slides
+
+UNDETERMINED = 1e-8  # share of a combination of multipliers that is round-off
+Values = Mapping[str, np.ndarray | float]
+Component = Literal["x", "y", "z", "axial", "radial", "magnitude"]
+
+
+class OfMultipliers(OutputEntry):
+    """An output of the multipliers of constraints."""
+
+    reads = "multipliers"
+
+    def multiplied(self, name: str, kinematics: RigidKinematics) -> ForceOutput:
+        """Return what makes the output of multipliers; raises `InputError` where these do not determine it."""
+        raise NotImplementedError
+
+
+class InJoint(OfMultipliers):
+    """A component of what acts in a joint."""
+
+    turning: ClassVar[bool]  # whether it is a moment
+    joint: str = Field(description="name of a joint, or of one that couples the motions of others")
+    component: Component = Field(
+        "magnitude",
+        description="x, y, z; axial, along the joint's first axis (of a moment in the plane z), and radial, across it; "
+        "magnitude. Of a coupling it is along the motion: axial",
+    )
+    of: Literal["first", "second"] = Field(
+        "second", description="on which body it acts; of a coupling the motion of which joint that it names"
+    )
+    frame: Literal["ground", "body"] = Field("ground", description="whose axes x, y and z are: those of that body")
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line if there is no such joint, or it has no such component."""
+        entry, joint = f"outputs.{name}", scene.joints.get(self.joint)
+        if joint is None:
+            yield unknown(f"{entry}.joint", "joint", self.joint, scene.joints)
+        elif isinstance(joint, CouplingEntry):
+            yield from self._of_coupling(scene, entry, joint)
+        elif scene.dimension == 2 and self.turning and self.component in ("x", "y", "radial"):
+            yield problem(f"{entry}.component", "a moment in the plane is about z: take z", self.component)
+        elif scene.dimension == 2 and not self.turning and self.component == "z":
+            yield problem(f"{entry}.component", "a force in the plane has x and y", "z")
+        elif not joint.axes and self.component in ("axial", "radial") and not (scene.dimension == 2 and self.turning):
+            words = f"{self.joint} is {joint.type}, which has no axis; take x, y, magnitude"
+            yield problem(f"{entry}.component", words, self.component)
+
+    def _of_coupling(self, scene: Scene, entry: str, joint: CouplingEntry) -> Iterator[str]:
+        if self.component not in ("axial", "magnitude"):
+            words = f"{self.joint} is {joint.type}, which acts along motions: take axial or magnitude"
+            yield problem(f"{entry}.component", words, self.component)
+        shares = joint.shares_in(scene)
+        share = _share_of(joint, shares, self.of)
+        if share.motion is not None and (share.motion == "turning") != self.turning:
+            other = "joint_force" if self.turning else "joint_torque"
+            words = f"what {self.joint} couples there is the {share.motion} of {share.joint}: take {other}"
+            yield problem(f"{entry}.of", words, self.of)
+
+    def multiplied(self, name: str, kinematics: RigidKinematics) -> ForceOutput:
+        """Return the component of the joint's force or moment."""
+        mechanism = kinematics.mechanism
+        coupling = next((one for one in mechanism.couplings if one.name == self.joint), None)
+        if coupling is not None:
+            made: ForceOutput = OfCoupling.of(name, self, coupling, kinematics)
+        else:
+            made = OfConnection.of(name, self, mechanism.connection(self.joint), mechanism)
+        return made
+
+
+class JointForce(InJoint):
+    """Force in a joint (N)."""
+
+    type: Literal["joint_force"]
+    unit, turning = "N", False
+
+
+class JointTorque(InJoint):
+    """Moment in a joint (N m), about the directions in which it holds."""
+
+    type: Literal["joint_torque"]
+    unit, turning = "N m", True
+
+
+class OfDrive(OfMultipliers):
+    """What a prescribed motion takes."""
+
+    joint: str | None = Field(None, description="name of the joint whose motion is prescribed")
+    coordinate: str | None = Field(None, description="in place of a joint: name of the coordinate")
+    with_rate: ClassVar[bool] = False
+
+    @model_validator(mode="after")
+    def _of_one(self) -> Self:
+        exactly_one(self, "joint", "coordinate")
+        return self
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line if nothing prescribes such a motion, or several do."""
+        entry, driven = f"outputs.{name}", _driven(scene)
+        if self.coordinate is not None:
+            if self.coordinate not in scene.coordinates:
+                yield unknown(f"{entry}.coordinate", "coordinate", self.coordinate, scene.coordinates)
+            elif self.coordinate not in driven:
+                yield problem(f"{entry}.coordinate", _not_driven(driven), self.coordinate)
+        elif self.joint not in scene.joints:
+            yield unknown(f"{entry}.joint", "joint", self.joint, scene.joints)
+        else:
+            own = [one for one in driven if scene.coordinates[one].joint == self.joint]
+            if len(own) > 1:
+                yield problem(f"{entry}.joint", f"two of its motions are prescribed, {', '.join(own)}: name the "
+                              "coordinate in place of the joint", self.joint)  # fmt: skip
+            elif not own:
+                yield problem(f"{entry}.joint", _not_driven(driven), self.joint)
+
+    def of_coordinate(self, scene: Scene) -> str:
+        """Return the name of the coordinate that is prescribed."""
+        if self.coordinate is not None:
+            return self.coordinate
+        return next(one for one in _driven(scene) if scene.coordinates[one].joint == self.joint)
+
+    def multiplied(self, name: str, kinematics: RigidKinematics) -> ForceOutput:
+        """Return what the motion takes."""
+        wanted = self.of_coordinate(kinematics.mechanism.scene)
+        driven = [one for one in kinematics.mechanism.coordinates if one.prescribed]
+        number = next(k for k, one in enumerate(driven) if one.name == wanted)
+        return OfMotion.of(name, self, driven[number], number, kinematics)
+
+
+class DriveTorque(OfDrive):
+    """Torque (N m), or force (N) of what slides, that a prescribed motion takes."""
+
+    type: Literal["drive_torque"]
+    unit = "N m"
+
+    def unit_in(self, scene: Scene) -> str:
+        """Return N for what slides."""
+        coordinate = scene.coordinates[self.of_coordinate(scene)]
+        return "N" if slides(scene, coordinate) else "N m"
+
+
+class Power(OfDrive):
+    """Power of a prescribed motion (W): its torque or force times the speed of the coordinate."""
+
+    type: Literal["power"]
+    unit, with_rate = "W", True
+
+    def unit_in(self, scene: Scene) -> str:
+        """Return the energy in a second, which is a W in SI units."""
+        return "W" if scene.system is SI else "J/s"
+
+
+def _driven(scene: Scene) -> list[str]:
+    """Return the coordinates that follow given motions."""
+    return [effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)]
+
+
+def _not_driven(driven: Sequence[str]) -> str:
+    if driven:
+        return f"no prescribed motion moves it; one moves {', '.join(driven)}"
+    return "no prescribed motion moves it; the scene has none, and what an effect takes is known already"
+
+
+def _share_of(joint: CouplingEntry, shares: Sequence, of: str):
+    """Return the share of the first or second joint that a coupling names."""
+    names = list(dict.fromkeys([*getattr(joint, "joints", ()), *(share.joint for share in shares)]))
+    own = [share for name in names for share in shares if share.joint == name]
+    return own[0 if of == "first" else 1]
+
+
+@dataclass(frozen=True, eq=False)
+class ForceOutput:
+    """One output of multipliers.
+
+    Multipliers are those of what joints hold in the motion, in the order of `Mechanism.holders`, and behind them those
+    of prescribed coordinates: shape (n_held + n_driven, n).
+    """
+
+    name: str  # in the scene
+    rows: np.ndarray  # numbers of the multipliers that it takes
+    nodes: frozenset[int]  # nodes whose frames it takes
+    reads_rates: bool  # whether it takes their rates
+
+    def value(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
+        """Return the output, shape (n,), for frames of nodes and their rates, multipliers, and parameter values, which
+        are numbers or of shape (n,)."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False)
+class OfConnection(ForceOutput):
+    """A component of what a joint does to a body."""
+
+    entry: InJoint
+    space: Space
+    connection: Connection
+    springs: tuple[Spring, ...]  # what holds the directions that it releases
+
+    @classmethod
+    def of(cls, name: str, entry: InJoint, connection: Connection, mechanism: Mechanism) -> Self:
+        """Prepare the output of a joint that holds two points. Raises `InputError` if it holds nothing there."""
+        springs = ()
+        if connection.released:
+            actions = elastic_joint(connection.name, mechanism.scene, mechanism).actions()
+            springs = tuple(Spring.of(action, mechanism.space) for action in actions)
+        statements = [*connection.held, *(spring.statement for spring in springs)]
+        if entry.turning and all(part.is_length for part in statements):
+            joint = mechanism.scene.joints[connection.name]
+            raise InputError(
+                problem(
+                    f"outputs.{name}.joint",
+                    f"this one is {joint.type}, which holds no turning: no moment is in it. The torque of a prescribed "
+                    "motion is drive_torque, and that of an effect is its own",
+                    connection.name,
+                )
+            )
+        first = _first_row(mechanism, connection.name)
+        rows = np.arange(first, first + len(connection.held))
+        sides = (*connection.sides, connection.moved)
+        nodes = frozenset(side.node for side in sides if not side.on_ground)
+        damped = any(spring.damping.coefficient for spring in springs)
+        return cls(name, rows, nodes, damped, entry, mechanism.space, connection, springs)
+
+    def value(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
+        """Return the component."""
+        force, moment = self.wrench(frames, rates, multipliers, values)
+        acting = moment if self.entry.turning else force
+        if self.entry.of == "first":
+            acting = -acting
+        return self.component(acting, frames)
+
+    def wrench(
+        self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return force (d, n) and moment (1 or 3, n) on the second body at the second point, in the ground's axes."""
+        n, d = multipliers.shape[1], self.space.dimension
+        a, b = (self._natural(side, frames, n) for side in self.connection.sides_held)
+        slopes = np.zeros_like(b)
+        for row, part in zip(self.rows, self.connection.held):
+            slopes -= multipliers[row] * part.gradient(a, b)[len(a) :]
+        if self.springs:
+            a = self._natural(self.connection.a, frames, n)
+            for spring in self.springs:
+                slopes -= spring.force(frames, rates, values) * spring.statement.gradient(a, b)[len(a) :]
+        return slopes[:d], _moment(b, slopes, d)
+
+    def component(self, acting: np.ndarray, frames: Frames) -> np.ndarray:
+        """Return the component of a force or moment (n_components, n) in the ground's axes."""
+        wanted, n = self.entry.component, acting.shape[1]
+        if wanted == "magnitude":
+            return np.linalg.norm(acting, axis=0)
+        if len(acting) == 1:  # about z
+            return acting[0]
+        if wanted in ("axial", "radial"):
+            along = self.axis(frames, n)
+            axial = np.einsum("cn,cn->n", along, acting)
+            return axial if wanted == "axial" else np.linalg.norm(acting - axial * along, axis=0)
+        if self.entry.frame == "ground":
+            return acting[AXES[wanted]]
+        side = self.connection.a if self.entry.of == "first" else self.connection.b
+        d, natural = self.space.dimension, self._natural(side, frames, n)
+        return np.einsum("cn,cn->n", natural[d:].reshape(d, d, n)[AXES[wanted]], acting)
+
+    def axis(self, frames: Frames, n: int) -> np.ndarray:
+        """Return the direction of the joint's first axis, shape (d, n)."""
+        d, a = self.space.dimension, self._natural(self.connection.a, frames, n)
+        return np.einsum("k,kcn->cn", self.connection.axes[0][:, 0], a[d:].reshape(d, d, n))
+
+    def _natural(self, side: Attachment, frames: Frames, n: int) -> np.ndarray:
+        frame = side.ground_frame((n,)) if side.on_ground else side.frame_of(frames[side.node])
+        return self.space.natural(frame)
+
+
+@dataclass(frozen=True, eq=False)
+class Spring:
+    """A spring and damper on what an elastic joint releases."""
+
+    statement: Statement
+    readings: tuple[tuple[Reading, Function], ...]  # what it is a sum of functions of
+    stiffness: object
+    damping: object
+    rest: object
+
+    @classmethod
+    def of(cls, action: Action, space: Space) -> Self:
+        """Return that of an action with the law of a spring and damper on one statement."""
+        return cls(
+            action.statement, ((Reading("MEASURE", action.sides, action.statement, space), Function()),),
+            *action.parameters,
+        )  # fmt: skip
+
+    def force(self, frames: Frames, rates: Frames, values: Values) -> np.ndarray:
+        """Return ``k (s - rest) + c s'``, what a multiplier would be, shape (n,)."""
+        measured = sum(function.factor * reading.value(frames) for reading, function in self.readings)
+        found = self.stiffness.at(values) * (measured - self.rest.at(values))
+        if self.damping.coefficient:
+            speed = sum(function.factor * _rate(reading, frames, rates) for reading, function in self.readings)
+            found = found + self.damping.at(values) * speed
+        return found
+
+
+def _rate(reading: Reading, frames: Frames, rates: Frames) -> np.ndarray:
+    """Return how fast a reading changes, shape (n,)."""
+    return replace(reading, rate=True).value(frames, None, rates)
+
+
+@dataclass(frozen=True, eq=False)
+class OfCoupling(ForceOutput):
+    """What a coupling does to the motion of one of its joints."""
+
+    magnitude: bool
+    reading: Reading  # of the motion
+    function: Function  # of the motion, in the coupling
+    spring: Spring | None
+
+    @classmethod
+    def of(cls, name: str, entry: InJoint, coupling: Coupling, kinematics: RigidKinematics) -> Self:
+        """Prepare the output of a joint that couples motions."""
+        mechanism = kinematics.mechanism
+        joint = mechanism.scene.joints[coupling.name]
+        share = _share_of(joint, joint.shares_in(mechanism.scene), entry.of)
+        terms = coupling.combination.terms
+        pairs = list(zip(coupling.sides[::2], coupling.sides[1::2]))
+        readings = [_motion(part, pair, mechanism, kinematics) for (part, _), pair in zip(terms, pairs)]
+        wanted = mechanism.connection(share.joint).sides
+        number = next(
+            k for k, ((part, _), pair) in enumerate(zip(terms, pairs))
+            if pair == wanted and part.is_length == (share.motion == "sliding")
+        )  # fmt: skip
+        spring, nodes = None, set(readings[number].nodes)
+        rows = np.array([_first_row(mechanism, coupling.name)])
+        if coupling.elastic:
+            if any(function.breaks.size for _, function in terms):
+                raise InputError(f"outputs.{name}.joint: what an elastic cam takes is not read; take elastic out of "
+                                 f"joints.{coupling.name}")  # fmt: skip
+            action = elastic_coupling(coupling, mechanism.scene, mechanism).actions()[0]
+            own = tuple(zip(readings, (function for _, function in terms)))
+            spring = Spring(action.statement, own, *action.parameters)
+            rows, nodes = rows[:0], set().union(*(reading.nodes for reading in readings))
+        damped = spring is not None and bool(spring.damping.coefficient)
+        return cls(
+            name, rows, frozenset(nodes), damped, entry.component == "magnitude", readings[number],
+            terms[number][1], spring,
+        )  # fmt: skip
+
+    def value(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
+        """Return ``-mu df/ds``, or its size."""
+        carried = multipliers[self.rows[0]] if self.spring is None else self.spring.force(frames, rates, values)
+        found = -carried * self.function.slope(self.reading.value(frames))
+        return np.abs(found) if self.magnitude else found
+
+
+def _motion(part: Statement, pair: tuple[Attachment, Attachment], mechanism: Mechanism, kinematics: RigidKinematics):
+    """Return what reads the motion of a joint, by its statement and attachments."""
+    for connection in mechanism.connections:
+        if connection.sides == pair and connection.angle is part:
+            return Reading.of_angle(connection, kinematics)
+    return Reading("MEASURE", pair, part, mechanism.space)
+
+
+@dataclass(frozen=True, eq=False)
+class OfMotion(ForceOutput):
+    """What a prescribed motion takes, or its power."""
+
+    speed: Reading | None  # of the coordinate, for the power
+
+    @classmethod
+    def of(
+        cls, name: str, entry: OfDrive, coordinate: Coordinate, number: int, kinematics: RigidKinematics
+    ) -> Self:  # fmt: skip
+        """Prepare the output of the prescribed coordinate with a number among these."""
+        reading = Reading.of_coordinate(coordinate, kinematics) if entry.with_rate else None
+        nodes = frozenset(reading.nodes) if reading else frozenset()
+        return cls(name, np.array([kinematics.mechanism.n_held + number]), nodes, entry.with_rate, reading)
+
+    def value(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
+        """Return ``-lambda``, or that times the rate of the coordinate."""
+        torque = -multipliers[self.rows[0]]
+        return torque if self.speed is None else torque * _rate(self.speed, frames, rates)
+
+
+def _moment(z: np.ndarray, slopes: np.ndarray, d: int) -> np.ndarray:
+    """Return ``sum_k d_k x g_k``, shape (1 or 3, n), for position and directors z and slopes g, (d (d + 1), n)."""
+    axes, pulls = (part[d:].reshape(d, d, -1) for part in (z, slopes))
+    if d == 2:
+        return np.sum(axes[:, 0] * pulls[:, 1] - axes[:, 1] * pulls[:, 0], axis=0)[None]
+    return np.cross(axes, pulls, axis=1).sum(axis=0)
+
+
+def _first_row(mechanism: Mechanism, name: str) -> int:
+    """Return the number of the first multiplier of a joint or coupling."""
+    row = 0
+    for one in mechanism.holders:
+        if one.name == name:
+            return row
+        row += len(one.holding(moving=True))
+    raise KeyError(name)
+
+
+def force_outputs(scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> tuple[ForceOutput, ...]:
+    """Return the outputs of multipliers of a scene, in its order.
+
+    Raises `InputError` where the constraints at the start, coordinates (n_theta,), do not determine one.
+    """
+    found = tuple(
+        entry.multiplied(name, kinematics) for name, entry in scene.outputs.items() if isinstance(entry, OfMultipliers)
+    )
+    if any(output.rows.size for output in found if not isinstance(output, OfMotion)):
+        _refuse_undetermined(found, kinematics, start)
+    return found
+
+
+def _refuse_undetermined(outputs: Sequence[ForceOutput], kinematics: RigidKinematics, start: np.ndarray) -> None:
+    """Refuse forces that hang on how dependent constraints share them out."""
+    mechanism = kinematics.mechanism
+    unknowns = Unknowns(mechanism)
+    q = unknowns.place(kinematics.poses(start)[..., 0])
+    constraints = ConstraintSet(unknowns)
+    shares = constraints.undetermined(q)
+    if not shares.shape[1]:
+        return
+    shares = shares[: mechanism.n_held]
+    frames = {node: frame[:, None] for node, frame in enumerate(unknowns.frames(q))}
+    touched = np.abs(shares).max(axis=1) > UNDETERMINED
+    sharing = [one.name for one in mechanism.holders if touched[_rows_of(mechanism, one.name)].any()]
+    for output in outputs:
+        if isinstance(output, OfMotion) or not touched[output.rows].any():
+            continue
+        if isinstance(output, OfCoupling):
+            _refuse(output, "mu", sharing, "")
+        of, entry = _map_of(output, frames, mechanism), output.entry
+        for axis, row in zip(_axes(output, frames), _chosen(output, frames) @ of):
+            if np.abs(row @ shares).max() > UNDETERMINED * max(1.0, np.abs(row).max()):
+                _refuse(output, entry.joint, sharing, _combination(output, axis, shares, sharing, frames, mechanism))
+
+
+def _rows_of(mechanism: Mechanism, name: str) -> slice:
+    first = _first_row(mechanism, name)
+    one = next(one for one in mechanism.holders if one.name == name)
+    return slice(first, first + len(one.holding(moving=True)))
+
+
+def _map_of(output: OfConnection, frames: Frames, mechanism: Mechanism) -> np.ndarray:
+    """Return the force or moment of a joint for a unit of each multiplier, shape (n_components, n_held)."""
+    columns, nothing = [], OfConnection(
+        output.name, output.rows, output.nodes, False, output.entry, output.space, output.connection, ()
+    )  # fmt: skip
+    for unit in np.eye(mechanism.n_held):
+        force, moment = nothing.wrench(frames, {}, unit[:, None], {})
+        columns.append((moment if output.entry.turning else force)[:, 0])
+    return np.array(columns).T
+
+
+def _chosen(output: OfConnection, frames: Frames) -> np.ndarray:
+    """Return the directions that a component takes, shape (n, n_components)."""
+    entry, d = output.entry, output.space.dimension
+    size = 1 if entry.turning and d == 2 else d
+    every = np.eye(size)
+    if entry.component == "magnitude" or size == 1:
+        return every
+    if entry.component in ("axial", "radial"):
+        along = output.axis(frames, 1)[:, 0]
+        return along[None] if entry.component == "axial" else every - np.outer(along, along)
+    return np.array([output.component(every[:, [k]], frames)[0] for k in range(size)])[None]
+
+
+def _axes(output: OfConnection, frames: Frames) -> list[np.ndarray]:
+    return list(_chosen(output, frames))
+
+
+def _combination(
+    output: OfConnection, axis: np.ndarray, shares: np.ndarray, sharing: Sequence[str], frames: Frames,
+    mechanism: Mechanism,
+) -> str:  # fmt: skip
+    """Return a combination of the same component of other joints that is determined, in words; empty if none is."""
+    own = axis @ _map_of(output, frames, mechanism)
+    others = {}
+    for connection in mechanism.connections:
+        if connection.name in sharing and connection.name != output.connection.name:
+            first = _first_row(mechanism, connection.name)
+            rows = np.arange(first, first + len(connection.held))
+            other = OfConnection(output.name, rows, output.nodes, False, output.entry, output.space, connection, ())
+            others[connection.name] = axis @ _map_of(other, frames, mechanism)
+    for n in range(1, len(others) + 1):
+        for chosen in combinations(others, n):
+            matrix = np.array([others[name] for name in chosen]) @ shares
+            factors = np.linalg.lstsq(matrix.T, -(own @ shares), rcond=None)[0]
+            if np.abs(own @ shares + factors @ matrix).max() < UNDETERMINED * max(1.0, np.abs(factors).max()):
+                return " ".join([output.connection.name, *map(_term, factors, chosen)])
+    return ""
+
+
+def _term(factor: float, name: str) -> str:
+    size = "" if abs(abs(factor) - 1.0) < UNDETERMINED else f"{abs(factor):.4g} "
+    return f"{'-' if factor < 0.0 else '+'} {size}{name}"
+
+
+def _refuse(output: ForceOutput, joint: str, sharing: Sequence[str], combination: str) -> None:
+    together = ", ".join(sharing)
+    determined = f"; that of {combination} is" if combination else ""
+    raise InputError(
+        f"outputs.{output.name}.joint: constraints of {together} hold the same, so that how much each carries is not "
+        f"determined{determined}. Let a body between them be flexible or a joint elastic, take joints that hold less, "
+        "or another component"
+    )

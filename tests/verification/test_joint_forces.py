@@ -1,0 +1,275 @@
+"""Forces in joints against Newton's law, statics and balances of energy; what is not determined is refused."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_trapezoid, solve_ivp
+
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.scene import Scene, scene_from_toml
+from runs import full_model, motion
+from scenes import HEADER, four_bar, slider_crank, tables
+
+GRAVITY = 9.80665
+FORCE, MOMENT = ('outputs.{0}={{type="joint_%s", joint="{1}"{2}}}' % kind for kind in ("force", "torque"))
+
+
+def outputs(joint: str, kind: str = FORCE, **components: str) -> tuple[str, ...]:
+    """Return overrides of outputs of a joint, by their names and entries."""
+    return tuple(kind.format(name, joint, entries and f", {entries}") for name, entries in components.items())
+
+
+def along(*axes: str, more: str = "") -> dict[str, str]:
+    """Return the entries of components, by their names."""
+    return {axis: f'component="{axis}"{more}' for axis in axes}
+
+
+def held(coordinate: str, at: float = 0.0) -> str:
+    return f'effects.hold={{type="prescribed_motion", coordinate="{coordinate}", table=[[0.0, {at}], [1.0, {at}]]}}'
+
+
+STILL = ("initial.equilibrium=true", "simulation.duration=0.01", "simulation.step=1e-3")
+PENDULUM = HEADER + tables("""
+bodies.arm: rigid = { mass = 2.0, centre = [0.4, 0.0], inertia = 0.05, points = { hinge = [0.0, 0.0] } }
+joints.hinge: type = "revolute"; connect = ["ground:origin", "arm:hinge"]
+coordinates.phi: joint = "hinge"; range = [-3.2, 3.2]
+effects.weight: type = "gravity"
+simulation: duration = 1.0; step = 1e-3
+simulation.initial.phi: position = 0.3; velocity = 2.0
+""")
+
+
+@pytest.mark.parametrize("radius", [0.8, 1.0])
+def test_a_pendulum_to_second_order_from_the_first_step_on(radius: float) -> None:
+    """``m a - m g`` of a solution by scipy, in the ground's axes and the body's, on both bodies."""
+    mass, arm, inertia = 2.0, 0.4, 0.05
+    wanted = outputs(
+        "hinge", **along("x", "y"), size='component="magnitude"', first='component="y", of="first"',
+        body='component="y", frame="body"',
+    )  # fmt: skip
+
+    def swing(_: float, y: np.ndarray) -> list[float]:
+        return [y[1], -mass * GRAVITY * arm * np.cos(y[0]) / (inertia + mass * arm**2)]
+
+    errors = []
+    for step in (4e-3, 2e-3, 1e-3):
+        settings = (f"simulation.step={step}", f"simulation.spectral_radius={radius}")
+        run = motion("full", scene_from_toml(PENDULUM, ".", (*wanted, *settings)))
+        found = solve_ivp(swing, (0.0, 1.0), [0.3, 2.0], t_eval=run.time, rtol=1e-11, atol=1e-12).y
+        (angle, speed), (_, turning) = found, swing(0.0, found)
+        away = np.array([np.cos(angle), np.sin(angle)])
+        x, y = mass * arm * (turning * np.array([-away[1], away[0]]) - speed**2 * away) + [[0.0], [mass * GRAVITY]]
+        exact = {"x": x, "y": y, "size": np.hypot(x, y), "first": -y, "body": -x * away[1] + y * away[0]}
+        errors.append([np.abs(run.outputs[name] - values).max() for name, values in exact.items()])
+    first, second, third = np.array(errors)
+    assert (third < 2e-4 * 30.0).all(), third  # 30 N is the largest force
+    np.testing.assert_allclose([first / second, second / third], 4.0, rtol=0.1)
+
+
+FLYWHEEL = HEADER + tables(
+    """
+bodies.wheel: rigid = { mass = 3.0, centre = [0.2, 0.01, 0.0], inertia = [0.02, 0.03, 0.03, 0.0, 0.0, 0.0];
+    points = { hub = [0.0, 0.0, 0.0] } }
+joints.bearing: type = "revolute"; connect = ["ground:origin", "wheel:hub"]; axis = [1.0, 0.0, 0.0]
+coordinates.phi: joint = "bearing"; range = [0.0, 6.283185307179586]; periodic = true
+effects.drive: type = "prescribed_motion"; coordinate = "phi"; constant_speed = { speed = 30.0 }
+effects.weight: type = "gravity"; direction = [0.0, -1.0, 0.0]
+simulation: duration = 0.3; step = 2.5e-4
+outputs.drive: type = "drive_torque"; joint = "bearing"
+outputs.power: type = "power"; coordinate = "phi"
+""".replace("0.0];\n    points", "0.0], points")
+)
+
+
+def test_a_flywheel_out_of_balance_in_space() -> None:
+    """It turns at a constant speed: its centre of mass has the acceleration ``e W^2``, and nothing turns about it."""
+    mass, e, b, speed = 3.0, 0.01, 0.2, 30.0
+    wanted = outputs("bearing", **along("radial", "axial"), y='component="y"', body='component="y", frame="body"')
+    moments = outputs("bearing", MOMENT, moment="", mz='component="z", frame="body"')
+    run = motion("full", scene_from_toml(FLYWHEEL, ".", (*wanted, *moments)))
+    cos, sin, zero = np.cos(speed * run.time), np.sin(speed * run.time), 0.0 * run.time
+    force = np.array([zero, mass * (GRAVITY - e * speed**2 * cos), -mass * e * speed**2 * sin])
+    moment = np.cross([b + zero, e * cos, e * sin], force, axis=0)  # about the bearing
+    torque = -moment[0]  # of all that acts about the axis, which is in balance
+    exact = {
+        "radial": np.hypot(force[1], force[2]), "axial": zero, "y": force[1], "body": force[1] * cos + force[2] * sin,
+        "moment": np.hypot(moment[1], moment[2]), "mz": moment[2] * cos - moment[1] * sin,
+        "drive": -torque, "power": -torque * speed,
+    }  # fmt: skip
+    for name, values in exact.items():
+        # second order in W h = 0.0075, of 56 N
+        np.testing.assert_allclose(run.outputs[name], values, rtol=0, atol=8e-4, err_msg=name)
+    assert [run.units[name] for name in ("y", "moment", "drive", "power")] == ["N", "N m", "N m", "W"]
+
+
+BEAM = HEADER + tables("""
+bodies.arm: mesh = "0.0:1.0:10"; element = "beam2d"; material = "steel"; section = { shape = "circle", radius = 2e-2 }
+joints.hinge: type = "revolute"; connect = ["ground:origin", "arm:hinge"]
+coordinates.phi: joint = "hinge"; range = [-3.2, 3.2]
+effects.weight: type = "gravity"
+outputs.drive: type = "drive_torque"; joint = "hinge"
+""")
+
+
+@pytest.mark.parametrize("kind", ["full", "components"])
+def test_statics_of_a_beam_and_of_a_truss(kind: str) -> None:
+    """A beam that is held level, and a crank that holds a rod, which a force pushes: a truss of two bars."""
+    weight = 7800.0 * np.pi * 2e-2**2 * GRAVITY
+    found = motion(
+        kind, scene_from_toml(BEAM, ".", (held("phi"), *STILL, *outputs("hinge", **along("x", "y"))))
+    ).outputs
+    for name, exact in {"x": 0.0, "y": weight, "drive": 0.5 * weight}.items():
+        # the sag of 0.2 mm moves the centre of mass back by 1e-7 of the length
+        np.testing.assert_allclose(found[name], exact, rtol=0, atol=2e-7 * weight, err_msg=name)
+    angle, crank, rod, push = 0.7, 0.3, 0.7, 5e-3  # of N: bars that hardly bend
+    scene = slider_crank(
+        held("theta", angle).replace("hold", "motor"),
+        f'effects.push={{type="force", point="rod:tip", direction=[1.0, 0.0], table=[[0.0, {-push}], [1.0, {-push}]]}}',
+        *STILL, *outputs("elbow", **along("x", "y")), *outputs("slider", normal='component="y"'),
+        'outputs.drive={type="drive_torque", coordinate="theta"}',
+    )  # fmt: skip
+    tilt = np.arcsin(crank * np.sin(angle) / rod)
+    moved = -crank * np.sin(angle) * (1.0 + crank * np.cos(angle) / (rod * np.cos(tilt)))  # dx / dtheta
+    exact = {"x": push, "y": -push * np.tan(tilt), "normal": push * np.tan(tilt), "drive": push * moved}
+    for name, value in exact.items():
+        np.testing.assert_allclose(motion(kind, scene).outputs[name], value, rtol=0, atol=2e-6 * push, err_msg=name)
+
+
+GEARS = HEADER + tables("""
+ground.points: right = [0.5, 0.0]
+bodies.input: rigid = { mass = 1.0, centre = [0.0, 0.0], inertia = 0.02, points = { hub = [0.0, 0.0] } }
+bodies.output: rigid = { mass = 2.0, centre = [0.0, 0.0], inertia = 0.3, points = { hub = [0.0, 0.0] } };
+    placement = { origin = [0.5, 0.0] }
+joints.first: type = "revolute"; connect = ["ground:origin", "input:hub"]
+joints.second: type = "revolute"; connect = ["ground:right", "output:hub"]
+joints.mesh: type = "gear"; joints = ["first", "second"]; ratio = -0.25
+coordinates.phi: joint = "first"; range = [-1.0, 6.0]
+effects.motor: type = "torque"; joint = "first"; table = [[0.0, 2.0], [1.0, 2.0]]
+effects.load: type = "torque"; joint = "second"; table = [[0.0, 1.0], [1.0, 1.0]]
+simulation: duration = 0.2; step = 1e-3
+""")
+
+
+@pytest.mark.parametrize("elastic", [False, True])
+def test_torques_of_a_gear(elastic: bool) -> None:
+    """The equations of two wheels with the ratio -1/4; an elastic gear vibrates about them until it is damped."""
+    of = {name: f'component="axial", of="{name}"' for name in ("first", "second")}
+    give = ("joints.mesh.elastic={ stiffness = 1e5, damping = 20.0 }",) if elastic else ()
+    found = motion("full", scene_from_toml(GEARS, ".", (*outputs("mesh", MOMENT, **of), *give))).outputs
+    spin = (2.0 - 0.25) / (0.02 + 0.3 / 16.0)
+    second = -0.25 * 0.3 * spin - 1.0
+    for name, exact in {"second": second, "first": 0.25 * second}.items():
+        np.testing.assert_allclose(found[name][-1 if elastic else slice(None)], exact, rtol=1e-5 if elastic else 1e-11)
+
+
+def test_an_elastic_joint_has_the_force_of_its_springs() -> None:
+    """A mount that is rigid along x and gives way otherwise, with parameters; it carries two bodies at rest."""
+    scene = scene_from_toml(
+        PENDULUM, ".",
+        ("bodies.base.rigid={ mass = 4.0, centre = [0.0, 0.0], inertia = 0.1, points = { foot = [0.0, 0.0] } }",
+         'parameters.k={ nominal = 2e4, unit = "N/m" }', 'joints.hinge.connect=["base:foot", "arm:hinge"]',
+         'joints.mount={ type = "fixed", connect = ["ground:origin", "base:foot"], elastic = { '
+         'reference = [[1.0, 0.0]], stiffness = [inf, "k"], damping = [0.0, 400.0], turning_stiffness = [500.0], turning_damping = [5.0] } }',
+         "simulation.initial={}", held("phi"), *STILL, *outputs("mount", **along("x", "y")),
+         *outputs("mount", MOMENT, moment='component="z"')),
+    )  # fmt: skip
+    found, turned = motion("full", scene).outputs, 0.0
+    for _ in range(20):
+        turned = -2.0 * GRAVITY * 0.4 * np.cos(turned) / 500.0
+    for name, exact in {"x": 0.0, "y": 6.0 * GRAVITY, "moment": -500.0 * turned}.items():
+        np.testing.assert_allclose(found[name], exact, rtol=0, atol=1e-7, err_msg=name)
+
+
+RIGID = "bodies.{0}.rigid={{mass=1.0, centre=[{1}, 0.0, 0.0], inertia=[0.01, 0.05, 0.05, 0.0, 0.0, 0.0], points={2}}}"
+
+
+def four_bar_in_space(*overrides: str) -> Scene:
+    """Return a rigid four-bar in the plane z = 0 of space, whose parallel axes hold more than is needed."""
+    text = HEADER + tables("""
+ground.points: pivot = [1.0, 0.0, 0.0]
+coordinates.theta: joint = "crank_hinge"; range = [0.0, 6.283185307179586]; periodic = true
+effects.drive: type = "prescribed_motion"; coordinate = "theta"; spin_up = { speed = 10.0, time = 0.2 }
+simulation: duration = 0.5; step = 1e-3
+outputs.power: type = "power"; joint = "crank_hinge"
+""")
+    bodies = {"crank": (0.3, 0.0, 0.0), "coupler": (0.9, 0.3, 0.8), "rocker": (0.7, 1.0, 1.5)}
+    joints = {"crank_hinge": ("ground:origin", "crank:hinge"), "elbow": ("crank:tip", "coupler:hinge"),
+              "knee": ("coupler:tip", "rocker:tip"), "rocker_hinge": ("ground:pivot", "rocker:hinge")}  # fmt: skip
+    made = []
+    for name, (length, x, angle) in bodies.items():
+        made.append(RIGID.format(name, length / 2, f"{{ hinge = [0.0, 0.0, 0.0], tip = [{length}, 0.0, 0.0] }}"))
+        made.append(f"bodies.{name}.placement={{ origin = [{x}, 0.0, 0.0], rotation = [0.0, 0.0, {angle}] }}")
+    for name, points in joints.items():
+        made.append(
+            f'joints.{name}={{ type="revolute", connect={list(points)}, axis=[0.0, 0.0, 1.0] }}'.replace("'", '"')
+        )
+    return scene_from_toml(text, ".", (*made, *overrides))
+
+
+def test_what_redundant_joints_determine_and_the_work_of_a_drive() -> None:
+    """In the plane the forces are determined, and equal to those of a planar mechanism; across it their differences."""
+    run = motion("full", four_bar_in_space(*outputs("elbow", **along("x", "y", "radial"))))
+    np.testing.assert_allclose(np.hypot(run.outputs["x"], run.outputs["y"]), run.outputs["radial"], rtol=1e-12)
+    work, gained = cumulative_trapezoid(run.outputs["power"], run.time), run.balance.kinetic - run.balance.kinetic[0]
+    np.testing.assert_allclose(work, gained[1:], rtol=0, atol=2e-4 * gained.max())  # of second order in the step
+    for entries in ('component="z"', 'component="axial"', ""):
+        with pytest.raises(InputError, match=r"outputs.bad.joint: .*crank_hinge, elbow, .*that of elbow - crank_hinge"):
+            full_model(four_bar_in_space(*outputs("elbow", bad=entries)))
+    with pytest.raises(InputError, match="outputs.bad.joint: constraints of crank_hinge, elbow, knee, rocker_hinge"):
+        full_model(four_bar_in_space(*outputs("elbow", MOMENT, bad='component="x"')))
+    twice = outputs("twin", bad="", good='component="x"')
+    with pytest.raises(InputError, match="outputs.bad.joint: constraints of elbow, twin .*that of twin . elbow"):
+        full_model(four_bar('joints.twin={type="revolute", connect=["crank:tip", "coupler:hinge"]}', *twice))
+
+
+@pytest.mark.parametrize(
+    ("scene", "override", "message"),
+    [
+        (four_bar, outputs("elbw", bad="")[0], r"outputs.bad.joint = .elbw.: there is no such joint; .*elbow"),
+        (four_bar, outputs("elbow", **along("z"))[0], "outputs.z.component = .z.: a force in the plane has x and y"),
+        (four_bar, outputs("elbow", **along("axial"))[0], "outputs.axial.component = .axial.: elbow is revolute"),
+        (four_bar, outputs("elbow", MOMENT, **along("x"))[0], "outputs.x.component = .x.: a moment in the plane"),
+        (four_bar, outputs("elbow", MOMENT, bad="")[0], "outputs.bad.joint = .elbow.: .*holds no turning"),
+        (four_bar, 'outputs.bad={type="power", joint="elbow"}', "outputs.bad.joint = .elbow.: no prescribed motion"),
+        (four_bar, 'outputs.bad={type="power", coordinate="theta"}', "outputs.bad.coordinate = .theta.: no prescribed"),
+        (four_bar, 'outputs.bad={type="power", coordinate="thta"}', "outputs.bad.coordinate = .thta.: there is no"),
+        (four_bar, 'outputs.bad={type="power", joint="elbw"}', "outputs.bad.joint = .elbw.: there is no such joint"),
+        (four_bar, 'outputs.bad={type="power"}', "outputs.bad.joint: "),
+        (four_bar_in_space, 'outputs.bad={type="power", joint="elbow"}', "no prescribed motion moves it; one moves th"),
+        (lambda *o: scene_from_toml(GEARS, ".", o), outputs("mesh", **along("axial"))[0], "axial.of = .*torque"),
+        (lambda *o: scene_from_toml(GEARS, ".", o), outputs("mesh", MOMENT, **along("z"))[0], "mesh is gear"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(scene: Callable[..., Scene], override: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        full_model(scene(override))
+
+
+DISTRIBUTED = """
+import numpy as np
+from mpi4py import MPI
+from pgmp_petsc.studies.simulate import FullRecord
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from runs import full_model, motion
+from scenes import slider_crank
+
+scene = slider_crank(
+    "simulation.duration=0.02", "simulation.initial.theta.velocity=20.0",
+    'outputs.x={type="joint_force", joint="elbow", component="x"}',
+    'outputs.normal={type="joint_force", joint="slider", component="radial"}',
+)
+model = full_model(scene)
+with model.distributed(scene.values, MPI.COMM_WORLD) as system:
+    record = FullRecord(model, system, model.fields(), ())
+    integrate(system, scene.simulation, observer=record.observe)
+    found = model.outputs.evaluate(record.outputs())
+if MPI.COMM_WORLD.rank == 0:
+    expected = motion(model).outputs
+    print(max(np.abs(found[name] - expected[name]).max() / np.abs(expected[name]).max() for name in found))
+"""
+
+
+def test_ranks_that_share_a_sample_have_the_same_forces(mpirun: Callable) -> None:
+    found = float(mpirun(3, "-c", DISTRIBUTED).stdout)
+    assert found < 1e-4  # of 20 N: Newton's tolerance of 1e-12 m times EA / L = 3.4e8 N/m
