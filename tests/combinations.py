@@ -92,6 +92,11 @@ FEATURES = {
     "base motion": (
         'effects.x={{type="base_motion",direction={down},harmonic={{amplitude=1.0,frequency_hz=3.0}},scale="strength"}}',
     ),  # fmt: skip
+    "absolute output": (
+        'effects.x={{type="base_motion",direction={down},harmonic={{amplitude=1.0,frequency_hz=3.0}},scale="strength"}}',
+        'outputs.x={{type="position",point="{last}:tip",axis="y",absolute=true}}',
+        'outputs.y={{type="speed",point="{last}:tip",axis="y",absolute=true}}',
+    ),  # fmt: skip
     "point mass": ('effects.x={{type="point_mass",point="{first}:tip",mass=0.1,inertia=1e-4}}',),
     "damping in a joint": ('effects.x={{type="joint_damping",joint="{drive}",coefficient="strength"}}',),
     "friction": ('effects.x={{type="joint_friction",joint="{drive}",limit=0.1,speed=0.1}}',),

@@ -37,14 +37,15 @@ class ToRoundOff:
 def outputs_of(model: ReducedModel, values: dict[str, float]) -> dict[str, np.ndarray]:
     """Return the outputs of a run, each of shape (n_t,)."""
     system = model.batch({name: np.array([value]) for name, value in values.items()}, 1)
-    rows = []
+    times, rows = [], []
 
     def keep(number: int, time: float, state: State) -> None:
-        rows.append((state.q[0].copy(), state.v[0].copy()))
+        times.append(time)
+        rows.append((state.q[0].copy(), state.v[0].copy(), state.a[0].copy()))
 
     integrate(ToRoundOff(system), model.scene.simulation, observer=keep)
-    eta, v = np.array(rows).swapaxes(0, 1)
-    return model.outputs.evaluate(model.observed_of(eta, values, v))
+    states = State(*np.array(rows).swapaxes(0, 1), np.zeros(0))
+    return model.outputs.evaluate(model.observed_of(np.array(times), states, values))
 
 
 def differences(model: ReducedModel, name: str, share: float) -> dict[str, np.ndarray]:

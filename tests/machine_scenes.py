@@ -111,4 +111,5 @@ EVERYTHING = (
     'effects.push={type="force",joint="rail",table=[[0.0,0.0],[0.1,8.0]]}',
     'effects.rub={type="joint_friction",joint="rail",motion="sliding",limit=0.1,speed=0.1}',
     "parameters.drag={nominal=0.01}",
+    'outputs.place={type="position",point="pole:tip",axis="x",absolute=true}',
 )

@@ -190,6 +190,11 @@ def run_model(
     return system, integrate(system, model.scene.simulation, alive)
 
 
+def still(eta: np.ndarray) -> State:
+    """Return states of reduced coordinates (n, n_eta) at rest."""
+    return State(eta, np.zeros_like(eta), np.zeros_like(eta), np.zeros(0))
+
+
 def history(
     model: Model, values: Mapping[str, np.ndarray], n: int, every: int = 1
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -209,8 +214,8 @@ def history(
     integrate(system, model.scene.simulation, observer=observer)
     if reduced:
         each = {name: np.tile(np.broadcast_to(value, n), len(times)) for name, value in system.values.items()}
-        q, v = (np.concatenate([getattr(state, name) for state in kept]) for name in "qv")
-        observed = model.observed_of(q, each, v)
+        states = State(*(np.concatenate([getattr(state, name) for state in kept]) for name in "qva"), np.zeros(0))
+        observed = model.observed_of(np.repeat(times, n), states, each)
     elif alone:
         observed = model.observed_over(system, kept, system.frames_over(kept), times)
     else:

@@ -4,6 +4,8 @@ import ast
 import re
 import subprocess
 import sys
+from functools import cache
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -41,14 +43,23 @@ NEEDS = {
 WITHOUT_PETSC = ("scene", "mesh", "figures", "report", "results", "declare", "texts")
 
 
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def run_of(path: Path) -> list[ast.stmt]:
+    """Return a module's statements but for those for types only."""
+    return [
+        node for node in tree_of(path).body if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test))
+    ]
+
+
+@cache
 def imports_of(path: Path, for_types: bool = True) -> set[str]:
     """Return the modules that a file imports anywhere, also within functions and (unless told) for types only."""
-    found, tree = set(), ast.parse(path.read_text(encoding="utf-8"))
-    if not for_types:
-        tree.body = [
-            node for node in tree.body if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test))
-        ]
-    for node in ast.walk(tree):
+    found, body = set(), tree_of(path).body if for_types else run_of(path)
+    for node in chain.from_iterable(map(ast.walk, body)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -104,7 +115,7 @@ def test_nobody_asks_bodies_for_their_kind() -> None:
         if path.parent.name == "kinds" or path.parent.parent.name == "bodies" or path.parent.name == "bodies":
             continue
         assert not any("bodies.kinds" in name for name in imports_of(path)), path
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "isinstance":
                 named = {one.id for one in ast.walk(node.args[1]) if isinstance(one, ast.Name)}
                 asked += [f"{path}:{node.lineno}"] if named & KINDS else []
@@ -163,12 +174,10 @@ def test_no_petsc_after_importing() -> None:
 def test_petsc_and_mpi_are_imported_where_they_are_used(package: str) -> None:
     """Within functions alone, so that every module can be imported in a Python without them."""
     for path in files(package):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        for statement in tree.body:
-            if not (isinstance(statement, ast.If) and "TYPE_CHECKING" in ast.dump(statement.test)):
-                names = {alias.name for alias in getattr(statement, "names", ())} | {getattr(statement, "module", "")}
-                roots = {(name or "").split(".")[0] for name in names}
-                assert not roots & {"petsc4py", "slepc4py", "mpi4py"}, path
+        for statement in run_of(path):
+            names = {alias.name for alias in getattr(statement, "names", ())} | {getattr(statement, "module", "")}
+            roots = {(name or "").split(".")[0] for name in names}
+            assert not roots & {"petsc4py", "slepc4py", "mpi4py"}, path
 
 
 @pytest.mark.parametrize("path", files("cli"), ids=lambda path: path.stem)
@@ -199,8 +208,7 @@ def test_runs_of_a_reduced_model_import_nothing_that_builds_one(module: str) -> 
 def test_no_communicator_and_no_petsc_start_at_import() -> None:
     """Importing everything but the commands starts neither MPI's world nor PETSc with somebody's arguments."""
     for path in PACKAGE.rglob("*.py"):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        for statement in tree.body:
+        for statement in tree_of(path).body:
             if isinstance(statement, (ast.FunctionDef, ast.ClassDef)):
                 continue
             names = {node.attr for node in ast.walk(statement) if isinstance(node, ast.Attribute)}

@@ -3,6 +3,7 @@
 import ast
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,11 @@ SWITCHES = (
     "tests/parallel/test_ensemble.py",
     "tests/scene/test_scene_errors.py", "tests/estimates/test_validity.py", "tests/verification/test_starting_jump.py",
 )  # fmt: skip
+
+
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
 
 
 def repeated(names: list[str]) -> list[str]:
@@ -63,7 +69,7 @@ def short_limits(tree: ast.AST) -> Iterator[str]:
 
 @pytest.mark.parametrize("find", [lost_cases, unseeded, short_limits])
 def test_every_module_of_the_suite(find: Callable[[ast.AST], Iterator[str]]) -> None:
-    found = {str(path.relative_to(ROOT)): list(find(ast.parse(path.read_text()))) for path in MODULES}
+    found = {str(path.relative_to(ROOT)): list(find(tree_of(path))) for path in MODULES}
     assert {name: lines for name, lines in found.items() if lines} == {}
 
 

@@ -123,7 +123,7 @@ def run_history(
 
 def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> History:
     """Integrate a system and evaluate the outputs at the kept instants."""
-    every, kept, of_joints, n_samples = spacing(n_steps), [], [], system.n_samples
+    every, kept, times, of_joints, n_samples = spacing(n_steps), [], [], [], system.n_samples
     reduced, measures = isinstance(model, ReducedModel), _limited(model)
     nodes = sorted(set().union(*(angle.nodes for _, angle in measures)))
 
@@ -131,7 +131,8 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> His
         if step % every:
             return
         if reduced:  # what is observed of reduced samples is cheap only for many at once
-            kept.append(np.array([state.q, state.v]))
+            kept.append(np.array([state.q, state.v, state.a]))
+            times.append(time)
             return
         frames = system.frames(state)
         kept.append(model.observed_over(system, [state], frames, [time]))
@@ -140,8 +141,8 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> His
     run = integrate(system, with_steps(model.scene, n_steps).simulation, observer=record)
     if reduced:
         every_time = {name: np.tile(value, len(kept)) for name, value in system.values.items()}
-        eta, v = np.concatenate(kept, axis=1)
-        observed = model.observed_of(eta, every_time, v)
+        states = State(*np.concatenate(kept, axis=1), np.zeros(0))
+        observed = model.observed_of(np.repeat(times, n_samples), states, every_time)
         inside = np.ones(n_samples, dtype=bool)
     else:
         observed = np.concatenate(kept, axis=-1)

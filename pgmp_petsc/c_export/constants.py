@@ -20,13 +20,13 @@ from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.c_export.statements import (
     ActionInC,
-    Output,
+    OutputsInC,
     StatementInC,
     TermInC,
     action_in_c,
     closure_of,
     coordinates_of,
-    output_in_c,
+    outputs_in_c,
 )
 from pgmp_petsc.declare.ideas import OUTPUTS
 from pgmp_petsc.effects.time_function import Piece
@@ -107,7 +107,7 @@ class Constants:
     #: actions, action_slots: local effects, and the slots of their nodes
     actions: Sequence[ActionInC]
     action_slots: Sequence[int]
-    outputs: Mapping[str, Output]  # by name
+    outputs: OutputsInC
     #: output_units, strength_units, parameter_units: by name; empty where nothing says which
     output_units: Mapping[str, str]
     strength_units: Mapping[str, str]
@@ -149,7 +149,12 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     tables = _tables(model, nodes, places)
     _check_size(tables, what)
     first_edges = [0, *accumulate(len(action.law.edges) for action in actions)]
+    values = scene.values | {name: f"p[{k}]" for k, name in enumerate(tunable(scene))}
+    outputs = outputs_in_c(model.outputs, slots, values)
     counts = {
+        "N_READINGS": len(outputs.readings),
+        "N_BASES": len(outputs.courses),
+        "DEPTH": outputs.depth,
         "N_LOADS": len(loads),
         "N_STRENGTHS": len(over_time),
         "N_NODES": len(nodes),
@@ -188,7 +193,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
             for number, (action, edge) in enumerate(zip(actions, first_edges))
         ],
         action_slots=[slots[node] for node in held],
-        outputs={name: output_in_c(model, name, slots) for name in scene.outputs},
+        outputs=outputs,
         output_units=model.outputs.units,
         strength_units={name: _unit_of_strength(name, scene) for name in over_time},
         parameter_units={name: _unit_of(name, scene) for name in tunable(scene)},
@@ -306,7 +311,6 @@ def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, i
         "N_LOAD_TERMS": len(terms.tables.load_weights),
         "N_PARAMETERS": len(tunable(model.scene)),
         "N_OUTPUTS": len(model.scene.outputs),
-        "READS_RATES": int(model.outputs.n_rates > 0),
         "N_SHAPES": tables["shapes_table"].shape[2],
         "N_BODIES": tables["branch_table"].shape[2],
         "N_BRANCH_PARTS": len(tables["branch_table"]),

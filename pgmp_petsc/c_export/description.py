@@ -72,8 +72,7 @@ def variables_of(constants: Constants) -> list[Variable]:
         about = "whether the strength is the scene's over time, and the input is not looked at"
         follows = f"effects.{quoted(f'{name}_follows_scene')}"
         found.append(Variable(follows, FOLLOWS + k, BOOLEAN, "parameter", "tunable", about, "true"))
-    for k, name in enumerate(constants.outputs):
-        unit = constants.output_units[name]
+    for k, (name, unit) in enumerate(constants.output_units.items()):
         found.append(
             Variable(f"outputs.{quoted(name)}", OUTPUTS + k, REAL, "output", "continuous", f"in {unit}", unit=unit)
         )

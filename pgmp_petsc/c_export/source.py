@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib.resources import files
 from itertools import accumulate
 from pathlib import Path
@@ -12,9 +12,8 @@ import numpy as np
 
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.c_export.constants import Along, Constants
-from pgmp_petsc.c_export.statements import ActionInC, Output, PartInC, Side, StatementInC, TermInC
+from pgmp_petsc.c_export.statements import ActionInC, PartInC, ReadingInC, Side, StatementInC, TermInC, monomial_in_c
 from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.files.claims import check_output, locked, replacing
 from pgmp_petsc.mechanism import statements
@@ -22,6 +21,7 @@ from pgmp_petsc.mechanism.statements import KINDS
 from pgmp_petsc.reduced import lagrangian_terms
 
 PARTS = ("steps", "interpolation", "lagrangian", "solution", "statements", "actions", "kinematics", "outputs")
+OLDER = "model.c"  # what `steps.c` was called
 COMPILED = (*(f"{part}.c" for part in PARTS), "tables.c")  # with tables.c, what every model in C is made of
 PRINTED = {"lagrangian": lagrangian_terms, "statements": statements}
 COMMON = ("model.h", "tables.h", *(f"{part}.c" for part in PARTS if part not in PRINTED), "main.c")
@@ -68,6 +68,8 @@ def write_sources(constants: Constants, folder: str | Path) -> int:
                     partial.write_text(text, encoding="utf-8")
                 except UnicodeError as error:
                     raise RunError(f"output file '{folder / name}' could not be written: {error}") from error
+        if (folder / OLDER).exists():  # `cc *.c` would link all that is in it twice
+            check_output(folder / OLDER, "code").unlink()
     return sum(len(text.encode()) for text in texts.values())
 
 
@@ -123,7 +125,7 @@ def _tables(constants: Constants) -> str:
     parts += [
         _strings("pgmp_parameter_names", names),
         _strings("pgmp_strength_names", constants.strengths),
-        _strings("pgmp_output_names", constants.outputs),
+        _strings("pgmp_output_names", constants.output_units),
         _listed("const int pgmp_prescribed[N]", (str(int(given)) for given in constants.prescribed)),
         _listed("const double parameter_values[]", map(_number, constants.parameters.values())),
         _listed("const double parameter_lower[]", map(_number, lower)),
@@ -133,15 +135,16 @@ def _tables(constants: Constants) -> str:
         _listed("const int strength_of_load[]", map(str, constants.strength_of_load)),
         _listed("const int node_bodies[]", map(str, constants.node_bodies)),
         _listed("const int action_nodes[]", map(str, constants.action_slots)),
-        _pieces([*constants.strengths.values(), *constants.motions]),
+        _pieces([*constants.strengths.values(), *constants.motions, *constants.outputs.courses]),
         _listed("const struct statement coordinates[R]", map(_statement, constants.coordinates)),
         _listed("const struct term closure[]", terms[: len(constants.closure)], "{0}"),
         _listed("const struct spline_piece spline_pieces[]", _spline_pieces(every), "{0}"),
-        _listed("const struct output outputs[]", map(_output, constants.outputs.values()), "{0}"),
+        _listed("const struct reading readings[]", map(_reading, constants.outputs.readings), "{0}"),
         *dict.fromkeys(action.law.code.C for action in constants.actions),
         _listed("const struct action actions[]", map(_action, constants.actions, [0, *lasts]), "{0}"),
         _listed("const struct part action_parts[]", map(_part, measured, terms[len(constants.closure) :]), "{0}"),
         _weigh(constants),
+        _combine(constants),
     ]
     return HEAD + "\n".join(parts)
 
@@ -168,7 +171,7 @@ def _pieces(functions: Sequence[Sequence[Piece]]) -> str:
     firsts, rows = [0], []
     for pieces in functions:
         for piece in pieces:
-            cubic = _numbers((*piece.cubic, 0.0, 0.0, 0.0, 0.0)[:4])
+            cubic = _numbers((*piece.cubic, *(0.0,) * 5)[:5])
             begin, origin = (_number(float(time)) for time in (piece.begin, piece.origin))
             rows.append(f"{{{begin}, {origin}, {cubic}, {_numbers(piece.wave)}}}")
         firsts.append(len(rows))
@@ -206,9 +209,16 @@ def _spline_pieces(terms: Sequence[TermInC]) -> Iterator[str]:
             yield f"{{{_number(float(begin))}, {_number(float(end))}, {_numbers(map(float, cubic))}}}"
 
 
-def _output(output: Output) -> str:
-    where = f"{output.kind}, {output.axis}, {int(output.in_body)}, {int(output.rate)}, {_number(output.origin)}"
-    return f"{{{where}, {_statement(output.statement)}}}"
+def _reading(reading: ReadingInC) -> str:
+    where = f"{reading.kind}, {reading.axis}, {int(reading.in_body)}, {_number(reading.origin)}"
+    return f"{{{where}, {_statement(reading.statement)}}}"
+
+
+def _combine(constants: Constants) -> str:
+    """Return the function that makes outputs of readings."""
+    head = "void combine(double time, const double *p, double (*bases)[3], double (*readings)[3], double outputs[]) {"
+    unused = "(void)time, (void)p, (void)bases, (void)readings, (void)outputs;"
+    return "\n    ".join([head, unused, constants.outputs.combined]) + "\n}\n"
 
 
 def _action(action: ActionInC, first: int) -> str:
@@ -223,20 +233,14 @@ def _part(part: PartInC, term: str) -> str:
 
 def _weigh(constants: Constants) -> str:
     """Return the function that evaluates the monomials."""
-    numbers = {name: k for k, name in enumerate(constants.parameters)}
+    numbers = {name: f"p[{k}]" for k, name in enumerate(constants.parameters)}
     lines = ["void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW], double *given) {"]
     lines.append("    (void)p, (void)terms, (void)loads, (void)laws, (void)given;")
     weights = {"terms": constants.weights, "loads": constants.load_weights, "given": constants.given}
     for into, monomials in weights.items():
-        lines += [f"    {into}[{k}] = {_monomial(weight, numbers)};" for k, weight in enumerate(monomials)]
+        lines += [f"    {into}[{k}] = {monomial_in_c(weight, numbers)};" for k, weight in enumerate(monomials)]
     for k, law in enumerate(constants.laws):
         for i, quantity in enumerate(law):
-            value = f"{_number(float(quantity.coefficient))} * {_monomial(quantity.monomial, numbers)}"
+            value = f"{_number(float(quantity.coefficient))} * {monomial_in_c(quantity.monomial, numbers)}"
             lines.append(f"    laws[{k}][{i}] = {value};")
     return "\n".join([*lines, "}", ""])
-
-
-def _monomial(monomial: Monomial, numbers: Mapping[str, int]) -> str:
-    """Return a product of powers in C."""
-    factors = [f"p[{numbers[name]}]" if e == 1 else f"pow(p[{numbers[name]}], {e})" for name, e in monomial.powers]
-    return " * ".join(factors) or "1.0"

@@ -7,14 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.law import Law
+from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joint_turns import JointTurns
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statements import Function, Statement, distance
-from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.outputs.readings import Reading
+from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.outputs.readings import Absolute, AnyReading, Base, Rate, Reading
 
 
 @dataclass(frozen=True)
@@ -79,16 +81,67 @@ class ActionInC:
 
 
 @dataclass(frozen=True, eq=False)
-class Output:
-    """An output: kind, statement or point (side b), axis, whether that is one of the body, what counts as zero, and
-    whether it is the rate of all this."""
+class ReadingInC:
+    """A reading: kind, statement or point (side b), axis, whether that is one of the body, and what counts as zero."""
 
     kind: str
     statement: StatementInC
     axis: int = 0
     in_body: bool = False
     origin: float = 0.0
-    rate: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class OutputsInC:
+    """What outputs are made of."""
+
+    readings: Sequence[ReadingInC]
+    courses: Sequence[Sequence[Piece]]  # pieces over time of how far each base has gone
+    combined: str  # body of the function that makes outputs of readings
+    depth: int  # derivatives of readings that are read
+
+
+class Combiner:
+    """Writes what makes outputs of readings: arrays of a value, its rate and its acceleration.
+
+    Parameters
+    ----------
+    bases
+        Motions of the base.
+    values
+        Of the parameters: numbers, or what they are in C.
+    """
+
+    def __init__(self, bases: Sequence[Base], values: Mapping[str, str | float]) -> None:
+        self._bases, self._values = bases, values
+        self.readings: list[Reading] = []
+        self.lines: list[str] = []
+        self._names: dict[AnyReading, str] = {}
+
+    def of(self, reading: AnyReading) -> str:
+        """Return the array of a reading."""
+        if isinstance(reading, Rate):
+            return f"({self.of(reading.of)} + {reading.order})"
+        if reading not in self._names:
+            self._names[reading] = self._made(reading)
+        return self._names[reading]
+
+    def _made(self, reading: AnyReading) -> str:
+        name = f"y{len(self._names)}"
+        match reading:
+            case Reading():
+                self.readings.append(reading)
+                return f"readings[{len(self.readings) - 1}]"
+            case Absolute(of=place):
+                own = self.of(place)
+                parts = [own + "[j]"]
+                for k, (direction, factor, _) in enumerate(self._bases):
+                    share = float(direction[place.axis] * factor.coefficient)
+                    parts.append(f"{share!r} * {monomial_in_c(factor.monomial, self._values)} * bases[{k}][j]")
+                self.lines.append(f"double {name}[3];")
+                self.lines.append(f"for (int j = 0; j < 3; j++) {name}[j] = {' + '.join(parts)};")
+                return name
+        raise TypeError(type(reading).__name__)
 
 
 def coordinates_of(kinematics: RigidKinematics, slots: Mapping[int, int]) -> list[StatementInC]:
@@ -128,14 +181,28 @@ def action_in_c(
     return ActionInC(tuple(parts), action.law, strength, edge, action.role)
 
 
-def output_in_c(model: ReducedModel, name: str, slots: Mapping[int, int]) -> Output:
-    """Return an output; see `outputs.readings`."""
-    kinematics, reading = model.kinematics, model.outputs.functions[name]
+def outputs_in_c(outputs: OutputSet, slots: Mapping[int, int], values: Mapping[str, str | float]) -> OutputsInC:
+    """Return outputs; see `outputs.readings`."""
+    combiner = Combiner(outputs.bases, values)
+    made = [f"outputs[{k}] = {combiner.of(reading)}[0];" for k, reading in enumerate(outputs.functions.values())]
+    readings = [_reading_in_c(reading, slots) for reading in combiner.readings]
+    return OutputsInC(
+        readings, [base.course.pieces for base in outputs.bases], "\n    ".join([*combiner.lines, *made]), outputs.order
+    )
+
+
+def _reading_in_c(reading: Reading, slots: Mapping[int, int]) -> ReadingInC:
     a, b = (Side.of(reading.sides[k], slots) for k in (0, -1))
-    statement = reading.statement or distance(kinematics.mechanism.space.dimension)
+    statement = reading.statement or distance(reading.space.dimension)
     in_c = StatementInC(statement, a, b, _near(reading.turns))
-    return Output(reading.kind, in_c, reading.axis, reading.in_body, reading.origin, reading.rate)
+    return ReadingInC(reading.kind, in_c, reading.axis, reading.in_body, reading.origin)
 
 
 def _near(turns: JointTurns | None) -> tuple[float, ...]:
     return (0.0,) if turns is None else (turns.offset, *map(float, turns.slopes))
+
+
+def monomial_in_c(monomial: Monomial, values: Mapping[str, str | float]) -> str:
+    """Return a product of powers of parameters in C, whose values are numbers or what they are in C."""
+    factors = [f"{values[name]}" if e == 1 else f"pow({values[name]}, {e})" for name, e in monomial.powers]
+    return " * ".join(factors) or "1.0"

@@ -28,10 +28,15 @@ def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
     Raises `InputError` if an effect names a point that its body's mesh does not have.
     """
     named = [entry.forces(name, mechanism) for name, entry in scene.plain_effects.items() if entry.acts == "forces"]
-    named += [elastic_joint(c.name, scene, mechanism) for c in mechanism.connections if c.released]
-    named += [elastic_coupling(c, scene, mechanism) for c in mechanism.couplings if c.elastic]
+    named += springs_of_joints(scene, mechanism)
     held = scene.initial.equilibrium and scene.initial.coordinates == "held"
     return (*named, *(HoldingTorque(c) for c in mechanism.coordinates if held and not c.prescribed))
+
+
+def springs_of_joints(scene: Scene, mechanism: Mechanism) -> list[Effect]:
+    """Return the springs of elastic joints and couplings: what holds a mechanism together beside its constraints."""
+    joints = [elastic_joint(c.name, scene, mechanism) for c in mechanism.connections if c.released]
+    return [*joints, *(elastic_coupling(c, scene, mechanism) for c in mechanism.couplings if c.elastic)]
 
 
 def motions_of(scene: Scene, mechanism: Mechanism) -> dict[int, Motion]:

@@ -4,11 +4,15 @@ In the frame of the base every mass m has the force ``-m x''`` of the base's dis
 the acceleration ``-x''``; where bodies and points are, and their speeds, count from the base. A table of accelerations
 is linear between its rows and constant beyond them. One of displacements or velocities is a cubic spline at rest beyond
 its ends, whose derivatives are exact. The base may have any speed at the start: those of the bodies are against it.
+
+Absolute outputs add x(t) itself, which is integrated exactly: from a table of accelerations or velocities the base
+begins at time zero at x = 0, and at rest where accelerations are given; one of displacements is x. A harmonic of any of
+these is the harmonic base: its integrals have no constant, and a mean value begins as a table does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any, Literal, Self
 
@@ -17,7 +21,7 @@ from pydantic import Field, model_validator
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.loads import Weights
-from pgmp_petsc.effects.time_function import Piece, TimeFunction, amplitude_of
+from pgmp_petsc.effects.time_function import Course, Piece, TimeFunction, amplitude_of, derived, integrated
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import OverTime
@@ -81,15 +85,35 @@ class MovingBase(Weights):
 
 def acceleration_of(entry: BaseMotion) -> TimeFunction:
     """Return the acceleration of a base over time, m/s2; its scale is not in it."""
+    pieces = _given(entry)
+    for _ in range(GIVEN[entry.of][0]):
+        pieces = derived(pieces)
+    return TimeFunction(*pieces)
+
+
+def displacement_of(entry: BaseMotion) -> Course:
+    """Return how far a base has gone along its direction over time, m; its scale is not in it."""
+    pieces = _given(entry)
+    for _ in range(GIVEN[entry.of][0], 2):
+        pieces = integrated(pieces)
+    return Course(*pieces)
+
+
+def bases_of(scene: Scene) -> Iterator[tuple[BaseMotion, Course]]:
+    """Yield the motions of a scene's base, those whose values name parameters as several with a scale each."""
+    for entry in scene.plain_effects.values():
+        if isinstance(entry, BaseMotion):
+            yield entry, displacement_of(entry)
+
+
+def _given(entry: BaseMotion) -> Sequence[Piece]:
+    """Return the pieces of what is given."""
     order, _ = GIVEN[entry.of]
-    if order == 0:
-        return amplitude_of(entry)
-    if entry.harmonic is not None:
-        wave, rate = entry.harmonic, 2.0 * np.pi * entry.harmonic.frequency_hz
-        return TimeFunction(Piece(wave=(wave.amplitude * rate**order, rate, wave.phase + 0.5 * np.pi * order)))
+    if order == 0 or entry.harmonic is not None:
+        return amplitude_of(entry).pieces
     from scipy.interpolate import CubicSpline  # takes a noticeable time, and few bases move
 
     times, values = np.array(entry.table, dtype=float).T
-    spline = CubicSpline(times, values, bc_type="clamped").derivative(order)
+    spline = CubicSpline(times, values, bc_type="clamped")
     between = [Piece(start, start, tuple(c[::-1])) for (start, _), c in zip(pairwise(times), spline.c.T)]
-    return TimeFunction(Piece(cubic=(0.0,)), *between, Piece(times[-1], cubic=(0.0,)))
+    return [Piece(cubic=(values[0],)), *between, Piece(times[-1], times[-1], (values[-1],))]

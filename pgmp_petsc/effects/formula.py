@@ -30,7 +30,7 @@ from pgmp_petsc.effects.over_joint import led_over
 from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import OnJoint
+from pgmp_petsc.scene.effects import OnJoint, OverMotion
 from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Unit, exactly_one, refusal
 from pgmp_petsc.scene.references import over_problems
 from pgmp_petsc.scene.uses import Use
@@ -212,6 +212,7 @@ class FormulaEffect(OnJoint):
     over: str | None = Field(
         None, description="name of a joint that turns or slides: s and v are of that, in place of what it acts on"
     )
+    over_motion: OverMotion = None
     force: str = Field(
         description="formula of the torque (N m) or force (N) that makes s larger: s (rad or m), its rate v, the time "
         "t (s) and `constants`; + - * / **, comparisons (1 or 0), sin cos tan exp log sqrt abs tanh sign min max atan2 "
@@ -243,7 +244,7 @@ class FormulaEffect(OnJoint):
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if there is no such joint as its s is of."""
-        yield from over_problems(scene, f"effects.{name}", self) if self.over is not None else ()
+        return over_problems(scene, f"effects.{name}", self)
 
     def uses(self, entry: str, turns: bool) -> Iterator[Use]:
         """Yield the constants, which may be of any unit."""

@@ -32,10 +32,10 @@ from pgmp_petsc.mechanism.joints import Connection
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.statements import along, distance, following
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import EffectEntry, OverTime
+from pgmp_petsc.scene.effects import EffectEntry, OverMotion, OverTime
 from pgmp_petsc.scene.fields import Direction, NumberOrParameter, Point, Unit, exactly_one, refusal
 from pgmp_petsc.scene.messages import problem
-from pgmp_petsc.scene.references import apart_problems, load_problems
+from pgmp_petsc.scene.references import apart_problems
 
 GROUND_ORIGIN = "ground:origin"
 OVER = (
@@ -53,10 +53,11 @@ class Torque(OverTime):
     strength_unit = "N m"
     joint: str = Field(description="name of a joint that turns")
     over: str | None = Field(None, description=OVER)
+    over_motion: OverMotion = None
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if steps do not resolve it, or its table does not fit a joint."""
-        return load_problems(scene, name, self) if self.over is None else load_over_problems(scene, name, self)
+        return load_over_problems(scene, name, self)
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:
         """Return the couples."""
@@ -80,6 +81,7 @@ class Force(OverTime):
     point: Point | None = Field(None, description='where it acts, "body:point"')
     joint: str | None = Field(None, description="in place of a point: name of a joint that slides")
     over: str | None = Field(None, description=OVER)
+    over_motion: OverMotion = None
     direction: Direction | None = Field(
         None, description="direction (x, y), in space (x, y, z); its length does not matter"
     )
@@ -103,7 +105,7 @@ class Force(OverTime):
         """Yield a line if the distance that it makes shorter cannot change, or steps do not resolve it."""
         if self.towards is not None:
             yield from apart_problems(scene, f"effects.{name}.towards", (self.point, self.towards))
-        yield from load_problems(scene, name, self) if self.over is None else load_over_problems(scene, name, self)
+        yield from load_over_problems(scene, name, self)
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:
         """Return the effect that fits the force's direction; see the module."""

@@ -24,8 +24,8 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import OverTime
 from pgmp_petsc.scene.messages import problem
-from pgmp_petsc.scene.references import over_problems
-from pgmp_petsc.scene.uses import motion_over
+from pgmp_petsc.scene.references import load_problems, over_problems
+from pgmp_petsc.scene.uses import motion_over, slides
 
 Rows = tuple[tuple[float, float | str], ...]
 TURN = 2.0 * math.pi
@@ -133,10 +133,13 @@ def table_law(rows: Rows, turns: int) -> TableLaw:
 
 
 def led_over(entry: Any, mechanism: Mechanism, action: Action) -> list[Action]:
-    """Return the action of an effect, behind the one that leads it if it is over another joint than it acts on."""
-    if entry.over in (None, entry.joint):
+    """Return the action of an effect, behind the one that leads it if it is over another motion than it acts on."""
+    if entry.over is None:
         return [action]
-    leading = measure_of(mechanism, entry.over, motion_over(mechanism.scene, entry))
+    motion = motion_over(mechanism.scene, entry)
+    if entry.over == entry.joint and (motion == "sliding") == slides(mechanism.scene, entry):
+        return [action]
+    leading = measure_of(mechanism, entry.over, motion)
     return [Action(action.effect, law=NOTHING, parameters=(), **leading), replace(action, led=True)]
 
 
@@ -150,10 +153,12 @@ def load_over_joint(
 
 
 def load_over_problems(scene: Scene, name: str, entry: OverTime) -> Iterator[str]:
-    """Yield a line for what does not fit a load over the motion of a joint."""
+    """Yield a line for what does not fit a load over time, or over the motion of a joint."""
     found = list(over_problems(scene, f"effects.{name}", entry))
     yield from found
-    if entry.table is None:
+    if entry.over is None:
+        yield from load_problems(scene, name, entry)
+    elif entry.table is None:
         yield problem(f"effects.{name}.over", "needs a table; a harmonic is over time", entry.over)
     elif not found and motion_over(scene, entry) == "turning" and turns_of(entry.table) is None:
         yield problem(f"effects.{name}.table", "is over a whole turn, and its ends differ; it has to close")

@@ -78,6 +78,63 @@ class TimeFunction:
         return float(6.0 * alone.cubics[piece, 3] - rate**3 * amplitude * np.cos(rate * time + phase))
 
 
+class Course:
+    """A function of time with its derivatives, of polynomials of any degree; see `TimeFunctions`.
+
+    Parameters
+    ----------
+    pieces
+        As of `TimeFunction`, with as many coefficients as there are.
+    """
+
+    def __init__(self, *pieces: Piece) -> None:
+        self.pieces = pieces
+        self._begins, self._origins = (np.array([getattr(p, key) for p in pieces]) for key in ("begin", "origin"))
+        self._cubics = np.zeros((max(len(p.cubic) for p in pieces), len(pieces)))
+        for column, p in zip(self._cubics.T, pieces):
+            column[: len(p.cubic)] = p.cubic
+        self._waves = np.array([p.wave for p in pieces]).T
+
+    def jet(self, time: np.ndarray) -> list[np.ndarray]:
+        """Return value, first and second derivative at times (n,), each (n,)."""
+        at = np.maximum(np.searchsorted(self._begins, time, side="right") - 1, 0)
+        c, s, (amplitude, rate, phase) = self._cubics[:, at], time - self._origins[at], self._waves[:, at]
+        found = []
+        for order in range(3):
+            smooth = sum(c[j] * s**j for j in range(len(c)))
+            found.append(smooth + amplitude * rate**order * np.sin(rate * time + phase + 0.5 * np.pi * order))
+            c = np.arange(1, len(c))[:, None] * c[1:]
+        return found
+
+
+def derived(pieces: Sequence[Piece]) -> list[Piece]:
+    """Return the pieces of the derivative of a function."""
+    return [Piece(p.begin, p.origin, tuple(j * c for j, c in enumerate(p.cubic))[1:], _wave(p.wave, 1)) for p in pieces]
+
+
+def integrated(pieces: Sequence[Piece]) -> list[Piece]:
+    """Return the pieces of an integral: that of a wave without a mean, that of all else zero at time zero."""
+    found: list[Piece] = []
+    for p in pieces:
+        c = [0.0, *(one / (j + 1) for j, one in enumerate(p.cubic))]
+        if found:
+            c[0] = _at(found[-1], p.begin) - _at(Piece(p.begin, p.origin, tuple(c)), p.begin)
+        found.append(Piece(p.begin, p.origin, tuple(c), _wave(p.wave, -1)))
+    at_zero = _at([p for p in found if p.begin <= 0.0][-1], 0.0)
+    return [p._replace(cubic=(p.cubic[0] - at_zero, *p.cubic[1:])) for p in found]
+
+
+def _at(piece: Piece, time: float) -> float:
+    """Return the polynomial of a piece at a time."""
+    return sum(c * (time - piece.origin) ** j for j, c in enumerate(piece.cubic))
+
+
+def _wave(wave: tuple[float, float, float], order: int) -> tuple[float, float, float]:
+    """Return a derivative of a sinusoid, of order -1 an integral."""
+    amplitude, rate, phase = wave
+    return (amplitude * rate**order, rate, phase + 0.5 * np.pi * order) if amplitude else wave
+
+
 def joined(functions: Sequence[TimeFunction]) -> TimeFunctions:
     """Return several functions as compiled code takes them."""
     pieces = [piece for function in functions for piece in function.pieces]

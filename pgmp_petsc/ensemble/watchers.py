@@ -301,7 +301,7 @@ class _OverTimeWatch(Observer):
         for first in range(0, looked_at.size, together):
             some = looked_at[first : first + together]
             self._n_waiting += some.size
-            self._waiting.append((numbers[some], times[some], trail[some, :2]))
+            self._waiting.append((numbers[some], times[some], trail[some]))
             if self._n_waiting >= together:
                 self._evaluate()
 
@@ -320,8 +320,9 @@ class _OverTimeWatch(Observer):
         n = states.shape[2]
         values = {name: np.tile(value, numbers.size) for name, value in self._begun.system.values.items()}
         with np.errstate(all="ignore"):  # as above
-            eta, v = np.moveaxis(states, 1, 0).reshape(2, numbers.size * n, -1)
-            found = self._model.outputs.evaluate(self._model.observed_of(eta, values, v))
+            q, v, a = np.moveaxis(states, 1, 0).reshape(3, numbers.size * n, -1)
+            state = State(q, v, a, np.zeros(0))
+            found = self._model.outputs.evaluate(self._model.observed_of(np.repeat(times, n), state, values))
         self._take(numbers, times, {name: column.reshape(numbers.size, n) for name, column in found.items()})
 
     def _take(self, numbers: np.ndarray, times: np.ndarray, outputs: dict[str, np.ndarray]) -> None:

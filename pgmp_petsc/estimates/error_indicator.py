@@ -151,16 +151,16 @@ class WatchedRun(Observer):
         told = indicator.kept[indicator.kept % FINER == 0] // FINER
         self._place = places_of(told)
         n_eta = indicator.model.kinematics.n_coordinates + indicator.model.terms.tables.n_modes
-        self._plain = np.empty((told.size, 2, samples.size, n_eta))  # coordinates and rates
+        self._plain = np.empty((told.size, 3, samples.size, n_eta))  # coordinates, rates, accelerations
         self._batch: tuple[np.ndarray, FullBatch] | None = None
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step; the observer of the run."""
-        self._keep(np.array([number]), np.array([[state.q, state.v]]))
+        self._keep(np.array([number]), np.array([[state.q, state.v, state.a]]))
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
         """Take in the states after many steps; see `Observer`."""
-        self._keep(numbers, trail[:, :2])
+        self._keep(numbers, trail)
 
     def _keep(self, numbers: np.ndarray, motion: np.ndarray) -> None:
         places = self._place[numbers]
@@ -269,13 +269,15 @@ class WatchedRun(Observer):
             indicator.model.terms.scale[:r],
         )
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
-        observed = _Observed(checking.full, full, values, motion, schedule.told)
+        time = schedule.steps * (indicator.step / FINER)
+        observed = _Observed(checking.full, full, values, motion, schedule, time)
         steps = {"step": schedule.interval, "duration": (len(states) - 1) * schedule.interval}
         simulation = indicator.simulation.model_copy(update={**steps, "spectral_radius": schedule.spectral_radius})
         run = integrate(system, simulation, alive=about, observer=observed, prefix=ERROR_PREFIX)
         # samples that failed stay at the start: they may be where nothing can be placed
         plain = self._plain[self._place[schedule.steps[schedule.told] // FINER]][:, :, chosen]
-        errors = self._errors(np.where(about[:, None], plain, plain[:1]), observed.outputs(), values)
+        plain = np.where(about[:, None], plain, plain[:1])
+        errors = self._errors(time[schedule.told], plain, observed.outputs(), values)
         # where one output cannot be evaluated, the corrected motion ran away, and the others mean nothing either
         known = np.all([run.status == Status.FINE, *(np.isfinite(e).all(axis=0) for e in errors.values())], axis=0)
         return {name: np.where(known, error, np.nan) for name, error in errors.items()}
@@ -287,14 +289,14 @@ class WatchedRun(Observer):
         return self._batch[1]
 
     def _errors(
-        self, plain: np.ndarray, there: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]
+        self, time: np.ndarray, plain: np.ndarray, there: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """Return reduced less corrected outputs, shape (n_e, n), from reduced coordinates and rates, (n_e, 2, n,
-        n_eta)."""
+        """Return reduced less corrected outputs, shape (n_e, n), at times (n_e,), s, from reduced coordinates, rates
+        and accelerations, (n_e, 3, n, n_eta)."""
         model, shape = self._indicator.told, (plain.shape[0], plain.shape[2])
-        eta, v = np.moveaxis(plain, 1, 0).reshape(2, -1, plain.shape[3])
+        states = State(*np.moveaxis(plain, 1, 0).reshape(3, -1, plain.shape[3]), np.zeros(0))
         every_time = {name: np.tile(value, shape[0]) for name, value in values.items()}
-        here = model.outputs.evaluate(model.observed_of(eta, every_time, v))
+        here = model.outputs.evaluate(model.observed_of(np.repeat(time, shape[1]), states, every_time))
         return {name: (here[name] - there[name]).reshape(shape) for name in here}
 
     def _placeable(self, states: np.ndarray) -> np.ndarray:
@@ -321,38 +323,60 @@ class _Observed(Observer):
         batch: FullBatch,
         values: Mapping[str, np.ndarray],
         motion: ReferenceMotion,
-        told: np.ndarray,
+        schedule: Schedule,
+        time: np.ndarray,
     ) -> None:
-        self._model, self._batch, self._values, self._motion, self._told = model, batch, values, motion, told
+        self._model, self._batch, self._values, self._motion = model, batch, values, motion
+        self._told, self._interval, self._time = schedule.told, schedule.interval, time
         self._waiting: list[tuple[np.ndarray, ...]] = []
         self._found: list[dict[str, np.ndarray]] = []
 
     def __call__(self, number: int, time: float, error: State) -> None:
         """Take in the error at an instant."""
-        self._take(number, error.q[None], error.v[None], error.turns[None])
+        self._take(number, State(*(part[None] for part in error.parts())))
 
     def over_states(self, numbers: np.ndarray, times: np.ndarray, errors: State) -> None:
         """Take in the errors at many instants in turn; see `Observer`."""
-        self._take(int(numbers[0]), errors.q, errors.v, errors.turns)
+        self._take(int(numbers[0]), errors)
 
-    def _take(self, number: int, errors: np.ndarray, rates: np.ndarray, turns: np.ndarray) -> None:
-        told = self._told[number : number + len(errors)]
-        q, v, _ = self._motion.over(number, len(errors))[:, told]
+    def _take(self, number: int, errors: State) -> None:
+        """Take in errors from an instant on."""
+        instants = slice(number, number + len(errors.q))
+        told = self._told[instants]
+        q, v, a = self._motion.over(number, told.size)[:, told]
         # what is kept of states has to be theirs: angles are counted on in place
-        self._waiting.append((q, v, errors[told], rates[told], turns[told]))
-        if sum(part[0].size for part in self._waiting) > TOGETHER:
+        errors = errors.at(told)
+        forces = self._multipliers(number + np.flatnonzero(told), (q, v, a), errors)
+        own = errors.q, errors.v, errors.a, errors.turns
+        self._waiting.append((self._time[instants][told], q, v, a, *own, forces))
+        if sum(part[1].size for part in self._waiting) > TOGETHER:
             self._evaluate()
 
     def _evaluate(self) -> None:
-        *motion, of_q, of_v, turns = (np.concatenate(parts) for parts in zip(*self._waiting))
-        n_e, n = len(turns), self._batch.n_samples
+        time, *parts = (np.concatenate(parts) for parts in zip(*self._waiting))
+        n_e, n = time.size, self._batch.n_samples
+        motion, errors, forces = parts[:3], parts[3:7], parts[7]
         # the axis of instants behind that of unknowns
-        *errors, turns = (self._batch.unpack(np.moveaxis(part, 0, 2)) for part in (of_q, of_v, turns))
-        q, v = ((np.moveaxis(one, 0, 1) + e).reshape(-1, n_e * n) for one, e in zip(motion, errors))
+        *errors, turns = (self._batch.unpack(np.moveaxis(part, 0, 2)) for part in errors)
+        q, v, a = ((np.moveaxis(one, 0, 1) + e).reshape(-1, n_e * n) for one, e in zip(motion, errors))
         values = {name: np.tile(value, n_e) for name, value in self._values.items()}
         frames = self._batch.frames_of(q, turns.reshape(len(turns), n_e * n))
-        self._found.append(self._model.outputs.evaluate(self._model.observed_of(q, frames, values, v)))
+        forces = np.moveaxis(forces, 0, 1).reshape(-1, n_e * n)
+        observed = self._model.observed_of(np.repeat(time, n), frames, values, q, v, a, forces)
+        self._found.append(self._model.outputs.evaluate(observed))
         self._waiting.clear()
+
+    def _multipliers(self, numbers: np.ndarray, motion: tuple[np.ndarray, ...], errors: State) -> np.ndarray:
+        """Return the multipliers of joints of the corrected motion at instants, (n_e, n_multipliers, n), where outputs
+        are made of them."""
+        if not self._model.outputs.forces:
+            return np.empty((numbers.size, 0, self._batch.n_samples))
+        found = []
+        for k, number in enumerate(numbers):
+            q, v, a = (self._batch.pack(part[k]) + e[k] for part, e in zip(motion, (errors.q, errors.v, errors.a)))
+            state = State(q, v, a, errors.multipliers[k], errors.turns[k])
+            found.append(self._batch.joint_multipliers(number * self._interval, state))
+        return np.array(found)
 
     def outputs(self) -> dict[str, np.ndarray]:
         """Return every output, shape (n_e n,)."""

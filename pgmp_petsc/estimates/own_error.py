@@ -208,7 +208,7 @@ def left_out_of_estimates(model: ReducedModel | LengthLanes) -> Iterator[Remark]
 def truncated_stresses(scene: Scene) -> Iterator[Remark]:
     """Return what a reduced basis leaves out of stresses, where outputs ask for these; nothing where it has it all."""
     keys = [key for key in ("static_modes", "inertia_modes") if not getattr(scene.reduction, key)]
-    names = [f"outputs.{name}" for name, output in scene.outputs.items() if output.reads == "stresses"]
+    names = [f"outputs.{name}" for name, output in scene.outputs.items() if "stresses" in output.reads]
     if not (keys and names):
         return
     missing = {"static_modes": "loads", "inertia_modes": "inertia forces"}

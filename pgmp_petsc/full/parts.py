@@ -273,33 +273,39 @@ def floating_bodies(
     return part, pattern
 
 
-def mass_on_diagonal(problem: FullProblem) -> np.ndarray:
-    """Return the sum of the mass matrix's diagonal that is counted on this rank, shape (n_blocks, n_lanes)."""
+def mass_on_diagonal(problem: FullProblem, size: float) -> np.ndarray:
+    """Return the sum of the mass matrix's diagonal that is counted on this rank, kg, shape (n_blocks, n_lanes).
+
+    Inertia (kg m2) is over the square of the mechanism's `size`, so that the sum is the same in all units.
+    """
+    turned = size**-2
     elements, lumps, cells = problem.elements, problem.lumps, problem.solids
     beams, masses = problem.beams, problem.masses
     d = cells.dofs.shape[2]
     line = problem.section[:, elements.body[elements.counted]]
-    total = np.einsum("kebl,b,e->kl", line[:, :, 3:5], [4 / 3, 2 / 3], elements.length[elements.counted])
-    total += lumps.mass[:, lumps.counted].sum(axis=1)
+    total = np.einsum("kebl,b,e->kl", line[:, :, 3:5], [4 / 3, 2 / 3 * turned], elements.length[elements.counted])
+    per_lump = (problem.units[lumps.dofs[lumps.counted]] * size) ** -2
+    total += np.einsum("kel,e->kl", lumps.mass[:, lumps.counted], per_lump)
     volumes = d * np.trace(cells.mass[cells.counted], axis1=1, axis2=2)
     total += np.einsum("kel,e->kl", cells.moduli[:, cells.region[cells.counted], 1], volumes)
     line = beams.section[:, beams.body[beams.counted], N_SECTION:]
-    total += np.einsum("kebl,e->kl", line, 2.0 * beams.length[beams.counted])
-    total += 3.0 * np.einsum("keiil->kl", masses.density[:, masses.counted])
+    total += np.einsum("kebl,b,e->kl", line, [1.0, turned, turned], 2.0 * beams.length[beams.counted])
+    total += 3.0 * np.einsum("keiil,i->kl", masses.density[:, masses.counted], [1.0, turned, turned, turned])
     for k in np.flatnonzero(problem.floating.counted):
-        total += _mass_of_floating(problem, k)
+        total += _mass_of_floating(problem, k, turned)
     return total
 
 
-def _mass_of_floating(problem: FullProblem, k: int) -> np.ndarray:
-    """Return the sum of the diagonal of the mass matrix of a body in a floating frame, shape (n_blocks, n_lanes)."""
+def _mass_of_floating(problem: FullProblem, k: int, turned: float) -> np.ndarray:
+    """Return the sum of the diagonal of the mass matrix of a body in a floating frame, shape (n_blocks, n_lanes);
+    inertia is taken times `turned`."""
     d, (first, last) = problem.dimension, problem.floating.firsts[k : k + 2]
     table = problem.floating.table[:, first[1] : last[1]]
     n = last[0] - first[0] - n_pose_of.py_func(d)
     at = places_of.py_func(d, n)
     turning = table[:, at.squares : at.fields : d + 1].sum(axis=1)
     own = table[:, at.mass : at.stiffness : n + 1].sum(axis=1)
-    return d * table[:, 0] + (1.0 if d == 2 else 3.0) * turning + own
+    return d * table[:, 0] + (1.0 if d == 2 else 3.0) * turned * turning + own
 
 
 def _filled(part: np.ndarray, shape: tuple[int, ...], value: float) -> np.ndarray:

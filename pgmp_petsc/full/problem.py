@@ -107,6 +107,8 @@ class FullEquations:
         Actions here, and the effect of every load.
     damping, modal
         Structural damping of all bodies, and modal damping of those here.
+    size
+        Of the mechanism, m.
     """
 
     def __init__(
@@ -121,6 +123,7 @@ class FullEquations:
         mechanism = kinematics.mechanism
         unknowns = self.unknowns = Unknowns(mechanism)
         self._kinematics, self.initial, self.values = kinematics, initial, dict(values)
+        self.size = kinematics.size
         self.constraints = ConstraintSet(unknowns).independent(self._place(initial[0])[1])
         self.n_dofs, n_all = unknowns.n_dofs, unknowns.n_dofs + self.constraints.n_constraints
         rows = self.rows = range(self.n_dofs) if owned is None else owned

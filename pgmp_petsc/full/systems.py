@@ -272,7 +272,7 @@ class FullBatch(FullSystem):
             aligned_zeros((n, blocks.n_lanes)),
         )
         self._size = np.empty((blocks.n_blocks, blocks.n_lanes))
-        self._typical_mass = mass_on_diagonal(equations.problem) / self.n_dofs
+        self._typical_mass = mass_on_diagonal(equations.problem, equations.size) / self.n_dofs
 
     def steps_between_looks(self, every: int | None) -> int:
         """Return how many steps make one of PETSc's TS where it does not look; see `SecondOrderSystem`."""
@@ -444,7 +444,7 @@ class FullDistributed(FullSystem):
         self._x, self._diagonal = np.empty((n_all, 1)), np.zeros((n_all, 1))
         self._lower = np.zeros((layout.n_lower, 1))
         self._solver = RankSolver(layout, np.concatenate([self._own, self._multipliers]), self._rows_of_all(), comm)
-        self._typical_mass = comm.allreduce(float(mass_on_diagonal(self._problem)[0, 0])) / self.n_dofs
+        self._typical_mass = comm.allreduce(float(mass_on_diagonal(self._problem, equations.size)[0, 0])) / self.n_dofs
         self._typical_stiffness = 0.0
         self._solver_failed = False
         self.rubs = any(comm.allgather(rubs(self._problem.actions.laws)))
@@ -642,14 +642,12 @@ class FullStatics:
         Number of its coordinates.
     comm
         Ranks that share the model.
-    loads
-        What part of the loads and local effects acts: all, or none to see what joints that are off do alone.
     """
 
     n_samples = 1
 
-    def __init__(self, equations: FullEquations, n_theta: int, comm: Comm, loads: float = 1.0) -> None:
-        self._equations, self._loads = equations, loads
+    def __init__(self, equations: FullEquations, n_theta: int, comm: Comm) -> None:
+        self._equations = equations
         self._held = {k: Held(0.0) for k in range(n_theta)}
         self._system = FullDistributed(equations, comm, self._held)
         self._q, self._share = np.zeros((equations.n_dofs, 1)), 0.0
@@ -674,7 +672,7 @@ class FullStatics:
             self._system.restore(state, self._system.at_rest(place, theta[0]), going)
 
         def converge(going: np.ndarray, share: float) -> np.ndarray:
-            return iterate_at_rest(lambda _: self._corrected(state, share * self._loads), going)
+            return iterate_at_rest(lambda _: self._corrected(state, share), going)
 
         lost, (self._share,) = put_on(begin, converge, samples)
         if not lost[0]:

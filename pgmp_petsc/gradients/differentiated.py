@@ -35,9 +35,9 @@ All outputs but stresses are smooth functions of poses and of displacements in b
 
 what outputs make of them and of the rigid kinematics is differentiated along the line (theta + h S_theta, u + h du/dp)
 by central differences, which cross no cells of the tables and close no loops but those that the outputs themselves ask
-for (`RigidKinematics.near`). Stresses and rates have central differences along the whole line. Where outputs are
-polynomials of lengths through those of several models, ``y = sum_p L_p(l) y_p``, their derivative is ``sum_p L_p dy_p +
-dL_p/dl y_p``."""
+for (`RigidKinematics.near`). Stresses have central differences along the whole line, and so has what reads rates,
+accelerations or parameters, in the cells that the run is in. Where outputs are polynomials of lengths through those of
+several models, ``y = sum_p L_p(l) y_p``, their derivative is ``sum_p L_p dy_p + dL_p/dl y_p``."""
 
 from __future__ import annotations
 
@@ -102,6 +102,10 @@ def differentiate(
     pulse
         Called with the number of steps that have been taken since the last call.
     """
+    for name, entry in model.scene.outputs.items():
+        if "multipliers" in entry.reads:
+            why = "derivatives of forces in joints, which take those of accelerations, are not known"
+            raise InputError(f"outputs.{name} ({entry.type}): {why}; leave it out, or compare runs (--set)")
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
     of_sample = {name: np.array([value]) for name, value in values.items()}
@@ -126,7 +130,7 @@ def differentiate(
     contacts = Contacts(model, values, linearisation, times, states)
     changes = _propagated(model, linearisation, contacts, times, states)
     with np.errstate(all="ignore"):
-        observed = ObservedChanges(model, values, states)
+        observed = ObservedChanges(model, values, times, states)
         outputs = observed.outputs
         by_name = {name: observed.of(name, changes[:, :, number]) for number, name in enumerate(names)}
     derivatives = {output: {name: by_name[name][output] for name in names} for output in outputs}
@@ -141,15 +145,15 @@ def _propagated(
     times: np.ndarray,
     states: State,
 ) -> np.ndarray:
-    """Return the derivatives of the reduced coordinates and of their rates over the run, shape (2, n_t, n_parameters,
-    n_eta)."""
+    """Return the derivatives of the reduced coordinates, their rates and their accelerations over the run, shape (3,
+    n_t, n_parameters, n_eta)."""
     n_t, n = states.q.shape
     step = times[-1] / (n_t - 1)
     scheme = Scheme.of(model.scene.simulation.spectral_radius, step)
     prescribed = model.terms.tables.prescribed(model.motions)
     moment = start_of_sensitivities(model, linearisation, _part(states, slice(0, 1)))
-    result = np.empty((2, n_t, len(linearisation.names), n))
-    result[:, 0] = moment[:2]
+    result = np.empty((3, n_t, len(linearisation.names), n))
+    result[:, 0] = moment[:3]
     at_once, first = max(16, MOST_NUMBERS // (3 * n * n)), 1
     while first < n_t:
         crossing = contacts.following(first)
@@ -162,7 +166,7 @@ def _propagated(
             )  # fmt: skip
         if crossing < n_t:
             moment = contacts.through(crossing, moment)
-            result[:, crossing] = moment[:2]
+            result[:, crossing] = moment[:3]
         first = crossing + 1
     return result
 
@@ -203,7 +207,7 @@ def propagate(by_q, by_v, by_a, by_parameters, scheme, step, prescribed, moment,
     moment
         S_q, S_v, S_a and S_A at the beginning, shape (4, n_parameters, n_eta); advanced in place.
     result
-        S_q and S_v at the ends of the steps, shape (2, n_t, n_parameters, n_eta).
+        S_q, S_v and S_a at the ends of the steps, shape (3, n_t, n_parameters, n_eta).
     """
     alpha_m, alpha_f, beta, gamma, gain_v, gain_a = scheme
     n_t, n_parameters, n = by_parameters.shape
@@ -236,7 +240,8 @@ def propagate(by_q, by_v, by_a, by_parameters, scheme, step, prescribed, moment,
                 then, now, auxiliary = a[i] + gain_a * right[i], moment[2, p, i], moment[3, p, i]
                 moment[0, p, i], moment[1, p, i], moment[2, p, i] = q[i] + right[i], v[i] + gain_v * right[i], then
                 moment[3, p, i] = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * auxiliary) * weight
-                result[0, t, p, i], result[1, t, p, i] = moment[0, p, i], moment[1, p, i]
+                for part in range(3):
+                    result[part, t, p, i] = moment[part, p, i]
 
 
 DIFFERENCE = 1e-3  # of second differences of fourth order: rounding and truncation leave 1e-9 of them
@@ -343,7 +348,7 @@ def _angles(angles: Sequence[JointAngles], shares: np.ndarray, eta: np.ndarray) 
 
 # in rad or of the mechanism's size: truncation leaves 2e-9, and rounding 1e-12 of the mechanism's size
 OBSERVED_DIFFERENCE = 1e-4
-# of stresses and rates, and of the parameter: their lines leave cells, where slopes of tables have corners
+# of stresses, and of the parameter: their lines leave cells, where slopes of tables have corners
 OF_STRESSES = 1e-5
 
 
@@ -356,13 +361,15 @@ class ObservedChanges:
         The reduced model.
     values
         Value of every parameter.
-    states
-        Reduced coordinates and rates over the run, shapes (n_t, n_eta).
+    times, states
+        Instants of the run (n_t,), s, and reduced coordinates, rates and accelerations there, shapes (n_t, n_eta).
     """
 
-    def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], states: State) -> None:
+    def __init__(
+        self, model: ReducedModel | LengthLanes, values: Mapping[str, float], times: np.ndarray, states: State
+    ) -> None:
         self._model, self._values = model, dict(values)
-        self._members = [_Member(member, self._values, states) for member in model.members]
+        self._members = [_Member(member, self._values, times, states) for member in model.members]
 
     @property
     def outputs(self) -> dict[str, np.ndarray]:
@@ -371,8 +378,8 @@ class ObservedChanges:
         return _total(_times(share, member.outputs) for share, member in zip(shares, self._members))
 
     def of(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the derivatives of all outputs with a parameter, each (n_t,), for those of eta and its rates, shape
-        (2, n_t, n_eta)."""
+        """Return the derivatives of all outputs with a parameter, each (n_t,), for those of eta, its rates and
+        accelerations, shape (3, n_t, n_eta)."""
         shares, slopes = self._model.shares(self._values), self._model.shares(self._values, name)
         parts = [_times(share, member.changes(name, changes)) for share, member in zip(shares, self._members)]
         parts += [_times(slope, member.outputs) for slope, member in zip(slopes, self._members) if slope]
@@ -382,43 +389,56 @@ class ObservedChanges:
 class _Member:
     """The same of one of the models whose outputs, each with its share, make those of the whole."""
 
-    def __init__(self, model: ReducedModel, values: Mapping[str, float], states: State) -> None:
-        self._model, self._values, self._states = model, values, states
+    def __init__(self, model: ReducedModel, values: Mapping[str, float], times: np.ndarray, states: State) -> None:
+        self._model, self._values, self._times, self._states = model, values, times, states
         frames, self._along = model.reconstruction.along(states.q)
-        stresses = np.empty((0, len(states.q))) if model.stresses is None else model.stresses.of(states.q, values)
-        rates = model.reconstruction.rates(states.q, states.v) if model.outputs.n_rates else None
-        observed = model.outputs.observed(frames, stresses, rates)
+        order = model.outputs.order
+        jets = model.reconstruction.jets((states.q, states.v, states.a), order) if order else []
+        observed = model.observed_at([frames, *jets[1:]], times, states, values)
         self._behind = observed[frames.shape[0] * frames.shape[1] :]
         # the loops that this closes serve all evaluations next to it
         self._evaluate = model.outputs.near(observed)
         self.outputs = self._evaluate(observed)
-        functions = model.outputs.functions.items()
-        self._on_whole_line = {name for name, reading in functions if reading is None or reading.rate}
+        #: outputs by what is differenced: frames alone, or the whole line, stresses with smaller steps
+        self._kinds: dict[str, set[str]] = {"frames": set(), "line": set(), "stresses": set()}
+        for name, reading in model.outputs.functions.items():
+            on_line = reading.depth(0) or reading.needs.parameters or reading.needs.base
+            self._kinds["stresses" if reading.needs.stresses else "line" if on_line else "frames"].add(name)
 
     def changes(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
         """Return the derivatives of the outputs with a parameter."""
-        model, of_eta, value = self._model, changes[0], self._values[name]
-        size = np.max(np.abs(of_eta) * model.terms.scale, axis=1)
-        steps = OBSERVED_DIFFERENCE / np.where(size > 0.0, size, 1.0)
+        size, value = np.max(np.abs(changes[0]) * self._model.terms.scale, axis=1), self._values[name]
         # what is multiplied by the parameter itself must not be taken far from its value
-        whole = OF_STRESSES / np.where(size > 0.0, np.maximum(size, _inverse(value)), _inverse(value) or 1.0)
+        largest = np.maximum(size, _inverse(value))
+        steps = {
+            "frames": OBSERVED_DIFFERENCE / np.where(size > 0.0, size, 1.0),
+            "line": OBSERVED_DIFFERENCE / np.where(largest > 0.0, largest, 1.0),
+            "stresses": OF_STRESSES / np.where(largest > 0.0, largest, 1.0),
+        }
         total: dict[str, np.ndarray] = {}
-        frames_at = self._along(of_eta)
+        frames_at = self._along(changes[0])
         for share in (-1.0, 1.0):
-            frames = frames_at(share * steps)
-            found = self._evaluate(np.concatenate([frames.reshape(-1, len(of_eta)), self._behind]))
-            if self._on_whole_line:
-                far = share * whole
-                q, v = (part + far[:, None] * change for part, change in zip((self._states.q, self._states.v), changes))
-                found |= self._of_line(model.observed_of(q, self._values | {name: value + far}, v))
-            for output, values in found.items():
-                far = whole if output in self._on_whole_line else steps
-                total[output] = total.get(output, 0.0) + share * values / (2.0 * far)
-        return total
+            for kind, names in self._kinds.items():
+                if not names:
+                    continue
+                far = share * steps[kind]
+                if kind == "frames":
+                    frames = frames_at(far)
+                    found = self._evaluate(np.concatenate([frames.reshape(-1, far.size), self._behind]))
+                else:
+                    found = self._on_line(name, far, changes, kind)
+                for output in names:
+                    total[output] = total.get(output, 0.0) + found[output] / (2.0 * far)
+        return {output: total[output] for output in self.outputs}
 
-    def _of_line(self, observed: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the outputs that are differenced along the whole line."""
-        return {name: values for name, values in self._evaluate(observed).items() if name in self._on_whole_line}
+    def _on_line(self, name: str, far: np.ndarray, changes: np.ndarray, kind: str) -> dict[str, np.ndarray]:
+        """Return the outputs where a parameter is by so much (n_t,) from its value, and the states that follow it."""
+        model, states = self._model, self._states
+        moved = (part + far[:, None] * change for part, change in zip(states.parts(), changes))
+        cells = None if kind == "stresses" else states.q
+        at = State(*moved, states.multipliers)
+        observed = model.observed_of(self._times, at, self._values | {name: self._values[name] + far}, cells)
+        return self._evaluate(observed) if kind == "stresses" else model.outputs.evaluate(observed)
 
 
 def _times(share: float, outputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

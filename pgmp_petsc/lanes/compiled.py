@@ -264,8 +264,8 @@ class _LenientCache(FunctionCache):
         except ModuleNotFoundError:  # of a class that an older version of the program had in another place
             self._drop()
             return None
-        except Exception as error:  # a damaged pickle raises anything
-            _note(f"damaged files in {self.cache_path} are written anew ({_first(error)})")
+        except Exception as error:  # a damaged pickle raises anything, and so does one of classes of another version
+            _note(f"files in {self.cache_path} that cannot be read are written anew ({_first(error)})")
             self._drop()
             return None
         if found is not None and tuple(found.signature.args) != tuple(sigutils.normalize_signature(sig)[0]):

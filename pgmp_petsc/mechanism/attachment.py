@@ -5,6 +5,7 @@ A frame is given as a pose is (`space`): ``(x, y, phi)`` in the plane, position 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,6 +60,24 @@ class Attachment:
         frame, n = node_frame.copy(), self.space.n_pose
         frame[:n] = self.space.place(node_frame[:n], self.arm[None])[0]
         return frame
+
+    def natural_jet(self, parts: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Return position and directors (d (d + 1), n), with as many derivatives over time as there are of the frame of
+        the node, (n_pose or more, n) each."""
+        d, (frame, *changes) = self.space.dimension, parts
+        z = self.space.natural(self.frame_of(frame))
+        found = [z]
+        for order, change in enumerate(changes, start=1):
+            if d == 2:  # a director turns to the other one, and that back
+                ahead, across = z[2:4], z[4:6]
+                turned = [change[2] * across, -change[2] * ahead]
+                if order == 2:
+                    turned = [part - changes[0][2] ** 2 * axis for part, axis in zip(turned, (ahead, across))]
+                change = np.concatenate([change[:2], *turned])
+            change = change.copy()
+            change[:d] += np.einsum("j,jcn->cn", self.arm, change[d:].reshape(d, d, -1))
+            found.append(change)
+        return found
 
     def frame_of_pose(self, poses: np.ndarray) -> np.ndarray:
         """Return the frame (n_pose, ...) from rigid poses of shape (n_bodies, n_pose, ...)."""

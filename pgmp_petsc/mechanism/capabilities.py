@@ -108,7 +108,7 @@ def _of_second_order(scene: Scene) -> Iterator[str]:
 
 
 def _forces(scene: Scene) -> Iterator[str]:
-    return (f"outputs.{n} ({one.type})" for n, one in scene.outputs.items() if one.reads == "multipliers")
+    return (f"outputs.{n} ({one.type})" for n, one in scene.outputs.items() if "multipliers" in one.reads)
 
 
 def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
@@ -183,18 +183,26 @@ FEATURES = (
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "forces in joints of reduced models",
-        _forces,
-        OF_THE_REDUCTION - {Purpose.CHECK},
-        why_not="forces in joints are no part of reduced models",
-        cure="take pgmp simulate SCENE --full or --components, or leave it out",
+        "forces in joints with lengths, places and ratios",
+        lambda scene: (f"{entry} with {length}" for length in _lengths(scene) for entry in _forces(scene)),
+        OF_THE_REDUCTION,
+        why_not="models at several lengths have no forces in joints",
+        cure="give it a number (--override), or take pgmp simulate SCENE --full",
+    ),
+    Feature(
+        "elastic joints that are off themselves",
+        lambda scene: (entry for entry in _off(scene) if scene.joints[entry.split(".")[1]].elastic is not None),
+        EVERYWHERE,
+        why_not="not made for a joint with elastic, whose springs keep to where it should be",
+        cure="leave it out, or take an effect of type bushing in place of elastic",
     ),
     Feature(
         "joints that are off beside elastic ones",
-        lambda scene: (entry for entry in _off(scene) if any(_elastic(scene))),
-        EVERYWHERE,
-        why_not="the stress that it builds in is found without springs, which elastic joints need",
-        cure="leave it out, or take effects of type bushing in place of joints with elastic",
+        _with(_elastic, _off),
+        OF_THE_REDUCTION,
+        why_not="reduced models begin with what is built in without springs, which elastic joints need",
+        cure="leave it out, take pgmp simulate SCENE --full or --components, or effects of type bushing in place of "
+        "joints with elastic",
     ),
     Feature(
         "preload with elastic joints",

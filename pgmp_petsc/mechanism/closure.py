@@ -31,7 +31,9 @@ import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joints import Connection, Coupling
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
+from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import Statement
 
@@ -192,8 +194,9 @@ class LoopClosure:
                 f"joints.{blame}: the joints of rigid bodies contradict one another at {self.describe(theta[worst])}; "
                 f"{gaps}, and redundant constraints may miss each other by {LARGEST_GAP:g} of the mechanism's size, "
                 f"{LARGEST_GAP * self.size:.3g} {self.mechanism.scene.system.unit('m')}, or as many rad. Check "
-                f"points and axes, and placements{GUESSED}, from which bodies take the axes of joints; or let joints "
-                "that say the same be ones that hold less"
+                f"points and axes, and placements{GUESSED}, from which bodies take the axes of joints; let joints that "
+                "say the same be ones that hold less; or, if it is meant and bodies give way, give points and axes as "
+                "they should be, and how far the joint is off as its offset"
             )
         closed = self._closed_from(start, found, where, TRIES if placed else 0)
         if closed is None and self._largest(residual[:, None])[0] < NO_GAP:
@@ -245,7 +248,39 @@ class LoopClosure:
         if not SINGULAR_TOLERANCE < share < CROOKED:
             return ""
         most = max(self.mechanism.holders, key=lambda c: np.max(np.abs(left[c.rows, rank])))
-        return f"joints.{most.name}: what it holds (by {share:.2g} of what others hold)"
+        return (
+            f"joints.{most.name}: what it holds (by {share:.2g} of what others hold) nearly follows from the other "
+            "constraints, and keeps the rigid mechanism from moving: its axis or point is a little off. Check axes, "
+            f"points, and placements{GUESSED}, from which bodies take the axes of joints. If it is meant, give them as "
+            f"they should be, and how far the joint is off as its offset{self._straightened(poses, most, rank)}"
+        )
+
+    def _straightened(self, poses: np.ndarray, joint: Connection | Coupling, rank: int) -> str:
+        """Return axis and offset with which a joint that turns about one axis holds what it does: the rest of the
+        mechanism turns it about the axis that it should have. Empty of others, and where the rest moves freely."""
+        if self.mechanism.space is not SPATIAL or joint in self.mechanism.couplings:
+            return ""
+        turning = [k for k, part in enumerate(joint.statements) if not part.is_length]
+        rows = np.delete(np.arange(self.n_constraints), joint.rows.start + np.array(turning, dtype=int))
+        _, values, motions = np.linalg.svd(self.scaled(self.jacobian(poses)[:, rows])[0])
+        if len(turning) != 2 or values[rank - 1] < SINGULAR_TOLERANCE * values[0]:
+            return ""
+        spins, frames = [], []
+        for side in joint.sides:
+            own = slice(self.n_pose * side.body + 3, self.n_pose * (side.body + 1))
+            directors, rates = np.eye(3), np.zeros((3, 3))
+            if not side.on_ground:
+                directors, rates = (part.ravel()[own].reshape(3, 3) for part in (poses, motions[rank] * self._units))
+            spins.append(0.5 * np.cross(directors, rates).sum(axis=0))
+            frames.append(directors)
+        spin, given = frames[0] @ (spins[1] - spins[0]), joint.axes[0][:, 0]
+        axis = spin / np.linalg.norm(spin) * np.sign(spin @ given)
+        sine = np.cross(axis, given)
+        turn = sine / max(np.linalg.norm(sine), 1e-300) * np.arcsin(min(np.linalg.norm(sine), 1.0))
+        if not np.linalg.norm(turn) < 0.2:
+            return ""
+        axis, turn = (", ".join(f"{x:.6g}" for x in np.round(part, 9) + 0.0) for part in (axis, turn))
+        return f": joints.{joint.name} with axis = [{axis}] and offset = {{ turn = [{turn}] }}"
 
     @property
     def _ranges(self) -> str:

@@ -383,12 +383,7 @@ class RigidKinematics:
                 )
             crooked = self._closure.crooked(poses, n_poses - self.n_coordinates)
             if crooked:
-                raise InputError(
-                    f"{crooked} nearly follows from the other constraints, and keeps the rigid mechanism from moving: "
-                    "its axis or point is a little off. Check axes, points, and placements (the first guess of how it "
-                    "is assembled, angles in rad), from which bodies take the axes of joints. If it is meant, give "
-                    "them as they should be, and how far the joint is off as its offset"
-                )
+                raise InputError(crooked)
             names = ", ".join(coordinate.name for coordinate in self.coordinates)
             free = f"{n_poses - rank} degree{'' if n_poses - rank == 1 else 's'} of freedom"
             named = "1 coordinate was" if self.n_coordinates == 1 else f"{self.n_coordinates} coordinates were"

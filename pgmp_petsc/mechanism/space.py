@@ -14,6 +14,9 @@ numbers.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from math import comb
+
 import numpy as np
 
 from pgmp_petsc.mechanism.statements import Statement
@@ -230,6 +233,11 @@ class Spatial(Space):
         moving = change[3:].reshape(3, 3, *change.shape[1:])
         gradient = np.einsum("ic...,jck...->ijk...", axes, moving)
         return np.concatenate([translation, gradient.reshape(9, *change.shape[1:])])
+
+
+def leibniz(times: Callable[[np.ndarray, np.ndarray], np.ndarray], x: Sequence, y: Sequence) -> list[np.ndarray]:
+    """Return a product and as many of its derivatives as there are of its factors."""
+    return [sum(comb(n, k) * times(x[k], y[n - k]) for k in range(n + 1)) for n in range(len(x))]
 
 
 def rotate(angle: np.ndarray, point: np.ndarray) -> np.ndarray:

@@ -10,11 +10,13 @@ from copy import copy
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import lsqr
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
-from pgmp_petsc.effects import effects_of, motions_of, start_of
+from pgmp_petsc.effects import Effect, effects_of, motions_of, springs_of_joints, start_of
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.full.rank_solver import PREFIX
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import FullFields
 
 
+CLOSED = 1e-12  # of what is off, that least squares may leave
 MOST_IN_LANES = 3500  # unknowns; beyond, the fill-in of a mesh in space outgrows the caches, and PETSc's solvers win
 
 
@@ -81,6 +84,7 @@ class FullModel:
         simulation, alone."""
         other = copy(self)
         other.scene, other._effects = scene, effects_of(scene, self.kinematics.mechanism)
+        other.outputs = self.outputs.under(scene)
         return other
 
     @property
@@ -159,11 +163,13 @@ class FullModel:
         values: Mapping[str, float],
         start: tuple[np.ndarray, np.ndarray],
         comm: Comm,
+        effects: Sequence[Effect] | None = None,
     ) -> FullEquations:
-        """Return this rank's share of the equations of one sample."""
+        """Return this rank's share of the equations of one sample, under some effects or all."""
         owned = Unknowns(kinematics.mechanism).share(comm.rank, comm.size)
         of_sample = {name: np.array([value]) for name, value in values.items()}
-        return FullEquations(kinematics, self._effects, of_sample, SampleBlocks(1, 1, 1), start, owned)
+        effects = self._effects if effects is None else effects
+        return FullEquations(kinematics, effects, of_sample, SampleBlocks(1, 1, 1), start, owned)
 
     def _settled(self, values: Mapping[str, float], comm: Comm) -> Settled:
         """Return the static equilibrium of one sample. Collective on `comm`."""
@@ -182,20 +188,21 @@ class FullModel:
         return bool(self.kinematics.remarks) or any(joint.offset for joint in self.scene.joints.values())
 
     def _built_in(self, values: Mapping[str, float], rates: np.ndarray, comm: Comm) -> tuple[np.ndarray, np.ndarray]:
-        """Return unknowns and velocities (n_dofs, 1) of the static answer to joints that are off, without loads, at the
-        start with rates (n_theta,). Collective on `comm`.
+        """Return unknowns and velocities (n_dofs, 1) of the static answer to joints that are off, without loads but on
+        the springs of elastic joints, at the start with rates (n_theta,). Collective on `comm`.
 
         Raises `InputError` where there is none: rigid bodies do not give way.
         """
         theta = self._start[0]
         held = self.kinematics.held()
-        equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm)
-        with FullStatics(equations, theta.size, comm, loads=0.0) as statics:
+        springs = springs_of_joints(self.scene, held.mechanism)
+        equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm, springs)
+        with FullStatics(equations, theta.size, comm) as statics:
 
             def deformed(at: np.ndarray) -> np.ndarray:
                 _, lost = statics.hold(at[None], np.ones(1, dtype=bool))
                 if lost[0]:
-                    self._refuse(equations.start()[0][:, None], theta)
+                    self._refuse(self._residual(equations.start()[0][:, None]), theta)
                 return statics.unknowns()
 
             q = deformed(theta)
@@ -207,30 +214,48 @@ class FullModel:
                     v += rate * (deformed(theta + step) - deformed(theta - step)) / (2.0 * np.sum(step))
         return q, v
 
+    def require_taken(self) -> None:
+        """Refuse joints that are off by more than bodies can give way, as far as the first order tells."""
+        if not self.is_off:
+            return
+        theta, held = self._start[0], self.kinematics.held()
+        q = self._equations(held, self.scene.values, (theta, np.zeros_like(theta)), alone()).start()[0][:, None]
+        constraints = ConstraintSet(Unknowns(held.mechanism))
+        residual = constraints.residual(q, theta)[:, 0]
+        values, at = constraints.jacobian_values(q)[:, 0], constraints.jacobian_pattern
+        jacobian = sp.csr_matrix((values, at), shape=(residual.size, q.size))
+        given = lsqr(jacobian, residual, atol=CLOSED, btol=CLOSED, iter_lim=20 * residual.size)[0]
+        if self._furthest(residual - jacobian @ given)[2] > LARGEST_GAP:
+            self._refuse(residual, theta)
+
     def _require_held(self, q: np.ndarray, theta: np.ndarray) -> None:
         """Refuse joints that are off by more than bodies at unknowns (n_dofs, 1) give way."""
-        if self._furthest(q)[2] > LARGEST_GAP:
-            self._refuse(q, theta)
+        if self._furthest(self._residual(q))[2] > LARGEST_GAP:
+            self._refuse(self._residual(q), theta)
 
-    def _refuse(self, q: np.ndarray, theta: np.ndarray) -> None:
-        name, gap, _ = self._furthest(q)
+    def _refuse(self, residual: np.ndarray, theta: np.ndarray) -> None:
+        name, gap, _ = self._furthest(residual)
         raise InputError(
             f"joints.{name}: {gap} remains at {self.kinematics.describe(theta)}: joints are off by what no redundancy "
             "explains and no elasticity takes. Let bodies that they hold be flexible, take a smaller offset (turn in "
             "rad), or joints that hold less; placements, the first guess of how it is assembled, may be the reason too"
         )
 
-    def _furthest(self, q: np.ndarray) -> tuple[str, str, float]:
-        """Return the joint that is furthest from holding at unknowns (n_dofs, 1), by how much, and that in units of the
-        mechanism's size or of 1 rad."""
-        mechanism, found, row = self.kinematics.mechanism, [], 0
-        constraints = ConstraintSet(Unknowns(mechanism))
-        residual = np.abs(constraints.residual(q, np.zeros(constraints.n_driven))[:, 0])  # the joints' come first
+    def _residual(self, q: np.ndarray) -> np.ndarray:
+        """Return what the constraints are off at unknowns (n_dofs, 1), those of joints first."""
+        constraints = ConstraintSet(Unknowns(self.kinematics.mechanism))
+        return constraints.residual(q, np.zeros(constraints.n_driven))[:, 0]
+
+    def _furthest(self, residual: np.ndarray) -> tuple[str, str, float]:
+        """Return the joint that is furthest from holding where the constraints are off by a residual, by how much, and
+        that in units of the mechanism's size or of 1 rad."""
+        mechanism, found, row, system = self.kinematics.mechanism, [], 0, self.scene.system
+        residual = np.abs(residual)
         for connection in mechanism.connections:
             for part in connection.held:
                 unit = self.kinematics.size if part.is_length else 1.0
                 what = "a gap of" if part.is_length else "an angle of"
-                text = f"{what} {residual[row]:.3g} {'m' if part.is_length else 'rad'}"
+                text = f"{what} {residual[row]:.3g} {system.unit('m') if part.is_length else 'rad'}"
                 found.append((residual[row] / unit, connection.name, text))
                 row += 1
         far, name, gap = max(found)
@@ -298,35 +323,32 @@ class FullModel:
         -------
         ndarray, shape (n_observed, n)
         """
-        q = v = multipliers = np.empty((0, frames.shape[2]))
-        if self._stresses is not None:
-            q = np.concatenate([system.unpack(state.q) for state in states], axis=1)
-        if self.outputs.n_rates:
-            v = np.concatenate([system.unpack(state.v) for state in states], axis=1)
+        order, wanted = self.outputs.order, self._stresses is not None
+        q, v, a = (
+            np.concatenate([system.unpack(getattr(state, part)) for state in states], axis=1) if needed else None
+            for part, needed in (("q", wanted), ("v", order > 0), ("a", order > 1))
+        )
+        multipliers = None
         if self.outputs.forces:
             multipliers = np.concatenate([system.joint_multipliers(*one) for one in zip(times, states)], axis=1)
-        return self.observed_of(q, frames, system.values, v, multipliers)
+        return self.observed_of(np.array(times), frames, system.values, q, v, a, multipliers)
 
     def observed_of(
-        self,
-        q: np.ndarray,
-        frames: np.ndarray,
-        values: Mapping[str, np.ndarray | float],
-        v: np.ndarray | None = None,
-        multipliers: np.ndarray | None = None,
-    ) -> np.ndarray:
+        self, time: np.ndarray, frames: np.ndarray, values: Mapping[str, np.ndarray | float],
+        q: np.ndarray | None, v: np.ndarray | None, a: np.ndarray | None, multipliers: np.ndarray | None = None,
+    ) -> np.ndarray:  # fmt: skip
         """Return what the outputs are made of, (n_observed, n), for the frames of all nodes (n_nodes, n_frame, n).
 
-        Stresses alone need the unknowns (n_dofs, n), outputs that read rates theirs, and forces in joints their
-        multipliers (`FullSystem.joint_multipliers`). Parameter values are numbers, or of shape (n,).
+        Stresses alone need the unknowns (n_dofs, n), outputs that read rates or accelerations those, and forces in
+        joints their multipliers (`FullSystem.joint_multipliers`). Times and parameter values are numbers, or of shape
+        (n,).
         """
         stresses = np.empty((0, frames.shape[2])) if self._stresses is None else self._stresses.of(q, values)
-        nodes = list(self.outputs.nodes)
-        rates = Unknowns(self.kinematics.mechanism).frames(v)[nodes] if self.outputs.n_rates else None
+        nodes, unknowns = list(self.outputs.nodes), Unknowns(self.kinematics.mechanism)
+        moving = [frames[nodes], *(unknowns.frames(part)[nodes] for part in (v, a)[: self.outputs.order])]
         if self.outputs.forces:
-            forces = self.outputs.forces_of(frames[nodes], rates, multipliers, values)
-            stresses = np.concatenate([stresses, forces])
-        return self.outputs.observed(frames[nodes], stresses, rates)
+            stresses = np.concatenate([stresses, self.outputs.forces_of(moving, multipliers, values)])
+        return self.outputs.observed(moving, stresses, time, values)
 
     def fields(self) -> FullFields:
         """Return what makes the fields of bodies from unknowns: of those that frames are kept of."""

@@ -182,17 +182,17 @@ class LengthLanes:
 
     def observed(self, system: ReducedSystem, state: State, time: float = 0.0) -> np.ndarray:
         """Return the outputs, shape (n_outputs, n_samples)."""
-        return self.observed_of(state.q, system.values, state.v)
+        return self.observed_of(time, state, system.values)
 
     def observed_of(
-        self, eta: np.ndarray, values: Mapping[str, np.ndarray | float], v: np.ndarray | None = None
+        self, time: np.ndarray | float, states: State, values: Mapping[str, np.ndarray | float]
     ) -> np.ndarray:
-        """Return the outputs for reduced coordinates (n, n_eta) and parameters (n,), shape (n_outputs, n); see
+        """Return the outputs in states of reduced coordinates (n, n_eta), at parameters (n,), shape (n_outputs, n); see
         `ReducedModel`."""
+        n = len(states.q)
         return self._sum(
-            lambda member: _stacked(member.outputs.evaluate(member.observed_of(eta, values, v)), len(eta)),
-            len(eta), values,
-        )  # fmt: skip
+            lambda member: _stacked(member.outputs.evaluate(member.observed_of(time, states, values)), n), n, values
+        )
 
     def local_displacements(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
         """Return displacements and rotations of all nodes in body frames; see `ReducedModel.local_displacements`."""

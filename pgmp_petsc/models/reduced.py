@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Self
@@ -91,6 +91,13 @@ class ReducedModel:
             from pgmp_petsc.models.stresses import ReducedStresses  # few scenes have them
 
             self.stresses = ReducedStresses(scene, self.outputs, self.kinematics, rom)
+        self.multipliers = None
+        if self.outputs.forces:
+            from pgmp_petsc.models.joint_forces import ReducedMultipliers  # few scenes have them
+
+            self.multipliers = ReducedMultipliers(
+                scene, rom, self.kinematics, self.outputs.forces, self.effects, self.motions, self.start[0]
+            )
         self.joint_angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
         self.stiffness_changes = rom.stiffness_changes
         self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))
@@ -118,6 +125,8 @@ class ReducedModel:
         other = copy(self)
         other.scene, other.effects = scene, effects_of(scene, self.kinematics.mechanism)
         other.actions = replace(self.actions, actions=actions_of(other.effects))
+        other.outputs = self.outputs.under(scene)
+        other.multipliers = self.multipliers and self.multipliers.under(other.effects)
         return other
 
     @property
@@ -141,19 +150,30 @@ class ReducedModel:
 
     def observed(self, system: ReducedSystem, state: State, time: float = 0.0) -> np.ndarray:
         """Return what the outputs are made of at a time (s), shape (n_observed, n_samples)."""
-        return self.observed_of(state.q, system.values, state.v)
+        return self.observed_of(time, state, system.values)
 
     def observed_of(
-        self, eta: np.ndarray, values: Mapping[str, np.ndarray | float], v: np.ndarray | None = None
-    ) -> np.ndarray:
-        """Return what the outputs are made of, shape (n_observed, n), for reduced coordinates (n, n_eta).
+        self, time: np.ndarray | float, states: State, values: Mapping[str, np.ndarray | float],
+        cells_of: np.ndarray | None = None,
+    ) -> np.ndarray:  # fmt: skip
+        """Return what the outputs are made of, shape (n_observed, n), in states of reduced coordinates (n, n_eta).
 
-        Parameter values are numbers, or of shape (n,). Outputs that read rates need those of the coordinates,
-        (n, n_eta).
+        Times (s) and parameter values are numbers, or of shape (n,). Where `cells_of` are other reduced coordinates
+        (n, n_eta), next to these, tables are continued from their cells.
         """
-        stresses = np.empty((0, len(eta))) if self.stresses is None else self.stresses.of(eta, values)
-        rates = self.reconstruction.rates(eta, v) if self.outputs.n_rates else None
-        return self.outputs.observed(self.reconstruction.frames(eta), stresses, rates)
+        frames = self.reconstruction.jets((states.q, states.v, states.a), self.outputs.order, cells_of)
+        return self.observed_at(frames, time, states, values)
+
+    def observed_at(
+        self, frames: Sequence[np.ndarray], time: np.ndarray | float, states: State,
+        values: Mapping[str, np.ndarray | float],
+    ) -> np.ndarray:  # fmt: skip
+        """Return what `observed_of` does, for frames of the outputs' nodes that are at hand, with their derivatives."""
+        stresses = np.empty((0, len(states.q))) if self.stresses is None else self.stresses.of(states.q, values)
+        if self.multipliers is not None:
+            multipliers = self.multipliers.of(time, states, values)
+            stresses = np.concatenate([stresses, self.outputs.forces_of(frames, multipliers, values)])
+        return self.outputs.observed(frames, stresses, time, values)
 
     def fields(self, n_frames: int | None = None) -> ReducedFields:
         """Return what makes the fields of bodies from reduced coordinates, for so many frames; for those that the scene

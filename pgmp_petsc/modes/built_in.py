@@ -29,6 +29,7 @@ import scipy.sparse as sp
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.closure import size_of
+from pgmp_petsc.mechanism.body_frames import BodyGradients
 from pgmp_petsc.mechanism.constraints import ConstraintJacobian
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statement_rows import StatementRows
@@ -77,6 +78,47 @@ class GapDerivatives:
     bends: np.ndarray
 
 
+class Closing:
+    """Static answers to gaps of the constraints, with theta held, and what elastic joints release. Collective on the
+    problem's communicator."""
+
+    def __init__(self, problem: ModalProblem) -> None:
+        self._problem, mechanism = problem, problem.mechanism
+        still = [(c.statement, c.sides) for c in mechanism.coordinates]
+        still += [(part.statement, c.sides) for c in mechanism.connections for part in c.released]
+        still += [(c.combination, c.sides) for c in mechanism.couplings if c.elastic]
+        self._still = BodyGradients(mechanism, still)
+
+    def at(self, modes: ModeSet, gaps: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return what closes gaps (n_constraints, n) at the configuration that the problem is at, in body frames, local
+        rows (n_local, n), and what it leaves of them.
+
+        Raises `RunError` if the refinement of an answer does not converge; `what` is what it is of.
+        """
+        problem = self._problem
+        poses = problem.kinematics.motion(modes.theta).poses
+        constraints = problem.constraints_at(poses)
+        moved = np.unique(constraints.indices)
+        slopes = constraints[:, moved].toarray()
+        placed = -np.linalg.lstsq(slopes, gaps, rcond=None)[0]
+        everywhere = np.zeros((problem.mechanism.n_dofs, gaps.shape[1]))
+        everywhere[moved] = placed
+        found = everywhere[problem.rows.start : problem.rows.stop]
+        found = found + problem.static_answers(modes.unstrained, -problem.times_stiffness(found), what)
+        return found - self._turning(modes, poses, found), np.abs(slopes @ placed + gaps)
+
+    def _turning(self, modes: ModeSet, poses: np.ndarray, found: np.ndarray) -> np.ndarray:
+        """Return the rigid and released motion in displacements (n_local, n), as its statements measure it."""
+        problem, n_theta = self._problem, len(self._problem.mechanism.coordinates)
+        motion = np.hstack([modes.rigid[:, modes.free], modes.released])
+        measured = np.append(modes.free, np.arange(n_theta, self._still.n))
+        entries = self._still.values(poses), (self._still.rows, self._still.dofs)
+        slopes = sp.csr_matrix(entries, shape=(self._still.n, problem.mechanism.n_dofs))[measured]
+        shown = slopes @ problem.all_rows(np.hstack([motion, found]))
+        n = motion.shape[1]
+        return motion @ np.linalg.lstsq(shown[:, :n], shown[:, n:], rcond=None)[0]
+
+
 class BuiltIn:
     """The static answers X of a scene's offsets. Collective on the problem's communicator.
 
@@ -89,10 +131,9 @@ class BuiltIn:
     """
 
     def __init__(self, problem: ModalProblem, scene: Scene, shapes: Mapping[str, BodyShape]) -> None:
-        self._problem, mechanism = problem, problem.mechanism
-        self._n_held, self._coordinates = mechanism.n_held, ConstraintJacobian(mechanism, mechanism.coordinates)
+        self._problem, self._n_held, self._closing = problem, problem.mechanism.n_held, Closing(problem)
         self._by, self._scene, self._shapes = offset_directions(scene), scene, shapes
-        self._steps = [_step(scene, size_of(mechanism), name) for name in self._by]
+        self._steps = [_step(scene, size_of(problem.mechanism), name) for name in self._by]
         self._gaps = [
             _Gap(self._off_by({name: step}), self._off_by({name: -step}), 2.0 * step)
             for name, step in zip(self._by, self._steps)
@@ -151,22 +192,13 @@ class BuiltIn:
         if not self._gaps:
             return np.zeros((len(modes.rigid), 0))
         poses = problem.kinematics.motion(modes.theta).poses
-        constraints = problem.constraints_at(poses)
-        gaps = np.zeros((constraints.shape[0], len(self._gaps)))
+        gaps = np.zeros((problem.constraints_at(poses).shape[0], len(self._gaps)))
         for column, gap in zip(gaps.T, self._gaps):
             column[: self._n_held] = gap.at(poses)
-        moved = np.unique(constraints.indices)
-        slopes = constraints[:, moved].toarray()
-        placed = -np.linalg.lstsq(slopes, gaps, rcond=None)[0]
-        left = np.abs(slopes @ placed + gaps)
+        found, left = self._closing.at(modes, gaps, "stress that joints that are off build in")
         if np.max(left) > CLOSED * np.max(np.abs(gaps)):
             self._refuse(left, problem.kinematics.describe(modes.theta))
-        everywhere = np.zeros((problem.mechanism.n_dofs, gaps.shape[1]))
-        everywhere[moved] = placed
-        found = everywhere[problem.rows.start : problem.rows.stop]
-        forces = -problem.times_stiffness(found)
-        found = found + problem.static_answers(modes.unstrained, forces, "stress that joints that are off build in")
-        return found - self._turning(modes, poses, found)
+        return found
 
     def _refuse(self, left: np.ndarray, where: str) -> None:
         """Refuse gaps of the constraints for a unit of each offset, (n_constraints, n_offsets): nothing closes them."""
@@ -180,13 +212,6 @@ class BuiltIn:
             "no redundancy explains and no elasticity takes. Let bodies that they hold be flexible, or take joints "
             "that hold less"
         )
-
-    def _turning(self, modes: ModeSet, poses: np.ndarray, found: np.ndarray) -> np.ndarray:
-        """Return the rigid motion in displacements (n_local, n), as the coordinates measure it."""
-        free, problem = modes.free, self._problem
-        both = problem.all_rows(np.hstack([modes.rigid[:, free], found]))
-        shown = (self._coordinates.at(poses)[self._n_held :][free] @ both) if free.size else both[:0]
-        return modes.rigid[:, free] @ np.linalg.solve(shown[:, : free.size], shown[:, free.size :])
 
 
 def _step(scene: Scene, size: float, name: str | None) -> float:

@@ -22,7 +22,7 @@ their equations (`full.systems`), of a reduced model those that `reduction` find
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from typing import ClassVar, Literal, Self
 
@@ -41,7 +41,7 @@ from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.space import Space
 from pgmp_petsc.mechanism.statements import Function, Statement
 from pgmp_petsc.mechanism.unknowns import Unknowns
-from pgmp_petsc.outputs.readings import AXES, Frames, Reading
+from pgmp_petsc.outputs.readings import AXES, Frames, Rate, Reading, Seen
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.fields import exactly_one
@@ -59,7 +59,7 @@ Component = Literal["x", "y", "z", "axial", "radial", "magnitude"]
 class OfMultipliers(OutputEntry):
     """An output of the multipliers of constraints."""
 
-    reads = "multipliers"
+    reads = ("multipliers",)
 
     def multiplied(self, name: str, kinematics: RigidKinematics) -> ForceOutput:
         """Return what makes the output of multipliers; raises `InputError` where these do not determine it."""
@@ -350,7 +350,7 @@ class Spring:
 
 def _rate(reading: Reading, frames: Frames, rates: Frames) -> np.ndarray:
     """Return how fast a reading changes, shape (n,)."""
-    return replace(reading, rate=True).value(frames, None, rates)
+    return Rate(reading).jet(Seen((frames, rates)), 0)[0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,19 +14,21 @@ from pydantic import Field, model_validator
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statements import distance
-from pgmp_petsc.outputs.readings import AXES, Reading, RigidReference
+from pgmp_petsc.outputs.readings import AXES, Absolute, AnyReading, Rate, Reading, RigidReference
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import Connection, Point, exactly_one, refusal
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import Axis, OutputEntry
 from pgmp_petsc.scene.uses import slides
 
+ABSOLUTE = "whether it counts from outside of a base that moves (`base_motion`), not from the base"
+
 
 class Angle(OutputEntry):
     """Relative rotation in a joint (rad), measured on the flexible bodies' nodes."""
 
     type: Literal["angle"]
-    reads, unit, joints = "frames", "rad", ("turning",)
+    reads, unit, joints = ("frames",), "rad", ("turning",)
     joint: str = Field(description="name of a joint that turns")
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
@@ -38,7 +40,7 @@ class Sliding(OutputEntry):
     """Displacement along the line or axis of a joint that slides (m)."""
 
     type: Literal["sliding"]
-    reads, unit, joints = "frames", "m", ("sliding",)
+    reads, unit, joints = ("frames",), "m", ("sliding",)
     joint: str = Field(description="name of a joint that slides")
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
@@ -51,7 +53,7 @@ class Distance(OutputEntry):
     """Distance of two points (m)."""
 
     type: Literal["distance"]
-    reads, unit = "frames", "m"
+    reads, unit = ("frames",), "m"
     points: Connection = Field(description='two points, "body:point" or "ground:point"')
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
@@ -65,7 +67,7 @@ class Rotation(OutputEntry):
     """Rotation of a point's cross-section in space (rad)."""
 
     type: Literal["rotation"]
-    reads, unit = "frames", "rad"
+    reads, unit = ("frames",), "rad"
     point: Point = Field(description='point of a body, "body:point"')
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
@@ -84,7 +86,7 @@ class AlongAxis(OutputEntry):
 
     point: Point = Field(description='point of a body, "body:point"')
     axis: Axis = Field(description="x or y, in space also z")
-    reads, unit = "frames", "m"
+    reads, unit = ("frames",), "m"
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if there is no such axis."""
@@ -92,29 +94,39 @@ class AlongAxis(OutputEntry):
             yield problem(f"outputs.{name}.axis", "x or y is needed in the plane", "z")
 
 
-class Position(AlongAxis):
+class OnTheGround(AlongAxis):
+    """What is read of a point along an axis of the ground, whose points go along where a base moves."""
+
+    reads = ("frames", "time", "parameters")
+    absolute: bool = Field(False, strict=True, description=ABSOLUTE)
+
+
+class Position(OnTheGround):
     """Position of a point along an axis in space (m)."""
 
     type: Literal["position"]
     point: Point = Field(description='point of a body, "body:point"')
     axis: Axis = Field(description="x or y, in space also z")
 
-    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
+    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> AnyReading:
         """Return the place along the axis."""
-        return Reading.at_point("POSITION", self.point, name, kinematics, AXES[self.axis])
+        found = Reading.at_point("POSITION", self.point, name, kinematics, AXES[self.axis])
+        return Absolute(found) if self.absolute else found
 
 
-class Displacement(AlongAxis):
+class Displacement(OnTheGround):
     """Position of a point along an axis minus that at the start of the run (m)."""
 
     type: Literal["displacement"]
     point: Point = Field(description='point of a body, "body:point"')
     axis: Axis = Field(description="x or y, in space also z")
 
-    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
+    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> AnyReading:
         """Return the place along the axis, from that of the rigid mechanism at the start."""
         found = Reading.at_point("POSITION", self.point, name, kinematics, AXES[self.axis])
-        return replace(found, origin=float(found.sides[0].frame_of_pose(kinematics.poses(start[None]))[found.axis, 0]))
+        origin = float(found.sides[0].frame_of_pose(kinematics.poses(start[None]))[found.axis, 0])
+        found = replace(found, origin=origin)
+        return Absolute(found) if self.absolute else found
 
 
 class Deformation(AlongAxis):
@@ -135,19 +147,22 @@ class Speed(OutputEntry):
     """Speed of a point along an axis in space (m/s), or of the rotation (rad/s) or sliding (m/s) in a joint."""
 
     type: Literal["speed"]
-    reads, unit, joints = "rates", "m/s", ("turning", "sliding")
+    reads, unit, joints = ("frames", "time", "parameters"), "m/s", ("turning", "sliding")
     point: Point | None = Field(None, description='point of a body, "body:point"')
     axis: Axis | None = Field(None, description="of a point: x or y, in space also z")
     joint: str | None = Field(None, description="name of a joint that turns about an axis, or slides")
     motion: Literal["turning", "sliding"] | None = Field(
         None, description="which motion of a cylindrical joint; others have one"
     )
+    absolute: bool = Field(False, strict=True, description=ABSOLUTE)
 
     @model_validator(mode="after")
     def _of_one(self) -> Self:
         exactly_one(self, "point", "joint")
         if (self.point is None) != (self.axis is None):
             raise refusal("a point has a speed along an axis, a joint has one of its own", "axis")
+        if self.absolute and self.point is None:
+            raise refusal("a joint's speed is that of one body against the other; leave it out", "absolute")
         return self
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
@@ -159,12 +174,13 @@ class Speed(OutputEntry):
         """Return rad/s for what turns."""
         return "m/s" if slides(scene, self) else "rad/s"
 
-    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
-        """Return the place or angle, whose rate this is."""
+    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> AnyReading:
+        """Return the rate of the place or angle."""
         if self.point is not None:
-            return Reading.at_point("POSITION", self.point, name, kinematics, AXES[self.axis])
+            found = Reading.at_point("POSITION", self.point, name, kinematics, AXES[self.axis])
+            return Rate(Absolute(found) if self.absolute else found)
         mechanism = kinematics.mechanism
         connection = mechanism.connection(self.joint)
         if not slides(mechanism.scene, self):
-            return Reading.of_angle(connection, kinematics, start)
-        return Reading("MEASURE", connection.sides, connection.measure("sliding"), space=mechanism.space)
+            return Rate(Reading.of_angle(connection, kinematics, start))
+        return Rate(Reading("MEASURE", connection.sides, connection.measure("sliding"), space=mechanism.space))

@@ -1,24 +1,34 @@
 """Outputs: what a user sees of a motion.
 
-All outputs but stresses are read of the frames of some nodes and of their rates, whichever model moved them
-(`readings`). Stresses depend on what else a model knows of a body, and on parameters; each model evaluates them in its
-own way (`models.stresses`), and they follow the frames and rates in what it observes. So do forces in joints, which
-depend on the model's multipliers (`joint_forces`).
+All outputs but stresses and forces in joints are read of the frames of some nodes and of their rates and accelerations,
+whichever model moved them, of the time and of parameters (`readings`). Stresses depend on what else a model knows of a
+body, and on parameters; each model evaluates them in its own way (`models.stresses`). So do forces in joints, which
+depend on the model's multipliers (`joint_forces`). What a model observes has all this in rows, as far as outputs read
+it: frames, rates, accelerations, stresses, forces, the time, parameters.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.effects.base_motion import bases_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.outputs.readings import Frames, Reading, RigidReference
+from pgmp_petsc.outputs.readings import (
+    AnyReading,
+    Base,
+    Frames,
+    ModelReading,
+    Needs,
+    RigidReference,
+    Seen,
+)
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
@@ -33,7 +43,8 @@ class OutputSet:
     nodes: tuple[int, ...]  # global node numbers whose frames are needed, increasing
     units: dict[str, str]  # unit of every output
     n_frame: int  # numbers of a frame: 3 in the plane, in space 12 and the coordinates
-    functions: dict[str, Reading | None]  # what is read of frames; None of a stress or force
+    n_pose: int  # how many of them have rates: 3 in the plane, in space 12
+    functions: dict[str, AnyReading]  # what every output reads
     stresses: tuple[StressOutput, ...] = ()  # stress outputs, in the order in which models observe them
     forces: tuple[ForceOutput, ...] = ()  # outputs of multipliers, which follow them in this order
     #: from frames to where the coordinates are within their ranges, shape (n,); None where all outputs are known
@@ -41,14 +52,34 @@ class OutputSet:
     reached: Callable[[Frames], np.ndarray] | None = None
     #: the rigid mechanism that deformations are taken from; None where there are none
     rigid: RigidReference | None = None
-    n_rates: int = 0  # how many numbers of a frame have rates that outputs read, 0 where none does
+    order: int = 0  # derivatives of frames that outputs read: 0 none, 1 rates, 2 accelerations too
+    reads_time: bool = False
+    parameters: tuple[str, ...] = ()  # that outputs read
+    bases: tuple[Base, ...] = ()  # motions of the base, where outputs read them
 
-    def observed(self, frames: np.ndarray, stresses: np.ndarray, rates: np.ndarray | None = None) -> np.ndarray:
-        """Return what `evaluate` takes, shape (n_observed, n), of frames of `nodes` (n_nodes, n_frame, n), stresses
-        with forces behind them (n_stresses + n_forces, n) and, where outputs read them, rates of the frames (n_nodes,
-        n_rates, n)."""
-        parts = [frames, rates] if self.n_rates else [frames]
-        return np.concatenate([*(part.reshape(-1, stresses.shape[1]) for part in parts), stresses])
+    def observed(
+        self,
+        frames: Sequence[np.ndarray],
+        stresses: np.ndarray,
+        time: np.ndarray | float = 0.0,
+        values: Mapping[str, np.ndarray | float] | None = None,
+    ) -> np.ndarray:
+        """Return what `evaluate` takes, shape (n_observed, n).
+
+        Parameters
+        ----------
+        frames
+            Of `nodes`, shape (n_nodes, n_frame, n), and their derivatives up to `order`, each (n_nodes, n_pose, n).
+        stresses
+            With forces behind them, shape (n_stresses + n_forces, n).
+        time, values
+            Times, s, and values of parameters, numbers or of shape (n,).
+        """
+        n = stresses.shape[1]
+        parts = [*(part.reshape(-1, n) for part in frames[: 1 + self.order]), stresses]
+        rows = [time] if self.reads_time else []
+        parts += [np.broadcast_to(row, (1, n)) for row in (*rows, *(values[name] for name in self.parameters))]
+        return np.concatenate(parts)
 
     def evaluate(self, observed: np.ndarray) -> dict[str, np.ndarray]:
         """Return the outputs, each of shape (n,), for what a model observes, shape (n_observed, n)."""
@@ -57,29 +88,21 @@ class OutputSet:
     def near(self, observed: np.ndarray) -> Callable[[np.ndarray], dict[str, np.ndarray]]:
         """Return `evaluate` for what is observed there and next to it, for central differences; see
         `RigidKinematics.near`."""
-        poses = self.rigid and self.rigid.near(self._by_node(observed))
+        poses = self.rigid and self.rigid.near(self._seen(observed).frames[0])
         return lambda beside: self._evaluated(beside, poses)
 
     def _evaluated(self, observed: np.ndarray, poses: Callable[[Frames], np.ndarray] | None) -> dict[str, np.ndarray]:
-        by_node, n_nodes = self._by_node(observed), len(self.nodes)
-        rigid = poses and poses(by_node)
-        behind = observed[n_nodes * self.n_frame :]
-        moving = behind[: n_nodes * self.n_rates].reshape(n_nodes, self.n_rates, observed.shape[1])
-        rates = dict(zip(self.nodes, moving))
-        names = (*(stress.name for stress in self.stresses), *(force.name for force in self.forces))
-        of_stresses = dict(zip(names, behind[n_nodes * self.n_rates :]))
-        return {
-            name: of_stresses[name] if reading is None else reading.value(by_node, rigid, rates)
-            for name, reading in self.functions.items()
-        }
+        seen = self._seen(observed)
+        if poses is not None:
+            seen = replace(seen, poses=poses(seen.frames[0]))
+        return {name: reading.jet(seen, 0)[0] for name, reading in self.functions.items()}
 
     def forces_of(
-        self, frames: np.ndarray, rates: np.ndarray | None, multipliers: np.ndarray, values: Mapping[str, Any]
+        self, frames: Sequence[np.ndarray], multipliers: np.ndarray, values: Mapping[str, np.ndarray | float]
     ) -> np.ndarray:
-        """Return the forces (n_forces, n) for frames of `nodes` and their rates, as of `observed`, multipliers of
-        joints and prescribed coordinates (n_held + n_driven, n), and parameter values, numbers or of shape (n,)."""
-        by_node = dict(zip(self.nodes, frames))
-        moving = {} if rates is None else dict(zip(self.nodes, rates))
+        """Return the forces (n_forces, n) for frames of `nodes` with their derivatives, as of `observed`, multipliers
+        of joints and prescribed coordinates (n_held + n_driven, n), and parameter values, numbers or of shape (n,)."""
+        by_node, moving, *_ = *(dict(zip(self.nodes, part)) for part in frames), {}
         return np.array([force.value(by_node, moving, multipliers, values) for force in self.forces])
 
     def left_range(self, observed: np.ndarray) -> np.ndarray:
@@ -87,11 +110,25 @@ class OutputSet:
         observes, shape (n_observed, n)."""
         if self.reached is None:
             return np.zeros(observed.shape[1], dtype=bool)
-        return ~self.reached(self._by_node(observed))
+        return ~self.reached(self._seen(observed).frames[0])
 
-    def _by_node(self, observed: np.ndarray) -> Frames:
-        n_rows = len(self.nodes) * self.n_frame
-        return dict(zip(self.nodes, observed[:n_rows].reshape(len(self.nodes), self.n_frame, observed.shape[1])))
+    def under(self, scene: Scene) -> OutputSet:
+        """Return the outputs under the loads of another scene."""
+        return replace(self, bases=_bases(scene)) if self.bases else self
+
+    def _seen(self, observed: np.ndarray) -> Seen:
+        n, n_nodes = observed.shape[1], len(self.nodes)
+        sizes = [self.n_frame, *(self.n_pose for _ in range(self.order))]
+        ends = np.cumsum([*(n_nodes * size for size in sizes), len(self.stresses) + len(self.forces), self.reads_time])
+        *moving, stresses, time, values = np.split(observed, ends)
+        return Seen(
+            tuple(dict(zip(self.nodes, part.reshape(n_nodes, size, n))) for part, size in zip(moving, sizes)),
+            self.rigid,
+            of_model={one.name: row for one, row in zip((*self.stresses, *self.forces), stresses)},
+            time=time[0] if self.reads_time else None,
+            values=dict(zip(self.parameters, values)),
+            bases=self.bases,
+        )
 
     @classmethod
     def of(cls, scene: Scene, kinematics: RigidKinematics, start: np.ndarray | None = None) -> OutputSet:
@@ -107,36 +144,41 @@ class OutputSet:
         """
         if start is None:
             start = np.array([scene.initial_state(c.name).position for c in kinematics.mechanism.coordinates])
-        nodes: set[int] = set()
-        functions, units, stresses = {}, {}, []
+        functions, stresses, needs, order = {}, [], Needs(), 0
+        forces = _forces(scene, kinematics, start)
         for name, entry in scene.outputs.items():
-            if entry.reads == "stresses":
+            if "stresses" in entry.reads:
                 stresses.append(_stress(name, scene, kinematics))
-                functions[name], units[name] = None, entry.unit_in(scene)
-                nodes |= _nodes_of_beams(kinematics.mechanism.bodies[stresses[-1].body])
-                continue
-            if entry.reads == "multipliers":
-                functions[name], units[name] = None, entry.unit_in(scene)
-                continue
-            reading = replace(entry.reading(f"outputs.{name}", start, kinematics), rate=entry.reads == "rates")
-            if reading.rate and reading.of_coordinates:
-                raise InputError(f"outputs.{name}: a deformation is read, and has no rate; read that of a position")
-            functions[name], units[name] = reading, entry.unit_in(scene)
-            nodes |= reading.nodes
-        mechanism = kinematics.mechanism
+                nodes = _nodes_of_beams(kinematics.mechanism.bodies[stresses[-1].body])
+                functions[name] = ModelReading(name, Needs(frozenset(nodes), stresses=frozenset([name])))
+            elif "multipliers" in entry.reads:
+                force = next(one for one in forces if one.name == name)
+                functions[name] = ModelReading(name, Needs(frozenset(force.nodes)), int(force.reads_rates))
+            else:
+                functions[name] = entry.reading(f"outputs.{name}", start, kinematics)
+            needs |= functions[name].needs
+            order = max(order, functions[name].depth(0))
+        mechanism, rigid, reached = kinematics.mechanism, None, None
         n_frame = mechanism.space.n_pose + (len(mechanism.coordinates) if mechanism.space is SPATIAL else 0)
-        rigid = reached = None
-        if any(reading is not None and reading.of_coordinates for reading in functions.values()):
+        if needs.of_coordinates:
             rigid = RigidReference(kinematics)
             if not all(coordinate.periodic for coordinate in mechanism.coordinates):
                 reached = rigid.reached
-        system = scene.system
-        units = {name: system.unit(unit) for name, unit in units.items()}
-        reads_rates = any(reading is not None and reading.rate for reading in functions.values())
-        forces = _forces(scene, kinematics, start)
-        nodes = nodes.union(*(force.nodes for force in forces))
-        n_rates = mechanism.space.n_pose if reads_rates or any(force.reads_rates for force in forces) else 0
-        return cls(tuple(sorted(nodes)), units, n_frame, functions, tuple(stresses), forces, reached, rigid, n_rates)
+        bases = _bases(scene) if needs.base else ()
+        of_bases = {name for base in bases for name, _ in base.factor.monomial.powers}
+        units = {name: scene.system.unit(entry.unit_in(scene)) for name, entry in scene.outputs.items()}
+        return cls(
+            tuple(sorted(needs.nodes)), units, n_frame, mechanism.space.n_pose, functions, tuple(stresses), forces,
+            reached, rigid, order, needs.time, tuple(sorted(needs.parameters | of_bases)), bases,
+        )  # fmt: skip
+
+
+def _bases(scene: Scene) -> tuple[Base, ...]:
+    """Return the motions of a scene's base."""
+    return tuple(
+        Base(np.array(entry.direction) / np.linalg.norm(entry.direction), Quantity.of(entry.scale), course)
+        for entry, course in bases_of(scene)
+    )
 
 
 def _stress(name: str, scene: Scene, kinematics: RigidKinematics) -> StressOutput:
@@ -148,7 +190,7 @@ def _stress(name: str, scene: Scene, kinematics: RigidKinematics) -> StressOutpu
 
 
 def _forces(scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> tuple[ForceOutput, ...]:
-    if not any(entry.reads == "multipliers" for entry in scene.outputs.values()):
+    if not any("multipliers" in entry.reads for entry in scene.outputs.values()):
         return ()
     from pgmp_petsc.outputs.joint_forces import force_outputs  # few scenes have them
 

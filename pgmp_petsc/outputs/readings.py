@@ -1,32 +1,92 @@
-"""Readings of frames for outputs: a statement about two points, a place, a rotation, or a place from that of the rigid
-mechanism. Of all but the last there are rates too. The same readings are evaluated here and in models in C
-(`c_export.statements`).
+"""Readings of a motion for outputs, with their derivatives over time.
+
+A reading is a number that is read of frames of nodes: a statement about two points, a place, a rotation, or a place
+from that of the rigid mechanism. `Rate` and `Absolute` read a reading. All have a `jet`: value, rate and acceleration,
+made by the chain rule of those of the frames, which are the model's own: no instants are differenced. Models in C
+evaluate the same readings (`c_export.statements`).
 
 Frames are ``(x, y, phi)`` in the plane, and in space position, directors and the rigid coordinates, which say how often
-a joint has turned. A deformation is the position less that of the rigid mechanism at the same measured coordinates,
-e.g. the same rotation of the hinge node, which in a free-free basis is not theta itself. It is not a number (NaN) where
-a measured coordinate is far outside a limited range, because the rigid mechanism may not exist there.
+a joint has turned; rates of the last are not needed. A deformation is the position less that of the rigid mechanism at
+the same measured coordinates, e.g. the same rotation of the hinge node, which in a free-free basis is not theta itself.
+It is not a number (NaN) where a measured coordinate is far outside a limited range, because the rigid mechanism may not
+exist there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal, Self
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Literal, NamedTuple, Protocol, Self
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.effects.base_motion import Course
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joint_turns import JointTurns
 from pgmp_petsc.mechanism.joints import Connection
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate
-from pgmp_petsc.mechanism.space import SPATIAL, Space
+from pgmp_petsc.mechanism.space import SPATIAL, Space, leibniz
 from pgmp_petsc.mechanism.statements import ANGLE, Statement
 
 AXES = {"x": 0, "y": 1, "z": 2}
 Frames = dict[int, np.ndarray]  # node -> frame, shape (n_frame, n)
+HIGHEST = 2  # derivative over time of what models know: they have accelerations
+#: A value and its derivatives over time, as many as are asked for, each of shape (n,).
+Jet = list[np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What a model shows of a motion at n instants."""
+
+    frames: tuple[Frames, ...]  # of nodes, and as far as outputs read them their rates and accelerations (n_pose, n)
+    rigid: RigidReference | None = None  # the rigid mechanism that deformations are taken from
+    poses: np.ndarray | None = None  # its poses, shape (n_bodies, n_pose, n)
+    of_model: Mapping[str, np.ndarray] = field(default_factory=dict)  # stresses and forces by the output's name, (n,)
+    time: np.ndarray | None = None  # s, shape (n,)
+    values: Mapping[str, np.ndarray] = field(default_factory=dict)  # of parameters, each (n,)
+    bases: Sequence[Base] = ()  # motions of the base
+
+
+class Base(NamedTuple):
+    """A motion of the base: unit direction (d,), factor, and how far along it the base has gone over time, m."""
+
+    direction: np.ndarray
+    factor: Quantity
+    course: Course
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a reading takes: besides others the time, and the motion of the base."""
+
+    nodes: frozenset[int] = frozenset()  # whose frames are read
+    of_coordinates: frozenset[int] = frozenset()  # of these, at which the rigid mechanism of deformations is measured
+    parameters: frozenset[str] = frozenset()
+    stresses: frozenset[str] = frozenset()  # names of stress outputs
+    time: bool = False
+    base: bool = False
+
+    def __or__(self, other: Needs) -> Needs:
+        return Needs(*(getattr(self, one.name) | getattr(other, one.name) for one in fields(self)))
+
+
+class AnyReading(Protocol):
+    """What outputs are made of."""
+
+    needs: Needs
+
+    def depth(self, order: int) -> int:
+        """Return which derivative of frames its own derivative of an order takes, `HIGHEST` at most.
+
+        Raises `InputError` if models do not know that.
+        """
+
+    def jet(self, seen: Seen, order: int) -> Jet:
+        """Return its value and derivatives over time up to an order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +105,6 @@ class Reading:
     origin: float = 0.0
     in_body: bool = False  # whether the axis of a deformation is one of the body
     of_coordinates: frozenset[int] = frozenset()  # nodes that the rigid mechanism of a deformation is measured at
-    rate: bool = False  # whether it is how fast the number changes
 
     @classmethod
     def of_coordinate(cls, coordinate: Coordinate, kinematics: RigidKinematics) -> Self:
@@ -76,21 +135,28 @@ class Reading:
         return cls(kind, (mechanism.attachment(point, f"{name}.point"),), space=mechanism.space, axis=axis)
 
     @property
-    def nodes(self) -> set[int]:
+    def nodes(self) -> frozenset[int]:
         """The nodes whose frames are read."""
-        return {side.node for side in self.sides if not side.on_ground} | self.of_coordinates
+        return frozenset(side.node for side in self.sides if not side.on_ground) | self.of_coordinates
 
-    def value(self, frames: Frames, rigid: np.ndarray | None = None, rates: Frames | None = None) -> np.ndarray:
-        """Return the number, shape (n,), for frames, poses of the rigid mechanism (n_bodies, n_pose, n), and rates of
-        frames."""
-        if self.rate:
-            if self.kind == "ROTATION":
-                return rates[self.sides[0].node][2]
-            moving = [self._moving(side, frames, rates) for side in self.sides]
-            if self.kind == "POSITION":
-                return moving[0][1][self.axis]
-            gradient = self.statement.gradient(*(z for z, _ in moving))
-            return np.einsum("cn,cn->n", gradient, np.concatenate([change for _, change in moving]))
+    @property
+    def needs(self) -> Needs:
+        """Its nodes."""
+        return Needs(self.nodes, self.of_coordinates)
+
+    def depth(self, order: int) -> int:
+        """Return the order."""
+        if order > HIGHEST:
+            raise InputError("its rate is asked for after accelerations, which are the last that models have")
+        return order
+
+    def jet(self, seen: Seen, order: int) -> Jet:
+        """Return the number and its derivatives."""
+        value = self.value(seen.frames[0], seen.poses)
+        return [value, *(self._changes(seen, order)[1:] if order else ())]
+
+    def value(self, frames: Frames, rigid: np.ndarray | None = None) -> np.ndarray:
+        """Return the number, shape (n,), for frames, and poses of the rigid mechanism (n_bodies, n_pose, n)."""
         if self.kind == "MEASURE":
             return self._measure(frames)
         (point,) = self.sides
@@ -114,18 +180,104 @@ class Reading:
             return self.space.angle(self.statement, *sides, near)
         return self.statement.value(*map(self.space.natural, sides))
 
-    def _moving(self, side: Attachment, frames: Frames, rates: Frames) -> tuple[np.ndarray, np.ndarray]:
-        """Return position and directors of an attachment, and their rates, both (n_natural, n)."""
-        d = self.space.dimension
+    def _changes(self, seen: Seen, order: int) -> Jet:
+        """Return what has the derivatives of the number; its first entry is not the number itself."""
+        point = self.sides[0]
+        if self.kind == "ROTATION":
+            return [frames[point.node][2] for frames in seen.frames[: order + 1]]
+        sides = [self._moving(side, seen, order) for side in self.sides]
+        if self.kind == "POSITION":
+            return [part[self.axis] for part in sides[0]]
+        if self.kind == "DEFORMATION":
+            d, poses = self.space.dimension, seen.rigid.jet(seen, order)
+            rigid = point.on_pose().natural_jet([part[point.body] for part in poses])
+            moved = [part[:d] - own[:d] for part, own in zip(sides[0], rigid)]
+            if not self.in_body:
+                return [part[self.axis] for part in moved]
+            axis = slice(d + d * self.axis, d + d * self.axis + d)
+            return leibniz(lambda x, y: np.sum(x * y, axis=0), [part[axis] for part in rigid], moved)
+        z = [np.concatenate(parts) for parts in zip(*sides)]
+        gradient = self.statement.gradient(*(side[0] for side in sides))
+        found = [z[0][0], *(np.einsum("cn,cn->n", gradient, part) for part in z[1:])]
+        if order == 2:
+            bend = self.statement.hessian(*(side[0] for side in sides))
+            found[2] = found[2] + np.einsum("cen,cn,en->n", bend, z[1], z[1])
+        return found
+
+    def _moving(self, side: Attachment, seen: Seen, order: int) -> Jet:
+        """Return position and directors of an attachment with their derivatives, each (n_natural, n)."""
         if side.on_ground:
-            z = self.space.natural(side.ground_frame(next(iter(frames.values())).shape[1:]))
-            return z, np.zeros_like(z)
-        frame, rate = frames[side.node], rates[side.node]
-        z = self.space.natural(side.frame_of(frame))
-        # in the plane a director turns to the other one, and that back
-        change = rate.copy() if d == 3 else np.concatenate([rate[:2], rate[2] * z[4:6], -rate[2] * z[2:4]])
-        change[:d] += np.einsum("j,jcn->cn", side.arm, change[d:].reshape(d, d, -1))
-        return z, change
+            n = next(iter(seen.frames[0].values())).shape[1:]
+            z = self.space.natural(side.ground_frame(n))
+            return [z, *(np.zeros_like(z) for _ in range(order))]
+        return side.natural_jet([frames[side.node] for frames in seen.frames[: order + 1]])
+
+
+@dataclass(frozen=True, eq=False)
+class Rate:
+    """How fast a reading changes: its derivative over time of an order."""
+
+    of: AnyReading
+    order: int = 1
+
+    @property
+    def needs(self) -> Needs:
+        """Those of what it is of."""
+        return self.of.needs
+
+    def depth(self, order: int) -> int:
+        """Return that of what it is of."""
+        return self.of.depth(order + self.order)
+
+    def jet(self, seen: Seen, order: int) -> Jet:
+        """Return the later derivatives of what it is of."""
+        return self.of.jet(seen, order + self.order)[self.order :]
+
+
+@dataclass(frozen=True, eq=False)
+class Absolute:
+    """A place along an axis of the ground, and how far the base has gone along it."""
+
+    of: Reading
+
+    @property
+    def needs(self) -> Needs:
+        """Those of the place, and the base."""
+        return self.of.needs | Needs(time=True, base=True)
+
+    def depth(self, order: int) -> int:
+        """Return that of the place."""
+        return self.of.depth(order)
+
+    def jet(self, seen: Seen, order: int) -> Jet:
+        """Return the sum of both."""
+        found = self.of.jet(seen, order)
+        for direction, factor, course in seen.bases:
+            share = direction[self.of.axis] * factor.at(seen.values)
+            found = [x + share * y for x, y in zip(found, course.jet(seen.time))]
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class ModelReading:
+    """A stress or a force in a joint, which models observe by themselves."""
+
+    name: str  # of the output
+    needs: Needs
+    order: int = 0  # derivative of frames that it takes
+
+    def depth(self, order: int) -> int:
+        """Return its own: models do not know how fast it changes."""
+        if order:
+            raise InputError(
+                f"the rate of {self.name} is asked for, and models know stresses and forces, not how fast they change; "
+                "take the rate of a deformation or of a position"
+            )
+        return self.order
+
+    def jet(self, seen: Seen, order: int) -> Jet:
+        """Return its value."""
+        return [seen.of_model[self.name]]
 
 
 class RigidReference:
@@ -149,6 +301,22 @@ class RigidReference:
     def poses(self, frames: Frames) -> np.ndarray:
         """Return its poses (n_bodies, n_pose, n), not a number where it cannot be placed."""
         return self._poses(self._measured(frames))
+
+    def jet(self, seen: Seen, order: int) -> Jet:
+        """Return its poses at what is seen and their derivatives, each (n_bodies, n_pose, n)."""
+        measured = [np.stack(parts, axis=1) for parts in zip(*(angle.jet(seen, order) for angle in self._angles))]
+        found = [seen.poses]
+        if order:
+            known = np.isfinite(seen.poses).all(axis=(0, 1))
+            poses = seen.poses[..., known]
+            slopes = self._kinematics.rates(poses)
+            found += [np.full_like(seen.poses, np.nan) for _ in range(order)]
+            found[1][..., known] = np.einsum("bpkn,nk->bpn", slopes, measured[1][known])
+        if order == 2:
+            bends, rate = self._kinematics.curvatures(poses, slopes), measured[1][known]
+            found[2][..., known] = np.einsum("bpkn,nk->bpn", slopes, measured[2][known])
+            found[2][..., known] += np.einsum("bpkln,nk,nl->bpn", bends, rate, rate)
+        return found
 
     def near(self, frames: Frames) -> Callable[[Frames], np.ndarray]:
         """Return what gives its poses for frames next to these, for central differences."""

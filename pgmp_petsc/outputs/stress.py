@@ -31,7 +31,7 @@ class Stress(OutputEntry):
     """Stress of a flexible body, or the force or moment in a section of a beam, largest of what it is asked of."""
 
     type: Literal["stress"]
-    reads = "stresses"
+    reads = ("stresses",)
     body: str = Field(description="name of a flexible body")
     quantity: Literal[
         "von_mises",
@@ -133,7 +133,7 @@ def check_stresses(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> 
     if stressed_bodies(scene):
         bodies = {body.name: body for body in bodies_of(scene, meshes)}
         for name, entry in scene.outputs.items():
-            if entry.reads == "stresses":
+            if "stresses" in entry.reads:
                 _points(f"outputs.{name}", entry, bodies[entry.body].stresses(scene))
 
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import empty_lanes
 from pgmp_petsc.lanes.vectors import (
     EVERY_LANE,
     LANES,
@@ -232,7 +231,7 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
     Parameters
     ----------
     amplitudes
-        Of the actions, shape (n_t, n_actions).
+        Of the actions at every instant, of the sample in each lane, shape (n_t, n_blocks, n_actions, LANES).
     trail
         Positions and velocities, shape (n_t, 2, n_samples, n_eta), and what else is behind them.
     active
@@ -245,9 +244,8 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
         Result: as of `act`, shape (n_t, n_samples, 3, n_actions).
     """
     equations, memory = loaded(equations), loaded(memory)
-    work, n_actions = allocate(equations.layout), amplitudes.shape[1]
+    work, n_actions = allocate(equations.layout), amplitudes.shape[2]
     local = allocate_local(equations.local, len(equations.grid), equations.layout.n_eta)
-    now = empty_lanes(n_actions, LANES)
     for block in range(active.size):
         if active[block] == 0:
             continue
@@ -255,12 +253,10 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
         for instant in range(trail.shape[0]):
             gather(trail[instant, 0], samples, work.q)
             gather(trail[instant, 1], samples, work.rate)
-            for k in range(n_actions):
-                store(now, k, spread(amplitudes[instant, k]))
             act(
-                equations.local, equations.local.all, equations.grid, now, work.q, work.rate, samples, active[block],
-                spread(gain_v), with_tangent, with_tangent and gain_v != 0.0, local, places_of(memory, block),
-                acting_of(memory, block), memory.known, memory.depths,
+                equations.local, equations.local.all, equations.grid, amplitudes[instant, block], work.q, work.rate,
+                samples, active[block], spread(gain_v), with_tangent, with_tangent and gain_v != 0.0, local,
+                places_of(memory, block), acting_of(memory, block), memory.known, memory.depths,
             )  # fmt: skip
             for lane in range(LANES):
                 if active[block] & (1 << lane):
@@ -270,13 +266,17 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
 
 
 @njit(cache=True, entry=True, error_model="numpy")
-def evaluate_residual(equations, memory, strengths, state, result):
-    """Evaluate the residual of every sample, (n_samples, n_eta); of prescribed coordinates it is the driving force."""
+def evaluate_residual(equations, memory, loads, state, result):
+    """Evaluate the residual of every sample, (n_samples, n_eta); of prescribed coordinates it is the driving force.
+
+    Lanes have amplitudes of loads of their own, (n_blocks, n_effects, LANES). Local effects are as they were evaluated
+    last.
+    """
     equations, memory = loaded(equations), loaded(memory)
     work = allocate(equations.layout)
     for block in range(memory.cells.shape[0]):
         take_up(state, memory.samples[block], work)
-        evaluate_block(equations, memory, block, strengths.loads, (spread(0.0), spread(0.0)), np.bool_(False), work)
+        evaluate_block(equations, memory, block, loads[block], (spread(0.0), spread(0.0)), np.bool_(False), work)
         # lanes behind the last sample have no local effects
         count = min(LANES, result.shape[0] - block * LANES)
         scatter(work.balance, memory.samples[block], (1 << count) - 1, result)

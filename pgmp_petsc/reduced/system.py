@@ -128,6 +128,13 @@ class ReducedLanes:
         blocks[:] = self._blocks.pack(rows)
         return blocks
 
+    def packed_over(self, rows: np.ndarray) -> np.ndarray:
+        """Return rows at several instants (n_t, n_samples, n) as vectors, aligned, (n_t, n_blocks, n, LANES)."""
+        found = aligned_zeros((len(rows), self._blocks.n_blocks, rows.shape[2], LANES))
+        for into, one in zip(found, rows):
+            into[:] = self._blocks.pack(one.T)
+        return found
+
     def unpacked(self, vectors: np.ndarray) -> np.ndarray:
         """Return vectors (n_blocks, ..., LANES) by samples, shape (..., n_samples)."""
         return self._blocks.unpack(vectors)
@@ -384,9 +391,14 @@ class ReducedSystem(SecondOrderSystem):
 
         In the rows of prescribed coordinates it is the force (N m) that drives them.
         """
-        self._act_on_all(time, state)
+        return self.residuals_at(np.full(self.n_samples, time), state)
+
+    def residuals_at(self, times: np.ndarray, state: State) -> np.ndarray:
+        """Return the residuals of samples that are each at a time of its own, (n_samples,), s; see `residual`."""
+        everyone, strengths = np.ones(self.n_samples, dtype=bool), self._strengths.over(times)
+        self._known(times[:1], np.array([[state.q, state.v]]), everyone, amplitudes=strengths.actions[None])
         result = np.empty_like(state.q)
-        evaluate_residual(*self._passed, self._strengths.at(time), _parts(state), result)
+        evaluate_residual(*self._passed, self._lanes.packed(strengths.loads.T), _parts(state), result)
         return result
 
     def depths(self, time: float, state: State) -> np.ndarray:
@@ -546,16 +558,19 @@ class ReducedSystem(SecondOrderSystem):
 
     def _known(
         self, times: np.ndarray, trail: np.ndarray, active: np.ndarray | None = None, gain_v: float = 0.0,
-        with_tangent: bool = False,
+        with_tangent: bool = False, amplitudes: np.ndarray | None = None,
     ) -> np.ndarray:  # fmt: skip
         """Evaluate the actions on active samples, or on all, at times (n_t,); return what is known of them, (n_t,
-        n_samples, 3, n_actions), as of `act`."""
+        n_samples, 3, n_actions), as of `act`. Amplitudes are those of the times, or given, (n_t, 1 or n_samples,
+        n_actions)."""
         lanes = self._lanes.sets(np.ones(self.n_samples, dtype=bool) if active is None else active)
         actions = self._actions.actions
-        found, amplitudes = np.zeros((times.size, self.n_samples, 3, len(actions))), amplitudes_over(actions, times)
+        found = np.zeros((times.size, self.n_samples, 3, len(actions)))
         if found.size:
+            given = amplitudes_over(actions, times)[:, None] if amplitudes is None else amplitudes
+            by_sample = np.broadcast_to(given, (times.size, self.n_samples, len(actions)))
             act_on(
-                *self._passed, amplitudes, np.ascontiguousarray(trail), lanes, gain_v,
+                *self._passed, self._lanes.packed_over(by_sample), np.ascontiguousarray(trail), lanes, gain_v,
                 np.bool_(with_tangent), found,
             )  # fmt: skip
         return found

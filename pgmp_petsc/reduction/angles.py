@@ -187,7 +187,7 @@ def stress_errors(
     outputs = [
         StressOutput.of(name, scene, numbers[entry.body], mechanism.bodies[numbers[entry.body]])
         for name, entry in scene.outputs.items()
-        if entry.reads == "stresses"
+        if "stresses" in entry.reads
     ]
     stiffness, loads = _stiffness_and_loads(scene, tables, static)
     answers, found = np.linalg.solve(stiffness, loads), {output.name: 0.0 for output in outputs}

@@ -41,9 +41,10 @@ from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.modes.built_in import BuiltIn
+from pgmp_petsc.modes.built_in import BuiltIn, Closing
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.angles import AngleRounds
@@ -55,6 +56,7 @@ from pgmp_petsc.reduction.continuous_basis import (
     compression_of,
 )
 from pgmp_petsc.reduction.interpolation import samples_for
+from pgmp_petsc.reduction.joint_gaps import JointGaps, gap_answers_at, rows_of
 from pgmp_petsc.reduction.length_family import build_over_lengths
 from pgmp_petsc.reduction.missed_answers import MissedAnswers, missed_answers_at
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -229,6 +231,7 @@ def _built(
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         matrices, effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
         loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
+        opened_rows = rows_of(OutputSet.of(scene, kinematics).forces, mechanism.n_held)
     store = SampleStore(group, way.samples or _samples(scene, kinematics))
     with ExitStack() as opened:
         with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
@@ -252,6 +255,10 @@ def _built(
         if _forces_change(scene, mechanism):
             with timings.phase("section forces"):
                 missed = sampling.missed(store, basis, static_loads)
+        gaps = None
+        if opened_rows.size:
+            with timings.phase("forces in joints"):
+                gaps = sampling.gaps(store, basis, loads, opened_rows)
     n_redundant = problem.n_redundant
     timings = timings.maximum(group.world)
     if joined is None:
@@ -290,6 +297,7 @@ def _built(
         indefinite=indefinite,
         stiffness_changes=_stiffness_changes(store.samples, joined, basis),
         missed=missed,
+        gaps=gaps,
     )
 
 
@@ -419,6 +427,27 @@ class _Sampling:
         answers = np.array([columns[dofs].T for columns, _, _ in gathered])
         found = MissedAnswers(gathered[0][1], dofs, np.array([forces for _, _, forces in gathered]), answers)
         samples = store.samples
+        for axis in np.flatnonzero(basis.flipped.any(axis=1)):
+            found = found.over_two_turns(samples, axis, flipping_signs(basis.tables.n_modes, basis.flipped[axis]))
+            samples = samples.over_two_turns(axis)
+        return found
+
+    def gaps(
+        self, store: SampleStore, basis: ContinuousBasis | None, loads: Sequence[Load], rows: np.ndarray
+    ) -> JointGaps | None:
+        """Return the products of static answers to unit gaps in some constraints with the finished basis; None but on
+        the first rank. Collective."""
+        problem = self.sampler.problem
+        turned, closing = TurnedLoads(problem, loads), Closing(problem)
+
+        def at(theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, ...]:
+            return gap_answers_at(problem, turned, closing, rows, theta, sample, combination)
+
+        gathered = self._at_samples(store, basis, "forces in joints", at)
+        if gathered is None or basis is None:
+            return None
+        shapes, *tables = (np.array(parts) for parts in zip(*gathered))
+        found, samples = JointGaps(rows, *tables, shapes), store.samples
         for axis in np.flatnonzero(basis.flipped.any(axis=1)):
             found = found.over_two_turns(samples, axis, flipping_signs(basis.tables.n_modes, basis.flipped[axis]))
             samples = samples.over_two_turns(axis)

@@ -9,18 +9,21 @@ the curvature chi, if the model has one.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import factorial
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.space import SPATIAL
+from pgmp_petsc.mechanism.space import SPATIAL, leibniz
 from pgmp_petsc.reduction.cell_products import pair_changes
 from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.stencil import N_ROWS, cell_stencil, count_rows, locate
 
 BLOCK = 64
-DIFFERENCE = 2e-3  # of poses and displacements, m and rad, of fourth order: truncation leaves 1e-12, rounding 1e-13
 
 
 class Reconstruction:
@@ -116,24 +119,73 @@ class Reconstruction:
         """Return displacements and rotations in body frames, shape (n, n_nodes, 3), in space (n, n_nodes, 6)."""
         return self._displacements(eta).reshape(len(eta), self._nodes.size, self._space.n_dofs)
 
-    def rates(self, eta: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return the rates of position and rotation, in space of directors, (n_nodes, n_pose, n), for eta and its rates
-        (n, n_eta).
+    def jets(self, states: Sequence[np.ndarray], order: int, cells_of: np.ndarray | None = None) -> list[np.ndarray]:
+        """Return `frames` and their derivatives over time up to an order, each (n_nodes, n_pose, n); in space they are
+        those of position and directors.
 
-        Poses and displacements in body frames have exact rates; what frames are made of these is smooth, and
-        differenced.
+        All are exact: derivatives of poses from the kinematics, those of displacements from the cells of the tables.
+
+        Parameters
+        ----------
+        states
+            eta, its rates and, of order 2, its accelerations, each of shape (n, n_eta).
+        cells_of
+            Other eta, next to these, from whose cells the tables are continued.
         """
-        theta, local = self._theta(eta), self._displacements(eta)
-        poses, turning = self._kinematics.poses(theta), self._theta(v)
-        moving = np.einsum("bpkn,nk->bpn", self._kinematics.rates(poses), turning)
-        changes = self._changes(theta, np.ascontiguousarray(eta[:, theta.shape[1] :]))(v)
-        far = DIFFERENCE / np.maximum(np.maximum(np.abs(moving).max(axis=(0, 1)), np.abs(changes).max(axis=1)), 1e-300)
-        total = 0.0
-        for offset, factor in zip((-2.0, -1.0, 1.0, 2.0), (1.0, -8.0, 8.0, -1.0)):
-            h = offset * far
-            there = self._frames(theta, poses + h * moving, local + h[:, None] * changes)
-            total = total + factor * there[:, : self._space.n_pose]
-        return total / (12.0 * far)
+        eta = states[0]
+        if order == 0 and cells_of is None:
+            return [self.frames(eta)]
+        theta, poses = self._theta(eta), self._kinematics.poses(self._theta(eta))
+        local = self._displacement_jets(states[: order + 1], eta if cells_of is None else cells_of)
+        found = [self._frames(theta, poses, local[0])]
+        if order:
+            slopes = self._kinematics.rates(poses)
+            moving = [poses, *(np.einsum("bpkn,nk->bpn", slopes, self._theta(part)) for part in states[1 : order + 1])]
+            if order == 2:
+                turning, bends = self._theta(states[1]), self._kinematics.curvatures(poses, slopes)
+                moving[2] += np.einsum("bpkln,nk,nl->bpn", bends, turning, turning)
+            found += self._frame_changes(moving, [part[:, : self._n_nodal].T for part in local])
+        return found
+
+    def _displacement_jets(self, states: Sequence[np.ndarray], cells_of: np.ndarray) -> list[np.ndarray]:
+        """Return displacements in body frames and their derivatives over time, each (n, n_unknowns)."""
+        r, order, (n, _) = self._kinematics.n_coordinates, len(states) - 1, states[0].shape
+        deltas, shapes = [part[:, r:] for part in states], self._shapes
+        factors = deltas
+        if self._curved:
+            i, j = np.tril_indices(deltas[0].shape[1])
+            half = np.where(i == j, 0.5, 1.0)
+            pairs = leibniz(np.multiply, [part[:, i] for part in deltas], [half * part[:, j] for part in deltas])
+            factors = [np.hstack(parts) for parts in zip(deltas, pairs)]
+        table = shapes.rows.reshape(-1, *shapes.shape)
+        motion = np.array([self._theta(part) for part in states])
+        found = np.zeros((order + 1, n, shapes.shape[-1]))
+        _fill_jets(motion, np.ascontiguousarray(cells_of), shapes.axes, table, np.array(factors), found)
+        return list(found)
+
+    def _frame_changes(self, poses: Sequence[np.ndarray], local: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Return the derivatives of frames, (n_nodes, n_pose, n) each, for poses (n_bodies, n_pose, n) and
+        displacements (n_nodal, n) in body frames with theirs."""
+        space, d = self._space, self._space.dimension
+        moved = [part.reshape(self._nodes.size, space.n_dofs, -1) for part in local]
+        origin = Attachment(0, 0, np.zeros(d), np.zeros(d))
+        bodies = [origin.natural_jet([part[body] for part in poses]) for body in range(len(poses[0]))]
+        found = np.empty((len(poses) - 1, self._nodes.size, space.n_pose, local[0].shape[1]))
+        for node, (body, point) in enumerate(zip(self._bodies, self._points)):
+            axes = [part[d:].reshape(d, d, -1) for part in bodies[body]]
+            arms = [part[node, :d] for part in moved]
+            arms[0] = arms[0] + point[:, None]
+            places = leibniz(lambda u, axis: np.einsum("kn,kcn->cn", u, axis), arms, axes)
+            if d == 3:
+                turns = rotation_jet([part[node, 3:] for part in moved])
+                directors = leibniz(lambda turn, axis: np.einsum("jkn,jcn->kcn", turn, axis), turns, axes)
+            for k in range(1, len(poses)):
+                found[k - 1, node, :d] = bodies[body][k][:d] + places[k]
+                if d == 3:
+                    found[k - 1, node, 3:] = directors[k].reshape(9, -1)
+                else:
+                    found[k - 1, node, 2] = poses[k][body, 2] + moved[k][node, 2]
+        return list(found)
 
     def along(self, eta: np.ndarray) -> tuple[np.ndarray, Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]]]:
         """Return `frames` at eta (n, n_eta), and what gives them on lines through eta, straight in displacements.
@@ -189,6 +241,79 @@ class Reconstruction:
             turn = Rotation.from_rotvec(moved[:, node, 3:]).as_matrix()
             frames[node, 3:12] = np.einsum("njk,jcn->kcn", turn, axes).reshape(9, n)
         frames[:, 12:] = theta.T[: frames.shape[1] - 12]
+
+
+N_SERIES = 16  # terms of rotations' series: up to pi the first one left out is below 1e-16
+
+
+def rotation_jet(phi: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return ``exp(phi) = 1 + a P + b P^2``, (3, 3, n), P = phi x, of rotation vectors (3, n), with as many derivatives
+    over time as there are of these; a = sin(t) / t and b = (1 - cos(t)) / t^2 as series of t^2."""
+    number = np.arange(N_SERIES)
+    x = leibniz(lambda u, v: np.sum(u * v, axis=0), phi, phi)
+    crossed = [np.array([[0.0 * p[0], -p[2], p[1]], [p[2], 0.0 * p[0], -p[0]], [-p[1], p[0], 0.0 * p[0]]]) for p in phi]
+    squared = leibniz(lambda one, other: np.einsum("ijn,jkn->ikn", one, other), crossed, crossed)
+    found = [0.0, 0.0, 0.0][: len(phi)]
+    for first, matrix in ((1, crossed), (2, squared)):
+        series = Polynomial([(-1.0) ** k / factorial(2 * k + first) for k in number])
+        slope, bend = series.deriv(1)(x[0]), series.deriv(2)(x[0])
+        factor = [series(x[0]), *(slope * part for part in x[1:])]
+        if len(phi) > 2:
+            factor[2] = factor[2] + bend * x[1] ** 2
+        found = [one + part for one, part in zip(found, leibniz(np.multiply, factor, matrix))]
+    found[0] = found[0] + np.eye(3)[:, :, None]
+    return found
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def _fill_jets(motion, cells_of, axes, table, factors, found):
+    """Add sums of the rows of a table (n_rows, n_in, n_out), with factors (1 + order, n, n_in) and the weights of a
+    motion (1 + order, n, n_theta) in the cells of other thetas (n, n_theta), and their derivatives over time to found
+    (1 + order, n, n_out)."""
+    order, n_rows = motion.shape[0] - 1, N_ROWS ** len(axes)
+    along, rows = np.empty(N_ROWS, dtype=np.int64), np.empty(n_rows, dtype=np.int64)
+    ahead, behind, slopes, spare = np.empty(N_ROWS), np.empty(N_ROWS), np.empty(N_ROWS), np.empty(N_ROWS)
+    one, weights = np.zeros((3, N_ROWS)), np.zeros((3, n_rows))
+    for k in range(motion.shape[1]):
+        rows[0], weights[0, 0], weights[1, 0], weights[2, 0] = 0, 1.0, 0.0, 0.0
+        n_filled = 1
+        for axis in range(len(axes)):
+            cell, _ = locate(cells_of[k, axis], axes[axis])
+            s = (motion[0, k, axis] - axes[axis].lower) / axes[axis].step - cell
+            # slopes are of second degree: their differences are exact
+            cell_stencil(cell, s + 0.5, axes[axis], along, spare, ahead)
+            cell_stencil(cell, s - 0.5, axes[axis], along, spare, behind)
+            cell_stencil(cell, s, axes[axis], along, one[0], slopes)
+            for j in range(N_ROWS if order > 0 else 0):
+                one[1, j] = slopes[j] * motion[1, k, axis]
+                if order > 1:
+                    bend = (ahead[j] - behind[j]) / axes[axis].step
+                    one[2, j] = bend * motion[1, k, axis] ** 2 + slopes[j] * motion[2, k, axis]
+            for i in range(n_filled - 1, -1, -1):
+                row, w, dw, ddw = rows[i] * count_rows(axes[axis]), weights[0, i], weights[1, i], weights[2, i]
+                for j in range(N_ROWS):
+                    to = N_ROWS * i + j
+                    rows[to] = row + along[j]
+                    weights[0, to] = w * one[0, j]
+                    weights[1, to] = dw * one[0, j] + w * one[1, j]
+                    weights[2, to] = ddw * one[0, j] + 2.0 * dw * one[1, j] + w * one[2, j]
+            n_filled *= N_ROWS
+        for p in range(n_rows):
+            for i in range(table.shape[1]):
+                value = weights[0, p] * factors[0, k, i]
+                first = second = 0.0
+                if order > 0:
+                    first = weights[1, p] * factors[0, k, i] + weights[0, p] * factors[1, k, i]
+                if order > 1:
+                    second = weights[2, p] * factors[0, k, i] + 2.0 * weights[1, p] * factors[1, k, i]
+                    second += weights[0, p] * factors[2, k, i]
+                for e in range(table.shape[2]):
+                    entry = table[rows[p], i, e]
+                    found[0, k, e] += value * entry
+                    if order > 0:
+                        found[1, k, e] += first * entry
+                    if order > 1:
+                        found[2, k, e] += second * entry
 
 
 @njit(cache=True, error_model="numpy")

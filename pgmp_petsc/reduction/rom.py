@@ -36,10 +36,12 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.reduction.cell_products import SecondOrderTables
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
+from pgmp_petsc.reduction.joint_gaps import JointGaps
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
 from pgmp_petsc.reduction.rom_file import (
     BodyFile,
     BranchFile,
+    GapsFile,
     LengthsFile,
     MissedFile,
     ModelFile,
@@ -94,6 +96,8 @@ class ReducedOrderModel:
     #: what the basis misses of the forces in bodies with stress outputs away from the nominal parameters; None where no
     #: parameter changes them, or lengths are parameters
     missed: MissedAnswers | None = None
+    #: what forces in joints are made of, where outputs of the scene are such; None where none is
+    gaps: JointGaps | None = None
     #: models at other lengths, where parameters are lengths, places or ratios; the model itself has the nominal ones
     family: LengthFamily | None = field(default=None, repr=False)
     _displacements: dict[str, Interpolant] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -103,13 +107,21 @@ class ReducedOrderModel:
         """Checksum of all that runs of the model depend on besides its scene."""
         if self.family is not None:
             return identity(*(member.identity for member in self.family.members))
-        missed = () if self.missed is None else (self.missed,)
-        return identity(self.tables, self.projection, self.meshes, self.curvature, *missed)
+        more = (part for part in (self.missed, self.gaps) if part is not None)
+        return identity(self.tables, self.projection, self.meshes, self.curvature, *more)
 
     @property
     def n_parameter(self) -> int:
         """Number of vectors from other parameter values."""
         return self.points.n_vectors
+
+    @property
+    def with_gaps(self) -> ReducedOrderModel:
+        """The model whose basis has static answers to gaps of joints behind its own vectors (`joint_gaps`)."""
+        if self.gaps is None:
+            return self
+        tables, projection, curvature = self.gaps.beside(self.tables, self.projection, self.curvature)
+        return replace(self, tables=tables, projection=projection, curvature=curvature)
 
     def displacements(self, scheme: str, dofs: np.ndarray) -> Interpolant:
         """Return displacements and rotations of some unknowns in body frames, values of shape (n_factors, dofs.size).
@@ -157,6 +169,7 @@ class ReducedOrderModel:
             "kinematics": BranchFile.of(self.branch),
             "stiffness_changes": None if changes is None else StiffnessChangesFile(**vars(changes)),
             "missed": None if missed is None else MissedFile(**vars(missed)),
+            "joint_gaps": None if self.gaps is None else GapsFile(**vars(self.gaps)),
             "parameter_points": PointsFile(**vars(self.points)) if self.points.values else None,
             "mesh": {name: BodyFile.of(shape) for name, shape in self.meshes.items()},
         }
@@ -181,10 +194,12 @@ class ReducedOrderModel:
     @classmethod
     def _of(cls, found: ModelFile, record: RunRecord) -> ReducedOrderModel:
         """Return the model that a file has."""
-        second, changes, missed, points = (
+        second, changes, missed, gaps, points = (
             None if one is None else {item.name: getattr(one, item.name) for item in fields(one)}
-            for one in (found.second_order, found.stiffness_changes, found.missed, found.parameter_points)
-        )
+            for one in (
+                found.second_order, found.stiffness_changes, found.missed, found.joint_gaps, found.parameter_points
+            )
+        )  # fmt: skip
         tables = ReducedTables(
             samples=found.samples,
             mass_weights=found.mass_weights,
@@ -208,6 +223,7 @@ class ReducedOrderModel:
             points=ParameterPoints.none() if points is None else ParameterPoints(**points),
             stiffness_changes=changes and StiffnessChanges(**changes),
             missed=missed and MissedAnswers(**missed),
+            gaps=gaps and JointGaps(**gaps),
             **{name: getattr(found, name) for name in OWN},
         )
 

@@ -400,6 +400,25 @@ class MissedFile(Record):
 
 
 @dataclass(frozen=True)
+class GapsFile(Record):
+    """Products of static answers Y to unit gaps in constraints of joints with the basis."""
+
+    rows: np.ndarray = array("gap", at="constraints", about="numbers of the constraints that joints hold in the motion")
+    mass: np.ndarray = array(
+        "configuration", "mass term", "gap", "eta", unit=WEIGHT_FREE, about="Y^T M_i [d rho/d theta, Psi]"
+    )
+    inertia: np.ndarray = array(
+        "configuration", "mass term", "coordinate", "coordinate", "gap", unit=WEIGHT_FREE,
+        about="(d2 rho/d theta2)^T M_i Y",
+    )  # fmt: skip
+    stiffness: np.ndarray = array(
+        "configuration", "stiffness term", "gap", "mode", unit=WEIGHT_FREE, about="Y^T K_i Psi"
+    )
+    load: np.ndarray = array("configuration", "load term", "gap", unit=WEIGHT_FREE, about="Y^T f_j")
+    shapes: np.ndarray = array("configuration", "unknown", "gap", unit=NODE_UNITS, about="Y in body frames")
+
+
+@dataclass(frozen=True)
 class PointsFile(Record):
     """Parameter points whose modes the basis takes up."""
 
@@ -464,6 +483,7 @@ class ModelFile(Record):
     )
     stiffness_changes: StiffnessChangesFile | None = array(absent=None)
     missed: MissedFile | None = array(absent=None)
+    joint_gaps: GapsFile | None = array(absent=None)
     parameter_points: PointsFile | None = array(absent=None)
     cosines: np.ndarray = array(
         "sample", about="cosine between neighbouring spaces of modes, 1 = the same space", gaps=True

@@ -17,6 +17,7 @@ from pgmp_petsc.base.units import LENGTHS
 ROUND_OFF = 1e-12  # of a quantity's size: what varies by less is the same throughout
 DIGITS = 2  # of an interval's width that are shown
 PLAIN = (1e-4, 1e7)  # sizes that are written without a power of ten
+MOST = 100.0  # a share beyond it is of something that is hardly there
 READABLE = 1e-3  # of the largest figure of a page: smaller ones have a prefix of their own
 # Powers of 1000 that are written as prefixes, for the units that are used with them.
 _PREFIXES = {0: "", -1: "m", -2: "\N{MICRO SIGN}", -3: "n", 1: "k", 2: "M", 3: "G"}
@@ -42,7 +43,9 @@ def plain(value: float, digits: int = 2, sign: str = "") -> str:
 
 
 def share_text(share: float, digits: int = 2) -> str:
-    """Return a share in per cent: ``0.12 %``, ``140 %``."""
+    """Return a share in per cent: ``0.12 %``, ``140 %``; of what is round-off, a bound."""
+    if share > MOST:
+        return f"more than {100.0 * MOST:,.0f} %"
     return f"{plain(100.0 * share, digits)} %" if np.isfinite(share) else "not known"
 
 

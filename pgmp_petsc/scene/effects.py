@@ -26,6 +26,7 @@ from pgmp_petsc.scene.fields import (
     Table,
     Unit,
     exactly_one,
+    named_numbers,
     quantities_of,
     refusal,
 )
@@ -127,11 +128,8 @@ class EffectEntry(Table):
 
     def uses(self, entry: str, turns: bool) -> Iterator[Use]:
         """Yield the entries that may name a parameter; `entry` is the effect's own, `turns` what it acts on."""
-        for key, (sign, unit) in self.quantities.items():
-            found = getattr(self, key)
-            for value in found if isinstance(found, tuple) else (found,):
-                if value is not None:
-                    yield Use(f"{entry}.{key}", value, sign, unit.turning if turns else unit.sliding)
+        for key, *use in named_numbers(self, not turns):
+            yield Use(f"{entry}.{key}", *use)
 
     def measured(self, scene: AnyScene, entry: str) -> Iterator[Use]:
         """Yield the entries that no parameter can be, and whose unit hangs on the scene; `entry` is the effect's."""
@@ -276,6 +274,12 @@ class OverTime(EffectEntry):
                 "scale",
             )
         return self
+
+
+#: Of what hangs on the motion of a joint.
+OverMotion = Annotated[
+    Literal["turning", "sliding"] | None, Field(description="which motion of the joint `over`, where it has both")
+]
 
 
 class OnJoint(EffectEntry):

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Annotated, Any, Literal, Protocol, Self, TypeGuard, get_args
+from typing import Annotated, Any, Literal, TypeGuard, get_args
 
 from pydantic import (
     AfterValidator,
@@ -29,7 +29,7 @@ from pydantic import (
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from pgmp_petsc.base.errors import visible
-from pgmp_petsc.base.units import QUANTITY, SI, UnitSystem, UnknownUnit, number_of
+from pgmp_petsc.base.units import QUANTITY, SI, UnknownUnit, number_of
 
 GROUND = "ground"
 #: Which numbers make sense in an entry. A spring may be negative: a magnet, or one past its dead point.
@@ -48,40 +48,8 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
-class AnyScene(Protocol):
-    """A scene as its own entries and their checks see it: `Scene`, whose entries are of the kinds that are found."""
-
-    #: tables, as of `Scene`
-    ground: Any
-    parameters: Mapping[str, Any]
-    materials: Mapping[str, Any]
-    bodies: Mapping[str, Any]
-    joints: Mapping[str, Any]
-    coordinates: Mapping[str, Any]
-    effects: Mapping[str, Any]
-    reduction: Any
-    initial: Any
-    simulation: Any
-    correlation: Mapping[str, Mapping[str, float]]
-    fields: Mapping[str, Any]
-    ensemble: Any
-    outputs: Mapping[str, Any]
-    #: what follows from these, as of `Scene`
-    system: UnitSystem
-    dimension: int
-    values: dict[str, float]
-    nominal: dict[str, float]
-    positive_parameters: frozenset[str]
-    parameters_not_negative: frozenset[str]
-
-    def number(self, entry: float | str, values: Mapping[str, float] | None = None) -> float:
-        """Return the number behind an entry that is a number or a parameter's name."""
-
-    def initial_state(self, coordinate: str) -> Any:
-        """Return where a coordinate starts."""
-
-    def model_copy(self, *, update: Mapping[str, Any]) -> Self:
-        """Return the scene with other tables."""
+#: A scene as its own entries and their checks see it: a `Scene`, whose entries are of the kinds that are found.
+AnyScene = Any
 
 
 @dataclass(frozen=True)
@@ -179,6 +147,19 @@ def quantities_of(table: type[Table]) -> dict[str, tuple[Sign, Unit]]:
     return found
 
 
+def named_numbers(table: Table, slides: bool = False) -> Iterator[tuple[str, float | str, Sign, tuple[str, ...]]]:
+    """Yield key, value, sign and units of each number of a table that may name a parameter, where it has one.
+
+    `slides` is whether they are of what slides; what is rigid, with an infinite stiffness, is none.
+    """
+    for key, (sign, unit) in quantities_of(type(table)).items():
+        found, units = getattr(table, key), tuple(filter(None, unit.sliding if slides else unit.turning))
+        pairs = found.items() if isinstance(found, dict) else ()
+        yield from ((f"{key}.{name}", value, sign, units) for name, value in pairs)
+        values = () if isinstance(found, dict) else found if isinstance(found, tuple) else (found,)
+        yield from ((key, value, sign, units) for value in values if value is not None and value != math.inf)
+
+
 def refusal(allowed: str, key: str = "") -> PydanticCustomError:
     """Return the error that a validator raises: what is allowed, and the key that is to blame."""
     return PydanticCustomError("refusal", "{allowed}", {"allowed": allowed, "key": key})
@@ -234,7 +215,7 @@ def _of_sensible_size(value: float) -> float:
 def _sensible_numbers(value: object) -> object:
     """Check the size of a number, or of each in a tuple; names of parameters pass."""
     for number in value if isinstance(value, tuple) else (value,):
-        if not isinstance(number, str):
+        if not isinstance(number, str) and number != math.inf:
             _of_sensible_size(number)
     return value
 
@@ -325,6 +306,18 @@ def _either(**bounds: float) -> WithJsonSchema:
     return WithJsonSchema({"anyOf": [{"type": "number", **bounds}, {"type": "string"}]})
 
 
+def _or_parameter(
+    what: str, sign: Sign, fits: Callable[[float], bool] = lambda x: True, infinite: bool = False, **bounds: float
+) -> Any:
+    """Return the type of a number that fits, or of the name of a parameter."""
+
+    def is_one(value: object) -> bool:
+        return isinstance(value, str) or (is_number(value) or infinite and value == math.inf) and fits(value)
+
+    notes = [_needed(f"{what} or the name of a parameter is needed", is_one), AfterValidator(_sensible_numbers)]
+    return Annotated[(float | str, *notes, *([_either(**bounds)] if bounds else []), Quantified(sign))]
+
+
 #: A finite number; text and booleans are refused.
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False), AfterValidator(_of_sensible_size)]
 #: An angle (rad).
@@ -333,37 +326,14 @@ Angle = Annotated[Number, AfterValidator(_no_more_turns), Unit("rad")]
 AngleOrPlace = Annotated[Number, AfterValidator(_no_more_turns), Unit("rad", "m")]
 #: A time (s).
 Time = Annotated[Number, Unit("s")]
-#: A length (m).
 #: An integer; numbers with a decimal point are refused.
 Integer = Annotated[int, Field(strict=True)]
 #: A number, or the name of a parameter.
-NumberOrParameter = Annotated[
-    float | str,
-    _needed("a finite number or the name of a parameter is needed", _is_number_or_name),
-    AfterValidator(_sensible_numbers),
-    Quantified("any"),
-]
+NumberOrParameter = _or_parameter("a finite number", "any")
 #: A number other than 0, or the name of a parameter.
-NotZeroOrParameter = Annotated[
-    float | str,
-    _needed(
-        "a number other than 0 or the name of a parameter is needed",
-        lambda value: _is_number_or_name(value) and value != 0,
-    ),
-    AfterValidator(_sensible_numbers),
-    Quantified("not zero"),
-]
+NotZeroOrParameter = _or_parameter("a number other than 0", "not zero", lambda x: x != 0)
 #: A positive number, or the name of a parameter.
-PositiveOrParameter = Annotated[
-    float | str,
-    _needed(
-        "a positive number or the name of a parameter is needed",
-        lambda value: _is_number_or_name(value) and (isinstance(value, str) or value > 0),
-    ),
-    AfterValidator(_sensible_numbers),
-    _either(exclusiveMinimum=0),
-    Quantified("positive"),
-]
+PositiveOrParameter = _or_parameter("a positive number", "positive", lambda x: x > 0, exclusiveMinimum=0)
 #: Two positive numbers, or names of parameters.
 PositivePair = Annotated[
     tuple[float | str, float | str],
@@ -378,27 +348,11 @@ PositivePair = Annotated[
     Quantified("positive"),
 ]
 #: A number that is not negative, or the name of a parameter.
-NotNegativeOrParameter = Annotated[
-    float | str,
-    _needed(
-        "a number that is not negative or the name of a parameter is needed",
-        lambda value: _is_number_or_name(value) and (isinstance(value, str) or value >= 0),
-    ),
-    AfterValidator(_sensible_numbers),
-    _either(minimum=0),
-    Quantified("not negative"),
-]
+NotNegativeOrParameter = _or_parameter("a number that is not negative", "not negative", lambda x: x >= 0, minimum=0)
 #: A stiffness: a number that is not negative, inf for what is rigid, or the name of a parameter.
-StiffnessOrParameter = Annotated[
-    float | str,
-    _needed(
-        "a number that is not negative, inf for rigid, or the name of a parameter is needed",
-        lambda value: value == math.inf or _is_number_or_name(value) and (isinstance(value, str) or value >= 0),
-    ),
-    AfterValidator(lambda value: value if value == math.inf else _sensible_numbers(value)),
-    _either(minimum=0),
-    Quantified("not negative"),
-]
+StiffnessOrParameter = _or_parameter(
+    "a number that is not negative, inf for rigid,", "not negative", lambda x: x >= 0, True, minimum=0
+)
 #: A positive number.
 PositiveNumber = Annotated[Number, Field(gt=0.0)]
 #: A number that is not negative.
@@ -524,21 +478,24 @@ def _times_increase(table: Rows) -> Rows:
     return table
 
 
-class _OrFile:
-    """A note on a table, for editors: a file's name, or one with the names of two columns, stands for its rows."""
+@dataclass(frozen=True)
+class OrFile:
+    """A note on a type, for editors: a file's name, or one with the names of two columns, stands for its rows."""
+
+    columns: bool
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         columns = {key: {"type": "string"} for key in ("file", "x", "y")}
         in_file = {"type": "object", "properties": columns, "required": ["file"], "additionalProperties": False}
-        return {"anyOf": [handler(schema), {"type": "string"}, in_file]}
+        return {"anyOf": [handler(schema), {"type": "string"}, *([in_file] if self.columns else [])]}
 
 
 #: Rows [time (s), value] with increasing times.
 TimeTable = Annotated[
-    tuple[Pair, ...], Field(min_length=1), AfterValidator(_times_increase), _OF_MOTIONS, Unit(), _OrFile()
+    tuple[Pair, ...], Field(min_length=1), AfterValidator(_times_increase), _OF_MOTIONS, Unit(), OrFile(True)
 ]
 #: Rows [time (s), value] of a load, whose values may be parameters.
-LoadTable = Annotated[tuple[Row, ...], Field(min_length=1), AfterValidator(_times_increase), Unit(), _OrFile()]
+LoadTable = Annotated[tuple[Row, ...], Field(min_length=1), AfterValidator(_times_increase), Unit(), OrFile(True)]
 
 
 class Harmonic(Table):

@@ -27,7 +27,6 @@ from pgmp_petsc.scene.fields import (
     NumberOrParameter,
     Place,
     PositiveOrParameter,
-    Sign,
     StiffnessOrParameter,
     Table,
     Unit,
@@ -52,6 +51,7 @@ def are_parallel(first: Sequence[float], second: Sequence[float]) -> bool:
 TURNS = {2: 1, 3: 3}
 WHERE = {2: "in the plane", 3: "in space"}
 #: Stiffness of what is along the axes and about them, with the damping beside it.
+SPRINGS = ("stiffness", "damping", "turning_stiffness", "turning_damping")
 DAMPED_BY = {"stiffness": "damping", "turning_stiffness": "turning_damping"}
 
 
@@ -80,11 +80,6 @@ class Elastic(Table):
     turning_damping: Annotated[tuple[NotNegativeOrParameter, ...], Unit("N m s/rad")] = Field(
         (), description="about each axis (N m s/rad), as damping"
     )
-
-    def uses(self) -> Iterator[tuple[str, float | str, Sign, tuple[str, ...]]]:
-        """Yield key, value, sign and units of what may name a parameter."""
-        for key, (sign, unit) in quantities_of(type(self)).items():
-            yield from ((key, value, sign, unit.turning) for value in getattr(self, key) if value != math.inf)
 
     @property
     def structure(self) -> tuple[Any, ...]:
@@ -121,11 +116,6 @@ class Offset(Table):
         "numbers or parameters' names",
     )
 
-    def uses(self) -> Iterator[tuple[str, float | str, Sign, tuple[str, ...]]]:
-        """Yield key, value, sign and units of what may name a parameter."""
-        for key, (sign, unit) in quantities_of(type(self)).items():
-            yield from ((key, value, sign, unit.turning) for value in getattr(self, key))
-
     def has(self, name: str | None) -> bool:
         """Return whether an entry names a parameter; of None, whether one is a number but 0."""
         entries = (*self.place, *self.turn)
@@ -145,11 +135,16 @@ class Offset(Table):
         """Yield a line if it has nothing, or not as many numbers as directions or turns."""
         if not self.place and not self.turn:
             yield problem(entry, "place or turn is needed, such as { place = [0.0, 0.0, 1e-4] }", {})
-        for key, count in (("place", dimension), ("turn", TURNS[dimension])):
-            numbers = getattr(self, key)
-            if numbers and len(numbers) != count:
-                what = "one number is" if count == 1 else f"{count} numbers are"
-                yield problem(f"{entry}.{key}", f"{what} needed {WHERE[dimension]}", list(numbers))
+        yield from _count_problems(self, entry, dimension, place=dimension, turn=TURNS[dimension])
+
+
+def _count_problems(table: Any, entry: str, dimension: int, each: str = "", **counts: int) -> Iterator[str]:
+    """Yield a line for each list of numbers that is there, and has not as many as are counted."""
+    for key, count in counts.items():
+        numbers = getattr(table, key)
+        if numbers and len(numbers) != count:
+            what = "one number is" if count == 1 else f"{count} numbers{each} are"
+            yield problem(f"{entry}.{key}", f"{what} needed {WHERE[dimension]}", list(numbers))
 
 
 def frame_problems(springs: Any, dimension: int, entry: str) -> Iterator[str]:
@@ -162,16 +157,8 @@ def frame_problems(springs: Any, dimension: int, entry: str) -> Iterator[str]:
     elif n == 3 and are_parallel(*given):
         words = "the axes must not be parallel; the second one is at a right angle"
         yield problem(f"{entry}.reference", words, given)
-    for key, count in (
-        ("stiffness", n),
-        ("damping", n),
-        ("turning_stiffness", TURNS[n]),
-        ("turning_damping", TURNS[n]),
-    ):
-        numbers = getattr(springs, key)
-        if numbers and len(numbers) != count:
-            what = "one number is" if count == 1 else f"{count} numbers, one for each axis, are"
-            yield problem(f"{entry}.{key}", f"{what} needed {WHERE[n]}", list(numbers))
+    counts = dict(zip(SPRINGS, (n, n, TURNS[n], TURNS[n])))
+    yield from _count_problems(springs, entry, n, ", one for each axis,", **counts)
 
 
 class Ground(Table):
@@ -355,23 +342,6 @@ class CouplingEntry(JointTable):
     def shares(self, motion: Callable[[str, str | None], str | None]) -> list[Share]:
         """Return what is added; `motion` gives that of a joint by its name, of several the one that is said."""
         raise NotImplementedError
-
-    def uses(self) -> Iterator[tuple[str, float | str, Sign, tuple[str, ...]]]:
-        """Yield key, value, sign and units of what may name a parameter."""
-        for key, (sign, unit) in quantities_of(type(self)).items():
-            given, units = getattr(self, key), tuple(filter(None, unit.turning))
-            if given is None:
-                continue
-            if isinstance(given, dict):
-                yield from ((f"{key}.{name}", value, sign, units) for name, value in given.items())
-            else:
-                yield from ((key, value, sign, units) for value in (given if isinstance(given, tuple) else (given,)))
-
-    def elastic_uses(self, scene: AnyScene) -> Iterator[tuple[str, float | str, Sign, tuple[str, ...]]]:
-        """Yield key, value, sign and units of numbers of ``elastic`` that may name a parameter."""
-        slid = self.shares_in(scene)[0].motion == "sliding"
-        for key, (sign, unit) in quantities_of(ElasticCoupling).items() if self.elastic is not None else ():
-            yield key, getattr(self.elastic, key), sign, unit.sliding if slid else unit.turning
 
     def with_numbers(self, values: Mapping[str, float]) -> Self:
         """Return the coupling with numbers in place of parameters, by their names."""

@@ -258,32 +258,24 @@ def load_scene(path: Path | str, overrides: Sequence[str] = (), settings: Sequen
         ``NAME=VALUE``: the value of a parameter in a single run; its nominal value stays.
     """
     path = Path(path)
-    return _scene(parse(read_text(path), str(path)), path.parent, overrides, settings)
+    return scene_from_tables(parse(read_text(path), str(path)), path.parent, overrides, settings)
 
 
 def scene_from_toml(
     text: str, directory: Path | str, overrides: Sequence[str] = (), settings: Sequence[str] = ()
 ) -> Scene:
     """Validate a scene given as TOML text, with paths relative to `directory`; otherwise as `load_scene`."""
-    return _scene(parse(text, "the scene's text"), Path(directory), overrides, settings)
+    return scene_from_tables(parse(text, "the scene's text"), directory, overrides, settings)
 
 
 def scene_from_tables(
-    tables: dict[str, Any], directory: Path | str, overrides: Sequence[str] = (), settings: Sequence[str] = ()
+    data: dict[str, Any], directory: Path | str, overrides: Sequence[str] = (), settings: Sequence[str] = ()
 ) -> Scene:
     """Validate a scene given as the tables of a TOML text, with paths relative to `directory`; see `load_scene`.
 
     The tables are changed.
     """
-    return _scene(tables, Path(directory), overrides, settings)
-
-
-def scene_to_toml(scene: Scene) -> str:
-    """Return the scene with all defaults and set values; `scene_from_toml` reads it back unchanged."""
-    return tomli_w.dumps(scene.model_dump(exclude_none=True))
-
-
-def _scene(data: dict[str, Any], directory: Path, overrides: Sequence[str], settings: Sequence[str]) -> Scene:
+    directory = Path(directory)
     apply_overrides(data, overrides)
     check_tables(data)
     _read_tables(data, directory)
@@ -300,6 +292,11 @@ def _scene(data: dict[str, Any], directory: Path, overrides: Sequence[str], sett
         return Scene.model_validate(data, context=context)
     except ValidationError as error:
         raise explain(error, Scene, given, system) from error
+
+
+def scene_to_toml(scene: Scene) -> str:
+    """Return the scene with all defaults and set values; `scene_from_toml` reads it back unchanged."""
+    return tomli_w.dumps(scene.model_dump(exclude_none=True))
 
 
 def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:

@@ -28,6 +28,8 @@ STRESSES = {
         "stress_min": "Pa",
     },
 }
+#: What outputs may read.
+READS = ("frames", "time", "parameters", "stresses", "multipliers")
 #: Quantities of beams that need the shape of the section.
 OF_FIBRES = ("stress_max", "stress_min")
 
@@ -35,9 +37,10 @@ OF_FIBRES = ("stress_max", "stress_min")
 class OutputEntry(Table):
     """A table ``[outputs.NAME]``. An output is a subclass with ``type: Literal["..."]``, its entries, and `reads`."""
 
-    #: What it reads of a motion: ``frames`` of nodes, of which it is what `reading` returns; their ``rates``, with
-    #: which it is how fast that changes; or ``stresses`` or ``multipliers`` of constraints, which models observe.
-    reads: ClassVar[Literal["frames", "rates", "stresses", "multipliers"]]
+    #: What it reads of a motion, of `READS`: ``frames`` of nodes with their rates and accelerations, the ``time`` and
+    #: values of ``parameters``, of which it is what `reading` returns; or ``stresses`` or
+    #: ``multipliers`` of constraints, which models observe.
+    reads: ClassVar[tuple[str, ...]]
     #: Motions of which the joint that it is of leaves one free: ``turning``, ``sliding``.
     joints: ClassVar[tuple[str, ...]] = ()
     #: Unit of what is read of frames, or of its rate.
@@ -47,11 +50,13 @@ class OutputEntry(Table):
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
         if not OUTPUTS.take(cls):
             return
-        if getattr(cls, "reads", None) not in ("frames", "rates", "stresses", "multipliers"):
-            raise refuse(cls, 'an output says what it reads: reads = "frames" (or "rates", "stresses", "multipliers")')
+        reads = getattr(cls, "reads", ())
+        cls.reads = (reads,) if isinstance(reads, str) else tuple(reads)
+        if not cls.reads or not set(cls.reads) <= set(READS):
+            raise refuse(cls, f'an output says what it reads: reads = ("frames",), of {", ".join(READS)}')
         of_frames = cls.of_frames()
         if (cls.reading is not OutputEntry.reading) != of_frames:
-            words = 'an output has the method reading(self, name, start, kinematics) if it reads "frames" or "rates"'
+            words = "an output has the method reading(self, name, start, kinematics), unless it reads stresses"
             raise refuse(cls, words)
         if of_frames and not cls.unit:
             raise refuse(cls, 'an output of frames says its unit: unit = "m"')
@@ -61,14 +66,14 @@ class OutputEntry(Table):
     @classmethod
     def of_frames(cls) -> bool:
         """Whether frames and their rates are all that it reads."""
-        return cls.reads in ("frames", "rates")
+        return {"stresses", "multipliers"}.isdisjoint(cls.reads)
 
     def unit_in(self, scene: AnyScene) -> str:
         """Return its unit, where that is not the same for all."""
         return self.unit
 
     def reading(self, name: str, start: Any, kinematics: Any) -> Any:
-        """Return what is read of frames, an `outputs.readings.Reading`.
+        """Return what is read, a `Reading` of frames or another of `outputs.readings`.
 
         Raises `InputError` if a body's mesh does not have a point that it is at.
 

@@ -35,11 +35,21 @@ from itertools import product
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import ConfigDict, Field, GetJsonSchemaHandler, model_validator
-from pydantic_core import CoreSchema
+from pydantic import ConfigDict, Field, model_validator
 
 from pgmp_petsc.base.errors import nearest_name
-from pgmp_petsc.scene.fields import AnyScene, Integer, Interval, Number, PositiveNumber, Table, Unit, at_most, refusal
+from pgmp_petsc.scene.fields import (
+    AnyScene,
+    Integer,
+    Interval,
+    Number,
+    OrFile,
+    PositiveNumber,
+    Table,
+    Unit,
+    at_most,
+    refusal,
+)
 from pgmp_petsc.scene.laws import Discrete, Empirical, Mixture, Normal, Uniform, quick
 from pgmp_petsc.scene.messages import problem
 
@@ -62,13 +72,6 @@ MOST_VALUES = 10_000  # every file carries them
 SIMPLE = {"norm": Normal, "uniform": Uniform}  # laws without shapes
 
 
-class _OrFile:
-    """A note on a type that in a scene's file the name of another file may replace (`scene.loading`)."""
-
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        return {"anyOf": [handler(schema), {"type": "string"}]}
-
-
 class Distribution(Table):
     """A continuous distribution of scipy.stats: its name, with ``loc``, ``scale`` and shapes as keys; or one of
     ``discrete``, ``empirical`` and ``mixture``, which have keys of their own."""
@@ -80,7 +83,7 @@ class Distribution(Table):
         description="name of a continuous distribution of scipy.stats, such as norm; or discrete (values with "
         "weights), empirical (measured values, straight lines between them), mixture (of other distributions)"
     )
-    values: Annotated[tuple[Number, ...], _OrFile()] | None = Field(
+    values: Annotated[tuple[Number, ...], OrFile(False)] | None = Field(
         None,
         description="of discrete and empirical: numbers, or a file with one in each line (the first may be a name)",
     )

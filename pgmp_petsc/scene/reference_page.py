@@ -136,9 +136,6 @@ SPELLED = {
     "Nm/rad": "N m/rad",
     "Nm s/rad": "N m s/rad",
     "Hz": "Hz",
-    "s/m": "s/m",
-    "s/rad": "s/rad",
-    "1/s": "1/s",
 }
 
 

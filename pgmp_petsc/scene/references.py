@@ -92,12 +92,22 @@ def joint_problems(scene: AnyScene, entry: str, joint: str, allowed: tuple[type,
 
 
 def over_problems(scene: AnyScene, entry: str, effect: Any) -> Iterator[str]:
-    """Yield a line if there is no such joint as an effect hangs on, or that joint has two motions."""
+    """Yield a line if there is no such joint as an effect hangs on, or its motion is none of it or not said."""
+    if effect.over is None:
+        if effect.over_motion is not None:
+            yield problem(f"{entry}.over_motion", "needs over, the joint that has it", effect.over_motion)
+        return
     known = list(joint_problems(scene, f"{entry}.over", effect.over, joints_with(*MEASURED, dimension=scene.dimension)))
     yield from known
-    if not known and motion_over(scene, effect) is None:
-        words = f"is {scene.joints[effect.over].type}, which turns and slides; take a joint that has one motion"
-        yield problem(f"{entry}.over", words, effect.over)
+    if known:
+        return
+    joint, motion = scene.joints[effect.over], motion_over(scene, effect)
+    free = [one for one in joint.motions_in(scene.dimension) if one in MEASURED]
+    needed = " or ".join(f'"{one}"' for one in free)
+    if motion is None:
+        yield problem(f"{entry}.over_motion", f"missing; {effect.over} is {joint.type}: {needed} is needed")
+    elif motion not in free:
+        yield problem(f"{entry}.over_motion", f"{effect.over} is {joint.type}: allowed is {needed}", motion)
 
 
 def motion_problems(
@@ -310,7 +320,7 @@ PLACES = ("at", "group", "region")
 
 def stressed_bodies(scene: AnyScene) -> set[str]:
     """Return the names of the bodies that stress outputs name."""
-    return {output.body for output in scene.outputs.values() if output.reads == "stresses"}
+    return {output.body for output in scene.outputs.values() if "stresses" in output.reads}
 
 
 def stress_problems(scene: AnyScene, name: str, output: OutputEntry) -> Iterator[str]:
@@ -533,7 +543,8 @@ def _initial_states(scene: AnyScene) -> Iterator[str]:
         if scene.initial.equilibrium and state.velocity != 0.0:
             yield problem(
                 f"simulation.initial.{name}.velocity",
-                "with initial.equilibrium = true a run starts at rest; leave the velocity out, or the equilibrium",
+                "with initial.equilibrium = true a run starts at rest, where nothing turns; leave the velocity out and "
+                "run the coordinate up (effects of type prescribed_motion, spin_up), or leave the equilibrium out",
                 state.velocity,
             )
     for name in scene.simulation.initial:

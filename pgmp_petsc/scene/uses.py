@@ -14,17 +14,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
 
-from pgmp_petsc.scene.fields import AnyScene, Sign, quantities_of
+from pgmp_petsc.scene.fields import AnyScene, Sign, named_numbers
 from pgmp_petsc.scene.joints import MEASURED, CouplingEntry
 from pgmp_petsc.scene.messages import problem
 
-SomeScene = TypeVar("SomeScene", bound=AnyScene)
-MATRICES = ("stiffness_scale", "mass_scale")
+SomeScene = TypeVar("SomeScene")
 
 
 @dataclass(frozen=True)
@@ -54,8 +53,7 @@ def length_uses(scene: AnyScene) -> Iterator[Use]:
             yield Use(f"ground.points.{name}.{axis}", value, "any", ("m",))
     for name, joint in scene.joints.items():
         if isinstance(joint, CouplingEntry):
-            for key, *use in joint.uses():
-                yield Use(f"joints.{name}.{key}", *use)
+            yield from _of_table(f"joints.{name}", joint)
 
 
 def velocity_names(scene: AnyScene) -> dict[str, str]:
@@ -68,39 +66,39 @@ def uses_of(scene: AnyScene) -> Iterator[Use]:
     """Yield every entry that may name a parameter."""
     yield from length_uses(scene)
     for name, material in scene.materials.items():
-        for key, (sign, unit) in quantities_of(type(material)).items():
-            yield Use(f"materials.{name}.{key}", getattr(material, key), sign, unit.turning)
+        yield from _of_table(f"materials.{name}", material)
     for name, field in scene.fields.items():
         for parameter in field.names(name):
             yield Use(f"fields.{name}", parameter, "any", ("1",))
     for name, body in scene.bodies.items():
-        for key, (sign, unit) in quantities_of(type(body)).items():
-            if getattr(body, key) is not None:
-                yield Use(f"bodies.{name}.{key}", getattr(body, key), sign, unit.turning)
-        if body.rigid is not None:
-            yield Use(f"bodies.{name}.rigid.mass", body.rigid.mass, "positive", ("kg",))
-            for key, moment in body.rigid.moments.items():
-                sign = "positive" if key[1] == key[2] else "any"
-                yield Use(f"bodies.{name}.rigid.inertia.{key}", moment, sign, ("kg m2",))
-        for key in MATRICES if body.matrices is not None else ():
-            yield Use(f"bodies.{name}.matrices.{key}", getattr(body.matrices, key), "positive", ("1",))
-        for key, (sign, unit) in body.section.quantities.items() if body.section is not None else ():
-            sign = "positive" if body.flexible else sign
-            yield Use(f"bodies.{name}.section.{key}", getattr(body.section, key), sign, unit.turning)
+        yield from _of_body(f"bodies.{name}", body)
     for coordinate, name in velocity_names(scene).items():
         of = scene.coordinates.get(coordinate)
         unit = "m/s" if of is not None and slides(scene, of) else "rad/s"
         yield Use(f"simulation.initial.{coordinate}.velocity", name, "any", (unit,))
     for name, joint in scene.joints.items():
-        if isinstance(joint, CouplingEntry):
-            for key, *use in joint.elastic_uses(scene):
-                yield Use(f"joints.{name}.elastic.{key}", *use)
-            continue
+        slid = isinstance(joint, CouplingEntry) and joint.shares_in(scene)[0].motion == "sliding"
         for table in ("elastic", "offset"):
-            for key, *use in getattr(joint, table).uses() if getattr(joint, table) is not None else ():
-                yield Use(f"joints.{name}.{table}.{key}", *use)
+            yield from _of_table(f"joints.{name}.{table}", getattr(joint, table), slid)
     for name, effect in scene.effects.items():
         yield from effect.uses(f"effects.{name}", not slides(scene, effect))
+
+
+def _of_table(entry: str, table: Any, slides: bool = False) -> Iterator[Use]:
+    """Yield the entries of a table, if there is one."""
+    for key, *use in named_numbers(table, slides) if table is not None else ():
+        yield Use(f"{entry}.{key}", *use)
+
+
+def _of_body(entry: str, body: Any) -> Iterator[Use]:
+    yield from _of_table(entry, body)
+    if body.rigid is not None:
+        yield Use(f"{entry}.rigid.mass", body.rigid.mass, "positive", ("kg",))
+        for key, moment in body.rigid.moments.items():
+            yield Use(f"{entry}.rigid.inertia.{key}", moment, "positive" if key[1] == key[2] else "any", ("kg m2",))
+    yield from _of_table(f"{entry}.matrices", body.matrices)
+    for use in _of_table(f"{entry}.section", body.section):
+        yield replace(use, sign="positive") if body.flexible else use
 
 
 def measured_uses(scene: AnyScene) -> Iterator[Use]:
@@ -123,14 +121,14 @@ def measured_uses(scene: AnyScene) -> Iterator[Use]:
 def offset_names(scene: AnyScene) -> set[str]:
     """Return the parameters that are offsets of joints."""
     offsets = (joint.offset for joint in scene.joints.values() if joint.offset is not None)
-    return {value for offset in offsets for _, value, *_ in offset.uses() if isinstance(value, str)}
+    return {value for offset in offsets for _, value, *_ in named_numbers(offset) if isinstance(value, str)}
 
 
 def offset_directions(scene: AnyScene) -> tuple[str | None, ...]:
     """Return what joints are off by, each by its own amount: the parameters, sorted, and None for numbers if any is
     not zero."""
     offsets = (joint.offset for joint in scene.joints.values() if joint.offset is not None)
-    numbers = any(value for offset in offsets for _, value, *_ in offset.uses() if not isinstance(value, str))
+    numbers = any(value for offset in offsets for _, value, *_ in named_numbers(offset) if not isinstance(value, str))
     return (*sorted(offset_names(scene)), *((None,) if numbers else ()))
 
 
@@ -166,14 +164,14 @@ def slides(scene: AnyScene, entry: Any) -> bool:
 
 
 def motion_over(scene: AnyScene, entry: Any) -> str | None:
-    """Return the motion of a joint that an effect is over, ``turning`` or ``sliding``; None where the joint has both.
+    """Return the motion of a joint that an effect is over, ``turning`` or ``sliding``.
 
-    Of the joint that it acts on it is the one that it acts on.
+    None where the joint has both and none is said; of the joint that it acts on it is then the one that it acts on.
     """
-    if entry.over == entry.joint:
+    if entry.over == entry.joint and entry.over_motion is None:
         return "sliding" if slides(scene, entry) else "turning"
     joint = scene.joints.get(entry.over)
-    return None if joint is None else joint.motion_of(None, MEASURED, scene.dimension)
+    return None if joint is None else joint.motion_of(entry.over_motion, MEASURED, scene.dimension)
 
 
 MOST_BUILDS = 64  # of all lengths together: each has the price of a build, and as much in the file
@@ -275,10 +273,11 @@ def _of_parameter(scene: AnyScene, name: str, use: Use, other: Use | None) -> It
         )
     low, high = length_range(scene, name)
     if not (math.isfinite(low) and math.isfinite(high)):
+        in_unit = f" ({scene.system.unit('m')})" if use.units == ("m",) else ""
         yield problem(
             f"{entry}.bounds",
             f"missing; {use.entry} uses it, and the reduced model is built between its ends: give bounds = [low, high]"
-            f"{' (m)' if use.units == ('m',) else ''}, or a distribution that has both, such as uniform",
+            f"{in_unit}, or a distribution that has both, such as uniform",
         )
     elif use.sign == "positive" and low <= 0.0:
         yield problem(f"{entry}.bounds", f"must be positive, because {use.entry} uses it", [low, high])

@@ -188,7 +188,7 @@ def iterate_at_rest(correct: Callable[[np.ndarray], np.ndarray], samples: np.nda
 
 def settled_in(size: np.ndarray, last: np.ndarray) -> np.ndarray:
     """Return which corrections, after others of the size `last`, are small or no longer become smaller."""
-    return (size <= TOLERANCE) | ((size < ROUND_OFF) & (size >= 0.5 * last))
+    return (size <= TOLERANCE) | ((size < ROUND_OFF) & (size >= last))
 
 
 def _slopes(

@@ -48,6 +48,10 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
 
         check_slender(scene, framed)
     kinematics = RigidKinematics(mechanism)
+    if any(joint.offset is not None for joint in scene.joints.values()):
+        from pgmp_petsc.models import FullModel  # few scenes have joints that are off
+
+        FullModel(scene, meshes).require_taken()
     outputs = OutputSet.of(scene, kinematics)
     large = any(body.to_condense for body in mechanism.bodies)
     # how many loads there are takes no rows of large matrices

@@ -280,7 +280,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
             done = integrate(system, simulation, observer=Together([*watches, record]))
         times, history = record.states()
         with timings.phase("projection"), np.errstate(all="ignore"):
-            outputs = model.observed_of(history.q, model.scene.values, history.v)
+            outputs = model.observed_of(times, history, model.scene.values)
             energies = system.energies_of_run(times, history)
         part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
         start = State(history.q[:1], history.v[:1], history.a[:1], history.multipliers)

@@ -51,7 +51,7 @@ def test_a_stress_is_left_out_with_a_note(model) -> None:
     with_stress = ReducedModel(scene, model.rom, model.kinematics)
     assert list(with_stress.scene.outputs) == [*model.scene.outputs, "stress"]
     found, plain = constants_of(with_stress, "it"), constants_of(model, "it")
-    assert found.outputs.keys() == plain.outputs.keys() and found.settings == plain.settings
+    assert found.output_units == plain.output_units and found.settings == plain.settings
 
 
 def with_field() -> Scene:
@@ -96,6 +96,18 @@ def test_folders(model, tmp_path) -> None:
         write_sources(found, tmp_path / "file")
     with pytest.raises(InputError, match="cannot be made: No such file"):
         write_sources(found, tmp_path / "none" / "model")
+
+
+def test_what_an_older_version_called_otherwise_goes(model, tmp_path) -> None:
+    """With it `cc *.c` would link everything twice; what is of others stays and is said."""
+    write_sources(constants_of(model, "it"), tmp_path)
+    older = tmp_path / "model.c"
+    older.write_text((tmp_path / "steps.c").read_text())
+    write_sources(constants_of(model, "it"), tmp_path)
+    assert not older.exists()
+    older.write_text("int mine;\n")
+    with pytest.raises(InputError, match="model.c' exists and is not"):
+        write_sources(constants_of(model, "it"), tmp_path)
 
 
 def test_an_fmu_takes_the_place_of_an_fmu_only(model, tmp_path) -> None:

@@ -46,7 +46,6 @@ REFUSED = cases("""
 * check SCENE & outputs.f={type="drive_torque", joint="elbow"} -> outputs.f.joint = "elbow": no prescribed motion
 * check SCENE & joints.twin={type="revolute", connect=["crank:tip", "rod:hinge"]} & \
     outputs.f={type="joint_force", joint="twin"} -> outputs.f.joint: constraints of elbow, twin | that of twin
-* build SCENE -o OUT & outputs.f={type="joint_force", joint="elbow"} -> outputs.f (joint_force): | --full
 # rigid bodies
 * check SCENE & bodies.crank={rigid={mass=-2.0, inertia=0.1}} -> bodies.crank.rigid.mass = -2.0: a positive number
 * simulate SCENE --full -o OUT & bodies.crank={rigid={mass=2.0, inertia=0.1, points={hinge=[0.0, 0.0]}}} -> \

@@ -39,8 +39,8 @@ class Model:
 class Reduced(Model, ReducedModel):
     """The same of a model whose outputs follow from coordinates: its states wait for others."""
 
-    def observed_of(self, eta: np.ndarray, values: object, v: np.ndarray) -> np.ndarray:
-        return eta.reshape(1, -1)
+    def observed_of(self, time: np.ndarray, states: State, values: object) -> np.ndarray:
+        return states.q.reshape(1, -1)
 
 
 def watched(model: Model, divisor: int = 1, status: np.ndarray | None = None, at_once: int = 0) -> dict:

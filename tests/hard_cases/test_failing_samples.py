@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mechanisms import accurate, run_for, start
 from mpi4py import MPI
-from runs import full_model, rom_of, run_model
+from runs import full_model, rom_of, run_model, still
 
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
@@ -172,7 +172,7 @@ def test_a_single_run_at_an_absurd_speed_is_a_failure(name: str) -> None:
 def test_a_part_ends_where_an_output_is_no_finite_number() -> None:
     model = model_of("reduced")
     times = [0.0, 1e-3, 2e-3, 3e-3]
-    outputs = model.observed_of(np.tile([0.3, *np.zeros(model.terms.layout.n_eta - 1)], (4, 1)), {})
+    outputs = model.observed_of(0.0, still(np.tile([0.3, *np.zeros(model.terms.layout.n_eta - 1)], (4, 1))), {})
     outputs[..., 2] = np.nan
     done = Run(None, np.array([Status.FINE]), np.array([np.nan]), 3, 0)
     attempt = Attempt(np.array([0]), np.array([True]), model.scene.simulation, 1)
@@ -184,7 +184,7 @@ def test_a_part_ends_where_an_output_is_no_finite_number() -> None:
 
 def test_a_part_that_fails_later_ends_where_an_output_was_lost() -> None:
     model = model_of("reduced")
-    outputs = model.observed_of(np.tile([0.3, *np.zeros(model.terms.layout.n_eta - 1)], (4, 1)), {})
+    outputs = model.observed_of(0.0, still(np.tile([0.3, *np.zeros(model.terms.layout.n_eta - 1)], (4, 1))), {})
     outputs[..., 1] = np.nan
     done = Run(None, np.array([Status.NOT_CONVERGED]), np.array([3e-3]), 3, 0)
     attempt = Attempt(np.array([0]), np.array([True]), model.scene.simulation, 1)

@@ -100,6 +100,10 @@ def test_an_axis_that_is_off_is_refused_with_its_joint() -> None:
     message = refusal("joints.C.axis=[0.001,0.0,1.0]")
     assert message.startswith("joints.C: what it holds (by 5.5e-05 of what others hold) nearly follows")
     assert "angles in rad" in message
+    # what its own loop would turn it about, from the placements on
+    assert message.endswith(": joints.C with axis = [0, 0, 1] and offset = { turn = [0, 0.001, 0] }")
+    # a slide holds more than an axis
+    assert "offset = {" not in refusal('joints.C.type="universal"', "joints.C.axis=[0.0,1.0,0.001]")
 
 
 def test_a_rest_of_the_search_is_no_gap(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ import pytest
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.kinematics import REACH, RigidKinematics
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.outputs.readings import Reading
+from pgmp_petsc.outputs.readings import Rate
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.outputs import OutputEntry
 from scenes import CRANK, ROD, kinematics_of, slider_crank
@@ -42,7 +42,7 @@ def rigid_frames(kinematics: RigidKinematics, outputs: OutputSet, theta: np.ndar
 
 def seen(outputs: OutputSet, frames: np.ndarray) -> dict[str, np.ndarray]:
     """Return the outputs for frames of their nodes, where there are no stresses."""
-    return outputs.evaluate(outputs.observed(frames, np.empty((0, frames.shape[2]))))
+    return outputs.evaluate(outputs.observed([frames], np.empty((0, frames.shape[2]))))
 
 
 def slider(theta: np.ndarray) -> np.ndarray:
@@ -125,7 +125,7 @@ def test_outputs_next_to_known_ones_have_the_same_slopes() -> None:
         def moved(by: float) -> np.ndarray:
             frames = rigid_frames(kinematics, outputs, theta)
             frames[hinge, 2] += [-beyond + by, by, beyond + by]
-            return outputs.observed(frames, np.empty((0, theta.size)))
+            return outputs.observed([frames], np.empty((0, theta.size)))
 
         near = outputs.near(moved(0.0))
         for name, values in outputs.evaluate(moved(0.0)).items():
@@ -141,40 +141,46 @@ def test_outputs_next_to_known_ones_have_the_same_slopes() -> None:
 
 
 class Rates(OutputEntry):
-    """How fast what another output reads changes; taken into no family, as it has no type."""
+    """A derivative of what another output reads; taken into no family, as it has no type."""
 
-    def __init__(self, of: OutputEntry) -> None:
+    def __init__(self, of: OutputEntry, order: int) -> None:
         super().__init__()
         object.__setattr__(self, "of", of)
+        object.__setattr__(self, "order", order)
 
-    reads: ClassVar[str] = "rates"
+    reads: ClassVar[tuple[str, ...]] = ("frames",)
 
-    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
-        return self.of.reading(name, start, kinematics)
+    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Rate:
+        return Rate(self.of.reading(name, start, kinematics), self.order)
 
 
-def test_rates_are_how_fast_readings_change() -> None:
-    """Of all readings but deformations, against differences of fourth order; the rigid mechanism's own rates."""
-    scene, kinematics, outputs = prepared()
-    scene = scene.model_copy(
-        update={"outputs": {name: Rates(one) for name, one in scene.outputs.items() if one.type != "deformation"}}
-    )
-    theta, h = np.array([0.3, 1.1, 2.5, 7.0]), 1e-3
-    of_rates = OutputSet.of(scene, kinematics)
+IN_BODY = 'outputs.along={type="deformation", point="rod:tip", axis="x", frame="body"}'
 
-    def changes(of: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        return sum(c * of(theta + k * h) for k, c in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0))) / (12.0 * h)
 
-    frames = rigid_frames(kinematics, of_rates, theta)
-    rates = changes(lambda at: rigid_frames(kinematics, of_rates, at))
-    found = of_rates.evaluate(of_rates.observed(frames, np.empty((0, theta.size)), rates))
+@pytest.mark.parametrize("order", [1, 2])
+def test_rates_are_how_fast_readings_change(order: int) -> None:
+    """Of all readings, against differences of fourth order on a curved way on which nodes move by themselves too."""
+    scene, kinematics, outputs = prepared(IN_BODY)
+    entries = {name: Rates(one, order) for name, one in scene.outputs.items()}
+    of_rates = OutputSet.of(scene.model_copy(update={"outputs": entries}), kinematics)
+    theta, h, still = np.array([0.3, 1.1, 2.5, 7.0]), 2e-3, np.empty((0, 4))
+    away = np.random.default_rng(1).normal(scale=0.02, size=(3, len(of_rates.nodes), 3, 4))
+
+    def frames(t: float) -> np.ndarray:
+        return rigid_frames(kinematics, of_rates, theta + t + t**2) + away[0] + t * away[1] + t**2 * away[2]
+
+    def changes(of: Callable[[float], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        at = [of(k * h) for k in (-2, -1, 0, 1, 2)]
+        first = (at[0] - 8.0 * at[1] + 8.0 * at[3] - at[4]) / (12.0 * h)
+        return first, (-at[0] + 16.0 * at[1] - 30.0 * at[2] + 16.0 * at[3] - at[4]) / (12.0 * h**2)
+
+    found = of_rates.evaluate(of_rates.observed([frames(0.0), *changes(frames)[:order]], still))
     for name, values in found.items():
-        wanted = changes(lambda at: seen(outputs, rigid_frames(kinematics, outputs, at))[name])
-        # closure to 1e-12 and round-off, over the step
-        np.testing.assert_allclose(values, wanted, rtol=0, atol=2e-9, err_msg=name)
-    scene = scene.model_copy(update={"outputs": {"bent": Rates(prepared()[0].outputs["bent"])}})
-    with pytest.raises(InputError, match=r"outputs\.bent: a deformation is read, and has no rate"):
-        OutputSet.of(scene, kinematics)
+        wanted = changes(lambda t: seen(outputs, frames(t))[name])[order - 1]
+        # closure to 1e-12 over the step or its square, and its fourth power
+        np.testing.assert_allclose(values, wanted, rtol=0, atol=1e-8 if order == 1 else 3e-6, err_msg=name)
+    with pytest.raises(InputError, match="its rate is asked for after accelerations"):
+        Rate(of_rates.functions["x"]).depth(3 - order)
 
 
 def test_a_scene_without_outputs_needs_no_nodes() -> None:

@@ -46,7 +46,7 @@ def test_figures_have_no_power_of_ten_where_a_person_needs_none(value: float, di
 
 def test_shares_are_per_cent() -> None:
     assert share_text(1.4) == "140 %" and share_text(0.0012) == "0.12 %" and share_text(np.nan) == "not known"
-    assert share_text(12.0) == "1200 %"
+    assert share_text(12.0) == "1200 %" and share_text(1e13) == "more than 10,000 %"
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """A base that moves: against a cart that is driven, closed forms, and an integration of scipy's."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -8,14 +9,20 @@ from exported import assert_same_in_c, needs_compiler
 from machine_scenes import MODELS, RAIL_MASS, cart, rail, run
 from refusals import cases, check_said
 from runs import reduced_model
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.effects.base_motion import GIVEN, BaseMotion, acceleration_of
+from pgmp_petsc.effects.base_motion import GIVEN, BaseMotion, acceleration_of, displacement_of
 
 WAVE = "harmonic={amplitude=0.05,frequency_hz=3.0}"
 BASE = 'effects.base={{type="base_motion",direction=[1.0,0.0],of="displacement",{}}}'
 DRIVEN = 'effects.base={{type="prescribed_motion",coordinate="x",{}}}'
 HELD = 'effects.held={type="prescribed_motion",coordinate="x",table=[[0.0,0.0],[1.0,0.0]]}'
+TIP = tuple(
+    f'outputs.{name}={{{{type="{kind}",point="pole:tip",axis="x",absolute={{0}}}}}}'
+    for name, kind in (("place", "position"), ("moved", "displacement"), ("v", "speed"))
+)
 ROWS = "table=[[0.0,0.0],[0.1,0.02],[0.2,-0.03],[0.3,0.0],[0.5,0.05]]"
 
 
@@ -24,10 +31,11 @@ ROWS = "table=[[0.0,0.0],[0.1,0.02],[0.2,-0.03],[0.3,0.0],[0.5,0.05]]"
 def test_a_shaken_base_is_a_driven_cart(model: str, motion: str) -> None:
     """A pole that hangs from a cart which is moved, and the same seen from the cart, which stays: the start of both is
     at rest against the cart."""
-    _, driven = run(cart(DRIVEN.format(motion)), model)
-    _, shaken = run(cart(HELD, BASE.format(motion)), model)
+    _, driven = run(cart(DRIVEN.format(motion), *(one.format("false") for one in TIP)), model)
+    _, shaken = run(cart(HELD, BASE.format(motion), *(one.format("true") for one in TIP)), model)
     # inertia forces between the instants of a step are those of the motion, or its second derivative: h^2 of both
-    for name, share in (("swing", 1e-4), ("bent", 5e-3)):
+    # a speed has what swings fast in the deformation, and its frequency times as much of it
+    for name, share in (("swing", 1e-4), ("bent", 5e-3), ("place", 2e-4), ("moved", 2e-4), ("v", 5e-3)):
         largest = np.abs(driven[name]).max()
         np.testing.assert_allclose(shaken[name], driven[name], rtol=0, atol=share * largest, err_msg=name)
     assert np.ptp(driven["swing"]) > 0.1
@@ -46,6 +54,77 @@ def test_an_oscillator_on_a_base_that_is_accelerated(model: str) -> None:
     np.testing.assert_allclose(found["x"], exact, rtol=0, atol=3e-4 * np.abs(exact).max())
 
 
+ALONG = np.array([0.6, 0.8, 0.0])
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_where_an_oscillator_on_a_shaken_base_is(model: str) -> None:
+    """From rest against a base that goes along x(t) = a sin(p t + f), across the rail too: y'' + w^2 y = -x'' along it.
+    Parameters of the scale and of the wave."""
+    amplitude, rate, phase = -0.02, 2.0 * np.pi * 3.0, 0.4
+    outputs = [
+        f'outputs.{name}_{axis}={{type="{kind}",point="arm:hinge",axis="{axis}",absolute=true}}'
+        for name, kind in (("place", "position"), ("moved", "displacement"), ("v", "speed"))
+        for axis in "xyz"
+    ]
+    scene = rail(
+        'effects.held={type="spring_damper",joint="rail",stiffness=400.0}', *outputs, "parameters.a={nominal=0.5}",
+        f'effects.base={{type="base_motion",direction={(5 * ALONG).tolist()},scale="a",harmonic={{frequency_hz=3.0,'
+        f"amplitude={-2.0 * amplitude * rate**2},phase={phase}}}}}",
+        "materials.steel.E=2e13", "simulation.step=5e-4", "simulation.duration=0.2",
+    )  # fmt: skip
+    times, found = run(scene, model)
+    w, x = np.sqrt(400.0 / RAIL_MASS), (0.0, amplitude * np.sin(rate * times + phase))
+    v = amplitude * rate * np.cos(rate * times + phase)
+    push = ALONG[1] * amplitude * rate**2 / (w**2 - rate**2)  # y = push sin(p t + f) and what starts it from rest
+    c, s = -push * np.sin(phase), -push * rate * np.cos(phase) / w
+    y = push * np.sin(rate * times + phase) + c * np.cos(w * times) + s * np.sin(w * times)
+    dy = push * rate * np.cos(rate * times + phase) - c * w * np.sin(w * times) + s * w * np.cos(w * times)
+    for k, axis in enumerate("xyz"):
+        place, speed = ALONG[k] * x[1] + (k == 1) * y, ALONG[k] * v + (k == 1) * dy
+        start = ALONG[k] * amplitude * np.sin(phase)
+        # second order of the scheme
+        for name, exact in (("place", place), ("moved", place), ("v", speed)):
+            np.testing.assert_allclose(found[f"{name}_{axis}"], exact, rtol=0, atol=3e-4 * max(np.ptp(exact), 1e-6))
+        assert abs(found[f"place_{axis}"][0] - start) < 1e-12
+
+
+@pytest.mark.parametrize("of", GIVEN)
+def test_what_is_given_is_integrated(of: str) -> None:
+    """The same base for a wave of any kind; tables as scipy integrates them, from rest in the origin at time zero."""
+    entry = {"type": "base_motion", "direction": (1.0, 0.0), "of": of}
+    times, rate, order = np.linspace(0.0, 1.4, 29), 2.0 * np.pi * 2.0, GIVEN[of][0]
+    wave = {"amplitude": 0.1 * rate ** (2 - order), "frequency_hz": 2.0, "phase": 0.3 + 0.5 * np.pi * (2 - order)}
+    mean = {2: 0.7, 1: 0.7 * times, 0: 0.35 * times**2}[order]
+    found = displacement_of(BaseMotion(**entry, harmonic={**wave, "mean": 0.7})).jet(times)[0]
+    np.testing.assert_allclose(found, 0.1 * np.sin(rate * times + 0.3) + mean, rtol=0, atol=1e-14)
+
+    rows = [(-0.3, 1.0), (0.2, -2.0), (0.25, 3.0), (0.7, 0.5), (1.0, 2.0)]
+    table = BaseMotion(**entry, table=rows)
+    x, v, a = displacement_of(table).jet(times)
+    np.testing.assert_allclose(a, acceleration_of(table)(times), rtol=0, atol=1e-12 * np.abs(a).max())
+    if order == 0:  # linear between its rows, constant beyond
+
+        def rates(t: float, y: np.ndarray) -> list[float]:
+            return [y[1], np.interp(t, *np.transpose(rows))]
+
+        wanted, spans = np.zeros((2, times.size)), [0.0, 0.2, 0.25, 0.7, 1.0, 1.4]
+        y = np.zeros(2)
+        for begin, end in pairwise(spans):
+            inside = (times >= begin) & (times <= end)
+            done = solve_ivp(rates, (begin, end), y, dense_output=True, rtol=1e-12, atol=1e-14)
+            wanted[:, inside], y = done.sol(times[inside]), done.y[:, -1]
+    else:
+        spline = CubicSpline(*np.transpose(rows), bc_type="clamped")
+        inside, after = np.minimum(times, 1.0), np.maximum(times - 1.0, 0.0)
+        wanted = (spline(inside), spline(inside, 1)) if order == 2 else None
+        if order == 1:
+            whole = spline.antiderivative()
+            wanted = whole(inside) - whole(0.0) + after * rows[-1][1], spline(inside)
+    # relative 1e-12 of the integrator
+    np.testing.assert_allclose([x, v], wanted, rtol=0, atol=1e-11 * np.abs(wanted).max())
+
+
 @pytest.mark.parametrize("of", GIVEN)
 def test_what_is_given_is_differentiated(of: str) -> None:
     """A wave of displacements, of its velocities and of its accelerations; splines of many rows come near to it."""
@@ -62,8 +141,10 @@ def test_what_is_given_is_differentiated(of: str) -> None:
 
 
 @needs_compiler
-def test_a_shaken_model_in_c(tmp_path: Path) -> None:
-    model = reduced_model(cart(BASE.format(ROWS)))
+@pytest.mark.parametrize("of", GIVEN)
+def test_a_shaken_model_in_c(of: str, tmp_path: Path) -> None:
+    base = BASE.format(ROWS).replace("displacement", of)
+    model = reduced_model(cart(base, *(one.format("true") for one in TIP)))
     assert_same_in_c(model, tmp_path)
 
 
@@ -78,6 +159,9 @@ effects.e={type="base_motion",direction=[1,0],of="velocity",table=[[0,1]]} -> \
     effects.e.table = [[0, 1]]: a motion needs at least two rows
 effects.e={type="base_motion",direction=[1,0],of="velocity",harmonic={amplitude=1,frequency_hz=500}} -> \
     effects.e.harmonic.frequency_hz = 500.0: needs a simulation.step of at most
+outputs.o={type="position",point="pole:tip",axis="x",absolute=1} -> outputs.o.absolute = 1: true or false
+outputs.o={type="speed",joint="rail",absolute=true} -> outputs.o.absolute = true: a joint's speed is that of one body
+outputs.o={type="deformation",point="pole:tip",axis="x",absolute=true} -> outputs.o.absolute = true: unknown key
 effects.e={type="base_motion",direction=[1,0],table=[[0.1001,0],[0.1002,9],[0.1003,0]]} -> \
     effects.e.table: has an impulse of 0.0009 m/s2 s, but 0 with a base_motion read every 0.001 s
 """

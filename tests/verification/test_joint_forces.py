@@ -1,6 +1,7 @@
 """Forces in joints against Newton's law, statics and balances of energy; what is not determined is refused."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,8 +9,12 @@ from scipy.integrate import cumulative_trapezoid, solve_ivp
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
-from runs import full_model, motion
-from scenes import HEADER, four_bar, slider_crank, tables
+from offset_scenes import clamped_beam, clamped_stiffness, offset
+from pgmp_petsc.gradients.differentiated import differentiate
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from runs import full_model, history, motion, reduced_model, rom_of, trajectory
+from scenes import HEADER, four_bar, slider_crank, tables, trammel
 
 GRAVITY = 9.80665
 FORCE, MOMENT = ('outputs.{0}={{type="joint_%s", joint="{1}"{2}}}' % kind for kind in ("force", "torque"))
@@ -170,7 +175,8 @@ def test_an_elastic_joint_has_the_force_of_its_springs() -> None:
         ("bodies.base.rigid={ mass = 4.0, centre = [0.0, 0.0], inertia = 0.1, points = { foot = [0.0, 0.0] } }",
          'parameters.k={ nominal = 2e4, unit = "N/m" }', 'joints.hinge.connect=["base:foot", "arm:hinge"]',
          'joints.mount={ type = "fixed", connect = ["ground:origin", "base:foot"], elastic = { '
-         'reference = [[1.0, 0.0]], stiffness = [inf, "k"], damping = [0.0, 400.0], turning_stiffness = [500.0], turning_damping = [5.0] } }',
+         'reference = [[1.0, 0.0]], stiffness = [inf, "k"], damping = [0.0, 400.0], turning_stiffness = [500.0], '
+         'turning_damping = [5.0] } }',
          "simulation.initial={}", held("phi"), *STILL, *outputs("mount", **along("x", "y")),
          *outputs("mount", MOMENT, moment='component="z"')),
     )  # fmt: skip
@@ -244,6 +250,109 @@ def test_what_redundant_joints_determine_and_the_work_of_a_drive() -> None:
 def test_what_is_refused(scene: Callable[..., Scene], override: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         full_model(scene(override))
+
+
+BASIS = (
+    "reduction.static_modes=true", "reduction.inertia_modes=true", 'reduction.interpolation="spline"',
+    "reduction.angles=64", "reduction.modes=4", "simulation.duration=1.0", "simulation.step=5e-4",
+)  # fmt: skip
+ALL = (*outputs("crank_hinge", **{f"pin_{axis}": f'component="{axis}"' for axis in "xy"}), *outputs("slider", n=""),
+       *outputs("elbow", **along("x", "y")))  # fmt: skip
+DRIVEN = (
+    'effects.motor={type="prescribed_motion", coordinate="theta", spin_up={speed=2.0, time=0.3}}',
+    'outputs.drive={type="drive_torque", joint="crank_hinge"}', 'outputs.power={type="power", coordinate="theta"}',
+)  # fmt: skip
+CASES = {
+    "by a torque": ((), 1.5e-3),
+    "driven": (DRIVEN, 1e-3),
+    "rigid crank": (("bodies.crank.flexible=false",), 1.5e-3),
+    "on a spring": (("joints.crank_hinge.elastic={ reference=[[1.0, 0.0]], stiffness=[inf, 1e5] }",), 5e-3),
+    "with terms of second order": (
+        ('effects.x={type="geometric_stiffening"}', 'effects.y={type="mode_inertia"}'), 1e-3,
+    ),
+    "damped, with friction and weight": (
+        ('effects.x={type="structural_damping", stiffness=1e-4, mass=0.3}', 'effects.g={type="gravity"}',
+         'effects.f={type="joint_friction", joint="elbow", limit=0.05, speed=0.1}'), 4e-3,
+    ),
+    "at another radius": (("parameters.r1.value=6e-3",), 2e-3),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_reduced_model_against_the_full_order_one(case: str) -> None:
+    """Within 1.5e-3 of the largest force in a joint, where corners of the torque set axial vibrations off; where the
+    reduced motion itself is further off, as far as that."""
+    added, allowed = CASES[case]
+    scene = slider_crank(*BASIS, *ALL, *added)
+    exact, found = motion("full", scene).outputs, motion("reduced", scene).outputs
+    for names in (("pin_x", "pin_y"), ("x", "y"), ("n",), ("drive",), ("power",)):
+        there = [name for name in names if name in exact]
+        largest = max((np.abs(exact[name]).max() for name in there), default=0.0)
+        for name in there:
+            np.testing.assert_allclose(found[name], exact[name], rtol=0, atol=allowed * largest, err_msg=name)
+
+
+@pytest.mark.parametrize("kind", ["full", "components", "reduced"])
+def test_a_clamped_beam_whose_end_is_off_carries_the_closed_form(kind: str) -> None:
+    """Two clamps hold it three times more than is needed; what its end carries is built in."""
+    d, phi = 1e-6, 2e-6
+    wanted = (*outputs("right", **along("x", "y")), *outputs("right", MOMENT, moment='component="z"'))
+    found = motion(kind, clamped_beam(offset("right", place=[0.0, d], turn=[phi]), *wanted)).outputs
+    force, moment = clamped_stiffness() @ [d, phi]
+    # four elements of first order; the axial force is of second order in the offset,
+    # 0.5 % of the other here
+    exact = {"x": (0.0, 0.02 * force), "y": (force, 0.1 * force), "moment": (moment, 0.1 * moment)}
+    for name, (value, allowed) in exact.items():
+        np.testing.assert_allclose(found[name], value, rtol=0, atol=abs(allowed), err_msg=name)
+
+
+def test_a_redundant_crank_in_a_reduced_model() -> None:
+    """An elliptic trammel with a crank that its guides make redundant: bodies share out what is across it. Along the
+    bars the force is of second order in their bending, which a reduced model does not know of joints."""
+    scene = trammel(
+        *BASIS[:4], "reduction.modes=6", "simulation.duration=0.2", "simulation.step=5e-4",
+        *outputs("along_x", guide='component="y"'), *outputs("middle", **along("y")),
+        'effects.motor={type="torque", joint="crank_hinge", table=[[0.0, 0.0], [0.1, 1e-3], [1.0, 1e-3]]}',
+    )  # fmt: skip
+    exact, found = motion("full", scene).outputs, motion("reduced", scene).outputs
+    largest = max(np.abs(values).max() for values in exact.values())
+    for name, values in exact.items():
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=2e-4 * largest, err_msg=name)
+
+
+def test_estimated_errors_and_lanes_of_forces() -> None:
+    """Estimates are within a factor 3 of the error against a full-order run with a tenth of the step; samples side by
+    side have what each has by itself, to the last digit but for the order of sums."""
+    few = ("simulation.step=1e-3", "simulation.duration=0.3")
+    scene = slider_crank(*BASIS, *few, *ALL)
+    run = trajectory("reduced", scene)
+    exact = motion("full", slider_crank(*BASIS, *few, *ALL, "simulation.step=1e-4")).outputs
+    for name, errors in run.errors.outputs.items():
+        true = np.abs(run.outputs[name] - exact[name][::10]).max()
+        assert true / 3.0 < np.abs(errors).max() < 3.0 * true, (name, true)
+    model = reduced_model(scene)
+    radii = np.linspace(5.2e-3, 6.0e-3, 11)
+    times, together = history(model, {"r1": radii}, 11)
+    _, alone = history(model, {"r1": radii[[7]]}, 1)
+    for name, values in together.items():
+        np.testing.assert_allclose(values[:, 7], alone[name][:, 0], rtol=1e-12, atol=1e-9, err_msg=name)
+
+
+def test_files_keep_forces_and_models_without_them_refuse(tmp_path: Path) -> None:
+    """Without such outputs nothing of them is in a model, and its tables are the same numbers."""
+    with_forces, without = rom_of(slider_crank(*BASIS, *ALL)), rom_of(slider_crank(*BASIS))
+    assert without.gaps is None
+    for name in ("mass", "inertia", "stiffness", "load"):
+        np.testing.assert_array_equal(getattr(with_forces.tables, name), getattr(without.tables, name))
+    with_forces.write(tmp_path / "rom.h5")
+    read = ReducedOrderModel.read(tmp_path / "rom.h5")
+    scene = slider_crank(*BASIS, *ALL, "simulation.duration=0.01")
+    for name, values in motion(ReducedModel(scene, with_forces)).outputs.items():
+        np.testing.assert_array_equal(motion(ReducedModel(scene, read)).outputs[name], values)
+    with pytest.raises(InputError, match=r"outputs.pin_x: .*built without.*pgmp build again"):
+        ReducedModel(scene, without)
+    with pytest.raises(InputError, match=r"outputs.pin_x \(joint_force\): derivatives of forces in joints"):
+        differentiate(ReducedModel(scene, with_forces), scene.values, ["r1"])
 
 
 DISTRIBUTED = """

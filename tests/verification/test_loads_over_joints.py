@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT
+from coupled_scenes import SCREW
 from differences import SHARES, ToRoundOff, compare
-from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
+from exported import Unit, assert_equal, compiled, needs_compiler, outputs_of, simulated
 from length_scenes import SMALL, long_crank
 from machine_scenes import MODELS, RIGID, CartAndPole, cart, rail, run
 from mpi4py import MPI
@@ -17,11 +18,14 @@ from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.optimize import root
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.c_export.constants import constants_of
+from pgmp_petsc.c_export.description import OUTPUTS
+from pgmp_petsc.c_export.fmu import write_fmu
 from pgmp_petsc.effects.over_joint import table_law, turns_of
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.models import of_samples
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.scene import load_scene, scene_to_toml
+from pgmp_petsc.scene import load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.uses import motion_over
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.studies.simulate import simulate_full
@@ -204,7 +208,15 @@ def test_derivatives_with_a_length_of_what_leads(monkeypatch) -> None:
 @needs_compiler
 def test_loads_over_the_other_joint_in_c(tmp_path: Path) -> None:
     model = reduced_model(cart(*ACROSS))
-    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+    wanted = simulated(model)
+    assert_equal(outputs_of(compiled(model, tmp_path)), wanted.outputs)
+    write_fmu(constants_of(model, "it"), tmp_path / "it.fmu", 2)
+    unit = Unit(tmp_path / "it.fmu", tmp_path / "unit")
+    assert unit.instantiate() and unit.begin() == 0
+    for number in range(0, 400, 40):
+        assert unit.step(wanted.time[number], wanted.time[number + 40] - wanted.time[number]) == 0
+    for k, name in enumerate(wanted.outputs):
+        assert unit.get("Real", OUTPUTS + k) == pytest.approx(wanted.outputs[name][400], rel=1e-8, abs=1e-12)
 
 
 def test_loads_over_the_other_joint_on_ranks(tmp_path: Path) -> None:
@@ -240,6 +252,12 @@ effects.e={type="torque",joint="pivot",over="pivot",table=[[0,1],[6.283185307179
 effects.e={type="force",joint="rail",over="pivot",table=[[0,1],[6.283185307179586,"k"]]} -> \
     effects.e.table: is over a whole turn, and its ends differ; it has to close
 effects.e={type="torque",joint="pivot",over="pivot",table=[[1,1],[0,2]]} -> effects.e.table
+effects.e={type="torque",joint="pivot",over="pivot",over_motion="sliding",table=[[0,1],[1,2]]} -> \
+    effects.e.over_motion = "sliding": pivot is revolute: allowed is "turning"
+effects.e={type="torque",joint="pivot",over_motion="turning",table=[[0,1],[1,2]]} -> \
+    effects.e.over_motion = "turning": needs over, the joint that has it
+effects.e={type="law",joint="pivot",over_motion="turning",force="s"} -> \
+    effects.e.over_motion = "turning": needs over, the joint that has it
 """
 
 
@@ -295,14 +313,39 @@ def test_a_table_over_two_turns_is_that_of_four_strokes(model: str) -> None:
     np.testing.assert_allclose(found["phi"], exact, rtol=0, atol=2e-4 * exact[-1])
 
 
-def test_a_joint_that_turns_and_slides_is_no_motion_to_hang_on() -> None:
+def test_a_joint_that_turns_and_slides_is_asked_for_its_motion() -> None:
     """Unless it is the joint that the load acts on, where the motion is the same."""
     both = 'joints.rail.type="cylindrical"', 'coordinates.x.motion="sliding"', 'outputs.v.motion="sliding"'
     table = 'over="rail",table=[[0.0,1.0],[1.0,2.0]]'
     with pytest.raises(InputError) as caught:
         rail(*both, f'effects.e={{type="force",point="arm:tip",direction=[1.0,0.0,0.0],{table}}}')
-    said = 'effects.e.over = "rail": is cylindrical, which turns and slides; take a joint that has one motion'
+    said = 'effects.e.over_motion: missing; rail is cylindrical: "turning" or "sliding" is needed'
     assert str(caught.value) == said
     for kind, motion in (("force", "sliding"), ("torque", "turning")):
         scene = rail(*both, f'effects.e={{type="{kind}",joint="rail",{table}}}')
         assert motion_over(scene, scene.effects["e"]) == motion
+
+
+@pytest.mark.parametrize("model", ["full", "components"])
+def test_loads_over_either_motion_of_a_cylindrical_joint(model: str) -> None:
+    """A nut that is pushed over the angle that it has turned by, and turned over the way that it has come."""
+    push, twist = [[-1.0, -2.0], [0.5, 3.0], [2.0, 6.0]], [[-0.1, 0.05], [0.2, -0.02]]
+    scene = scene_from_toml(
+        SCREW[: SCREW.index("[joints.thread]")] + SCREW[SCREW.index("[coordinates.x]") :], ".",
+        (
+            'coordinates.phi={joint="shaft",motion="turning",range=[-3.0,3.0]}', "simulation.duration=0.5",
+            f'effects.push={{type="force",joint="shaft",over="shaft",over_motion="turning",table={push}}}',
+            f'effects.twist={{type="torque",joint="shaft",over="shaft",over_motion="sliding",table={twist}}}',
+            'effects.drag={type="law",joint="shaft",motion="sliding",over="shaft",over_motion="turning",force="-0.5*v"}',
+        ),
+    )  # fmt: skip
+    times, found = run(scene, model)
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        x, phi, v, w = y
+        force = float(np.interp(phi, *zip(*push))) - 0.5 * w
+        return [v, w, force / 3.0, float(np.interp(x, *zip(*twist))) / 0.02]
+
+    exact = solve_ivp(rates, (0.0, times[-1]), [0.0] * 4, t_eval=times, rtol=1e-10, atol=1e-12, max_step=1e-3).y
+    for name, values in zip(("x", "phi"), exact):  # the step of 2 ms leaves 2e-5
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-4 * np.abs(values).max())

@@ -240,18 +240,38 @@ def test_refused_with_the_scene(asked: str, said: str) -> None:
     check_said(str(error.value), said, asked)
 
 
-@pytest.mark.parametrize("purpose", [Purpose.MODES, Purpose.TRADEOFF, Purpose.SIZES])
-def test_what_goes_over_configurations_refuses_offsets(purpose: Purpose) -> None:
-    scene = clamped_beam(offset("right", place=[0.0, 1e-5]))
-    with pytest.raises(InputError, match=r"^joints\.right\.offset: .*no part of modes over configurations"):
-        check_capabilities(scene, purpose, read_meshes(scene))
+@pytest.mark.parametrize("kind", ["full", "components"])
+def test_springs_of_elastic_joints_give_way_to_offsets(kind: str) -> None:
+    """A clamped beam whose left end stands on a spring across it: both have one force, and share the offset."""
+    d, k, stiffness = 1e-5, 3e5, float(clamped_stiffness()[0, 0])
+    soft = f"joints.left.elastic={{reference=[[1.0,0.0]],stiffness=[inf,{k}]}}"
+    given = offset("right", place=[0.0, d]), soft, "bodies.beam.line.elements=32"
+    system, loaded = (
+        MODELS[kind](clamped_beam(*given, effects)).batch({}, 1)
+        for effects in ("effects={}", "effects={weight={type='gravity'}}")  # which begins to act with the run
+    )
+    energies = system.energies(0.0, system.start())
+    np.testing.assert_allclose(system.unpack(system.start().q), loaded.unpack(loaded.start().q), rtol=0, atol=1e-13)
+    own = d * k / (stiffness + k)  # of the beam; elements of the first order, 32 of them
+    assert float(energies.strain[0]) == pytest.approx(0.5 * stiffness * own**2, rel=2e-3)
+    assert float(energies.potential["left"][0]) == pytest.approx(0.5 * (stiffness * own) ** 2 / k, rel=2e-3)
 
 
-def test_elastic_joints_beside_offsets_are_refused() -> None:
-    soft = "joints.hinge.elastic={reference=[[1.0,0.0]],stiffness=[1e6,1e6]}"
+ELASTIC = cases("""
+FULL, right -> joints.right.offset: not made for a joint with elastic
+BUILD, left -> joints.right.offset with joints.left.elastic: reduced models begin with what is built in without springs
+CHECK, left -> joints.right.offset with joints.left.elastic: reduced models begin with what is built in without springs
+""")
+
+
+@pytest.mark.parametrize(("asked", "said"), ELASTIC)
+def test_what_is_refused_of_elastic_joints_beside_offsets(asked: str, said: str) -> None:
+    purpose, joint = asked.split(", ")
+    soft = f"joints.{joint}.elastic={{reference=[[1.0,0.0]],stiffness=[1e6,1e6]}}"
     scene = clamped_beam(offset("right", place=[0.0, 1e-5]), soft)
-    with pytest.raises(InputError, match=r"^joints\.right\.offset: .*found without springs"):
-        check_capabilities(scene, Purpose.FULL, read_meshes(scene))
+    with pytest.raises(InputError) as error:
+        check_capabilities(scene, Purpose[purpose], read_meshes(scene))
+    check_said(str(error.value), said, asked)
 
 
 @pytest.mark.parametrize("ranks", [1, 3])
@@ -259,8 +279,8 @@ def test_an_offset_that_nothing_takes_is_refused_on_ranks(mpirun: Callable, rank
     scene = tmp_path / "clamped.toml"
     scene.write_text(CLAMPED)
     asked = overridden("bodies.beam.flexible=false", "outputs={}", offset("right", place=[0.0, 1e-3]))
-    done = mpirun(ranks, *PGMP, "simulate", scene, "--full", *asked, "-o", tmp_path / "run.h5", check_status=2)
-    assert (
-        "joints.right: a gap of 0.001 m remains at theta = 0 rad: joints are off by what no redundancy" in done.stderr
-    )
-    assert "Traceback" not in done.stderr
+    run = [*PGMP, "simulate", scene, "--full", *asked, "-o", tmp_path / "run.h5"]
+    for command in ([*PGMP, "check", scene, *asked], run):
+        done = mpirun(ranks, *command, check_status=2)
+        said = "joints.right: a gap of 0.001 m remains at theta = 0 rad: joints are off by what no redundancy"
+        assert said in done.stderr and "Traceback" not in done.stderr

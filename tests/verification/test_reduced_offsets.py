@@ -12,6 +12,7 @@ from conftest import ROOT
 from crooked_scenes import FOUR_BAR, spatial_four_bar
 from differences import compare
 from machine_scenes import MODELS
+from millimetres import in_millimetres
 from mpi4py import MPI
 from offset_scenes import CLAMPED, HEIGHT, LENGTH, WIDTH, E, clamped_beam, clamped_stiffness, offset
 from runs import PGMP, built_rom, full_model, overridden, read_meshes, reduced_model
@@ -199,6 +200,17 @@ def test_files_keep_what_is_built_in(tmp_path: Path) -> None:
 
 UNCERTAIN = CLAMPED + "[parameters.d]\nnominal=1e-5\nunit='m'\ndistribution={name='norm',loc=1e-5,scale=1e-6}\n"
 ASKED = overridden("joints.right.offset={place=[0.0,'d']}")
+
+
+def test_a_scene_in_millimetres_is_that_in_metres(tmp_path: Path) -> None:
+    (tmp_path / "si.toml").write_text(UNCERTAIN)
+    asked = ["joints.right.offset={place=[1e-6,'d'],turn=[2e-5]}", "reduction.second_order=true"]
+    path = in_millimetres(tmp_path / "si.toml", asked, tmp_path / "mm.toml")
+    scenes = load_scene(tmp_path / "si.toml", asked), load_scene(path)
+    for kind in (reduced_model, full_model):
+        (energy, outputs), (in_mm, of_mm) = (begun(kind(scene)) for scene in scenes)
+        assert in_mm == pytest.approx(1e3 * energy, rel=1e-9)  # mJ
+        assert of_mm["middle"] == pytest.approx(1e3 * outputs["middle"], rel=1e-9)
 
 
 @pytest.mark.parametrize("ranks", [1, 3])

@@ -66,7 +66,8 @@ def test_forces_follow_the_mesh_at_other_lengths_too() -> None:
     shear in the crank was 24 % off and axial forces 8 to 22 %."""
     late = "effects.motor.table=[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]"
     light, short = "effects.weight.acceleration=1e-9", "simulation.duration=0.25"
-    changed = (*FORCES, late, light, short, "reduction.length_points=4")
+    # a build takes 192 angles by itself, which leave 0.1 % in place of 0.4; see the next test
+    changed = (*FORCES, late, light, short, "reduction.length_points=4", "reduction.max_angles=96")
     model = reduced_model(long_crank(*changed, settings=("rod_length=0.68", f"r1={THINNER}")))
     family = model.rom.family
     members = tuple(replace(member, missed=None) for member in family.members)

@@ -60,6 +60,13 @@ SCENES = {
     "bushing that pulls at the start": slider_crank(*MODES, *OUTPUTS, *MOVING, *BUSHING),
     "following force": slider_crank(*MODES, *OUTPUTS, *MOVING, *PUSH),
     "driven": slider_crank(*MODES, *OUTPUTS, *DRIVE),
+    "shaken": slider_crank(
+        *MODES, *OUTPUTS, *MOVING, "parameters.a={nominal=0.5}", "parameters.b={nominal=2.0}",
+        'effects.base={type="base_motion",direction=[3.0,4.0],of="displacement",harmonic={amplitude="a",mean="b",frequency_hz=4.0}}',
+        'outputs.place={type="position",point="rod:tip",axis="x",absolute=true}',
+        'outputs.moved={type="displacement",point="rod:tip",axis="x",absolute=true}',
+        'outputs.v={type="speed",point="rod:1",axis="y",absolute=true}', 'outputs.turning={type="speed",joint="elbow"}',
+    ),
     "overhauser": slider_crank(*MODES, 'reduction.interpolation="overhauser"', *OUTPUTS, *MOVING),
     "two coordinates": double_pendulum(
         *RUN, "reduction.second_order=true", *WEIGHT, 'parameters.r={nominal=5e-3}', 'bodies.upper.section.radius="r"',
@@ -88,15 +95,14 @@ def test_derivatives_close_no_loops_but_those_of_the_run(monkeypatch: pytest.Mon
     eta[:, :2] += np.linspace(0.0, 0.5, 20)[:, None]
     closed, newton = [], LoopClosure.newton
     monkeypatch.setattr(LoopClosure, "newton", lambda self, *given: closed.append(1) or newton(self, *given))
-    observed = ObservedChanges(
-        model, model.scene.values, State(eta, np.zeros_like(eta), np.zeros_like(eta), np.zeros(0))
-    )
+    states = State(eta, np.zeros_like(eta), np.zeros_like(eta), np.zeros(0))
+    observed = ObservedChanges(model, model.scene.values, np.arange(20.0), states)
     assert len(closed) == 2
     found = observed.outputs
     for name in model.scene.parameters:
-        observed.of(name, np.ones((2, *eta.shape)))
+        observed.of(name, np.ones((3, *eta.shape)))
     assert len(closed) == 2
-    for output, values in model.outputs.evaluate(model.observed_of(eta, model.scene.values)).items():
+    for output, values in model.outputs.evaluate(model.observed_of(0.0, states, model.scene.values)).items():
         np.testing.assert_array_equal(found[output], values)
 
 

@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from runs import motion, rom_of
+from runs import motion, rom_of, still
 from spatial import arm, slider_crank_in_space
 
 from pgmp_petsc.models import ReducedModel
@@ -146,7 +146,7 @@ def test_the_angle_of_the_elbow_counts_the_turns_of_the_crank() -> None:
         model = ReducedModel(slider_crank("coil", at_start), _rom("slider_crank"))
         eta = np.zeros((theta.size, model.terms.layout.n_eta))
         eta[:, 0] = theta
-        elbow = model.outputs.evaluate(model.observed_of(eta, {}))["elbow"]
+        elbow = model.outputs.evaluate(model.observed_of(0.0, still(eta), {}))["elbow"]
         np.testing.assert_allclose(elbow, exact + 2.0 * np.pi * turns, rtol=0, atol=1e-6)
     scene = slider_crank(
         "coil", "simulation.initial.theta.velocity=200.0", "simulation.step=5e-4", "simulation.duration=0.06"

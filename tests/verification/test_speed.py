@@ -7,6 +7,7 @@ from spatial import slider_crank_in_space
 from test_free_play import MODELS
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.stepping.second_order_system import State
 from scenes import CRANK, ROD, slider_crank
 
 SMALL = ("reduction.modes=3", "reduction.angles=24", 'reduction.interpolation="spline"')
@@ -63,7 +64,8 @@ def test_speeds_of_a_reduced_model_are_derivatives_along_its_motion(dimension: i
     values = model.scene.values
 
     def outputs(far: float) -> dict[str, np.ndarray]:
-        return model.outputs.evaluate(model.observed_of(eta + far * v, values, v))
+        states = State(eta + far * v, v, 0.0 * v, np.zeros(0))
+        return model.outputs.evaluate(model.observed_of(0.0, states, values))
 
     found, h = outputs(0.0), 1e-4
     for speed, place in pairs.items():

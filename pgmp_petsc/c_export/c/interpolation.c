@@ -25,10 +25,11 @@ int locate(const struct axis *axis, double theta, double *place) {
     return number < axis->n_cells ? number : 0;
 }
 
-static void find_along(const struct axis *axis, double theta, int rows[4], double weights[2][4]) {
+void find_along(const struct axis *axis, double theta, int rows[4], double weights[3][4]) {
     double s;
     int cell = locate(axis, theta, &s), first = axis->periodic || !axis->b_spline ? cell - 1 : cell;
-    double t = 1.0 - s, s2 = s * s, s3 = s * s * s, step = axis->step, *w = weights[0], *dw = weights[1];
+    double t = 1.0 - s, s2 = s * s, s3 = s * s * s, step = axis->step, *w = weights[0];
+    double *dw = weights[1], *ddw = weights[2], square = step * step;
     if (axis->b_spline) {
         w[0] = t * t * t / 6.0;
         w[1] = (4.0 - 6.0 * s2 + 3.0 * s3) / 6.0;
@@ -38,6 +39,8 @@ static void find_along(const struct axis *axis, double theta, int rows[4], doubl
         dw[1] = (-2.0 * s + 1.5 * s2) / step;
         dw[2] = (2.0 * t - 1.5 * t * t) / step;
         dw[3] = 0.5 * s2 / step;
+        ddw[0] = t / square, ddw[1] = (3.0 * s - 2.0) / square;
+        ddw[2] = (3.0 * t - 2.0) / square, ddw[3] = s / square;
     } else {
         double value = 3.0 * s2 - 2.0 * s3, near = s - 2.0 * s2 + s3, far = s3 - s2;
         double rate = 6.0 * s - 6.0 * s2, rate_near = 1.0 - 4.0 * s + 3.0 * s2, rate_far = 3.0 * s2 - 2.0 * s;
@@ -45,6 +48,9 @@ static void find_along(const struct axis *axis, double theta, int rows[4], doubl
         w[2] = value + 0.5 * near, w[3] = 0.5 * far;
         dw[0] = -0.5 * rate_near / step, dw[1] = (-rate - 0.5 * rate_far) / step;
         dw[2] = (rate + 0.5 * rate_near) / step, dw[3] = 0.5 * rate_far / step;
+        double bend = 6.0 - 12.0 * s, bend_near = 6.0 * s - 4.0, bend_far = 6.0 * s - 2.0;
+        ddw[0] = -0.5 * bend_near / square, ddw[1] = (-bend - 0.5 * bend_far) / square;
+        ddw[2] = (bend + 0.5 * bend_near) / square, ddw[3] = 0.5 * bend_far / square;
     }
     for (int k = 0; k < 4; k++) {
         rows[k] = first + k;
@@ -57,8 +63,9 @@ static void find_along(const struct axis *axis, double theta, int rows[4], doubl
                 double share = j == 2 ? -3.0 : j == 1 ? 3.0 : 1.0;
                 w[k + j * inward] += share * w[k];
                 dw[k + j * inward] += share * dw[k];
+                ddw[k + j * inward] += share * ddw[k];
             }
-            w[k] = dw[k] = 0.0;
+            w[k] = dw[k] = ddw[k] = 0.0;
             rows[k] = rows[k] < 0 ? 0 : axis->n_rows - 1;
         }
     }
@@ -66,7 +73,7 @@ static void find_along(const struct axis *axis, double theta, int rows[4], doubl
 
 void find_stencil(const struct axis of[R], const double theta[R], struct stencil *stencil) {
     int n = 1, rows[4];
-    double one[2][4];
+    double one[3][4];
     stencil->rows[0] = 0;
     for (int w = 0; w <= R; w++) stencil->weights[w][0] = 1.0;
     for (int k = 0; k < R; k++) {
@@ -142,9 +149,10 @@ double evaluate_piece(int function, double time, double since, double rates[2]) 
     const struct piece *f = pieces + p;
     double s = time - f->origin, rate = f->wave[1], phase = rate * time + f->wave[2];
     double wave = f->wave[0] * sin(phase), slope = f->wave[0] * cos(phase);
-    rates[0] = f->cubic[1] + s * (2.0 * f->cubic[2] + 3.0 * s * f->cubic[3]) + rate * slope;
-    rates[1] = 2.0 * f->cubic[2] + 6.0 * s * f->cubic[3] - rate * rate * wave;
-    return f->cubic[0] + s * (f->cubic[1] + s * (f->cubic[2] + s * f->cubic[3])) + wave;
+    const double *c = f->cubic;
+    rates[0] = c[1] + s * (2.0 * c[2] + s * (3.0 * c[3] + s * 4.0 * c[4])) + rate * slope;
+    rates[1] = 2.0 * c[2] + s * (6.0 * c[3] + s * 12.0 * c[4]) - rate * rate * wave;
+    return c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * c[4]))) + wave;
 }
 
 double pgmp_next_break(const struct pgmp_model *m, double time) {

@@ -68,7 +68,8 @@ void pgmp_initialise(struct pgmp_model *model);
 void pgmp_start(struct pgmp_model *model);
 void pgmp_weigh(struct pgmp_model *model); /* parameters that changed within a run */
 int pgmp_step(struct pgmp_model *model);
-void pgmp_observe(struct pgmp_model *model);
+void pgmp_observe(struct pgmp_model *model); /* at pgmp_time */
+void pgmp_observe_at(struct pgmp_model *model, double time, double since); /* as pgmp_accelerate */
 double pgmp_time(const struct pgmp_model *model);
 /* Accelerations of the state at a time; what acts over time is that of the pieces that hold at the time `since`. */
 void pgmp_accelerate(struct pgmp_model *model, double time, double since);

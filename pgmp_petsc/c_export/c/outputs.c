@@ -33,28 +33,8 @@ static double measure(const struct statement *s, const struct frame nodes[], con
     return evaluate_statement(s, z, near, gradient, 0);
 }
 
-/* How a point moves, from how the nodes do. */
-static void attach_rate(const struct side *side, const struct frame rates[], struct frame *rate) {
-    attach(side, rates, rate);
-    if (side->slot < 0) memset(rate, 0, sizeof *rate);
-}
-
-/* The rate of a measure: in the plane an angle's is the difference of those of its frames. */
-static double measure_rate(const struct statement *s, const struct frame nodes[], const struct frame rates[]) {
-    struct frame pair[2], moving[2];
-    double z[2 * N_FRAME], gradient[2 * N_FRAME], total = 0.0;
-    for (int end = 0; end < 2; end++) {
-        attach(end ? &s->b : &s->a, nodes, pair + end);
-        attach_rate(end ? &s->b : &s->a, rates, moving + end);
-        memcpy(z + end * N_FRAME, pair[end].z, sizeof pair[end].z);
-    }
-    evaluate_statement(s, z, 0.0, gradient, 0);
-    for (int c = 0; c < N_FRAME; c++) total += gradient[c] * moving[0].z[c] + gradient[N_FRAME + c] * moving[1].z[c];
-    return total;
-}
-
 /* A point's displacement against the rigid mechanism at the measured coordinates. */
-static double deformation(const struct output *o, const struct frame nodes[], const double theta[R]) {
+static double deformation(const struct reading *o, const struct frame nodes[], const double theta[R]) {
     const struct side *point = &o->statement.b;
     struct frame bodies[N_BODIES], frame;
     double measured[R], moved[D], along = 0.0;
@@ -76,29 +56,47 @@ static double deformation(const struct output *o, const struct frame nodes[], co
     return o->in_body ? along : moved[o->axis];
 }
 
-/* Displacements of the nodes in body frames and their rates. */
-static void find_displacements(const struct pgmp_model *m, double moved[N_SHAPES], double rates[N_SHAPES]) {
-    double factors[N_FACTORS], changes[N_FACTORS];
-    struct stencil stencil;
+/* A product and its derivatives, from those of its factors. */
+static void multiply(const double x[3], const double y[3], double found[3]) {
+    double second = x[2] * y[0] + 2.0 * x[1] * y[1] + x[0] * y[2];
+    found[1] = x[1] * y[0] + x[0] * y[1], found[0] = x[0] * y[0], found[2] = second;
+}
+
+/* Displacements of the nodes in body frames, their rates and accelerations, as far as outputs read them. */
+static void find_displacements(const struct pgmp_model *m, double moved[3][N_SHAPES]) {
+    double factors[N_FACTORS][3], one[R][3][4];
+    int rows[R][4];
     for (int i = 0, pair = M; i < M; i++) {
-        factors[i] = m->q[R + i], changes[i] = m->v[R + i];
+        double delta[3] = {m->q[R + i], m->v[R + i], m->a[R + i]};
+        memcpy(factors[i], delta, sizeof delta);
         for (int j = 0; SECOND_ORDER && j <= i; j++, pair++) {
-            double half = i == j ? 0.5 : 1.0;
-            factors[pair] = half * m->q[R + i] * m->q[R + j];
-            changes[pair] = half * (m->v[R + i] * m->q[R + j] + m->q[R + i] * m->v[R + j]);
+            double half = i == j ? 0.5 : 1.0, other[3] = {half * m->q[R + j], half * m->v[R + j], half * m->a[R + j]};
+            multiply(delta, other, factors[pair]);
         }
     }
-    find_stencil(axes, m->q, &stencil);
-    for (int c = 0; c < N_SHAPES; c++) moved[c] = rates[c] = 0.0;
-    for (int p = 0; p < N_STENCIL; p++)
-        for (int i = 0; i < N_FACTORS; i++) {
-            double weight = stencil.weights[0][p] * factors[i], change = stencil.weights[0][p] * changes[i];
-            for (int k = 0; k < R; k++) change += stencil.weights[1 + k][p] * m->v[k] * factors[i];
-            for (int c = 0; c < N_SHAPES; c++) {
-                moved[c] += weight * shapes_table[stencil.rows[p]][i][c];
-                if (READS_RATES) rates[c] += change * shapes_table[stencil.rows[p]][i][c];
-            }
+    for (int k = 0; k < R; k++) {
+        find_along(axes + k, m->q[k], rows[k], one[k]);
+        for (int j = 0; j < 4; j++) { /* of theta, then of time */
+            double slope = one[k][1][j], bend = one[k][2][j];
+            one[k][1][j] = slope * m->v[k], one[k][2][j] = bend * m->v[k] * m->v[k] + slope * m->a[k];
         }
+    }
+    memset(moved, 0, 3 * N_SHAPES * sizeof(double));
+    for (int p = 0; p < N_STENCIL; p++) {
+        double weight[3] = {1.0, 0.0, 0.0}, part[3];
+        long row = 0;
+        for (int k = 0, digits = p; k < R; k++) { /* rows of the last coordinate run fastest */
+            int j = R == 2 && k == 0 ? digits / 4 : digits % 4;
+            double along[3] = {one[k][0][j], one[k][1][j], one[k][2][j]};
+            row = row * axes[k].n_rows + rows[k][j];
+            multiply(weight, along, weight);
+        }
+        for (int i = 0; i < N_FACTORS; i++) {
+            multiply(weight, factors[i], part);
+            for (int order = 0; order <= DEPTH; order++)
+                for (int c = 0; c < N_SHAPES; c++) moved[order][c] += part[order] * shapes_table[row][i][c];
+        }
+    }
 }
 
 static void find_nodes(const double theta[R], const double moved[N_SHAPES], struct frame nodes[]) {
@@ -110,54 +108,66 @@ static void find_nodes(const double theta[R], const double moved[N_SHAPES], stru
     }
 }
 
-/* Add the rates of the frames of nodes: differences of fourth order along the motion. */
-static void find_rates(const struct pgmp_model *m, const double moved[N_SHAPES], const double changes[N_SHAPES],
-                       struct frame rates[]) {
-    static const double offsets[4] = {-2.0, -1.0, 1.0, 2.0}, shares[4] = {1.0, -8.0, 8.0, -1.0};
-    double far = 1e-300, theta[R], there[N_SHAPES];
-    struct frame nodes[AT_LEAST_ONE(N_NODES)];
-    for (int k = 0; k < R; k++) far = fabs(m->v[k]) > far ? fabs(m->v[k]) : far;
-    for (int c = 0; c < N_SHAPES; c++) far = fabs(changes[c]) > far ? fabs(changes[c]) : far;
-    far = 2e-3 / far;
-    for (int side = 0; side < 4; side++) {
-        double h = offsets[side] * far, share = shares[side] / (12.0 * far);
-        for (int k = 0; k < R; k++) theta[k] = m->q[k] + h * m->v[k];
-        for (int c = 0; c < N_SHAPES; c++) there[c] = moved[c] + h * changes[c];
-        find_nodes(theta, there, nodes);
-        for (int k = 0; k < N_NODES; k++) {
-            for (int c = 0; c < N_FRAME; c++) rates[k].z[c] += share * nodes[k].z[c];
-            rates[k].angle += share * nodes[k].angle;
+/* All readings, in steps of `stride`. */
+static void read_nodes(const struct frame nodes[], const double theta[R], int stride, double found[]) {
+    struct frame frame;
+    for (int number = 0; number < N_READINGS; number++) {
+        const struct reading *o = readings + number;
+        double *value = found + stride * number;
+        if (o->kind == DEFORMATION)
+            *value = deformation(o, nodes, theta);
+        else if (o->kind == MEASURE)
+            *value = measure(&o->statement, nodes, theta);
+        else {
+            attach(&o->statement.b, nodes, &frame);
+            *value = o->kind == ROTATION ? frame.angle : frame.z[o->axis] - o->origin;
         }
     }
 }
 
-void pgmp_observe(struct pgmp_model *m) {
-    double moved[N_SHAPES], changes[N_SHAPES];
-    struct frame nodes[AT_LEAST_ONE(N_NODES)], rates[AT_LEAST_ONE(N_NODES)], frame;
-    find_displacements(m, moved, changes);
+/* Rates and accelerations of all readings: differences of fourth order along the motion, a line or a parabola. */
+static void find_changes(const struct pgmp_model *m, double moved[3][N_SHAPES], double found[][3]) {
+    static const double offsets[4] = {-2.0, -1.0, 1.0, 2.0}, first[4] = {1.0, -8.0, 8.0, -1.0};
+    static const double second[4] = {-1.0, 16.0, 16.0, -1.0};
+    double speed = 1e-30, pull = 1e-30, theta[R], there[N_SHAPES], values[AT_LEAST_ONE(N_READINGS)];
+    struct frame nodes[AT_LEAST_ONE(N_NODES)];
+    for (int k = 0; k < R; k++) speed = fmax(speed, fabs(m->v[k])), pull = fmax(pull, DEPTH > 1 ? fabs(m->a[k]) : 0.0);
+    for (int c = 0; c < N_SHAPES; c++) speed = fmax(speed, fabs(moved[1][c])), pull = fmax(pull, fabs(moved[2][c]));
+    double far = fmin(2e-3 / speed, sqrt(2e-3 / pull));
+    for (int number = 0; number < N_READINGS; number++) found[number][2] = -30.0 * found[number][0] / (12.0 * far * far);
+    for (int side = 0; side < 4; side++) {
+        double h = offsets[side] * far, half = DEPTH > 1 ? 0.5 * h * h : 0.0;
+        for (int k = 0; k < R; k++) theta[k] = m->q[k] + h * m->v[k] + half * m->a[k];
+        for (int c = 0; c < N_SHAPES; c++) there[c] = moved[0][c] + h * moved[1][c] + half * moved[2][c];
+        find_nodes(theta, there, nodes);
+        read_nodes(nodes, theta, 1, values);
+        for (int number = 0; number < N_READINGS; number++) {
+            found[number][1] += first[side] * values[number] / (12.0 * far);
+            found[number][2] += second[side] * values[number] / (12.0 * far * far);
+        }
+    }
+}
+
+void pgmp_observe(struct pgmp_model *m) { pgmp_observe_at(m, pgmp_time(m), pgmp_time(m)); }
+
+void pgmp_observe_at(struct pgmp_model *m, double time, double since) {
+    double moved[3][N_SHAPES], found[AT_LEAST_ONE(N_READINGS)][3] = {{0}}, bases[AT_LEAST_ONE(N_BASES)][3];
+    struct frame nodes[AT_LEAST_ONE(N_NODES)];
+    find_displacements(m, moved);
     m->elastic_rotation = 0.0;
     for (int c = N_DOFS * N_NODES; c < N_SHAPES; c += N_DOFS - D) { /* rotations of all flexible nodes */
         double square = 0.0;
-        for (int i = 0; i < N_DOFS - D; i++) square += moved[c + i] * moved[c + i];
+        for (int i = 0; i < N_DOFS - D; i++) square += moved[0][c + i] * moved[0][c + i];
         if (sqrt(square) > m->elastic_rotation) m->elastic_rotation = sqrt(square);
     }
     if (m->elastic_rotation > ROTATION_LIMIT) m->validity |= PGMP_ROTATION;
-    find_nodes(m->q, moved, nodes);
-    memset(rates, 0, sizeof rates);
-    if (READS_RATES) find_rates(m, moved, changes, rates);
-    for (int number = 0; number < N_OUTPUTS; number++) {
-        const struct output *o = outputs + number;
-        double *value = m->outputs + number;
-        if (o->kind == DEFORMATION)
-            *value = deformation(o, nodes, m->q);
-        else if (o->kind == MEASURE)
-            *value = o->rate ? measure_rate(&o->statement, nodes, rates) : measure(&o->statement, nodes, m->q);
-        else {
-            if (o->rate)
-                attach_rate(&o->statement.b, rates, &frame);
-            else
-                attach(&o->statement.b, nodes, &frame);
-            *value = o->kind == ROTATION ? frame.angle : frame.z[o->axis] - (o->rate ? 0.0 : o->origin);
-        }
+    find_nodes(m->q, moved[0], nodes);
+    read_nodes(nodes, m->q, 3, &found[0][0]);
+    if (DEPTH) find_changes(m, moved, found);
+    for (int k = 0; k < N_BASES; k++) {
+        double rates[2];
+        bases[k][0] = evaluate_piece(N_STRENGTHS + R + k, time, since, rates);
+        bases[k][1] = rates[0], bases[k][2] = rates[1];
     }
+    combine(time, m->parameters, bases, found, m->outputs);
 }

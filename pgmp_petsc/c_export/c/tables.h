@@ -10,8 +10,8 @@
 #define N_STENCIL (R == 1 ? 4 : 16)
 
 struct axis { double lower, step; int n_cells, n_rows, periodic, b_spline; };
-/* A piece of a function of time: a cubic polynomial of t - origin, and a sinusoid: amplitude, rate, phase. */
-struct piece { double begin, origin, cubic[4], wave[3]; };
+/* A piece of a function of time: a polynomial of t - origin, of the fourth degree for places of a base, and a sinusoid: amplitude, rate, phase. */
+struct piece { double begin, origin, cubic[5], wave[3]; };
 /* A point of a body: slot of its node among the nodes of the tables, -1 on the ground; point and arm in its frame. */
 struct side { int slot, body; double point[D], arm[D]; };
 /* A statement about two points; an angle in space is near turns[0] + turns[1] theta_1 + ... */
@@ -33,7 +33,7 @@ enum { ALONE, LEADS, LED };
 struct action { int first, last, strength, edge, n_edges, role; law_function *law; };
 /* A part of a measure: numbers of its nodes among those of the effects, -1 on the ground. */
 struct part { int a, b; double winding[R]; struct term term; };
-struct output { int kind, axis, in_body, rate; double origin; struct statement statement; };
+struct reading { int kind, axis, in_body; double origin; struct statement statement; };
 
 enum { MEASURE, ROTATION, POSITION, DEFORMATION };
 
@@ -49,16 +49,20 @@ extern const double node_points[AT_LEAST_ONE(N_NODES)][D], start_position[R], st
 extern const double closure_wanted[];
 extern const int node_bodies[];
 extern const struct piece pieces[];
-extern const struct output outputs[];
+extern const struct reading readings[];
 extern const struct action actions[];
 extern const struct part action_parts[];
 extern const struct statement coordinates[R];
 extern const struct term closure[];
 extern const struct spline_piece spline_pieces[];
 void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW], double *given);
+/* Makes outputs of readings and places of bases, each with rate and acceleration, the time and the parameters. */
+void combine(double time, const double *p, double (*bases)[3], double (*readings)[3], double outputs[]);
 
 /* Rows of a table over the coordinates, with their weights for the value and for the derivative with each of them. */
 struct stencil { int rows[N_STENCIL]; double weights[1 + R][N_STENCIL]; };
+/* The weights along one coordinate, and their first and second derivatives. */
+void find_along(const struct axis *axis, double theta, int rows[4], double weights[3][4]);
 
 /* What is evaluated at one place: value first, then the derivatives. */
 struct terms {

@@ -57,7 +57,10 @@ static void refresh(struct unit *me) {
         me->model.validity = me->standing; /* states that an integrator tries and leaves again have no say */
         pgmp_accelerate(&me->model, me->time, me->since);
     }
-    pgmp_observe(&me->model);
+    if (me->exchange)
+        pgmp_observe_at(&me->model, me->time, me->since);
+    else
+        pgmp_observe(&me->model);
     me->stale = 0;
 }
 

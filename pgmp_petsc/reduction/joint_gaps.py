@@ -1,0 +1,154 @@
+"""Forces in joints of a reduced model: what dual gaps have in its equations.
+
+With theta held, let ``Y_i`` answer statically a unit gap in constraint i,
+
+    [K C^T; C 0] [Y_i; L] = [0; e_i],     T Y_i = 0,
+
+T the statements of the coordinates. The virtual work of the full-order equations ``M x'' + g_int + C^T lambda = f`` in
+``Y_i`` is the multiplier,
+
+    lambda_i = Y_i^T (f - M x'' - g_int),
+
+for any motion x that obeys them (`modes.built_in` has the primal problem). Of ``x = rho(theta) + Psi(theta) delta`` it
+is as accurate as mode acceleration: ``Y_i^T K Psi = 0`` at the nominal parameters, so that no shape that was truncated
+is multiplied by its stiffness. The right-hand side is minus the residual of a flexible coordinate whose vector is
+``Y_i`` and whose amplitude is zero; so are all terms of the reduced Lagrangian there: inertia with the change of the
+vectors, loads, local effects and damping, at any parameters. Tables keep the products of the ``Y_i`` with the basis.
+The multiplier of a prescribed coordinate is minus its own residual, as its rigid velocity ``d rho / d theta_k`` opens
+its statement alone.
+
+Terms of second order in the deformation are not known of the ``Y_i``: forces are of first order in it, those of
+drives of the order of the model. Where constraints follow from others, ``C Y_i`` is the part of ``e_i`` that can be
+opened, and the multipliers are the smallest that do the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.tables import ReducedTables
+
+if TYPE_CHECKING:
+    from pgmp_petsc.modes.built_in import Closing
+    from pgmp_petsc.modes.problem import ModalProblem
+    from pgmp_petsc.outputs.joint_forces import ForceOutput
+    from pgmp_petsc.reduction.sampler import Sample, TurnedLoads
+
+
+def rows_of(outputs: Iterable[ForceOutput], n_held: int) -> np.ndarray:
+    """Return the numbers of the constraints whose multipliers outputs take, without those of prescribed coordinates,
+    increasing."""
+    rows = sorted({int(row) for output in outputs for row in output.rows})
+    return np.array([row for row in rows if row < n_held], dtype=int)
+
+
+@dataclass(frozen=True, eq=False)
+class JointGaps:
+    """Products of the static answers to g unit gaps with a basis of m flexible vectors, over n configurations."""
+
+    rows: np.ndarray  # numbers of the constraints that are opened, increasing, shape (g,)
+    mass: np.ndarray  # ``Y^T M_i [d rho/d theta, Psi]``, shape (n, n_mass_terms, g, r + m)
+    inertia: np.ndarray  # ``(d2 rho/d theta2)^T M_i Y``, shape (n, n_mass_terms, r, r, g)
+    stiffness: np.ndarray  # ``Y^T K_i Psi``, shape (n, n_stiffness_terms, g, m)
+    load: np.ndarray  # ``Y^T f_j``, shape (n, n_load_terms, g)
+    shapes: np.ndarray  # Y in body frames, shape (n, n_dofs, g)
+
+    def over_two_turns(self, samples: SampleGrid, axis: int, signs: np.ndarray) -> JointGaps:
+        """Append a second revolution along an axis, on which flexible coordinates have signs (m,)."""
+        whole = np.concatenate([np.ones(self.mass.shape[-1] - signs.size), signs])
+        second = replace(self, mass=self.mass * whole, stiffness=self.stiffness * signs)
+        names = ("mass", "inertia", "stiffness", "load", "shapes")
+        return replace(
+            self, **{name: samples.twice(axis, getattr(self, name), getattr(second, name)) for name in names}
+        )
+
+    def beside(
+        self, tables: ReducedTables, projection: np.ndarray, curvature: np.ndarray | None
+    ) -> tuple[ReducedTables, np.ndarray, np.ndarray | None]:
+        """Return tables, projection and curvature of a basis that has the Y behind its own vectors, with what is of
+        first order of them."""
+        g = self.rows.size
+        m, r = tables.n_modes, tables.n_coordinates
+        mass, stiffness = _widened(tables.mass, g), _widened(tables.stiffness, g)
+        mass[..., r + m :, : r + m] = self.mass
+        stiffness[..., m:, :m] = self.stiffness
+        for matrix, n in ((mass, r + m), (stiffness, m)):
+            matrix[..., :n, n:] = np.swapaxes(matrix[..., n:, :n], -1, -2)
+        second, changes = tables.second_order, tables.changes
+        if second is not None:
+            cubic = np.pad(second.cubic, ((0, 0),) * 2 + ((0, g),) * 3)
+            second = replace(
+                second, cubic=cubic, curved_load=_widened(second.curved_load, g),
+                curved_inertia=_widened(second.curved_inertia, g),
+            )  # fmt: skip
+            changes = replace(
+                changes, gyroscopic=_widened(changes.gyroscopic, g), spread=_widened(changes.spread, g)
+            )  # fmt: skip
+        widened = ReducedTables(
+            tables.samples, tables.mass_weights, tables.stiffness_weights, tables.load_weights, tables.load_effects,
+            mass, np.concatenate([tables.inertia, self.inertia], axis=-1), stiffness,
+            np.concatenate([tables.load, self.load], axis=-1), tables.n_given + g, second, changes,
+        )  # fmt: skip
+        if curvature is not None:  # pairs i >= j, those of the new vectors last
+            n_pairs = (m + g) * (m + g + 1) // 2
+            curvature = np.pad(curvature, ((0, 0), (0, 0), (0, n_pairs - curvature.shape[2])))
+        return widened, np.concatenate([projection, self.shapes], axis=2), curvature
+
+
+def _widened(matrices: np.ndarray, n: int) -> np.ndarray:
+    """Return matrices (..., k, k) with n rows and columns of zeros more."""
+    return np.pad(matrices, ((0, 0),) * (matrices.ndim - 2) + ((0, n),) * 2)
+
+
+def gap_answers_at(
+    problem: ModalProblem,
+    loads: TurnedLoads,
+    closing: Closing,
+    rows: np.ndarray,
+    theta: np.ndarray,
+    sample: Sample,
+    combination: np.ndarray,
+) -> tuple[np.ndarray, ...]:
+    """Return Y, local rows (n_local, g), and behind it the other arrays of `JointGaps` at one configuration, in its
+    order. Collective on the problem's communicator.
+
+    Raises `RunError` if the refinement of an answer does not converge.
+
+    Parameters
+    ----------
+    problem
+        At the nominal parameters.
+    loads
+        Load terms of the scene.
+    closing
+        Of the problem.
+    rows
+        Numbers of the constraints that are opened, shape (g,).
+    theta, sample, combination
+        As of `Manifold.at`.
+    """
+    modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
+    shape = np.hstack([sample.shape, sample.built_in]) @ combination
+    gaps = np.zeros((problem.constraints_at(problem.kinematics.motion(theta).poses).shape[0], rows.size))
+    gaps[rows, np.arange(rows.size)] = -1.0
+    found, _ = closing.at(modes, gaps, "static answers to gaps of joints")
+    everywhere = problem.all_rows(found)
+    mass = [term @ everywhere for term in (problem.matrices.mass[w] for w in problem.mechanism.mass_weights)]
+    stiffness = [problem.matrices.stiffness[weight] @ everywhere for weight in problem.mechanism.stiffness_weights]
+    r = modes.rigid.shape[1]
+    accelerations = modes.rigid_curvature.reshape(len(found), r**2)
+    work = problem.inner(accelerations, np.array(mass))
+    for weight, forces in problem.lost_inertia(theta).items():
+        work[problem.mechanism.mass_weights.index(weight)] += problem.inner(forces.reshape(accelerations.shape), found)
+    return (
+        found,
+        np.swapaxes(problem.inner(np.hstack([modes.rigid, shape]), np.array(mass)), 1, 2),
+        work.reshape(len(mass), r, r, rows.size),
+        np.swapaxes(problem.inner(shape, np.array(stiffness)), 1, 2),
+        problem.inner(loads.at(theta), found),
+    )
