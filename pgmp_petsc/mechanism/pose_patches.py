@@ -110,7 +110,7 @@ class PosePatches:
         missed = closure.open_and_gap(found.reshape(*poses.shape[:2], -1), probes)
         closes = near_enough(*(part.reshape(patches.size, -1) for part in missed))
         closes &= (gap < CLOSURE_TOLERANCE).reshape(patches.size, -1).all(axis=1)
-        deepest = self._depth[patches] == DEEPEST
+        deepest = self._depth[patches] >= DEEPEST
         self._state[patches] = np.where(closes, WHOLE, SINGULAR)
         parted = patches[~closes & ~deepest]
         self._state[parted] = len(self._state) + 4 * np.arange(parted.size)
