@@ -74,6 +74,10 @@ KINDS = {
     "all rigid in space": SPATIAL.replace('material = "steel"', 'material = "steel"\nflexible = false'),
     "all rigid in the plane": PLANE.replace('material = "steel"', 'material = "steel"\nflexible = false'),
 }
+WHEEL = (
+    "bodies.wheel={{rigid={{mass=0.1,inertia={moments},points={{hub={origin}}}}}}}",
+    'joints.sleeve={{{turns},connect=["ground:origin","wheel:hub"]}}',
+)
 #: What asks for every feature; {drive} is the first joint, {last} the last body, {theta} the first coordinate.
 FEATURES = {
     "nothing": (),
@@ -111,6 +115,10 @@ FEATURES = {
     "bushing": ('effects.x={{type="bushing",points=["ground:origin","{last}:tip"],reference={axes},stiffness={along},'
         "damping={along}}}",),
     "elastic joint": ("joints.{drive}.elastic={{reference={axes},stiffness={stiff},damping={along}}}",),
+    "gear": (*WHEEL, "joints.mesh={{type='gear',joints=['{drive}','sleeve'],ratio=-2.0}}"),
+    "elastic gear": (
+        *WHEEL, "joints.mesh={{type='gear',joints=['{drive}','sleeve'],ratio=-2.0,elastic={{stiffness='strength'}}}}",
+    ),  # fmt: skip
     "joint that is off": ("joints.{drive}.offset={{place={small}}}",),
     "structural damping": ('effects.x={{type="structural_damping",stiffness=1e-5,mass=0.1}}',),
     "modal damping": ('effects.x={{type="structural_damping",ratios=[0.01,0.01]}}',),
@@ -139,6 +147,14 @@ FEATURES = {
     "speed": (
         'outputs.x={{type="speed",point="{last}:tip",axis="y"}}',
         'outputs.y={{type="speed",joint="{drive}"}}',
+    ),  # fmt: skip
+    "rate": (
+        'outputs.x={{type="rate",of="y",order=2}}', 'outputs.y={{type="position",point="{last}:tip",axis="y"}}',
+        'outputs.z={{type="rate",of="y"}}',
+    ),  # fmt: skip
+    "formula of outputs": (
+        'outputs.x={{type="formula",formula="sin(t * strength) * y ** 2 / max(y ** 2, 1)",unit="1"}}',
+        'outputs.y={{type="speed",joint="{drive}"}}', 'outputs.z={{type="rate",of="x"}}',
     ),  # fmt: skip
     "deformation": ('outputs.x={{type="deformation",point="{last}:tip",axis="y",frame="body"}}',),
     "stress": ('outputs.x={{type="stress",body="{last}",quantity="{quantity}"}}',
@@ -205,6 +221,7 @@ def scene_of(kind: str, feature: str) -> Scene:
         "moments": "[4e-3,5e-3,6e-3,0.0,0.0,1e-3]" if space else "4e-3",
         "drive": joints[0], "first": bodies[0], "last": bodies[-1], "theta": next(iter(bare.coordinates)),
         "mesh": described(bare.bodies[bodies[0]]), "coefficients": COEFFICIENTS,
+        "turns": 'type="revolute",axis=[0.0,0.0,1.0]' if space else 'type="revolute"',
         "axes": "[[1.0,0.0,0.0],[0.0,1.0,0.0]]" if space else "[[1.0,0.0]]",
         "stiff": "[1e6,2e6,3e6]" if space else "[1e6,2e6]",
         "small": "[1e-5,0.0,0.0]" if space else "[1e-5,0.0]",

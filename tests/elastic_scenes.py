@@ -53,6 +53,22 @@ outputs.lift: type = "displacement"; point = "frame:tip"; axis = "y"
 outputs.bent: type = "deformation"; point = "crank:tip"; axis = "y"; frame = "body"
 outputs.theta: type = "angle"; joint = "hub"
 """)
+MACHINE_IN_SPACE = HEADER + tables("""
+ground.points: left = [0.0, 0.0, 0.0]; right = [1.0, 0.0, 0.0]
+bodies.frame: line = { length = 1.0, elements = 4 }; element = "beam3d"; material = "steel";
+    orientation = [0.0, 1.0, 0.0]; section = { shape = "rectangle", width = 0.05, height = 0.1 }
+bodies.crank: line = { length = 0.3, elements = 4 }; element = "beam3d"; material = "steel";
+    orientation = [0.0, 1.0, 0.0]; section = { shape = "rectangle", width = 0.02, height = 0.02 };
+    placement = { origin = [0.5, 0.0, 0.0] }
+joints.hub: type = "revolute"; connect = ["frame:middle", "crank:hinge"]; axis = [0.0, 0.0, 1.0]
+joints.one: type = "fixed"; connect = ["ground:left", "frame:hinge"]
+joints.one.elastic: reference = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]; stiffness = [1e6, 4e4, 5e4];
+    turning_stiffness = [1e4, 0.0, 0.0]
+joints.two: type = "fixed"; connect = ["ground:right", "frame:tip"]
+joints.two.elastic: reference = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]; stiffness = [1e6, 1e4, 2e4];
+    turning_stiffness = [1e4, 0.0, 0.0]
+coordinates.theta: joint = "hub"; range = [0.0, 6.283185307179586]; periodic = true
+""")
 
 SHAFT, N_ELEMENTS, SIDE = 0.8, 8, 0.02
 DISCS = {"2": 3.0, "5": 2.0}  # kg, by the node that they are on
@@ -82,6 +98,11 @@ def rigid_frame(*overrides: str) -> Scene:
 def machine(*overrides: str) -> Scene:
     """Return a flexible frame on two mounts with a driven crank on it."""
     return scene_from_toml(MACHINE, ".", overrides)
+
+
+def machine_in_space(*overrides: str) -> Scene:
+    """Return the same in space, on soft mounts, without a motor."""
+    return scene_from_toml(MACHINE_IN_SPACE, ".", overrides)
 
 
 def rotor(*overrides: str) -> Scene:

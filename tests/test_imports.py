@@ -195,7 +195,7 @@ def test_runs_of_a_reduced_model_import_nothing_that_builds_one(module: str) -> 
     loaded = {name if name.startswith("pgmp_petsc") else name.split(".")[0] for name in done.stdout.split()}
     offline = [
         f"pgmp_petsc.{name}"
-        for name in ("modes", "components", "solvers", "selection", "experiments", "reduction.build")
+        for name in ("modes", "components", "solvers", "bench", "figures", "report", "c_export", "reduction.build")
     ]
     assert "pgmp_petsc.reduction.rom" in loaded and not loaded & {*offline, "slepc4py", "meshio"}
     if module == "ensembles":  # what single runs and few scenes have

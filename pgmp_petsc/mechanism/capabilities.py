@@ -169,13 +169,6 @@ FEATURES = (
         cure="name them in [effects]",
     ),
     Feature(
-        "terms of second order with elastic joints",
-        lambda scene: (f"{entry} with terms of second order" for entry in _elastic(scene) if scene.second_order),
-        OF_THE_REDUCTION,
-        why_not="those of what joints release are not known",
-        cure="leave these terms out, or take pgmp simulate SCENE --full",
-    ),
-    Feature(
         "lengths, places and ratios with elastic joints",
         _with(_elastic, _lengths),
         OF_THE_REDUCTION,

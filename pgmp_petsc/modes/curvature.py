@@ -35,6 +35,11 @@ Psi``
 S leaves out what stretches bodies itself. The part that follows at once is chosen by frequency: few vectors of a
 mechanism hold what only stretches, and one that stretches by a quarter is as stiff.
 
+Vectors psi_r without strain, as elastic joints allow them, answer no load. The loads f_j turn with the bodies there, by
+the rotations phi of psi_r: to the right-hand side comes ``phi x f_j``. So chi_rj is the shape that is turned with its
+body, which stores no energy, and chi_rr the way of the mechanism. Of both chi keeps its part along Psi for the reason
+above: what turns does not stretch.
+
 What rotations in space add to inertia at second order: sections and rigid bodies turn by ``exp(phi)``.
 
 A node's directors are ``d_k = R exp(phi) e_k``. Their second derivative in two vectors a and b of displacements and
@@ -57,6 +62,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import ThirdDerivative, axial_stiffness, director_inertia
+from pgmp_petsc.mechanism.body_frames import linear_motion
 from pgmp_petsc.mechanism.constraints import ConstraintHessian, ConstraintHessians
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE
@@ -99,7 +105,9 @@ class CurvatureProblem:
         self._joints = ConstraintHessians(problem.mechanism)
         self._axial = axial_stiffness(bodies, problem.rows, problem.values) if static_stretching else None
 
-    def solve(self, modes: ModeSet, shape: np.ndarray, answered: np.ndarray) -> Curvature:
+    def solve(
+        self, modes: ModeSet, shape: np.ndarray, answered: np.ndarray, loose: np.ndarray | None = None
+    ) -> Curvature:
         """Compute the curvature of the vectors of a basis.
 
         Raises `RunError` if the refinement of an answer does not converge.
@@ -113,30 +121,56 @@ class CurvatureProblem:
         answered
             The load that each of them answers, as from `answered_loads` and combinations of them, zero where none is
             known (joints then take of its elastic forces what they can), shape (n_local, m).
+        loose
+            Which of them are without strain, as elastic joints allow them, shape (m,); none by default.
         """
+        loose = np.zeros(shape.shape[1], dtype=bool) if loose is None else loose
         problem, pairs = self._problem, np.tril_indices(shape.shape[1])
         everywhere = problem.all_rows(shape)
         third = self._third.times(everywhere, pairs)
         forces = np.zeros((len(problem.rows), pairs[0].size))
         for weight, part in third.items():
             forces += float(weight.evaluate(problem.values)) * part
+        if loose.any():
+            forces -= self._turned_loads(modes, everywhere, problem.all_rows(answered), loose)
         where = problem.kinematics.describe(modes.theta)
         what = f"static modal derivatives at {where}"
         rigid = modes.unstrained
         gaps = None if self._built_in is None or not self._built_in.n else self._built_in.derivatives(modes.theta)
-        # modes may be stiff too, and what answers offsets alone stays whole
-        deflated = modes.eigenvectors if self._axial is None and gaps is None else rigid
+        # modes may be stiff too, and what answers offsets alone, or turns without strain, stays whole
+        deflated = modes.eigenvectors if self._axial is None and gaps is None and not loose.any() else rigid
         chi = self._answers(modes, deflated, shape, answered, pairs, forces, what, gaps)
         momenta = self.rotary.momenta(everywhere, pairs, problem.values)[problem.rows.start : problem.rows.stop]
-        moving = shape if gaps is None else shape[:, : -self._built_in.n]
-        own, free = np.maximum(*pairs) < moving.shape[1], np.minimum(*pairs) < moving.shape[1]
+        moving = ~loose
+        if gaps is not None:
+            moving[-self._built_in.n :] = False
+        bent, (i, j) = shape[:, moving], pairs
+        own, free = moving[i] & moving[j], (moving[i] | moving[j]) & ~loose[i] & ~loose[j]
         crossed = free & ~own if self._axial is not None else free
-        chi[:, crossed] -= self._along(np.hstack([rigid, moving]), chi[:, crossed], momenta[:, crossed])
+        chi[:, crossed] -= self._along(np.hstack([rigid, bent]), chi[:, crossed], momenta[:, crossed])
         chi[:, ~crossed] -= self._along(rigid, chi[:, ~crossed], momenta[:, ~crossed])
         if self._axial is not None:
-            part = problem.inner(moving, problem.times_mass(chi[:, own]) + momenta[:, own])
-            chi[:, own] -= moving @ self._dropped_part(moving, part)
+            part = problem.inner(bent, problem.times_mass(chi[:, own]) + momenta[:, own])
+            chi[:, own] -= bent @ self._dropped_part(bent, part)
         return Curvature(chi, third)
+
+    def _turned_loads(self, modes: ModeSet, shape: np.ndarray, answered: np.ndarray, loose: np.ndarray) -> np.ndarray:
+        """Return what answered loads (n_dofs, m) change by as they turn with bodies that move without strain, for pairs
+        of vectors, local rows, shape (n_local, n_pairs)."""
+        problem, mechanism = self._problem, self._problem.mechanism
+        motion, d = problem.kinematics.motion(modes.theta), mechanism.space.dimension
+        fields = np.concatenate([motion.velocities[..., modes.free], motion.released], axis=2)
+        shares = np.linalg.lstsq(linear_motion(mechanism, fields), shape[:, loose], rcond=None)[0]
+        gradients = np.zeros((len(fields), d, d, loose.size))
+        gradients[..., loose] = (fields[:, d:] @ shares).reshape(len(fields), d, d, -1)
+        (i, j), result = np.tril_indices(loose.size), np.zeros((len(shape), loose.size * (loose.size + 1) // 2))
+        for body, own in zip(mechanism.bodies, gradients):
+            dofs = body.dofs[: body.node_dofs * body.n_nodes].reshape(-1, body.node_dofs)
+            # a couple on a rotation vector: (1 - 1/2 phi x) (1 + phi x) of it; angles in the plane add up
+            for share, part in ((1.0, dofs[:, :d]), (0.5, dofs[:, d:] if d == 3 else dofs[:, :0])):
+                for one, other in ((i, j), (j, i)) if part.size else ():
+                    result[part] += share * np.einsum("abp,nbp->nap", own[..., one], answered[part][..., other])
+        return result[problem.rows.start : problem.rows.stop]
 
     def stiffness_answers(self, modes: ModeSet) -> np.ndarray:
         """Return what tells how a load changes the stiffness of each mode, local rows, shape (n_local, n_modes).

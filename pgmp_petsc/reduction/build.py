@@ -548,10 +548,12 @@ class Manifold:
         """
         problem = self._problem
         modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
-        static = sample.kept[:, sample.n_modes :]
-        answered = self._curvature.answered_loads(modes, static, self._static_loads.at(problem, modes))
-        shape = np.hstack([sample.shape, sample.built_in]) @ combination
-        curvature = self._curvature.solve(modes, shape, answered @ combination[: sample.n_kept])
+        first, last = sample.n_modes, sample.n_modes + problem.n_released
+        answered = self._curvature.answered_loads(modes, sample.kept[:, last:], self._static_loads.at(problem, modes))
+        # motions without strain answer no load
+        answered = np.insert(answered, [first] * (last - first), 0.0, axis=1)
+        shape, loose = np.hstack([sample.shape, sample.built_in]) @ combination, combination[first:last].any(axis=0)
+        curvature = self._curvature.solve(modes, shape, answered @ combination[: sample.n_kept], loose)
         everywhere = problem.all_rows(curvature.chi)
         mass = [problem.matrices.mass[weight] for weight in problem.mechanism.mass_weights]
         # (k, pair of i, j): a third of K3, which comes three times, and psi_k.K_t chi_ij

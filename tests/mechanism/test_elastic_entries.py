@@ -79,13 +79,11 @@ def test_infinity_is_written_and_read():
 
 
 LENGTH = ("parameters.l={nominal=0.3,bounds=[0.29,0.31]}", "bodies.crank.line.length='l'")
-SECOND_ORDER = ("reduction.second_order=true",)
 AUTOMATIC = ("reduction.effects='auto'", "effects={}")
 NOT_WITH_THESE = {
     "preload": (Purpose.MODES, ("reduction.preload=true",), "reduction.preload = true with joints.one.elastic: the"),
     "sizes": (Purpose.SIZES, (), "joints.one.elastic: sizes of effects are those on rigid joints"),
     "automatic": (Purpose.BUILD, AUTOMATIC, 'reduction.effects = "auto" with joints.one.elastic: effects are chosen'),
-    "second order": (Purpose.BUILD, SECOND_ORDER, "joints.one.elastic with terms of second order: those of what"),
     "lengths": (Purpose.BUILD, LENGTH, 'bodies.crank.line.length = "l" with joints.one.elastic: models at several'),
 }
 
@@ -95,4 +93,8 @@ def test_what_elastic_joints_are_not_taken_with(purpose, asked, said):
     with pytest.raises(InputError) as error:
         check_capabilities(machine(*asked), purpose)
     assert str(error.value).startswith(said)
+    if purpose is Purpose.BUILD:  # pgmp check says it too
+        with pytest.raises(InputError) as error:
+            check_capabilities(machine(*asked), Purpose.CHECK)
+        assert str(error.value).startswith(said)
     check_capabilities(rigid_frame(), Purpose.FULL)

@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
@@ -310,6 +311,33 @@ def test_derivatives_by_stiffness_and_damping_are_central_differences(kind: str)
 @pytest.mark.parametrize("kind", ON_ARMS)
 def test_c_code_runs_as_the_model(kind: str, tmp_path: Path) -> None:
     exported.assert_same_in_c(reduced_model(with_arm(kind)), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        (
+            "reduction.effects='auto'",
+            'reduction.effects = "auto" with joints.mesh.elastic: effects are chosen for rigid',
+        ),
+        ("joints.mesh.ratio='r'", 'joints.mesh.ratio = "r" with joints.mesh.elastic: models at several lengths do not'),
+    ],
+)
+def test_what_reduced_models_have_not_beside_it_is_said_by_the_check(override: str, said: str) -> None:
+    own = ("parameters.r={nominal=-1.0,bounds=[-1.2,-0.8]}", "joints.mesh.elastic={stiffness=3e3}", override)
+    own = own if "'r'" in override else own[1:]
+    with pytest.raises(InputError) as caught:
+        check_capabilities(scene_from_toml(GEARED, ".", own), Purpose.CHECK)
+    assert str(caught.value).startswith(said)
+
+
+@exported.needs_compiler
+def test_a_geared_linkage_has_terms_of_second_order_beside_its_elastic_mesh(tmp_path: Path) -> None:
+    """Against the full-order run, and in C."""
+    scene = scene_from_toml(GEARED, ".", ("joints.mesh.elastic={stiffness=3e3,damping=1.0}", "simulation.duration=0.2"))
+    model = reduced_model(scene)
+    assert model.rom.curvature is not None
+    assert largest_difference(run(scene, "full")[1], exported.assert_same_in_c(model, tmp_path)) < 0.01
 
 
 def test_reduced_frequencies_on_an_elastic_mesh_are_those_of_its_linkage() -> None:

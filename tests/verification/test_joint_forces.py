@@ -11,10 +11,12 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
 from offset_scenes import clamped_beam, clamped_stiffness, offset
 from pgmp_petsc.gradients.differentiated import differentiate
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from runs import full_model, history, motion, reduced_model, rom_of, trajectory
 from scenes import HEADER, four_bar, slider_crank, tables, trammel
+from spatial_beams import slider_crank_of_beams
 
 GRAVITY = 9.80665
 FORCE, MOMENT = ('outputs.{0}={{type="joint_%s", joint="{1}"{2}}}' % kind for kind in ("force", "torque"))
@@ -252,6 +254,68 @@ def test_what_is_refused(scene: Callable[..., Scene], override: str, message: st
         full_model(scene(override))
 
 
+#: Bodies of Andrews' squeezing mechanism (Hairer and Wanner 1996, section VII.7): mass, centre, inertia, points, angle
+#: at the start, and the body whose tip it begins at or the ground's point.
+SQUEEZER = {
+    "crank": (0.04325, (92e-5, 0.0), 2.194e-6, {"tip": (7e-3, 0.0)}, -0.0617138900142764496, "origin"),
+    "coupler": (0.00365, (-115e-4, 0.0), 4.410e-7, {"tip": (-28e-3, 0.0)}, -0.0617138900142764496, "crank"),
+    "wing": (0.02373, (1043e-5, -1874e-5), 5.255e-6, {"tip": (0.0, -35e-3), "pulled": (2e-2, -18e-3)},
+             0.455279819163070380, "b"),
+    "arm": (0.07050, (2308e-5, 916e-5), 1.169e-5, {"tip": (4e-2, 0.0)}, 0.487364979543842550, "a"),
+    "link": (0.00706, (0.0, -579e-5), 5.667e-7, {"tip": (0.0, -2e-2)}, 0.710033369709727224, "arm"),
+    "fork": (0.05498, (-449e-5, -1228e-5), 1.912e-5, {"tip": (0.0, -4e-2)}, 1.230547444549821192, "a"),
+    "bar": (0.00706, (579e-5, 0.0), 5.667e-7, {"tip": (2e-2, 0.0)}, 1.007879054383935308, "fork"),
+}  # fmt: skip
+SQUEEZED = {"a": (-0.06934, -0.00227), "b": (-0.03635, 0.03273), "c": (0.014, 0.072)}
+
+
+def squeezer(*overrides: str) -> Scene:
+    """Return Andrews' squeezing mechanism of seven rigid bodies; wing, link and bar are pinned to the coupler's tip."""
+    places, entries = {name: np.array(place) for name, place in SQUEEZED.items()} | {"origin": np.zeros(2)}, []
+    entries += [f"ground.points.{name}={list(place)}" for name, place in SQUEEZED.items()]
+    for name, (mass, centre, inertia, points, angle, begin) in SQUEEZER.items():
+        own = ", ".join(f"{point} = {list(place)}" for point, place in {"start": (0.0, 0.0), **points}.items())
+        entries.append(
+            f"bodies.{name}={{ rigid = {{ mass = {mass}, centre = {list(centre)}, inertia = {inertia}, "
+            f"points = {{ {own} }} }}, placement = {{ origin = {places[begin].tolist()}, angle = {angle} }} }}"
+        )
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        places[name] = places[begin] + turn @ points["tip"]
+        first = f"{begin}:tip" if begin in SQUEEZER else f"ground:{begin}"
+        entries.append(f'joints.{name}={{ type = "revolute", connect = ["{first}", "{name}:start"] }}')
+    for name in ("wing", "link", "bar"):
+        pin = f'type = "revolute", connect = ["coupler:tip", "{name}:tip"]'
+        entries += [f"joints.at_{name}={{ {pin} }}", *outputs(f"at_{name}", **{
+            f"{name}_{axis}": f'component="{axis}"' for axis in "xy"
+        })]  # fmt: skip
+    spring = 'points = ["ground:c", "wing:pulled"], stiffness = 4530.0, rest = 0.07785'
+    entries += [
+        'coordinates.beta={ joint = "crank", range = [0.0, 6.283185307179586], periodic = true }',
+        f"simulation.initial.beta.position={SQUEEZER['crank'][4]}", "simulation.duration=0.03",
+        'effects.motor={ type = "torque", joint = "crank", table = [[0.0, 0.033], [1.0, 0.033]] }',
+        f'effects.spring={{ type = "spring_damper", {spring} }}', 'outputs.beta={ type = "angle", joint = "crank" }',
+    ]  # fmt: skip
+    return scene_from_toml(HEADER, ".", (*entries, *overrides))
+
+
+def test_the_multipliers_of_andrews_squeezing_mechanism() -> None:
+    """Those that the Test Set for IVP Solvers (Mazzia and Magherini 2008, problem "andrews") prints at 0.03 s, to
+    second order; its constraints are the places of the coupler's tip less those of the others', as the forces on
+    these are."""
+    printed = {
+        "wing_x": 199.1753333731910, "wing_y": -29.75531228015052, "link_x": 23.06654119098399,
+        "link_y": 31.45271365475927, "bar_x": 22.64249232082739, "bar_y": 11.61740700019673,
+        "beta": 15.81077119629904,
+    }  # fmt: skip
+    errors = []
+    for step in (1e-5, 5e-6):
+        found = motion("full", squeezer(f"simulation.step={step}")).outputs
+        errors.append([abs(found[name][-1] - value) for name, value in printed.items()])
+    coarse, fine = np.array(errors)
+    assert fine.max() < 3e-3, fine  # of 200 N; at 2.5e-6 s it is 5e-4
+    np.testing.assert_allclose(coarse / fine, 4.0, rtol=0.1)
+
+
 BASIS = (
     "reduction.static_modes=true", "reduction.inertia_modes=true", 'reduction.interpolation="spline"',
     "reduction.angles=64", "reduction.modes=4", "simulation.duration=1.0", "simulation.step=5e-4",
@@ -306,6 +370,20 @@ def test_a_clamped_beam_whose_end_is_off_carries_the_closed_form(kind: str) -> N
         np.testing.assert_allclose(found[name], value, rtol=0, atol=abs(allowed), err_msg=name)
 
 
+def test_forces_and_moments_of_reduced_models_in_space() -> None:
+    """Beams in space under a force that is oblique to their plane and swells."""
+    pull = 'effects.w={type="force", point="rod:hinge", direction=[0.1, 0.2, -1.0], table=[[0.0, 0.0], [0.15, 3.0]]}'
+    wanted = (*outputs("crank_hinge", **along("x", "y", "z")), *outputs("elbow", radial='component="radial"'))
+    moments = outputs("crank_hinge", MOMENT, about_x='component="x", frame="body"', about_y='component="y"')
+    short = ("reduction.angles=48", "simulation.duration=0.15", pull)
+    scene = slider_crank_of_beams(*BASIS, *short, *wanted, *moments)
+    exact, found = motion("full", scene).outputs, motion("reduced", scene).outputs
+    for names in (("x", "y", "z", "radial"), ("about_x", "about_y")):
+        largest = max(np.abs(exact[name]).max() for name in names)
+        for name in names:
+            np.testing.assert_allclose(found[name], exact[name], rtol=0, atol=5e-3 * largest, err_msg=name)
+
+
 def test_a_redundant_crank_in_a_reduced_model() -> None:
     """An elliptic trammel with a crank that its guides make redundant: bodies share out what is across it. Along the
     bars the force is of second order in their bending, which a reduced model does not know of joints."""
@@ -336,6 +414,17 @@ def test_estimated_errors_and_lanes_of_forces() -> None:
     _, alone = history(model, {"r1": radii[[7]]}, 1)
     for name, values in together.items():
         np.testing.assert_allclose(values[:, 7], alone[name][:, 0], rtol=1e-12, atol=1e-9, err_msg=name)
+
+
+def test_reduced_models_at_several_lengths_and_elastic_cams_refuse() -> None:
+    crank = 'line={length="l", elements=2}, element="beam2d", material="steel", section={shape="circle", radius="r1"}'
+    scene = slider_crank(*BASIS, *ALL, f"bodies.crank={{{crank}}}", "parameters.l={nominal=0.3, bounds=[0.28, 0.32]}")
+    with pytest.raises(InputError, match=r"outputs.pin_x \(joint_force\) with .*several lengths have no forces"):
+        check_capabilities(scene, Purpose.BUILD)
+    cam = "[[0.0, 0.0], [1.0, 0.1], [3.0, 0.2], [5.0, 0.1], [6.283185307179586, 0.0]]"
+    made = f'{{ type = "cam", joints = ["first", "second"], table = {cam}, elastic = {{ stiffness = 1e3 }} }}'
+    with pytest.raises(InputError, match="outputs.first.joint: what an elastic cam takes is not read"):
+        full_model(scene_from_toml(GEARS, ".", (f"joints.mesh={made}", *outputs("mesh", MOMENT, first='of="first"'))))
 
 
 def test_files_keep_forces_and_models_without_them_refuse(tmp_path: Path) -> None:
