@@ -56,6 +56,7 @@ COMPARED = {
     # 1.5 %; with 96 angles or twice as many modes it is no less
     "quick_return": (0.6, 1e-3, 1e-3, 2e-2),
     "geared_five_bar": (0.6, 5e-4, 1e-3, 1e-2),
+    "bridge_crane": (3.0, 5e-3, 2e-3, 1e-2),
     "geared_four_bar": (0.9, 5e-4, 1e-3, 1e-2),
     "machine_on_mounts": (1.2, 1e-3, 2e-3, 1e-2),  # through two resonances of the mounts
     "engine": (0.03, 2e-5, 3e-3, 1e-2),  # stress of the rod, through the first ignition
