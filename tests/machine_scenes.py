@@ -113,5 +113,5 @@ EVERYTHING = (
     "parameters.drag={nominal=0.01}",
     'outputs.place={type="position",point="pole:tip",axis="x",absolute=true}',
     'outputs.jolt={type="rate",of="place",order=2}',
-    'outputs.weighed={type="formula",formula="drag * jolt / max(abs(jolt), 1) + t * drag"}',
+    'outputs.weighed={type="formula",formula="drag * jolt / max(abs(jolt), 1) + t * drag",unit="1"}',
 )
