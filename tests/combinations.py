@@ -148,6 +148,14 @@ FEATURES = {
         'outputs.x={{type="speed",point="{last}:tip",axis="y"}}',
         'outputs.y={{type="speed",joint="{drive}"}}',
     ),  # fmt: skip
+    "rate": (
+        'outputs.x={{type="rate",of="y",order=2}}', 'outputs.y={{type="position",point="{last}:tip",axis="y"}}',
+        'outputs.z={{type="rate",of="y"}}',
+    ),  # fmt: skip
+    "formula of outputs": (
+        'outputs.x={{type="formula",formula="sin(t * strength) * y ** 2 / max(y ** 2, 1)",unit="1"}}',
+        'outputs.y={{type="speed",joint="{drive}"}}', 'outputs.z={{type="rate",of="x"}}',
+    ),  # fmt: skip
     "deformation": ('outputs.x={{type="deformation",point="{last}:tip",axis="y",frame="body"}}',),
     "stress": ('outputs.x={{type="stress",body="{last}",quantity="{quantity}"}}',
         'outputs.y={{type="stress",body="{last}",quantity="{quantity}",at={inside}}}',),

@@ -112,4 +112,6 @@ EVERYTHING = (
     'effects.rub={type="joint_friction",joint="rail",motion="sliding",limit=0.1,speed=0.1}',
     "parameters.drag={nominal=0.01}",
     'outputs.place={type="position",point="pole:tip",axis="x",absolute=true}',
+    'outputs.jolt={type="rate",of="place",order=2}',
+    'outputs.weighed={type="formula",formula="drag * jolt / max(abs(jolt), 1) + t * drag",unit="1"}',
 )

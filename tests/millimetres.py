@@ -1,38 +1,68 @@
-"""Any scene in SI units turned into mm, t and s, number by number, and files of both compared."""
+"""Any scene in SI units turned into mm, t and s, number by number; files, texts and pictures of both compared."""
 
 from __future__ import annotations
 
+import json
 import re
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import h5py
+import meshio
 import numpy as np
 import tomli_w
 from pydantic import BaseModel
 
-from pgmp_petsc.base.units import MM, measure, times
+from pgmp_petsc.base.units import MM, QUANTITY, UNITS, measure, times
+from pgmp_petsc.joints.coupled import Cam
+from pgmp_petsc.results.numbers import _PREFIXED_UNITS, _PREFIXES
 from pgmp_petsc.scene.fields import Unit, _notes
 from pgmp_petsc.scene.loading import load_scene
 from pgmp_petsc.scene.uses import measured_uses, uses_of
 
+OF_ROUND_OFF = 0.02  # of the numbers in a text: derivatives that are zero are shown as what is left of them
+NOTHING = 1e-18  # of what is round-off in either system
+ONE = 1e-15  # round-off of 1
 OF_VALUES = ("nominal", "value", "bounds")
 
 
 def in_millimetres(path: Path, changes: list[str], target: Path) -> Path:
-    """Write a scene that is in SI units, changed, as the same one in mm; meshes have to be lines."""
+    """Write a scene that is in SI units, changed, as the same one in mm, with its meshes.
+
+    What has any unit, such as a constant of a formula, is a text with its unit in the file.
+    """
     scene = load_scene(path, changes)
-    units: dict[str, str] = {}
+    units = dict(_units_of_texts(tomllib.loads(path.read_text(encoding="utf-8")), ""))
     for use in (*measured_uses(scene), *uses_of(scene)):
         if use.units:
             units[use.entry] = use.units[0]
+    for name, joint in scene.joints.items():
+        if isinstance(joint, Cam) and joint.shares_in(scene)[0].motion == "sliding":
+            units |= {f"joints.{name}.table[{k}]": "m" for k in range(len(joint.table))}
     tables = _converted(scene, "", units)
     tables["scene"]["units"] = "mm"
     of_parameters = {use.parameter: use.units[0] for use in uses_of(scene) if use.parameter and use.units}
     for name, parameter in tables.get("parameters", {}).items():
         _convert_parameter(parameter, of_parameters.get(name, "1"))
+    for name, body in tables["bodies"].items():
+        if "mesh" in body:
+            mesh = meshio.read(scene.path_of(body["mesh"]))
+            mesh.points *= 1e3
+            mesh.write(target.with_name(f"{name}.msh"), file_format="gmsh22", binary=False)
+            body["mesh"] = f"{name}.msh"
     target.write_text(tomli_w.dumps(tables), encoding="utf-8")
     return target
+
+
+def _units_of_texts(value: object, entry: str) -> Iterator[tuple[str, str]]:
+    """Yield the entries of raw tables that are numbers with their own unit, with the unit."""
+    if isinstance(value, dict):
+        for key, one in value.items():
+            yield from _units_of_texts(one, f"{entry}.{key}".removeprefix("."))
+    elif isinstance(value, str) and (found := re.match(QUANTITY, value)) and found[2].strip():
+        yield entry, found[2].strip()
 
 
 def _size(unit: str) -> float:
@@ -54,7 +84,7 @@ def _converted(table: BaseModel, entry: str, units: dict[str, str]) -> dict[str,
     for name, field in type(table).model_fields.items():
         value, own = getattr(table, name), f"{entry}.{name}".removeprefix(".")
         notes = [note for note in (*field.metadata, *_notes(field.annotation)) if isinstance(note, Unit)]
-        if value is not None:
+        if value is not None and name in table.model_fields_set:
             found[name] = _value(value, own, notes[-1].on_turning if notes else "1", units)
     return found | dict(table.__pydantic_extra__ or {})
 
@@ -77,7 +107,7 @@ def _value(value: Any, entry: str, unit: str, units: dict[str, str]) -> Any:
 def _times(value: Any, factor: float) -> Any:
     if isinstance(value, (list, tuple)):
         return [_times(one, factor) for one in value]
-    return times(value, factor) if isinstance(value, float) else value
+    return times(value, factor) if isinstance(value, float) and np.isfinite(value) else value
 
 
 def differences(one: Path, other: Path, alike: bool = False) -> dict[str, float]:
@@ -98,14 +128,25 @@ def differences(one: Path, other: Path, alike: bool = False) -> dict[str, float]
             if place == "state/modal" or place.split("/")[-1] in ("goal", "goals"):
                 continue
             assert str(b.attrs["unit"]) == (unit if alike else MM.unit(unit)), (place, unit, b.attrs["unit"])
-            factors = [1.0 if alike else MM.size(_dimension(part)) for part in unit.split(", ")]
-            left, right = a[()], b[()] * (factors[0] if len(set(factors)) == 1 else np.array(factors))
+            factors = np.array([1.0 if alike else MM.size(_dimension(part)) for part in unit.split(", ")])
+            left, right = np.atleast_1d(a[()], b[()])
+            if factors.size > 1:  # along one of the axes
+                behind = left.ndim - 1 - left.shape.index(factors.size)
+                factors = factors.reshape(-1, *[1] * behind)
+            right = right * factors
             assert np.array_equal(np.isnan(left), np.isnan(right)), place
             if re.search(r"(min|max)/(edges|pdf)$", place) and np.ptp(left) < 1e-5 * np.abs(left).max():
                 continue  # of an output that is the same in all samples: as wide as it is large, or 1 of its unit
             known, kin = np.isfinite(left), re.sub(r"/[0-9]{5}$", "", place)
-            sizes[kin] = max(sizes.get(kin, 0.0), float(np.max(np.abs(left)[known], initial=0.0)))
-            off[kin] = max(off.get(kin, 0.0), float(np.max(np.abs(left - right)[known], initial=0.0)))
+            size, far = (float(np.max(np.abs(x), initial=0.0)) for x in (left[known], left[known] - right[known]))
+            if place.startswith("validity/"):
+                far = max(far - ONE, 0.0)  # differences of lengths that are nearly the same
+            elif place.endswith("/pdf"):
+                edges = si[place.removesuffix("pdf") + "edges"][()]
+                far *= np.ptp(edges) / np.abs(edges).max() / (2 * edges.size)  # both ends of a bin
+            elif kin.endswith("/deformation"):  # of rigid bodies it is round-off of their way
+                size = max(size, 1e-6 * float(np.max(np.abs(si[place.replace("deformation", "displacement")]))))
+            sizes[kin], off[kin] = max(sizes.get(kin, 0.0), size), max(off.get(kin, 0.0), far)
     return {place: off[place] / (sizes[place] or 1.0) for place in off}
 
 
@@ -113,4 +154,56 @@ def _dimension(unit: str) -> tuple[float, float, float]:
     """Return the exponents of kilogram, metre and second of a unit that files have."""
     if unit.startswith("1/"):
         return tuple(-power for power in _dimension(unit.removeprefix("1/")))
-    return measure({"J": "N m", "Hz": "1/s", "": "1"}.get(unit, unit))[1]
+    return measure({"J": "N m", "Hz": "1/s", "": "1", "W": "N m/s"}.get(unit, unit))[1]
+
+
+#: Units as texts have them, with prefixes, and the SI unit of each.
+IN_SI = {f"{prefix}{unit}": unit for unit in _PREFIXED_UNITS for prefix in _PREFIXES.values()} | {u: u for u in UNITS}
+IN_MM = {unit: f"{unit} of SI" for unit in IN_SI.values()} | {MM.unit(unit): unit for unit in IN_SI.values()}
+IN_MM |= {f"{prefix}{unit}": unit for unit in ("N", "s", "rad", "Hz") for prefix in _PREFIXES.values()}
+NUMBER = r"(?<![\w.])[-+]?(?:\d+(?:,\d{3})*(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?"
+#: Lines that differ from run to run: how long it took, and when.
+OF_THE_RUN = re.compile(r"^\s*(?:[a-z ,]+\s+[\d.]+ s|written .*|pgmp: working.*|.*\d+ of \d+, \d+ s.*)$", re.MULTILINE)
+
+
+def told(text: str, units: dict[str, str]) -> tuple[str, list[float]]:
+    """Return the words of a text, with SI units for those that it has and # for numbers, and the numbers."""
+    text = OF_THE_RUN.sub("", text.replace("\N{MINUS SIGN}", "-"))
+    numbers = [float(one.replace(",", "")) for one in re.findall(NUMBER, text)]
+    text = re.sub(NUMBER, "#", text)
+    labels = "|".join(map(re.escape, sorted(units, key=len, reverse=True)))
+    text = re.sub(rf"(?<!\w)({labels})(?!\w)", lambda found: units[found[1]], text)
+    return " ".join(text.split()), numbers
+
+
+def strange(si: str, mm: str, share: float = 0.02) -> str:
+    """Say where texts of the same scene in SI and in mm differ otherwise than by units, and by powers of a thousand of
+    numbers; empty where they do not."""
+    (words, left), (others, right) = told(si, IN_SI), told(mm, IN_MM)
+    if words != others:
+        at = next((k for k, (a, b) in enumerate(zip(words, others)) if a != b), min(len(words), len(others)))
+        return f"{words[max(at - 80, 0) : at + 60]!r} is not {others[max(at - 80, 0) : at + 60]!r}"
+    others = [f"{a} in SI is {b} in mm" for a, b in zip(left, right, strict=True) if not _alike(a, b, share)]
+    return ", ".join(others) if len(others) > OF_ROUND_OFF * len(left) else ""
+
+
+def _alike(si: float, mm: float, share: float) -> bool:
+    if max(abs(si), abs(mm)) < NOTHING:
+        return True
+    ratio = np.log10(abs(mm / si)) / 3.0 if si and mm else np.inf
+    return si * mm > 0.0 and abs(ratio - np.round(ratio)) <= share / 3.0
+
+
+def flat(text: str) -> str:
+    """Return what JSON says, a line an entry, without times that runs took and names of files."""
+
+    def lines(value: object, entry: str) -> Iterator[str]:
+        if isinstance(value, (dict, list)):
+            pairs = value.items() if isinstance(value, dict) else enumerate(value)
+            for key, one in pairs:
+                if not re.search("second|timing|time|file|cost", str(key)):
+                    yield from lines(one, f"{entry}/{key}")
+        else:
+            yield f"{entry}: {value}"
+
+    return "\n".join(lines(json.loads(text), ""))

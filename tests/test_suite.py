@@ -17,6 +17,7 @@ SWITCHES = (
     "tests/combinations.py", "tests/commands/test_commands.py", "tests/hard_cases/test_steps_of_full_order.py",
     "tests/parallel/test_ensemble.py",
     "tests/scene/test_scene_errors.py", "tests/estimates/test_validity.py", "tests/verification/test_starting_jump.py",
+    "tests/verification/test_millimetres.py",
 )  # fmt: skip
 
 

@@ -43,6 +43,7 @@ from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
 from pgmp_petsc.results.estimates import limits_of
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.outputs import models_alone
 from pgmp_petsc.scene.uses import length_names, offset_directions, uses_of, velocity_names
 from pgmp_petsc.stepping import alpha_step, edge_search
 from pgmp_petsc.stepping.generalised_alpha import count_steps
@@ -370,13 +371,13 @@ def checked_scene(scene: Scene, what: str) -> Scene:
     """
     for entry, text in _of_scene(scene):
         raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")
-    left = {name: output for name, output in scene.outputs.items() if output.of_frames()}
+    left = {name: output for name, output in scene.outputs.items() if not models_alone(scene, name)}
     return scene if len(left) == len(scene.outputs) else scene.model_copy(update={"outputs": left})
 
 
 def left_out(scene: Scene) -> str:
     """Say which outputs of a scene a model in C leaves out; empty where it has them all."""
-    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if not entry.of_frames()]
+    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if models_alone(scene, name)]
     if not lacking:
         return ""
     having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.of_frames())

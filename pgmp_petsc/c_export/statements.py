@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.declare.expressions import printed, symbolic
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import Piece
@@ -15,6 +16,7 @@ from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joint_turns import JointTurns
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statements import Function, Statement, distance
+from pgmp_petsc.outputs.of_outputs import TIME, Combined
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.readings import Absolute, AnyReading, Base, Rate, Reading
 
@@ -141,7 +143,33 @@ class Combiner:
                 self.lines.append(f"double {name}[3];")
                 self.lines.append(f"for (int j = 0; j < 3; j++) {name}[j] = {' + '.join(parts)};")
                 return name
+            case Combined():
+                self._formula(name, reading)
+                return name
         raise TypeError(type(reading).__name__)
+
+    def _formula(self, name: str, reading: Combined) -> None:
+        """Write a formula with as many derivatives as its parts have."""
+        import sympy as sp  # takes half a second, and few models have formulas
+
+        t, order = sp.Symbol("time"), max(2 - reading.depth(0), 0)
+        own, read = {TIME: t}, {}
+        lines = [f"double {name}[3] = {{0.0}};", "{"]
+        for k, (part, inner) in enumerate(reading.parts.items()):
+            own[part] = sp.Function(f"u{k}")(t)
+            array = self.of(inner)
+            for j in range(order + 1):
+                read[sp.Derivative(own[part], (t, j)) if j else own[part]] = sp.Symbol(f"u{k}_{j}")
+                lines.append(f"const double u{k}_{j} = {array}[{j}];")
+        for k, (part, parameter) in enumerate(reading.constants.items()):
+            own[part] = sp.Symbol(f"c{k}")
+            lines.append(f"const double c{k} = {self._values[parameter]};")
+        found = [symbolic(reading.text, own)]
+        for _ in range(order):
+            found.append(sp.diff(found[-1], t))
+        shared, values = printed([one.subs(list(reversed(read.items()))) for one in found], in_c=True)
+        lines += [*shared, *(f"{name}[{j}] = {value};" for j, value in enumerate(values)), "}"]
+        self.lines += lines
 
 
 def coordinates_of(kinematics: RigidKinematics, slots: Mapping[int, int]) -> list[StatementInC]:

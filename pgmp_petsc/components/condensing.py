@@ -55,6 +55,7 @@ from pgmp_petsc.components.large_deformation import contraction_of, foreshorteni
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.references import points_used, stressed_bodies
 
@@ -319,20 +320,26 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
     held = np.array([body.mesh.point(point, blame) for point, blame in points.items()])
     loads = np.zeros((body.dofs.size, per_node * held.size))
     loads[(per_node * held[:, None] + np.arange(per_node)).ravel(), np.arange(per_node * held.size)] = 1.0
+    frames = {point: number for number, point in enumerate(points)}
+    run, d = _ridden(scene, body), body.mesh.nodes.shape[1]
+    if run.size:  # its frames stand in its order
+        nodes, held = held, np.concatenate([run, np.setdiff1d(held, run)])
+        frames = {point: int(np.flatnonzero(held == node)[0]) for point, node in zip(points, nodes)}
+        frames = {str(node): number for number, node in enumerate(held)} | frames
     total_mass, total = (weighted_sum_dense(terms, scene.nominal) for terms in (mass, stiffness))
-    stressed, d = body.name in stressed_bodies(scene), body.mesh.nodes.shape[1]
+    stressed = body.name in stressed_bodies(scene)
     if stressed or scene.static_stiffening:  # inertia forces of rigid motion
         fields = linear_fields(body.mesh.nodes).reshape(body.n_nodes, d, -1)
         loads = np.hstack([loads, total_mass @ _of_nodes(fields, per_node)])
     values, vectors = eigh(total, total_mass)
     n_modes = scene.reduction.modes + scene.n_overconstrained
-    basis = _answering(values, vectors, loads, per_node, n_modes, by_energy=stressed)
+    # ties of frames need as many fields as they have rows, and what rides on all nodes finds an answer at each
+    basis = vectors if run.size else _answering(values, vectors, loads, per_node, n_modes, by_energy=stressed)
     # torsion moves no node: of rotations what they move at the body's extent
     moved = basis * np.where(np.arange(len(basis)) % per_node < d, 1.0, body.extent)[:, None]
     elastic = free_modes(basis.T @ total_mass @ basis, basis.T @ total @ basis, d)
     modes = basis @ (elastic / np.max(np.abs(moved @ elastic), axis=0))
     shapes = modes.reshape(body.n_nodes, per_node, -1)[held]
-    frames = {point: number for number, point in enumerate(points)}
     reduced = {weight: modes.T @ matrix @ modes for weight, matrix in stiffness.items()}
     moments, n = _moments_of_beams(body, modes), modes.shape[1]
     bent, curved = np.zeros((held.size, d, n, n)), {}
@@ -344,6 +351,26 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
             curved[weight] = curved.get(weight, 0.0) + part
     kept = Recovery(body, modes, stressed)
     return FloatingBody(frames, body.mesh.nodes[held], shapes, moments, reduced, bent, curved, kept)
+
+
+def _ridden(scene: Scene, body: Body) -> np.ndarray:
+    """Return the nodes of the runs that joints ride on, run after run.
+
+    Raises `InputError` if different runs share nodes: frames of a body in a floating frame have one order.
+    """
+    found: list[np.ndarray] = []
+    for name, joint in scene.joints.items():
+        if not joint.rides or joint.connect[0].partition(":")[0] != body.name:
+            continue
+        point = body.mesh.point(joint.connect[0].partition(":")[2], f"joints.{name}.connect")
+        run = np.array(body.mesh.run(point, joint.axes[0])[0])
+        if any(set(run) == set(other) for other in found):
+            continue
+        if any(set(run) & set(other) for other in found):
+            words = f"a component model has {body.name} with one run through a node; full-order runs have several"
+            raise InputError(problem(f"joints.{name}.direction", words, list(joint.axes[0])))
+        found.append(run)
+    return np.concatenate([np.zeros(0, dtype=int), *found])
 
 
 def _energy_of_beams(

@@ -309,7 +309,7 @@ def _calling(result: types.Type, takes: tuple[types.Type, ...]) -> Any:
 @njit(error_model="numpy")
 def rubs(laws):
     """Return whether iterates of any law are taken up from zero: how a step's iteration contracts says nothing of the
-    next one."""
+    next one where the law bends."""
     for one in laws.taken_up:
         if one:
             return True

@@ -219,7 +219,7 @@ def step_errors(
     coarse = np.column_stack([other.outputs[name][:n, sample] for name in outputs])
     there = fine[: n * TIMES : TIMES] if n_steps % TIMES == 0 else CubicSpline(time, fine)(at)
     differences = dict(zip(outputs, (coarse - there).T))
-    kinked = {name for name, output in scene.outputs.items() if output.kinked}
+    kinked = {name for name, output in scene.outputs.items() if output.kinked_in(scene)}
     between, with_kinks = CubicSpline(at, coarse)(time[covered]), np.array([name in kinked for name in outputs])
     off, turns = bands.lost(fine[covered], between, ratio, with_kinks)
     places = bands.hop * step * np.arange(len(off))

@@ -39,6 +39,29 @@ class PointOnLine(JointEntry):
         return guided(in_a)
 
 
+class PointOnBeam(PointOnLine):
+    """The second point moves along a beam as it bends, on the straight run of its nodes through the first point."""
+
+    type: Literal["point_on_beam"]
+    rides = True
+    connect: Connection = Field(description="a point of the beam, then the point that moves along it")
+    direction: Direction = Field(
+        description="direction of the run of nodes at rest, (x, y) or in space (x, y, z), in the beam's frame"
+    )
+
+    def problems(self, scene, name):
+        """Yield a line if the first point is on the ground, or the joint is elastic or off."""
+        owner = self.connect[0].partition(":")[0]
+        body = scene.bodies.get(owner)
+        if owner == "ground" or body is not None and body.element not in ("beam2d", "beam3d"):
+            words = f"a point of a beam is needed first; {owner} is none: the joint point_on_line has a straight line"
+            yield problem(f"joints.{name}.connect", words, list(self.connect))
+        for entry in ("elastic", "offset"):
+            if getattr(self, entry) is not None:
+                words = "this joint is rigid and where it should be; let a body between it and the load be elastic"
+                yield problem(f"joints.{name}.{entry}", words)
+
+
 class PointOnPlane(JointEntry):
     """The second point moves on a plane through the first."""
 

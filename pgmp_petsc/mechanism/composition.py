@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.body import Body, LumpedMass, body_of, joined
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.joints import Connection, Coupling, share_position, triad, weld
+from pgmp_petsc.mechanism.joints import Connection, Coupling, ridden, share_position, triad, weld
 from pgmp_petsc.mechanism.releases import parted
 from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
 from pgmp_petsc.mechanism.statement_rows import StatementRows
@@ -19,9 +20,12 @@ from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Statem
 from pgmp_petsc.scene.bodies import Placement
 from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.scene.joints import CouplingEntry, Offset
+from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.schema import Scene
+from pgmp_petsc.scene.uses import slides
 
 GROUND = "ground"
+ROUNDED = 1e-9  # of the length of a run of nodes, by which a range may be longer
 
 
 def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]:
@@ -85,6 +89,7 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
         entry = scene.joints.get(name)  # none of welds
         elastic, offset = (None, None) if entry is None else (entry.elastic, entry.offset)
         held, released, moved = statements, (), sides[0]
+        riding = entry is not None and entry.rides and not sides[0].on_ground and bodies[sides[0].body].flexible
         if elastic is not None:
             first, second = (0.0 if s.on_ground else poses[s.body, -1] for s in sides)
             rest = second - first if space is not SPATIAL else 0.0
@@ -93,7 +98,10 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
             place, turned = _off(scene, offset)
             moved = replace(moved, point=moved.point + place, arm=moved.arm + (0.0 if moved.on_ground else place))
             held = tuple(holds(turned @ in_a, in_b))
-        connections.append(Connection(name, statements, *sides, rows, turning, held, released, moved))
+        held = tuple((part, (moved, sides[1])) for part in held)
+        if riding:
+            held = tuple(ridden(in_a, in_b, _run(scene, bodies, name, sides[0], in_a[:, 0]), sides[1]))
+        connections.append(Connection(name, statements, *sides, rows, turning, held, released, offset is not None))
         row = rows.stop
     return tuple(connections)
 
@@ -129,6 +137,29 @@ def couplings_of(
         couplings.append(Coupling(name, combination, tuple(sides), value, slice(row, row + 1), elastic))
         row += 1
     return tuple(couplings)
+
+
+def _run(scene: Scene, bodies: Sequence[Body], joint: str, first: Attachment, way: np.ndarray) -> list[Attachment]:
+    """Return the nodes of a beam along a direction (d,) through a point, which a joint rides on.
+
+    Raises `InputError` if there are none but the point, or a coordinate has the joint beyond them.
+    """
+    body = bodies[first.body]
+    nodes, along = body.mesh.run(first.node - body.first_node, way)
+    if nodes.size == 1:
+        words = f"no nodes of beams are beside this point of {body.name} along direction, so that nothing bends there; "
+        raise InputError(problem(f"joints.{joint}", words + "the joint point_on_line has a line fixed to the point"))
+    for name, entry in scene.coordinates.items():
+        if entry.joint == joint and slides(scene, entry) and not _within(entry.range, along):
+            words = f"must be within the run of nodes, {along[0]:.6g} to {along[-1]:.6g} m from the first point"
+            raise InputError(problem(f"coordinates.{name}.range", words, list(entry.range)))
+    places = body.mesh.nodes
+    return [Attachment(first.body, body.first_node + k, places[k], np.zeros_like(way)) for k in nodes]
+
+
+def _within(interval: tuple[float, float], along: np.ndarray) -> bool:
+    spare = ROUNDED * (along[-1] - along[0])
+    return along[0] - spare <= interval[0] and interval[1] <= along[-1] + spare
 
 
 def _off(scene: Scene, offset: Offset) -> tuple[np.ndarray, np.ndarray]:

@@ -81,7 +81,7 @@ def _ties(mechanism: Mechanism) -> Iterator[sp.spmatrix]:
 
 @dataclass(frozen=True, eq=False)
 class ConstraintHessian:
-    """Second derivatives of the constraints of one joint or coupling in body frames."""
+    """Second derivatives of the constraints of one joint or coupling, or of a clamped coordinate, in body frames."""
 
     rows: slice  # numbers of the constraints, n_c of them
     dofs: np.ndarray  # the nodal unknowns that they depend on, shape (k,)
@@ -89,21 +89,22 @@ class ConstraintHessian:
 
 
 class ConstraintHessians:
-    """Second derivatives of the joints that are not linear, in body frames, at configurations of the rigid mechanism.
+    """Second derivatives of joints and clamped coordinates that are not linear, in body frames, at configurations of
+    the rigid mechanism.
 
     With the frames ``z(u)`` of the nodes in their displacements u these are ``F^T h F + g.z''``, F the frames'
     gradient, and g and h the derivatives of a statement in the frames; z'' is zero in the plane.
     """
 
-    def __init__(self, mechanism: Mechanism) -> None:
+    def __init__(self, mechanism: Mechanism, clamped: Sequence[Coordinate] = ()) -> None:
         self._mechanism = mechanism
         n_pose = mechanism.space.n_pose
         self._joints: list[tuple[slice, list[Attachment], StatementRows]] = []
         first = 0
-        for joint in mechanism.holders:
-            parts = joint.holding(moving=True)
+        held = [one.holding(moving=True) for one in mechanism.holders]
+        for parts in [*held, *([(c.statement, c.sides)] for c in clamped)]:
             numbered = slice(first, first := first + len(parts))
-            moving = list({side.node: side for side in joint.sides if not side.on_ground}.values())
+            moving = list({side.node: side for _, own in parts for side in own if not side.on_ground}.values())
             numbers = {side.node: n_pose * k for k, side in enumerate(moving)}
             rows = StatementRows(
                 [part for part, _ in parts],

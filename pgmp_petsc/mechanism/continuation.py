@@ -107,17 +107,13 @@ class PoseBranch:
         """Return whether the polynomials close the loops everywhere."""
         cells = np.diff(self.axes[0])
         theta = np.concatenate([self.axes[0][:-1] + share * cells for share in PROBES])[:, None]
-        apart, gap = closure.open_and_gap(self.guess(theta), theta)
-        # with a gap no poses close the loops, and those that come nearest are known to a part of it
-        return bool(np.max(apart) < SHARE * (CLOSURE_TOLERANCE + SHARE_OF_GAP * np.max(gap)))
+        return bool(near_enough(*closure.open_and_gap(self.guess(theta), theta)))
 
-    def covers(self, theta: np.ndarray) -> bool:
-        """Return whether theta (n, n_theta) are all within the range, but for round-off."""
-        for part, axis in zip(theta.T, self.axes):
-            beyond = ROUND_OFF * (axis[-1] - axis[0])
-            if np.any((part < axis[0] - beyond) | (part > axis[-1] + beyond)):
-                return False
-        return True
+    def covers(self, theta: np.ndarray) -> np.ndarray:
+        """Return which of theta (n, n_theta) are within the range, but for round-off, shape (n,)."""
+        lower, upper = np.array([(axis[0], axis[-1]) for axis in self.axes]).T
+        beyond = ROUND_OFF * (upper - lower)
+        return np.all((theta >= lower - beyond) & (theta <= upper + beyond), axis=1)
 
     def guess(self, theta: np.ndarray) -> np.ndarray:
         """Return poses (n_bodies, n_pose, n) near the solution at theta (n, n_theta)."""
@@ -148,6 +144,12 @@ class PoseBranch:
         first = np.einsum("nbpk,nk->nbp", self.rates[rows], away)
         second = np.einsum("nbpkl,nk,nl->nbp", self.curvatures[rows], away, away)
         return (self.poses[rows] + first + 0.5 * second).reshape(len(theta), -1)
+
+
+def near_enough(apart: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    """Return whether polynomials close the loops at the probes in the last axis, from `LoopClosure.open_and_gap`."""
+    # with a gap no poses close the loops, and those that come nearest are known to a part of it
+    return np.max(apart, axis=-1) < SHARE * (CLOSURE_TOLERANCE + SHARE_OF_GAP * np.max(gap, axis=-1))
 
 
 def _grid(axes: Sequence[np.ndarray]) -> np.ndarray:

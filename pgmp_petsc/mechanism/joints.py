@@ -10,11 +10,15 @@ import numpy as np
 
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.statements import (
+    IDENTITY,
     MEET,
     Combination,
+    Function,
     Statement,
     along,
     angle,
+    bulging,
+    fading,
     meet,
     perpendicular,
     within,
@@ -46,6 +50,45 @@ def parallel(in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
 def weld(in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
     """Return that two points share their position, and triads (d, d) in a and in b their directions."""
     return [*meeting(len(in_a)), *parallel(in_a, in_b)]
+
+
+def ridden(
+    in_a: np.ndarray, in_b: np.ndarray, run: Sequence[Attachment], b: Attachment
+) -> list[tuple[Combination, tuple[Attachment, ...]]]:
+    """Return that b is on the bent line through the nodes of a run, with the sides.
+
+    Hermite's interpolation between nodes at X_i with directors t_i, n_i has the deflection ``sum_i H_i w_i + G_i w'_i``
+    with local weights. With ``xi_i = t_i . (p_b - p_i)``, which is how far b is from a node along it, and the slopes
+    ``w'_i = t_i . n_b``, so that a rigid motion of all does not count, b is on it where, for each normal n,
+
+        sum_i  H(xi_i) n_i . (p_b - p_i) + K(xi_i) t_i . n_b = 0,    K(xi) = xi H(xi) - G(xi),
+
+    to the second order in what the nodes are turned. The factors K, of both signs, are small and add up to zero: what b
+    is turned does not matter. Where it is turned far, curvature between the nodes counts less than it should.
+
+    Parameters
+    ----------
+    in_a, in_b
+        Triads (d, d), one axis a column, of which the first is along the line.
+    run
+        The nodes, in its order.
+    b
+        What rides on them.
+    """
+    way, found = in_a[:, 0], []
+    places = np.array([side.point @ way for side in run])
+    for normal, same in zip(in_a.T[1:], in_b.T[1:]):
+        terms, sides = [], []
+        for k, side in enumerate(run):
+            reaches = [places[other] - places[k] for other in (k + 1, k - 1) if 0 <= other < len(run)]
+            own = [(fading(reach * way, normal), IDENTITY) for reach in reaches]
+            own += [(bulging(reach * way, way, same), Function(reach)) for reach in reaches]
+            if len(reaches) == 2:  # each weight is 1 on the other's side
+                own.append((along(normal), Function(-1.0)))
+            terms += own
+            sides += len(own) * [side, b]
+        found.append((Combination(tuple(terms)), tuple(sides)))
+    return found
 
 
 def share_position(statements: Sequence[Statement]) -> bool:
@@ -96,9 +139,10 @@ class Connection:
     #: the axes that it turns about and slides along, the first of triads in the frames of a and of b, shape (d, d)
     #: each, one axis a column
     axes: tuple[np.ndarray, np.ndarray]
-    held: tuple[Statement, ...]  # what is zero in the motion
+    #: what is zero in the motion, with its sides: about a where the joint is, if it is off, or along a beam
+    held: tuple[tuple[Statement | Combination, tuple[Attachment, ...]], ...]
     released: tuple[Release, ...]  # directions that are held in the configuration alone
-    moved: Attachment  # a in the motion: where the joint is, if it is off
+    off: bool = False  # whether it is not where it should be
 
     @property
     def sides(self) -> tuple[Attachment, Attachment]:
@@ -106,25 +150,18 @@ class Connection:
         return self.a, self.b
 
     @property
-    def sides_held(self) -> tuple[Attachment, Attachment]:
-        """Both attachments in the motion, which `held` is about."""
-        return self.moved, self.b
-
-    @property
     def holds_position(self) -> bool:
         """Whether the two points share their position."""
         return share_position(self.statements)
 
-    def holding(self, moving: bool = False) -> list[tuple[Statement, tuple[Attachment, Attachment]]]:
+    def holding(self, moving: bool = False) -> list[tuple[Statement | Combination, tuple[Attachment, ...]]]:
         """Return what is zero in the configuration, or in the motion too, with its sides."""
-        if moving:
-            return [(part, self.sides_held) for part in self.held]
-        return [(part, self.sides) for part in self.statements]
+        return list(self.held) if moving else [(part, self.sides) for part in self.statements]
 
     @property
     def straight(self) -> Connection:
         """The joint where it should be, if it is off."""
-        return self if self.moved is self.a else replace(self, held=self.statements, moved=self.a)
+        return replace(self, held=tuple(self.holding()), off=False) if self.off else self
 
     def measure(self, motion: str) -> Statement:
         """Return what measures ``turning`` or ``sliding``."""

@@ -20,6 +20,7 @@ from pgmp_petsc.mechanism.closure import SINGULAR_TOLERANCE, LoopClosure, Releas
 from pgmp_petsc.mechanism.continuation import Continuation, PoseBranch, Walk
 from pgmp_petsc.mechanism.joints import Connection, triad
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, words_of
+from pgmp_petsc.mechanism.pose_patches import PosePatches
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.scene.joints import MEASURED
 
@@ -98,6 +99,7 @@ class RigidKinematics:
             self._walk, self.n_redundant = self._started()
         else:
             self.n_redundant = self.branch.n_redundant
+        self._patches = PosePatches(self.branch) if self.branch is not None and self.n_coordinates == 2 else None
         self._followed: dict[bytes, RigidMotion] = {}
 
     @property
@@ -207,9 +209,10 @@ class RigidKinematics:
             return self._walk.poses(theta)
         turns = self._turns(theta)
         inside = theta - 2 * np.pi * turns
-        poses = self.branch.guess(inside)
-        if not self._is_tabulated(inside):
-            poses = self._closure.close(poses, inside)
+        poses, closed = self._interpolated(inside, 1)
+        poses = poses[0]
+        if not closed.all():
+            poses[..., ~closed] = self._closure.close(poses[..., ~closed], inside[~closed])
         return self.mechanism.space.turned(poses, np.einsum("kb,nk->bn", self.branch.winding, turns))
 
     def near(
@@ -235,21 +238,47 @@ class RigidKinematics:
             From configurations (n, n_theta), one next to each, to poses (n_bodies, n_pose, n).
         """
         theta = self.configurations(theta)
-        if self.branch is not None and self._is_tabulated(theta - 2 * np.pi * self._turns(theta)):
+        if (
+            self._patches is None
+            and self.branch is not None
+            and self._is_tabulated(theta - 2 * np.pi * self._turns(theta))
+        ):
             return self.poses
         known = np.isfinite(poses).all(axis=(0, 1))
-        rates = np.full((*poses.shape[:2], *theta.T.shape), np.nan)
-        rates[..., known] = self.rates(poses[..., known])
-        bends = np.full((*rates.shape[:3], *theta.T.shape), np.nan) if order == 2 else None
-        if bends is not None:
-            bends[..., known] = self.curvatures(poses[..., known], rates[..., known])
+        r = self.n_coordinates
+        rates, bends = (np.full((*poses.shape[:2], *own, len(theta)), np.nan) for own in ((r,), (r, r)))
+        rates[..., known], bends[..., known] = self._changes(theta[known], poses[..., known], order)
 
         def beside(there: np.ndarray) -> np.ndarray:
             away = self.configurations(there) - theta
-            slopes = rates if bends is None else rates + 0.5 * np.einsum("bpkln,nl->bpkn", bends, away)
+            slopes = rates if order == 1 else rates + 0.5 * np.einsum("bpkln,nl->bpkn", bends, away)
             return poses + np.einsum("bpkn,nk->bpn", slopes, away)
 
         return beside
+
+    def _changes(self, theta: np.ndarray, poses: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return `rates` and, of second order, `curvatures` at configurations (n, n_theta) and their poses."""
+        if self._patches is None:
+            rates = self.rates(poses)
+            return rates, self.curvatures(poses, rates) if order == 2 else np.nan
+        found, closed = self._interpolated(theta - 2 * np.pi * self._turns(theta), 6)
+        rates, bends = np.moveaxis(found[1:3], 0, 2), np.moveaxis(found[[[3, 4], [4, 5]]], (0, 1), (2, 3))
+        if not closed.all():
+            rates[..., ~closed] = self.rates(poses[..., ~closed])
+            bends[..., ~closed] = self.curvatures(poses[..., ~closed], rates[..., ~closed])
+        return rates, bends
+
+    def _interpolated(self, inside: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return poses at configurations taken to the first turn, with derivatives if n is 6, and where they close the
+        loops; see `PosePatches.at`."""
+        if self._patches is None:
+            return self.branch.guess(inside)[None], np.full(len(inside), self._is_tabulated(inside))
+        covered, closed = self.branch.covers(inside), np.zeros(len(inside), dtype=bool)
+        found = np.empty((n, *self.branch.poses.shape[1:], len(inside)))
+        found[..., covered], closed[covered] = self._patches.at(self._closure, inside[covered], n)
+        if not closed.all():
+            found[0][..., ~closed] = self.branch.guess(inside[~closed])
+        return found, closed
 
     def _turns(self, theta: np.ndarray) -> np.ndarray:
         """Return how often periodic coordinates have turned at theta, both (n, n_theta)."""
@@ -261,7 +290,7 @@ class RigidKinematics:
 
     def _is_tabulated(self, inside: np.ndarray) -> bool:
         """Return whether the branch closes the loops at all configurations, taken to the first turn."""
-        return self.branch.is_exact and self.branch.covers(inside)
+        return self.branch.is_exact and bool(self.branch.covers(inside).all())
 
     def rates(self, poses: np.ndarray) -> np.ndarray:
         """Return ``dP/dtheta_k`` at poses (n_bodies, 3, n), shape (n_bodies, 3, n_theta, n)."""

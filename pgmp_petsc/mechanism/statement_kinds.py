@@ -5,7 +5,8 @@ that is fixed in a frame, or ``u`` in the ground. With ``s = f(q_0, ..)`` of suc
 
     ds = sum_m f_m dq_m,    d2s = sum_m f_m d2q_m + sum_mn f_mn dq_m dq_n^T,
 
-where dq and d2q are loops that all products have in common, and sympy gives f_m and f_mn.
+where dq and d2q are loops that all products have in common, and sympy gives f_m and f_mn. What is local along a line
+has a first product that counts within 0 and 1 alone: beyond, f is what it is there, its derivatives in it are zero.
 """
 
 from __future__ import annotations
@@ -20,6 +21,10 @@ from typing import Any
 from pgmp_petsc.declare.forms import in_c
 
 APART = "p_b - p_a"
+LOCAL = {  # of Hermite's interpolation between 0 and 1, with slopes that are zero at both
+    "fade": lambda x: 1 - 3 * x**2 + 2 * x**3,
+    "bulge": lambda x: 2 * x**2 * (1 - x) ** 2,
+}
 ARRAYS = ("gradient", "spare")  # that hold the derivatives of products
 TURN = "6.283185307179586"
 TAKES = "axes, z, turned, second, gradient, hessian, spare"
@@ -93,6 +98,8 @@ class Kind:
     singular: bool = False  # whether derivatives are taken as zero where its product is
     pull: str = ""  # no measure, but a force: the vector that pulls at the point of b
     fixed: bool = False  # whether the gradient keeps its direction in the frames, however they stand
+    limited: bool = False  # whether its first product counts within 0 and 1 alone
+    generic: str = ""  # the kind with derivatives everywhere that this one has within limits
 
     def lines(self) -> list[str]:
         """Return the body of the function that evaluates it; ``let`` begins what C declares."""
@@ -125,10 +132,12 @@ class Kind:
         products: list[tuple[_Vector, _Vector]] = []
 
         def read(node: ast.expr) -> Any:
+            if isinstance(node, ast.BinOp):
+                return read(node.left) * read(node.right)
             if node.func.id == "dot":
                 products.append(tuple(_Vector(ast.unparse(one)) for one in node.args))
                 return sp.Symbol(f"q{len(products) - 1}", real=True)
-            return {"sqrt": sp.sqrt, "atan2": sp.atan2}[node.func.id](*map(read, node.args))
+            return {"sqrt": sp.sqrt, "atan2": sp.atan2, **LOCAL}[node.func.id](*map(read, node.args))
 
         outer = read(ast.parse(self.measure, mode="eval").body)
         return products, None if outer.is_Symbol else outer
@@ -141,13 +150,19 @@ class Kind:
         named = {f"f{m}": sp.diff(outer, one) for m, one in enumerate(q)}
         pairs = itertools.combinations_with_replacement(range(n_products), 2)
         named |= {f"f{m}{k}": sp.diff(outer, q[m], q[k]) for m, k in pairs}
+        if self.limited:
+            yield "let within = select(beyond(q0, 0.0), select(beyond(q0, 1.0), 0.0, 1.0), 0.0)"
+            yield "q0 = select(beyond(q0, 0.0), select(beyond(q0, 1.0), 1.0, q0), 0.0)"
         yield f"let s = {_text(outer)}"
         if outer.is_Pow:  # of a root, so that powers are whole
             named = {name: one.subs(q[0], s**2) for name, one in named.items()}
         shared, left = sp.cse([sp.simplify(one) for one in named.values()], sp.numbered_symbols("y"))
         yield from (f"let {name} = {_text(one)}" for name, one in shared)
         for name, one in zip(named, left):
-            yield f"let {name} = " + (f"select(beyond(q0, 0.0), {_text(one)}, 0.0)" if self.singular else _text(one))
+            if self.singular:
+                yield f"let {name} = select(beyond(q0, 0.0), {_text(one)}, 0.0)"
+            else:
+                yield f"let {name} = {'within * ' * (self.limited and '0' in name)}({_text(one)})"
 
 
 def _first(products: Sequence[tuple[_Vector, _Vector]], touched: Sequence[tuple[str, str]]) -> list[str]:

@@ -71,8 +71,10 @@ class StatementRows:
         every = [side for own in sides for side in own]
         own = [part for part, _ in terms], list(zip(every[::2], every[1::2])), dimension
         self.statements = NodeStatements.of(*own, [function for _, function in terms])
-        # derivatives of functions may be zero at some place, as those of a cam that dwells
-        self._generic = NodeStatements.of(*own, [function.generic for _, function in terms])
+        # derivatives may be zero at some place, as those of a cam that dwells, or of what is local along a line
+        self._generic = NodeStatements.of(
+            [part.generic for part, _ in terms], *own[1:], [function.generic for _, function in terms]
+        )
         grounded = np.full(node_dofs(0).size, -1)
         dofs = [grounded if side.on_ground else node_dofs(side.node) for side in every]
         angles = {part: row for row, part in enumerate(parts) if isinstance(part, Statement) and part.kind == ANGLE}

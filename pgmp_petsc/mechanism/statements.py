@@ -27,8 +27,13 @@ KINDS = (
     Kind("ANGLE", "atan2(dot(v_a, w_b), dot(u_a, w_b))", unit="rad", periodic=True, fixed=True),
     Kind("DISTANCE", "sqrt(dot(p_b - p_a, p_b - p_a))", singular=True),
     Kind("FOLLOWING", pull="w_b", fixed=True),
+    Kind("FADING", "fade(dot(u_a, p_b - p_a)) * dot(v_a, p_b - p_a)", limited=True, generic="FADING_EVERYWHERE"),
+    Kind("BULGING", "bulge(dot(u_a, p_b - p_a)) * dot(v_a, w_b)", limited=True, generic="BULGING_EVERYWHERE"),
+    Kind("FADING_EVERYWHERE", "dot(u_a, p_b - p_a) * dot(v_a, p_b - p_a)"),
+    Kind("BULGING_EVERYWHERE", "dot(u_a, p_b - p_a) * dot(v_a, w_b)"),
 )
-MEET, PERPENDICULAR, WITHIN, ALONG, ANGLE, DISTANCE, FOLLOWING = range(len(KINDS))
+NAMES = [kind.name for kind in KINDS]
+MEET, PERPENDICULAR, WITHIN, ALONG, ANGLE, DISTANCE, FOLLOWING, FADING, BULGING, _, _ = range(len(KINDS))
 U, V, W = range(3)  # rows of a statement's directions
 _MARK = text_mark(
     *(f"pgmp_petsc.{name}" for name in ("mechanism.statement_kinds", "declare.forms", "declare.expressions"))
@@ -107,6 +112,12 @@ class Statement:
         return ((self, IDENTITY),)
 
     @property
+    def generic(self) -> Statement:
+        """A statement none of whose derivatives is zero where this one's may be other than zero."""
+        generic = KINDS[self.kind].generic
+        return Statement(NAMES.index(generic), self.axes) if generic else self
+
+    @property
     def is_length(self) -> bool:
         """Whether it is measured in m; others are cosines or rad."""
         return KINDS[self.kind].unit == "m"
@@ -166,6 +177,17 @@ def within(v: np.ndarray, w: np.ndarray) -> Statement:
 def along(axis: np.ndarray) -> Statement:
     """Return how far b is from a along an axis (d,) that is fixed in a; its length does not matter."""
     return _statement(ALONG, u=np.asarray(axis, dtype=float) / np.linalg.norm(axis))
+
+
+def fading(reach: np.ndarray, v: np.ndarray) -> Statement:
+    """Return how far b is from a along a direction v (d,) in a, times a weight that falls from 1 to 0 as b moves from a
+    to the end of a vector (d,) in a: Hermite's, ``1 - 3 x^2 + 2 x^3``."""
+    return _statement(FADING, u=reach / (reach @ reach), v=v)
+
+
+def bulging(reach: np.ndarray, v: np.ndarray, w: np.ndarray) -> Statement:
+    """Return the cosine between unit directions (d,) in a and in b, times ``2 x^2 (1 - x)^2``, x as in `fading`."""
+    return _statement(BULGING, u=reach / (reach @ reach), v=v, w=w)
 
 
 def angle(in_a: np.ndarray, in_b: np.ndarray) -> Statement:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import meshio
 
 MOST_DIGITS = 18  # of a node's index
+STRAIGHT = 1e-9  # of its mesh's extent, by which a node may be beside a line
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +64,24 @@ class LineMesh(Counted):
             f'{entry} = "{shortened(name)}": the mesh has no point of this name{nearest_name(name, self.points)}'
             f" (or a node's index, 0 to {self.n_nodes - 1})"
         )
+
+    def run(self, node: int, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the nodes of the straight run of cells through a node along a direction (d,), in its order, and how
+        far along it from the node they are, m; shape (n,) each."""
+        way = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
+        arms = self.nodes - self.nodes[node]
+        along = arms @ way
+        on_line = np.linalg.norm(arms - np.outer(along, way), axis=1) <= STRAIGHT * np.max(np.ptp(self.nodes, axis=0))
+        found = [node]
+        for sign in (1.0, -1.0):
+            while True:
+                beside = self.cells[(self.cells == found[-1]).any(axis=1)].ravel()
+                ahead = [k for k in beside if on_line[k] and sign * (along[k] - along[found[-1]]) > 0.0]
+                if not ahead:
+                    break
+                found.append(min(ahead, key=lambda k: sign * along[k]))
+            found.reverse()
+        return np.array(found), along[found]
 
 
 def read_line_mesh(path: Path | str, entry: str, dimension: int = 2) -> LineMesh:

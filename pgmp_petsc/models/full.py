@@ -252,7 +252,7 @@ class FullModel:
         mechanism, found, row, system = self.kinematics.mechanism, [], 0, self.scene.system
         residual = np.abs(residual)
         for connection in mechanism.connections:
-            for part in connection.held:
+            for part, _ in connection.held:
                 unit = self.kinematics.size if part.is_length else 1.0
                 what = "a gap of" if part.is_length else "an angle of"
                 text = f"{what} {residual[row]:.3g} {system.unit('m') if part.is_length else 'rad'}"

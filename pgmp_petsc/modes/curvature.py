@@ -102,7 +102,7 @@ class CurvatureProblem:
         bodies = problem.mechanism.bodies
         self._third = ThirdDerivative(bodies, problem.rows)
         self.rotary = RotaryCurvature(problem.mechanism)
-        self._joints = ConstraintHessians(problem.mechanism)
+        self._joints = ConstraintHessians(problem.mechanism, problem.clamped)
         self._axial = axial_stiffness(bodies, problem.rows, problem.values) if static_stretching else None
 
     def solve(

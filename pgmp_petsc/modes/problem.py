@@ -97,6 +97,8 @@ class ModalProblem:
 
     Attributes
     ----------
+    clamped
+        Coordinates that follow given motions.
     n_released, n_unstrained
         Numbers of motions that elastic joints allow, and of all vanishing eigenvalues: those of free coordinates too.
 
@@ -117,12 +119,12 @@ class ModalProblem:
         self.kinematics = kinematics
         self.mechanism = kinematics.mechanism
         self.free = np.flatnonzero([not coordinate.prescribed for coordinate in kinematics.coordinates])
-        clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
+        self.clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
         first = self.mechanism.n_held
-        self._clamp_rows = slice(first, first + len(clamped))
+        self._clamp_rows = slice(first, first + len(self.clamped))
         self.n_released = kinematics.motion(self._lowest()).released.shape[-1]
         self.n_unstrained = self.free.size + self.n_released
-        self._constraints = ConstraintJacobian(self.mechanism, clamped)
+        self._constraints = ConstraintJacobian(self.mechanism, self.clamped)
         self._null_spaces = NullSpaces(self._constraints.pattern)
         self.comm = comm
         self.n_modes = n_modes

@@ -252,7 +252,7 @@ class OfConnection(ForceOutput):
         if connection.released:
             actions = elastic_joint(connection.name, mechanism.scene, mechanism).actions()
             springs = tuple(Spring.of(action, mechanism.space) for action in actions)
-        statements = [*connection.held, *(spring.statement for spring in springs)]
+        statements = [*(part for part, _ in connection.held), *(spring.statement for spring in springs)]
         if entry.turning and all(part.is_length for part in statements):
             joint = mechanism.scene.joints[connection.name]
             raise InputError(
@@ -265,7 +265,7 @@ class OfConnection(ForceOutput):
             )
         first = _first_row(mechanism, connection.name)
         rows = np.arange(first, first + len(connection.held))
-        sides = (*connection.sides, connection.moved)
+        sides = [*connection.sides, *(side for _, own in connection.held for side in own)]
         nodes = frozenset(side.node for side in sides if not side.on_ground)
         damped = any(spring.damping.coefficient for spring in springs)
         return cls(name, rows, nodes, damped, entry, mechanism.space, connection, springs)
@@ -283,12 +283,15 @@ class OfConnection(ForceOutput):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return force (d, n) and moment (1 or 3, n) on the second body at the second point, in the ground's axes."""
         n, d = multipliers.shape[1], self.space.dimension
-        a, b = (self._natural(side, frames, n) for side in self.connection.sides_held)
-        slopes = np.zeros_like(b)
-        for row, part in zip(self.rows, self.connection.held):
-            # that points meet has the same slopes everywhere
-            at = slice(0, 1) if part.kind == MEET else slice(None)
-            slopes -= multipliers[row] * part.gradient(a[:, at], b[:, at])[len(a) :]
+        b = self._natural(self.connection.b, frames, n)
+        slopes, firsts = np.zeros_like(b), {side for _, own in self.connection.held for side in own[::2]}
+        at = {side: self._natural(side, frames, n) for side in firsts}
+        for row, (part, own) in zip(self.rows, self.connection.held):
+            for (statement, function), first in zip(part.terms, own[::2]):
+                # that points meet has the same slopes everywhere
+                some = slice(0, 1) if statement.kind == MEET else slice(None)
+                gradient = statement.gradient(at[first][:, some], b[:, some])[len(b) :]
+                slopes -= multipliers[row] * function.factor * gradient
         if self.springs:
             a = self._natural(self.connection.a, frames, n)
             for spring in self.springs:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.effects.base_motion import bases_of
@@ -128,6 +129,7 @@ class OutputSet:
             time=time[0] if self.reads_time else None,
             values=dict(zip(self.parameters, values)),
             bases=self.bases,
+            n=n,
         )
 
     @classmethod
@@ -146,7 +148,8 @@ class OutputSet:
             start = np.array([scene.initial_state(c.name).position for c in kinematics.mechanism.coordinates])
         functions, stresses, needs, order = {}, [], Needs(), 0
         forces = _forces(scene, kinematics, start)
-        for name, entry in scene.outputs.items():
+        for name in _in_order(scene):
+            entry = scene.outputs[name]
             if "stresses" in entry.reads:
                 stresses.append(_stress(name, scene, kinematics))
                 nodes = _nodes_of_beams(kinematics.mechanism.bodies[stresses[-1].body])
@@ -154,10 +157,17 @@ class OutputSet:
             elif "multipliers" in entry.reads:
                 force = next(one for one in forces if one.name == name)
                 functions[name] = ModelReading(name, Needs(frozenset(force.nodes)), int(force.reads_rates))
+            elif "outputs" in entry.reads:
+                parts = {one: functions[one] for one in entry.made_in(scene)}
+                functions[name] = entry.combined(f"outputs.{name}", parts, scene)
             else:
                 functions[name] = entry.reading(f"outputs.{name}", start, kinematics)
             needs |= functions[name].needs
-            order = max(order, functions[name].depth(0))
+            try:
+                order = max(order, functions[name].depth(0))
+            except InputError as error:
+                raise InputError(f"outputs.{name}: {error}") from None
+        functions = {name: functions[name] for name in scene.outputs}
         mechanism, rigid, reached = kinematics.mechanism, None, None
         n_frame = mechanism.space.n_pose + (len(mechanism.coordinates) if mechanism.space is SPATIAL else 0)
         if needs.of_coordinates:
@@ -171,6 +181,20 @@ class OutputSet:
             tuple(sorted(needs.nodes)), units, n_frame, mechanism.space.n_pose, functions, tuple(stresses), forces,
             reached, rigid, order, needs.time, tuple(sorted(needs.parameters | of_bases)), bases,
         )  # fmt: skip
+
+
+def _in_order(scene: Scene) -> list[str]:
+    """Return the names of outputs, each behind those that it is made of."""
+    found: dict[str, None] = {}
+
+    def add(name: str) -> None:
+        for other in scene.outputs[name].made_in(scene):
+            add(other)
+        found[name] = None
+
+    for name in scene.outputs:
+        add(name)
+    return list(found)
 
 
 def _bases(scene: Scene) -> tuple[Base, ...]:

@@ -49,6 +49,7 @@ class Seen:
     time: np.ndarray | None = None  # s, shape (n,)
     values: Mapping[str, np.ndarray] = field(default_factory=dict)  # of parameters, each (n,)
     bases: Sequence[Base] = ()  # motions of the base
+    n: int = 1
 
 
 class Base(NamedTuple):

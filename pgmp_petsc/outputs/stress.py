@@ -67,8 +67,7 @@ class Stress(OutputEntry):
         """SI unit of its quantity."""
         return next(table[self.quantity] for table in STRESSES.values() if self.quantity in table)
 
-    @property
-    def kinked(self) -> bool:
+    def kinked_in(self, scene: Scene) -> bool:
         """Whether it is asked of more than one place."""
         return self.at is None
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import types
 
 from pgmp_petsc.effects.action import LEADS, LED, Actions
 from pgmp_petsc.effects.law import obey
@@ -27,6 +28,7 @@ from pgmp_petsc.mechanism.statements import evaluate
 from pgmp_petsc.reduced.action_frames import Frames, Places, place_nodes
 
 POWER, STORED, FORCE = range(3)  # what is known of an action
+UNBALANCED = 1e-7  # of a law's force: what a step may leave of it out of balance
 ABOUT = 3  # of an iteration, the rate at which its law was evaluated last; NaN before that, and where it was limited
 
 
@@ -74,6 +76,8 @@ class LocalWork(NamedTuple):
     projected: np.ndarray
     leading: np.ndarray
     measured: np.ndarray  # see below, (6)
+    #: of each law that `rubs` asks for what its rate follows from, measure, rate, force and damping, (n, n_eta + 4)
+    rubbing: np.ndarray
 
 
 #: Rows of `LocalWork.measured`: the measure that the law is of and its rate, the force and its derivatives, and the
@@ -87,7 +91,7 @@ def allocate_local(local, r, n_eta):
     d, n_nodes = local.actions.statements.axes.shape[2], local.places.n_nodes
     n_frame, n_dofs = d * (d + 1), d * (d + 1) // 2
     n_rigid = local.places.rigid.shape[2] // N_POWERS**r
-    n = 2 * n_frame
+    n, n_rubbing = 2 * n_frame, np.sum(local.actions.laws.taken_up)
     frames = Frames(
         empty_lanes(r, LANES),
         empty_lanes(n_rigid, LANES),
@@ -111,6 +115,7 @@ def allocate_local(local, r, n_eta):
         empty_lanes(n_eta, LANES),
         empty_lanes(n_eta, LANES),
         empty_lanes(ALONG + 1, LANES),
+        empty_lanes(n_rubbing * (n_eta + 4), LANES).reshape((n_rubbing, n_eta + 4, LANES)),
     )
 
 
@@ -160,6 +165,7 @@ def act(
         for j in range(n if with_tangent else 0):
             store(acting.tangent, i * n + j, 0.0)
     place_nodes(places, chosen.nodes, grid, actions.statements.axes.shape[2], q, kept, work.frames)
+    n_rubbing = 0
     for number in range(chosen.actions.size):
         action = chosen.actions[number]
         first, last, role = actions.firsts[action], actions.firsts[action + 1], actions.roles[action]
@@ -170,6 +176,9 @@ def act(
             store(work.measured, MEASURE, s)
             store(work.measured, RATE, rate)
         _obey(actions, action, amplitudes, samples, lanes, limiting, work.measured, known, depths)
+        if limiting and actions.laws.taken_up[action]:
+            _keep(work.leading if role == LED else work.projected, work.measured, n_rubbing, work.rubbing)
+            n_rubbing += 1
         if role == LEADS:
             for i in range(n):
                 store(work.leading, i, load(work.projected, i))
@@ -184,6 +193,43 @@ def act(
                 if not single:
                     _measure_term(local, term, r, q, True, work)
                 _turn(force, work, acting.tangent)
+
+
+@njit(error_model="numpy", counted=False)
+def _keep(along, measured, number, rubbing):
+    """Keep what a law was evaluated at."""
+    n = along.shape[0]
+    first = number * (n + 4)
+    for i in range(n):
+        store(rubbing, first + i, load(along, i))
+    store(rubbing, first + n, load(measured, MEASURE))
+    store(rubbing, first + n + 1, load(measured, RATE))
+    store(rubbing, first + n + 2, load(measured, STRENGTH))
+    store(rubbing, first + n + 3, load(measured, DAMPING))
+
+
+@njit(cache=True, apart=types.int64, error_model="numpy", counted=False)
+def bent_lanes(local, amplitudes, v, samples, lanes, work, depths):
+    """Return those of some lanes in which a law that `rubs` asks for is not linear from where it was evaluated last to
+    the rates v (n_eta, LANES): how the iteration contracted before says nothing there; see `act`."""
+    laws, n, number, found = local.actions.laws, v.shape[0], 0, 0
+    for action in range(laws.addresses.size):
+        if not laws.taken_up[action]:
+            continue
+        rate, kept = spread(0.0), work.rubbing[number]
+        for i in range(n):
+            rate += load(work.rubbing, number * (n + 4) + i) * load(v, i)
+        store(work.measured, ALONG, rate)
+        number += 1
+        for lane in range(LANES):
+            if lanes & (1 << lane):
+                p, edges = local.actions.parameters[action, samples[lane]], depths[samples[lane], laws.edges[action] :]
+                s, before, force, damping = kept[n, lane], kept[n + 1, lane], kept[n + 2, lane], kept[n + 3, lane]
+                after = work.measured[ALONG, lane]
+                now = obey(laws.addresses[action], p, amplitudes[action, lane], s, after, np.nan, edges).force
+                off = abs(now - force + damping * (after - before))
+                found |= np.int64(not off <= UNBALANCED * (abs(now) + abs(force))) << lane
+    return found
 
 
 @njit(error_model="numpy", counted=False)

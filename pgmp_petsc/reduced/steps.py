@@ -31,7 +31,7 @@ from pgmp_petsc.lanes.vectors import (
     spread,
     store,
 )
-from pgmp_petsc.reduced.action_kernel import act, allocate_local, forget_rates, limited_lanes
+from pgmp_petsc.reduced.action_kernel import act, allocate_local, bent_lanes, forget_rates, limited_lanes
 from pgmp_petsc.reduced.arrays import Strengths, acting_of, allocate, places_of
 from pgmp_petsc.reduced.kernel import correct_block, follow_correction, gather, scatter
 from pgmp_petsc.stepping.alpha_step import (
@@ -397,7 +397,7 @@ def _converge(equations, memory, block, clocks, lanes, careful, attempt, expecte
     last, active, lost = spread(np.inf), lanes, 0
     tolerance = blend(careful, spread(TOLERANCE_OF_TRIALS), spread(NEWTON_TOLERANCE))
     forget_rates(memory.known, memory.samples[block], lanes)
-    first = spread(FIRST_CONTRACTION) if rubs(equations.local.actions.laws) else load(expected, 0)
+    first, rubbing = load(expected, 0), rubs(equations.local.actions.laws)
     for iteration in range(MAX_ITERATIONS):
         fresh = attempt > 0 or iteration % REFRESH_EVERY == 0
         if memory.acting.balance.size > 0:
@@ -412,6 +412,11 @@ def _converge(equations, memory, block, clocks, lanes, careful, attempt, expecte
         correct_block(equations, memory, block, strengths.loads, (gain_v, gain_a), fresh, work)
         size = follow_correction(equations, (gain_v, gain_a), active, work)
         progress.n_corrections[0] += count_lanes(active)
+        if rubbing and iteration == 0:
+            bent = bent_lanes(
+                equations.local, strengths.actions, work.rate, memory.samples[block], active, local, memory.depths
+            )
+            first = blend(bent, spread(FIRST_CONTRACTION), first)
         contraction = contraction_of(iteration, size, last, first)
         if iteration == 1:
             store(expected, 0, blend(active, expected_after(contraction), load(expected, 0)))

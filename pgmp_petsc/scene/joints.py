@@ -193,6 +193,8 @@ class JointTable(Table):
     motions: ClassVar[tuple[str, ...]] = ()
     #: Another that it leaves free in the plane, where coordinates, effects and outputs say which one they mean.
     also_in_plane: ClassVar[tuple[str, ...]] = ()
+    #: Whether in the motion it holds to the run of nodes along its first axis, as they bend.
+    rides: ClassVar[bool] = False
 
     @classmethod
     def motions_in(cls, dimension: int) -> tuple[str, ...]:

@@ -5,7 +5,8 @@ An output is one class: its entries, what it reads of a motion, and what is decl
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 from pgmp_petsc.declare.ideas import OUTPUTS, Found, refuse
@@ -29,7 +30,7 @@ STRESSES = {
     },
 }
 #: What outputs may read.
-READS = ("frames", "time", "parameters", "stresses", "multipliers")
+READS = ("frames", "outputs", "time", "parameters", "stresses", "multipliers")
 #: Quantities of beams that need the shape of the section.
 OF_FIBRES = ("stress_max", "stress_min")
 
@@ -44,7 +45,7 @@ class OutputEntry(Table):
     #: Motions of which the joint that it is of leaves one free: ``turning``, ``sliding``.
     joints: ClassVar[tuple[str, ...]] = ()
     #: Unit of what is read of frames, or of its rate.
-    unit: ClassVar[str] = ""
+    unit: ClassVar[str]
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
@@ -54,14 +55,29 @@ class OutputEntry(Table):
         cls.reads = (reads,) if isinstance(reads, str) else tuple(reads)
         if not cls.reads or not set(cls.reads) <= set(READS):
             raise refuse(cls, f'an output says what it reads: reads = ("frames",), of {", ".join(READS)}')
-        of_frames = cls.of_frames()
+        of_frames = cls.of_frames() and "outputs" not in cls.reads
+        if (cls.combined is not OutputEntry.combined) != ("outputs" in cls.reads):
+            raise refuse(cls, "an output has the method combined(self, name, parts, scene) if it reads outputs")
         if (cls.reading is not OutputEntry.reading) != of_frames:
-            words = "an output has the method reading(self, name, start, kinematics), unless it reads stresses"
+            words = "an output has the method reading(self, name, start, kinematics) if it reads frames"
             raise refuse(cls, words)
-        if of_frames and not cls.unit:
+        if of_frames and not getattr(cls, "unit", ""):
             raise refuse(cls, 'an output of frames says its unit: unit = "m"')
         if of_frames and bool(cls.joints) != ("joint" in cls.model_fields):
             raise refuse(cls, 'an output with the entry joint says what of it is free: joints = ("turning",)')
+
+    @property
+    def made_of(self) -> Mapping[str, str]:
+        """The other outputs that it is made of, each with the entry that names it."""
+        return {}
+
+    def made_in(self, scene: AnyScene) -> Mapping[str, str]:
+        """Return `made_of`, where that hangs on the scene."""
+        return self.made_of
+
+    def combined(self, name: str, parts: Mapping[str, Any], scene: AnyScene) -> Any:
+        """Return what is read, if it reads other outputs, of readings of these."""
+        raise NotImplementedError
 
     @classmethod
     def of_frames(cls) -> bool:
@@ -88,14 +104,45 @@ class OutputEntry(Table):
         """
         raise NotImplementedError
 
-    @property
-    def kinked(self) -> bool:
+    def kinked_in(self, scene: AnyScene) -> bool:
         """Whether it is the largest at many points: its history has kinks where another point takes over."""
-        return False
+        return any(scene.outputs[one].kinked_in(scene) for one in self.made_in(scene))
 
     def problems(self, scene: AnyScene, name: str) -> Iterator[str]:
         """Yield a line for each entry that does not fit the rest of the scene; joints and points are looked at."""
         yield from ()
+
+
+def circle_of(scene: AnyScene, name: str) -> list[str]:
+    """Return the outputs from one to the next that it is made of and back to it; none where there is no such circle."""
+    waiting: list[list[str]] = [[name]]
+    seen: set[str] = set()
+    while waiting:
+        way = waiting.pop()
+        for other in scene.outputs[way[-1]].made_in(scene):
+            if other == name:
+                return [*way, name]
+            if other in scene.outputs and other not in seen:
+                seen.add(other)
+                waiting.append([*way, other])
+    return []
+
+
+def unit_of(scene: AnyScene, name: str) -> str:
+    """Return the unit of an output that another is made of; empty where there is none."""
+    return scene.outputs[name].unit_in(scene) if name in scene.outputs and not circle_of(scene, name) else ""
+
+
+def per_second(unit: str) -> str:
+    """Return the unit of a rate."""
+    found = re.search(r"/s(\d*)$", unit)
+    return f"{unit[: found.start()]}/s{int(found[1] or 1) + 1}" if found else f"{unit or 1}/s"
+
+
+def models_alone(scene: AnyScene, name: str) -> bool:
+    """Whether an output, or one that it is made of, is of what models alone know: stresses, multipliers."""
+    entry = scene.outputs[name]
+    return not entry.of_frames() or any(models_alone(scene, one) for one in entry.made_in(scene))
 
 
 #: A table of ``[outputs]``.

@@ -40,7 +40,7 @@ from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.fields import GROUND, AnyScene, split_point
 from pgmp_petsc.scene.joints import MEASURED, CouplingEntry, JointEntry, joints_with
 from pgmp_petsc.scene.messages import COMPONENTS, MAX_RECEIVED, problem
-from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry
+from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry, circle_of
 from pgmp_petsc.scene.uses import Use, motion_over, ordered_ends, slides, uses_of
 
 if TYPE_CHECKING:
@@ -535,7 +535,15 @@ def _outputs(scene: AnyScene) -> Iterator[str]:
             yield from points_problems(scene, f"outputs.{name}.points", output.points)
         if getattr(output, "point", None) is not None:
             yield from point_problems(scene, f"outputs.{name}.point", output.point, ground_allowed=False)
-        yield from output.problems(scene, name)
+        for other, key in output.made_in(scene).items():
+            if other not in scene.outputs:
+                yield unknown(f"outputs.{name}.{key}", "output", other, [one for one in scene.outputs if one != name])
+        circle = circle_of(scene, name)
+        if circle:
+            key, *_ = output.made_in(scene).values()
+            words = f"a circle: {' is made of '.join(circle)}; let one of them be of something else"
+            yield problem(f"outputs.{name}.{key}", words, getattr(output, key))
+        yield from output.problems(scene, name) if not circle else ()
 
 
 def _initial_states(scene: AnyScene) -> Iterator[str]:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from joint_arrays import jacobian, joint, residual
 
-from pgmp_petsc.mechanism.joints import share_position, triad
+from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joints import ridden, share_position, triad
 from pgmp_petsc.mechanism.space import PLANE
 
 COUNTS = {"revolute": 2, "point_on_line": 1, "fixed": 3, "prismatic": 2}
@@ -65,3 +66,27 @@ def test_a_prismatic_joint_lets_nothing_turn() -> None:
     np.testing.assert_allclose(residual(rail, *map(NATURAL, (carrier, along))), 0.0, atol=10 * EPSILON)
     away = residual(rail, *map(NATURAL, (carrier, along + [0.0, 0.0, 0.1])))
     np.testing.assert_allclose(np.abs(away), [0.0, np.sin(0.1)], atol=10 * EPSILON)
+
+
+BENT_AT = np.array([0.0, 0.3, 0.7, 1.2])
+
+
+def missed(x: float, size: float, turned: float) -> float:
+    """Return what a point that is turned misses on a run of uneven cells bent to ``size x^3``, at its place; in
+    between nodes Hermite's interpolation is exact, beyond the ends the run goes on along its tangents."""
+    run = [Attachment(0, k, np.array([place, 0.0]), np.zeros(2)) for k, place in enumerate(BENT_AT)]
+    ((combination, sides),) = ridden(np.eye(2), np.eye(2), run, Attachment(1, 9, np.zeros(2), np.zeros(2)))
+    on = np.clip(x, *BENT_AT[[0, -1]])
+    point = NATURAL(np.array([x, size * (on**3 + 3 * on**2 * (x - on)), turned]))
+    frames = [NATURAL(np.array([place, size * place**3, np.arctan(3 * size * place**2)])) for place in BENT_AT]
+    values = (part.value(frames[side.node], point) for (part, _), side in zip(combination.terms, sides[::2]))
+    return sum(function.factor * value for (_, function), value in zip(combination.terms, values))
+
+
+@pytest.mark.parametrize("x", [-0.2, 0.0, 0.1, 0.3, 0.45, 0.69, 0.7, 1.1, 1.2, 1.5])
+def test_what_rides_on_a_bent_beam_is_on_hermites_interpolation(x: float) -> None:
+    # in what the nodes are turned the rest is of third order, and how the point is turned does not matter to first
+    coarse, fine = (missed(x, size, 0.0) for size in (2e-3, 1e-3))
+    assert abs(fine) < 1e-8
+    assert abs(coarse) < 1e-14 or coarse / fine == pytest.approx(8.0, rel=0.05)
+    assert abs(missed(x, 1e-3, 0.05) - fine) < 2e-6

@@ -20,15 +20,15 @@ bodies.crank.section_scale=1.1 -> = 1.1: for solid2d and solid3d only
 bodies.crank.element='solid2d' -> bodies.crank.section = { shape = "circle", radius = "r1" }: solid2d takes its shape
 bodies.crank.element='solid3d' -> bodies.crank.section = { shape = "circle", radius = "r1" }: solid3d takes its shape
 joints.slider={type='spherical', connect=['ground:origin', 'rod:tip']} -> \
-    joints.slider.type = "spherical": for mechanisms in space (allowed in the plane: fixed, point_on_line,
+    joints.slider.type = "spherical": for mechanisms in space (allowed in the plane: fixed, point_on_beam
 joints.slider={type='universal', connect=['ground:origin', 'rod:tip'], axis=[1, 0, 0], second_axis=[0, 1, 0]} -> \
-    joints.slider.type = "universal": for mechanisms in space (allowed in the plane: fixed, point_on_line,
+    joints.slider.type = "universal": for mechanisms in space (allowed in the plane: fixed, point_on_beam
 joints.slider={type='cylindrical', connect=['ground:origin', 'rod:tip'], axis=[1, 0, 0]} -> \
-    joints.slider.type = "cylindrical": for mechanisms in space (allowed in the plane: fixed, point_on_line,
+    joints.slider.type = "cylindrical": for mechanisms in space (allowed in the plane: fixed, point_on_beam
 joints.slider={type='prismatic', connect=['ground:origin', 'rod:tip'], axis=[1, 0, 0]} -> \
     joints.slider.axis = [1.0, 0.0, 0.0]: two numbers (x, y) are needed in the plane
 joints.slider={type='point_on_plane', connect=['ground:origin', 'rod:tip'], normal=[1, 0, 0]} -> \
-    joints.slider.type = "point_on_plane": for mechanisms in space (allowed in the plane: fixed, point_on_line
+    joints.slider.type = "point_on_plane": for mechanisms in space (allowed in the plane: fixed, point_on_beam
 joints.elbow.axis=[0, 0, 1] -> = [0.0, 0.0, 1.0]: for mechanisms in space; in the plane the axis is z
 joints.elbow.axis=[0, 1] -> = [0, 1]: three finite numbers in brackets are needed, such as [0.0, 0.0, 1.0]
 ground.points.a=[1, 2, 3] -> = [1.0, 2.0, 3.0]: two numbers (x, y) are needed in the plane

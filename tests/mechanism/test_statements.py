@@ -24,10 +24,12 @@ def made(name: str, d: int) -> Statement:
         "angle": lambda: statements.angle(triad(d), triad(d)),
         "distance": lambda: statements.distance(d),
         "following": lambda: statements.following(w),
+        "fading": lambda: statements.fading(8.0 * u, w),
+        "bulging": lambda: statements.bulging(8.0 * u, w, triad(d)[0]),
     }[name]()
 
 
-NAMES = ("meet", "perpendicular", "along", "angle", "distance", "following")
+NAMES = ("meet", "perpendicular", "along", "angle", "distance", "following", "fading", "bulging")
 
 
 def halves(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -60,6 +60,21 @@ def test_a_loop_closes_alike_alone_and_among_others(linkage: RigidKinematics) ->
         np.testing.assert_array_equal(linkage.poses(THETA[k : k + 1])[..., 0], together[..., k])
 
 
+def test_poses_of_patches_are_those_of_newtons_method(linkage: RigidKinematics, monkeypatch) -> None:
+    kinematics, theta = kinematics_of(five_bar()), THETA % (2 * np.pi)
+    poses = kinematics.poses(theta)
+    monkeypatch.setattr("pgmp_petsc.mechanism.pose_patches.LARGEST", 0)
+    np.testing.assert_array_equal(kinematics.poses(theta), poses)  # patches are forgotten, and made again
+    closed = kinematics._closure.close(kinematics.branch.guess(theta), theta)
+    np.testing.assert_allclose(poses, closed, rtol=0, atol=1e-11)
+    monkeypatch.setattr("pgmp_petsc.mechanism.pose_patches.DEEPEST", 1)
+    alone = kinematics_of(five_bar())
+    monkeypatch.setattr("pgmp_petsc.mechanism.pose_patches.near_enough", lambda apart, gap: np.zeros(len(gap), bool))
+    np.testing.assert_array_equal(alone.poses(theta), closed)  # no patch closes the loops
+    near = alone.near(theta, closed, order=2)
+    np.testing.assert_allclose(near(theta + 1e-3), linkage.near(theta, poses, order=2)(theta + 1e-3), atol=1e-10)
+
+
 def test_a_step_near_a_singular_configuration_is_the_least() -> None:
     """Well-conditioned, almost singular and singular square Jacobians, by numpy's least squares."""
     jacobian, right = np.random.default_rng(1).normal(size=(2, 6, 6)), np.ones((2, 6, 1))

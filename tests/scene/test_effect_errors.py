@@ -62,10 +62,12 @@ effects.e={type="prescribed_motion", coordinate="theta", spin_up={speed=1, time=
 effects.e={type="gravty"} -> effects.e.type = "gravty": unknown; did you mean 'gravity'?
 effects.e={type="gravity", axceleration=9} -> effects.e.axceleration = 9: unknown key; did you mean 'acceleration'?
 effects.e={type="torque", joint="slidr", WAVE} -> effects.e.joint = "slidr": there is no such
-effects.e={type="joint_damping", joint="weld", coefficient=1} -> effects.e.joint = "weld": a point_on_line, prismatic or
+effects.e={type="joint_damping", joint="weld", coefficient=1} -> \
+    effects.e.joint = "weld": a point_on_beam, point_on_line, prismatic or
 effects.e={type="joint_friction", joint="slidr", limit=1, speed=1} -> effects.e.joint = "slidr": there is no such
 effects.e={type="end_stop", joint="elbo", stiffness=1, lower=1} -> effects.e.joint = "elbo": there is no such
-effects.e={type="spring_damper", joint="weld", stiffness=1} -> effects.e.joint = "weld": a point_on_line, prismatic or
+effects.e={type="spring_damper", joint="weld", stiffness=1} -> \
+    effects.e.joint = "weld": a point_on_beam, point_on_line, prismatic or
 effects.e={type="spring_damper", joint="hinge", stiffness="q"} -> effects.e.stiffness = "q": there is no such parameter
 effects.e={type="point_mass", point="rod", mass=1} -> effects.e.point = "rod": a point is needed, written "body:point"
 effects.e={type="point_mass", point="rd:tip", mass=1} -> effects.e.point = "rd:tip": there is no body 'rd'; did you mean

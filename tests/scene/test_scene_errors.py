@@ -112,7 +112,7 @@ joints.elbow.connect=['ground:orign', 'rod:hinge'] -> = "ground:orign": there is
 joints.elbow.connect=['crank:tip', 'crank:hinge'] -> = ["crank:tip", "crank:hinge"]: a joint connects two different
 joints.a={type='revolute', connect=['ground:origin', 'ground:origin']} -> \
     joints.a.connect = ["ground:origin", "ground:origin"]: a joint connects two different bodies, or a body and the
-coordinates.theta.joint='elbw' -> = "elbw": there is no such point_on_line, prismatic or revolute joint; did
+coordinates.theta.joint='elbw' -> = "elbw": there is no such point_on_beam, point_on_line, prismatic or revolute
 coordinates.theta.joint='slider' -> coordinates.theta.motion: missing; slider is point_on_line: "sliding" or "turning"
 coordinates.theta.motion='sliding' -> = "sliding": crank_hinge is revolute: allowed is "turning"
 coordinates.theta={joint='slider', motion='sliding', range=[0, 1], periodic=true} -> \
@@ -130,8 +130,8 @@ coordinates.theta={points=['ground:origin', 'ground:origin'], range=[-1, 1]} -> 
     coordinates.theta.points = ["ground:origin", "ground:origin"]: two different points are needed || \
     coordinates.theta.range = [-1.0, 1.0]: a distance is positive
 coordinates.phi={joint='crank_hinge', range=[-1, 1]} -> coordinates.phi.joint = "crank_hinge": coordinates.theta has the
-effects.motor.joint='motor' -> = "motor": there is no such point_on_line or revolute joint; known: crank_hinge, elbow
-outputs.crank_angle.joint='slidr' -> = "slidr": there is no such point_on_line or revolute joint; did you mean 'slider'?
+effects.motor.joint='motor' -> = "motor": there is no such point_on_beam, point_on_line or revolute joint; known
+outputs.crank_angle.joint='slidr' -> = "slidr": there is no such point_on_beam, point_on_line or revolute joint; did
 outputs.time={type="angle", joint="crank_hinge"} -> : result files keep instants under this name; give the output
 outputs.slider_position.point='rd:tip' -> = "rd:tip": there is no body 'rd'; did you mean 'rod'?
 outputs.slider_position.point='ground:origin' -> = "ground:origin": a point of a body is needed; the ground does not

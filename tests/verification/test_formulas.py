@@ -12,7 +12,8 @@ from refusals import cases, check_said
 from runs import IN_TURN, overridden, reduced_model
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.effects.formula import declared, law_of
+from pgmp_petsc.declare.formulas import declared
+from pgmp_petsc.effects.formula import WORDS, known, law_of
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.scene import scene_to_toml
 
@@ -37,7 +38,7 @@ STATES = [(s, v, t) for s in (-1.3, -0.2, 0.4, 1.7) for v in (-0.7, 0.3, 1.9) fo
 @pytest.mark.parametrize("text", EXAMPLES)
 def test_a_formula_and_its_derivatives(text: str) -> None:
     """Values to round-off, slopes by differences away from jumps, in Python and from machine code."""
-    law, h = law_of(declared(text, ("A", "c"))[0], ("A", "c")), 1e-6
+    law, h = law_of(declared(text, known(("A", "c")), WORDS)[0], ("A", "c")), 1e-6
 
     def wanted(s: float, v: float, t: float, A: float = 0.7, c: float = 0.35) -> float:  # noqa: N803
         return float(EXAMPLES[text](s, v, t, A, c))

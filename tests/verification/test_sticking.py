@@ -211,6 +211,14 @@ def test_one_correction_is_not_enough_where_friction_changes(step: float) -> Non
     assert abs(found - wanted) < 1e-3 * abs(wanted), (found, wanted)
 
 
+def test_what_slides_on_is_corrected_once_in_most_steps() -> None:
+    entries = "simulation.initial.q.velocity=20.0", "effects.f.speed=0.01", "simulation.step=1e-4"
+    scene = scene_from_toml(HINGE, ".", entries)
+    run = integrate(reduced_model(scene).batch({}, 1), scene.simulation)
+    # one of ten steps is corrected twice to see how the iteration contracts
+    assert run.n_iterations < 1.3 * run.n_steps, run.n_iterations
+
+
 def test_a_law_is_taken_up_from_zero_where_an_iterate_crosses_it_from_afar() -> None:
     def taken_up(rate: float, about: float) -> bool:
         return np.isnan(FRICTION.evaluate((2.0, 0.5), 0.0, rate, about=about).about)

@@ -8,7 +8,7 @@ How fast coordinates start and are driven.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -21,11 +21,14 @@ from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import ANGLE, Statement
+from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass, Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
+from pgmp_petsc.scene.outputs import models_alone
 from pgmp_petsc.scene.references import impulse_of, parts_of
 from pgmp_petsc.scene.uses import slides
 from pgmp_petsc.studies.plausibility.bodies import Size
@@ -248,7 +251,8 @@ MOMENT = 1e-6  # s, or less where coordinates are fast: over it the rate of a me
 def formula_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None) -> Iterator[Finding]:
     """Yield formulas that have no value at the start. Raises `InputError` if the mechanism cannot be assembled."""
     named = {name: effect for name, effect in scene.effects.items() if isinstance(effect, FormulaEffect)}
-    if not named or meshes is None:
+    of_outputs = [name for name, entry in scene.outputs.items() if "outputs" in entry.reads]
+    if not (named or of_outputs) or meshes is None:
         return
     kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
     theta, rates = start_of(scene, kinematics.mechanism)
@@ -260,12 +264,55 @@ def formula_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | 
         def at(time: float, measured: Action = measured) -> float:
             return _value(kinematics, measured.statement, measured.sides, theta + time * rates)
 
-        s = float(theta[measured.coordinate]) if measured.coordinate >= 0 else at(0.0)
+        # of a coordinate with its turns
+        own = next((k for k, c in enumerate(kinematics.coordinates) if c.statement is measured.statement), None)
+        s = at(0.0) if own is None else float(theta[own])
         v = (at(moment) - at(-moment)) / (2.0 * moment) if np.any(rates) else 0.0
         why = not_finite(acting, s, v, scene.values)
         if why:
             where = f"at the start, where s = {s:.6g}, v = {v:.6g} and t = 0; write where(...) around such places"
             yield refusal(f"effects.{name}.force", f"{why} {where}", effect.force)
+    if of_outputs:
+        yield from _outputs_at_start(scene, kinematics, of_outputs, theta, rates, moment)
+
+
+def _outputs_at_start(
+    scene: Scene,
+    kinematics: RigidKinematics,
+    names: Sequence[str],
+    theta: np.ndarray,
+    moving: np.ndarray,
+    moment: float,
+) -> Iterator[Finding]:
+    """Yield outputs of other outputs that have no finite value where the rigid mechanism starts; of accelerations,
+    stresses and forces it does not know, nor of deformations of a settled start."""
+    outputs, unknowns = OutputSet.of(scene, kinematics, theta), Unknowns(kinematics.mechanism)
+
+    def frames(at: np.ndarray) -> np.ndarray:
+        return unknowns.frames(unknowns.place(kinematics.poses(at[None])))[list(outputs.nodes)]
+
+    here = frames(theta)
+    rows = np.broadcast_to(theta[None, :, None], (len(here), theta.size, 1))
+    whole = np.concatenate([here, rows[:, : outputs.n_frame - outputs.n_pose]], axis=1)
+    rates = (
+        (frames(theta + moment * moving) - frames(theta - moment * moving)) / (2.0 * moment)
+        if np.any(moving)
+        else np.zeros_like(here)
+    )
+    n = len(outputs.stresses) + len(outputs.forces)
+    observed = outputs.observed([whole, rates, np.zeros_like(here)], np.zeros((n, 1)), 0.0, scene.values)
+    with np.errstate(all="ignore"):
+        found = outputs.evaluate(observed)
+    for name in names:
+        reading = outputs.functions[name]
+        settled = scene.initial.equilibrium and reading.needs.of_coordinates
+        if models_alone(scene, name) or reading.depth(0) > 1 or settled or np.isfinite(found[name]).all():
+            continue
+        entry = scene.outputs[name]
+        key = next(iter(entry.made_in(scene).values()), entry.type)
+        parts = ", ".join(f"{one} = {found[one][0]:.6g}" for one in entry.made_in(scene))
+        why = "it has no finite value at the start (a division by zero, or a function where it has none)"
+        yield refusal(f"outputs.{name}.{key}", f"{why}, with {parts}; write where(...) around such places")
 
 
 MANY_TURNS = 1e3 * 2 * math.pi  # rad

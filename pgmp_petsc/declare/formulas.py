@@ -1,0 +1,384 @@
+"""Formulas that a scene writes: parsed, never evaluated as Python, and written anew in the language of declarations.
+
+What a formula may have is in `OPERATIONS` and `FUNCTIONS`. What comes out is an expression as of `expressions`: laws
+are printed of it (`effects.formula`), outputs evaluate it for values with their derivatives over time (`Series`), and
+for the units of what it names (`Dimensions`).
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from math import comb
+from typing import Any
+
+import numpy as np
+
+from pgmp_petsc.base.errors import nearest_name, shortened
+
+LONGEST, MOST = 1000, 20_000  # characters, and of what is made of them
+LARGEST_POWER = 20  # whole exponents up to it are products, all others powers of positive numbers
+ATAN2 = (  # of {x} and {y}, each case where it is accurate; zero where both are
+    "atan({x} / {y}) if {y} > 0 and {y} >= abs({x}) else (1.5707963267948966 - atan({y} / {x}) if {x} > abs({y}) else "
+    "(-1.5707963267948966 - atan({y} / {x}) if -{x} > abs({y}) else (atan({x} / {y}) + 3.141592653589793 * (1 if {x} "
+    ">= 0 else -1) if {y} < 0 else 0)))"
+)
+#: Functions of a formula, with the number of their arguments and what they are in a declaration.
+FUNCTIONS = {
+    **{name: (1, f"{name}({{x}})") for name in ("sin", "cos", "exp", "log", "sqrt", "abs", "tanh")},
+    "tan": (1, "(sin({x}) / cos({x}))"),
+    "sign": (1, "(1 if {x} > 0 else (-1 if {x} < 0 else 0))"),
+    "min": (2, "min({x}, {y})"),
+    "max": (2, "max({x}, {y})"),
+    "atan2": (2, f"({ATAN2})"),
+    "where": (3, "({y} if {condition} else {z})"),
+}
+OPERATIONS = {
+    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**", ast.USub: "-", ast.UAdd: "+", ast.Lt: "<",
+    ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=",
+}  # fmt: skip
+#: What is worked out where it is of numbers alone, so that none of them is too large for whoever prints it.
+ARITHMETIC = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+}  # fmt: skip
+OF_NUMBERS = {name: getattr(math, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")} | {"abs": abs}
+ALLOWED = f"+ - * / **, the comparisons < <= > >= and the functions {', '.join(FUNCTIONS)}"
+
+
+class FormulaError(ValueError):
+    """What a formula must not have."""
+
+
+def declared(text: str, names: Mapping[str, str], words: str) -> tuple[str, set[str]]:
+    """Return a formula in the language of declarations, and which names it has.
+
+    Raises `FormulaError` where it has what is not allowed.
+
+    Parameters
+    ----------
+    names
+        What it may name, and what they are in a declaration.
+    words
+        These in words, for messages.
+    """
+    allowed = f"a formula has numbers, {words}, {ALLOWED}"
+    if len(text) > LONGEST:
+        raise FormulaError(f"has {len(text)} characters; at most {LONGEST} are taken")
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        why = error.msg if isinstance(error, SyntaxError) else "nested too deeply"
+        raise FormulaError(f"is no formula ({why}); {allowed}") from None
+    used: set[str] = set()
+
+    def number(node: ast.expr) -> str:
+        found = written(node)
+        if len(found) > MOST:
+            raise FormulaError("has too many functions within each other")
+        return found
+
+    def written(node: ast.expr) -> str:
+        value = _literal(node)
+        if value is not None:
+            return repr(value)
+        match node:
+            case ast.Name(id=name):
+                if name not in names:
+                    hint = nearest_name(name, names)
+                    raise FormulaError(f"names '{shortened(name, 40)}', which is not known{hint}; {allowed}")
+                used.add(name)
+                return names[name]
+            case ast.BinOp(left=left, op=ast.Pow(), right=right):
+                return f"({number(left)} ** {exponent(right)})"
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATIONS:
+                return f"({number(left)} {OPERATIONS[type(op)]} {number(right)})"
+            case ast.UnaryOp(op=op, operand=operand) if type(op) in OPERATIONS:
+                return f"({OPERATIONS[type(op)]}{number(operand)})"
+            case ast.Compare():
+                return f"(1 if {condition(node)} else 0)"
+            case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
+                if name not in FUNCTIONS:
+                    hint = nearest_name(name, FUNCTIONS)
+                    raise FormulaError(f"calls '{shortened(name, 40)}', which is no function{hint}; {allowed}")
+                n, form = FUNCTIONS[name]
+                if len(arguments) != n:
+                    raise FormulaError(f"gives {name} {len(arguments)} arguments; it takes {n}")
+                if name == "where":
+                    test, *rest = arguments
+                    return form.format(condition=condition(test), **dict(zip("yz", map(number, rest))))
+                return form.format(**dict(zip("xy", map(number, arguments))))
+        raise FormulaError(f"has '{ast.unparse(node)}'; {allowed}")
+
+    def exponent(node: ast.expr) -> str:
+        whole = _literal(node)
+        if whole is not None and whole.is_integer() and abs(whole) <= LARGEST_POWER:
+            return f"({int(whole)})"
+        return number(node)
+
+    def condition(node: ast.expr) -> str:
+        if not isinstance(node, ast.Compare):
+            value = number(node)
+            return f"({value} > 0 or {value} < 0)"
+        if not all(type(op) in OPERATIONS for op in node.ops):
+            raise FormulaError(f"has '{ast.unparse(node)}'; {allowed}")
+        ends = map(number, (node.left, *node.comparators))
+        first = next(ends)
+        return f"({first}{''.join(f' {OPERATIONS[type(op)]} {end}' for op, end in zip(node.ops, ends))})"
+
+    try:
+        return number(tree), used
+    except RecursionError:
+        raise FormulaError("is nested too deeply") from None
+
+
+def _literal(node: ast.expr) -> float | None:
+    """Return the value of an expression of numbers alone; None of others. Raises `FormulaError` if it is not finite."""
+    match node:
+        case ast.Constant(value=value) if type(value) in (int, float):
+            parts, compute = (value,), float
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
+            parts, compute = (_literal(operand),), operator.neg if isinstance(node.op, ast.USub) else operator.pos
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in ARITHMETIC:
+            parts, compute = (_literal(left), _literal(right)), ARITHMETIC[type(op)]
+        case ast.Call(func=ast.Name(id=name), args=[inner], keywords=[]) if name in OF_NUMBERS:
+            parts, compute = (_literal(inner),), OF_NUMBERS[name]
+        case _:
+            return None
+    if None in parts:
+        return None
+    try:
+        value = float(compute(*parts))
+    except (ArithmeticError, ValueError, TypeError):
+        value = math.nan
+    if not math.isfinite(value):
+        raise FormulaError(f"has {ast.unparse(node)}, which is no finite number")
+    return value
+
+
+def evaluated(text: str, names: Mapping[str, Any], algebra: Any) -> Any:
+    """Return a formula in the language of declarations for values of its names.
+
+    Parameters
+    ----------
+    algebra
+        `SeriesAlgebra` or `Dimensions`: what numbers, comparisons, cases and functions are.
+    """
+    operations = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+                  ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos}  # fmt: skip
+    ordering = {ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge}
+
+    def read(node: ast.expr) -> Any:
+        match node:
+            case ast.Name(id=name):
+                return names[name]
+            case ast.Constant(value=value):
+                return algebra.number(float(value))
+            case ast.BinOp(left=left, op=op, right=right):
+                return operations[type(op)](read(left), read(right))
+            case ast.UnaryOp(op=op, operand=operand):
+                return operations[type(op)](read(operand))
+            case ast.BoolOp(op=op, values=values):
+                return reduce(np.logical_and if isinstance(op, ast.And) else np.logical_or, map(read, values))
+            case ast.Compare(left=left, ops=ops, comparators=others):
+                ends = [read(one) for one in (left, *others)]
+                found = (algebra.compared(ordering[type(op)], a, b) for op, a, b in zip(ops, ends, ends[1:]))
+                return reduce(np.logical_and, found)
+            case ast.IfExp(test=test, body=body, orelse=orelse):
+                return algebra.chosen(read(test), read(body), read(orelse))
+            case ast.Call(func=ast.Name(id=name), args=args):
+                return algebra.called(name, *map(read, args))
+        raise TypeError(ast.dump(node))  # `declared` writes nothing else
+
+    return read(ast.parse(text, mode="eval").body)
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """A value and its derivatives over time, up to the second one, each of shape (n,)."""
+
+    parts: Sequence[np.ndarray]
+
+    def __add__(self, other: Series) -> Series:
+        return Series([a + b for a, b in zip(self.parts, other.parts)])
+
+    def __sub__(self, other: Series) -> Series:
+        return self + -other
+
+    def __neg__(self) -> Series:
+        return Series([-a for a in self.parts])
+
+    def __pos__(self) -> Series:
+        return self
+
+    def __mul__(self, other: Series) -> Series:
+        x, y = self.parts, other.parts
+        return Series([sum(comb(n, k) * x[k] * y[n - k] for k in range(n + 1)) for n in range(len(x))])
+
+    def __truediv__(self, other: Series) -> Series:
+        u = other.parts[0]
+        return self * other.through(lambda: (1.0 / u, -1.0 / u**2, 2.0 / u**3))
+
+    def __pow__(self, other: Series) -> Series:
+        u, p = self.parts[0], other.parts[0]
+        if all(np.all(part == 0.0) for part in other.parts[1:]):
+
+            def power(k: int) -> np.ndarray:  # a factor of zero ends it: 0 ** -1 is not asked for
+                factor = math.prod((p - j for j in range(k)), start=np.ones_like(p))
+                return np.where(factor == 0.0, 0.0, factor * u ** np.where(factor == 0.0, 1.0, p - k))
+
+            return self.through(lambda: (power(0), power(1), power(2)))
+        return (other * self.through(lambda: FUNCTIONS_OF["log"](u))).through(lambda: (lambda e: (e, e, e))(u**p))
+
+    def through(self, function: Callable[[], tuple[np.ndarray, ...]]) -> Series:
+        """Return a function of it, of which value and derivatives are given."""
+        f = function()
+        found = [f[0], *(f[1] * part for part in self.parts[1:])]
+        if len(found) > 2:
+            found[2] = found[2] + f[2] * self.parts[1] ** 2
+        return Series(found)
+
+
+#: Value, first and second derivative of functions.
+FUNCTIONS_OF: dict[str, Callable[[np.ndarray], tuple[np.ndarray, ...]]] = {
+    "abs": lambda u: (np.abs(u), np.where(u < 0.0, -1.0, 1.0), 0.0 * u),
+    "atan": lambda u: (np.arctan(u), 1.0 / (1.0 + u**2), -2.0 * u / (1.0 + u**2) ** 2),
+    "cos": lambda u: (np.cos(u), -np.sin(u), -np.cos(u)),
+    "exp": lambda u: (np.exp(u), np.exp(u), np.exp(u)),
+    "log": lambda u: (np.log(u), 1.0 / u, -1.0 / u**2),
+    "sin": lambda u: (np.sin(u), np.cos(u), -np.sin(u)),
+    "sqrt": lambda u: (np.sqrt(u), 0.5 / np.sqrt(u), -0.25 / np.sqrt(u) ** 3),
+    "tanh": lambda u: (
+        np.tanh(u), 1.0 - np.tanh(u) ** 2, -2.0 * np.tanh(u) * (1.0 - np.tanh(u) ** 2)
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SeriesAlgebra:
+    """Formulas of `Series` with so many derivatives."""
+
+    order: int
+
+    def number(self, value: float) -> Series:
+        """Return a constant."""
+        return Series([np.array(value), *(np.zeros(()) for _ in range(self.order))])
+
+    def compared(self, ordering: Callable[..., Any], a: Series, b: Series) -> np.ndarray:
+        """Return where a comparison holds."""
+        return ordering(a.parts[0], b.parts[0])
+
+    def chosen(self, test: np.ndarray, body: Series, orelse: Series) -> Series:
+        """Return one where a condition holds, and the other elsewhere."""
+        return Series([np.where(test, a, b) for a, b in zip(body.parts, orelse.parts)])
+
+    def called(self, name: str, *given: Series) -> Series:
+        """Return a function."""
+        if name in ("max", "min"):
+            a, b = given
+            return self.chosen((a.parts[0] > b.parts[0]) == (name == "max"), a, b)
+        return given[0].through(lambda: FUNCTIONS_OF[name](given[0].parts[0]))
+
+
+class DimensionError(ValueError):
+    """Quantities of other dimensions than a formula may have there."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a part of a formula is measured in: exponents of kg, m and s; a unit that is kept; or the number that it is.
+
+    A number alone may be added to anything; what is not known may be anything.
+    """
+
+    dimension: tuple[float, ...] | None = None
+    unit: str = ""
+    value: float | None = None
+
+    @property
+    def text(self) -> str:
+        """The unit, in words."""
+        powers = (f"{name}^{power:g}" for name, power in zip(("kg", "m", "s"), self.dimension) if power)
+        return self.unit or " ".join(powers) or "a number"
+
+    def with_(self, other: Measured) -> Measured:
+        """Return what both are, that are added or compared."""
+        if self.value is not None or other.value is not None:
+            one = other if self.value is not None else self
+            return Measured() if one.value is not None else one
+        if self.dimension is None or other.dimension is None:
+            return other if self.dimension is None else self
+        if self.dimension != other.dimension:
+            raise DimensionError(f"adds or compares {self.text} and {other.text}")
+        return self if self.unit == other.unit else Measured(self.dimension)
+
+    def __add__(self, other: Measured) -> Measured:
+        both = self.with_(other)
+        return Measured((0.0, 0.0, 0.0), value=0.0) if both == Measured() and self.value is not None else both
+
+    __sub__ = __add__
+
+    def __neg__(self) -> Measured:
+        return self if self.value is None else Measured(self.dimension, value=-self.value)
+
+    def __pos__(self) -> Measured:
+        return self
+
+    def __mul__(self, other: Measured, sign: int = 1) -> Measured:
+        if self.dimension is None or other.dimension is None:
+            return Measured()
+        if self.value is not None and other.value is not None:
+            return self
+        if other.value is not None:
+            return self
+        if self.value is not None and sign > 0:
+            return other
+        return Measured(tuple(a + sign * b for a, b in zip(self.dimension, other.dimension)))
+
+    def __truediv__(self, other: Measured) -> Measured:
+        return self.__mul__(other, -1)
+
+    def __pow__(self, other: Measured) -> Measured:
+        if self.value is not None:
+            return NUMBER if other.value is None else self
+        if self.dimension is None:
+            return self
+        if other.value is None:
+            if any(self.dimension) or any(other.dimension or ()):
+                raise DimensionError(f"raises {self.text} to a power that is no constant number")
+            return self
+        return self if other.value == 1.0 else Measured(tuple(other.value * a for a in self.dimension))
+
+
+NUMBER = Measured((0.0, 0.0, 0.0))
+
+
+class Dimensions:
+    """Formulas of `Measured`."""
+
+    def number(self, value: float) -> Measured:
+        """Return a number."""
+        return Measured((0.0, 0.0, 0.0), value=value)
+
+    def compared(self, ordering: Callable[..., Any], a: Measured, b: Measured) -> bool:
+        """Return anything, where both may be compared."""
+        a.with_(b)
+        return True
+
+    def chosen(self, test: bool, body: Measured, orelse: Measured) -> Measured:
+        """Return what both are."""
+        return body + orelse
+
+    def called(self, name: str, *given: Measured) -> Measured:
+        """Return what a function gives; raises `DimensionError` if it takes numbers and angles alone."""
+        if name in ("max", "min"):
+            return given[0] + given[1]
+        if name in ("abs", "sqrt"):
+            return given[0] if name == "abs" else given[0] ** Measured((0.0, 0.0, 0.0), value=0.5)
+        if any(given[0].dimension or ()):
+            raise DimensionError(f"gives {name} {given[0].text}; it takes numbers and angles")
+        return NUMBER

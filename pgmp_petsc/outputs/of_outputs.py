@@ -1,0 +1,229 @@
+"""Outputs of other outputs: how fast they change, and formulas of them, the time and parameters.
+
+A `rate` is the derivative over time of an output, of first or second order: a speed or what an accelerometer shows. It
+is exact for the model's own state, of which rates and accelerations follow by the chain rule (`readings`): no instants
+are differenced. As runs have q' and q'' to second order in the step, so are rates of both orders.
+
+A `formula` is parsed as a formula of an effect is, and never evaluated as Python. Its derivatives over time follow from
+those of what it names (`declare.formulas.Series`); comparisons are 1 or 0, and derivatives leave out their jumps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import reduce
+from operator import or_
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from pgmp_petsc.base.units import UNITS, Dimension, UnknownUnit, measure
+from pgmp_petsc.declare.formulas import (
+    NUMBER,
+    DimensionError,
+    Dimensions,
+    FormulaError,
+    Measured,
+    Series,
+    SeriesAlgebra,
+    declared,
+    evaluated,
+)
+from pgmp_petsc.outputs.readings import AnyReading, Jet, Needs, Rate, Seen
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.outputs import OutputEntry, per_second, unit_of
+from pgmp_petsc.scene.uses import uses_of
+
+TIME = "time"  # what t is called in a declared formula
+CORNERS = ("abs", "sign", "min", "max", "where", "<", ">", "atan2")  # where a formula is not smooth
+
+
+class RateOfOutput(OutputEntry):
+    """How fast another output changes: its first derivative over time, or its second one."""
+
+    type: Literal["rate"]
+    reads = ("outputs",)
+    of: str = Field(description="name of another output")
+    order: Literal[1, 2] = Field(1, description="1 of its rate (a speed), 2 of that of its rate (an acceleration)")
+
+    @property
+    def made_of(self) -> Mapping[str, str]:
+        """The output, by its entry."""
+        return {self.of: "of"}
+
+    def unit_in(self, scene: Scene) -> str:
+        """Return the output's by s or s2."""
+        unit = unit_of(scene, self.of)
+        return per_second(per_second(unit)) if self.order == 2 else per_second(unit)
+
+    def combined(self, name: str, parts: Mapping[str, AnyReading], scene: Scene) -> AnyReading:
+        """Return its derivative."""
+        return Rate(parts[self.of], self.order)
+
+
+class FormulaOfOutputs(OutputEntry):
+    """A formula of other outputs, of the time t and of parameters."""
+
+    type: Literal["formula"]
+    reads = ("outputs", "time", "parameters")
+    formula: str = Field(
+        description="formula of outputs and parameters by their names, and of the time t (s); + - * / **, comparisons "
+        "(1 or 0), sin cos tan exp log sqrt abs tanh sign min max atan2 where"
+    )
+    unit: str | None = Field(
+        None, description="its unit, where that does not follow from those of what it names, or to have it checked"
+    )
+
+    @property
+    def made_of(self) -> Mapping[str, str]:
+        """The outputs that it may name, by its entry: which it does only the scene says."""
+        return {}
+
+    def made_in(self, scene: Scene) -> Mapping[str, str]:
+        """Return the outputs that it names."""
+        try:
+            _, used = self._declared(scene)
+        except FormulaError:
+            return {}
+        return dict.fromkeys((name for name in scene.outputs if name in used), "formula")
+
+    def _declared(self, scene: Scene) -> tuple[str, set[str]]:
+        names = {name: f"of_{name}" for name in (*scene.outputs, *scene.parameters) if name.isidentifier()}
+        return declared(self.formula, names | {"t": TIME}, "the names of outputs and parameters, the time t")
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line if it is no formula, or its units do not fit."""
+        entry = f"outputs.{name}.formula"
+        try:
+            _, used = self._declared(scene)
+        except FormulaError as error:
+            yield problem(entry, str(error), self.formula)
+            return
+        if "t" in used and ("t" in scene.outputs or "t" in scene.parameters):
+            yield problem(
+                entry, "t is the time in a formula; give the output or parameter t another name", self.formula
+            )
+        try:
+            found = self._measured(scene)
+        except DimensionError as error:
+            yield problem(entry, f"{error}; units must fit", self.formula)
+            return
+        yield from self._of_unit(scene, f"outputs.{name}.unit", found)
+
+    def _of_unit(self, scene: Scene, entry: str, found: Measured) -> Iterator[str]:
+        given = self.unit
+        if given is None:
+            if found.dimension is None:
+                _, used = self._declared(scene)
+                named = [one for one in scene.parameters if one in used]
+                unknown = [one for one in named if _of_parameter(scene, one).dimension is None]
+                words = f"missing; that of {', '.join(unknown) or 'what the formula names'} is not known: give it"
+                yield problem(entry, f"{words}, or parameters.{unknown[0]}.unit" if unknown else words)
+            return
+        try:
+            factor, dimension = measure(given)
+        except UnknownUnit as error:
+            yield problem(entry, str(error), given)
+            return
+        if abs(factor - 1.0) > 1e-12 and abs(factor / scene.system.size(dimension) - 1.0) > 1e-12:
+            words = f"outputs are in the units of the scene, here {scene.system.unit(_name_of(dimension))}; take that"
+            yield problem(entry, words, given)
+        elif found.dimension is not None and found.value is None and found.dimension != dimension:
+            words = f"the formula is in {found.text}; a number that has a unit is a parameter with it"
+            yield problem(entry, words, given)
+
+    def unit_in(self, scene: Scene) -> str:
+        """Return what is given, or what follows."""
+        if self.unit is not None:
+            return self.unit
+        try:
+            found = self._measured(scene)
+        except (FormulaError, DimensionError):
+            return "1"
+        return found.unit or _name_of(found.dimension or NUMBER.dimension)
+
+    def _measured(self, scene: Scene) -> Measured:
+        text, used = self._declared(scene)
+        names = {TIME: Measured((0.0, 0.0, 1.0), "s")}
+        for name in used - {"t"}:
+            names[f"of_{name}"] = _of_output(scene, name) if name in scene.outputs else _of_parameter(scene, name)
+        return evaluated(text, names, Dimensions())
+
+    def kinked_in(self, scene: Scene) -> bool:
+        """Whether it has corners, or what it names has."""
+        own = any(mark in self.formula for mark in CORNERS)
+        return own or any(scene.outputs[one].kinked_in(scene) for one in self.made_in(scene))
+
+    def combined(self, name: str, parts: Mapping[str, AnyReading], scene: Scene) -> AnyReading:
+        """Return the formula of what it names."""
+        text, used = self._declared(scene)
+        return Combined(
+            text, {f"of_{one}": part for one, part in parts.items()},
+            {f"of_{one}": one for one in scene.parameters if one in used}, "t" in used,
+        )  # fmt: skip
+
+
+def _of_output(scene: Scene, name: str) -> Measured:
+    unit = unit_of(scene, name)
+    return _measured(unit) if unit else Measured()
+
+
+def _of_parameter(scene: Scene, name: str) -> Measured:
+    """Return what a parameter is measured in: what it says, or what the entries that name it take."""
+    if scene.parameters[name].unit:
+        return Measured(_measured(scene.parameters[name].unit).dimension)
+    units = {use.units for use in uses_of(scene) if use.parameter == name}
+    only = next(iter(units)) if len(units) == 1 else ()
+    return _measured(only[0]) if len(only) == 1 and only[0] else Measured()
+
+
+def _measured(unit: str) -> Measured:
+    try:
+        return Measured(tuple(float(power) for power in measure(unit)[1]), unit)
+    except UnknownUnit:
+        return Measured()
+
+
+def _name_of(dimension: Dimension) -> str:
+    """Return the SI unit of a dimension."""
+    known = next((unit for unit, own in UNITS.items() if tuple(own) == tuple(dimension) and "rad" not in unit), None)
+    above, below = ([(n, abs(p)) for n, p in zip(("kg", "m", "s"), dimension) if sign * p > 0] for sign in (1, -1))
+    over, under = (" ".join(f"{n}{'' if p == 1 else f'{p:g}'}" for n, p in part) for part in (above, below))
+    return known or (f"{over or 1}/{under}" if under else over)
+
+
+@dataclass(frozen=True, eq=False)
+class Combined:
+    """A formula of readings."""
+
+    text: str  # in the language of declarations
+    #: parts, constants: readings, and names of parameters, by what they are there
+    parts: Mapping[str, AnyReading]
+    constants: Mapping[str, str]
+    reads_time: bool = False
+
+    @property
+    def needs(self) -> Needs:
+        """Those of its parts, and its own."""
+        own = Needs(parameters=frozenset(self.constants.values()), time=self.reads_time)
+        return reduce(or_, (part.needs for part in self.parts.values()), own)
+
+    def depth(self, order: int) -> int:
+        """Return the largest of its parts."""
+        return max((part.depth(order) for part in self.parts.values()), default=0)
+
+    def jet(self, seen: Seen, order: int) -> Jet:
+        """Return the formula with its derivatives."""
+        n = next(iter(seen.frames[0].values())).shape[1] if seen.frames[0] else seen.n
+        zero, one = np.zeros(n), np.ones(n)
+        names = {name: Series(part.jet(seen, order)[: order + 1]) for name, part in self.parts.items()}
+        for name, parameter in self.constants.items():
+            names[name] = Series([seen.values[parameter] * one, zero, zero][: order + 1])
+        if self.reads_time:
+            names[TIME] = Series([seen.time, one, zero][: order + 1])
+        with np.errstate(all="ignore"):  # what is no finite number is found where outputs are looked at
+            found = evaluated(self.text, names, SeriesAlgebra(order))
+        return [np.broadcast_to(part, n) for part in found.parts]

@@ -1,0 +1,198 @@
+"""Rates and formulas of outputs: against closed forms, differences of runs, and in every model."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from differences import SHARES, compare
+from exported import assert_equal, assert_same_in_c, needs_compiler
+from machine_scenes import MODELS, RAIL_MASS, cart, rail, run
+from refusals import cases, check_said
+from runs import motion, read_meshes, reduced_model, still
+
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.declare.formulas import FUNCTIONS, Series, SeriesAlgebra, declared, evaluated
+from pgmp_petsc.gradients.differentiated import differentiate
+from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.studies.check import describe_scene
+from pgmp_petsc.studies.plausibility.check import plausibility
+
+OSCILLATOR = (
+    'effects.held={type="spring_damper",joint="rail",stiffness=400.0}', "materials.steel.E=2e13",
+    'effects.base={{type="base_motion",direction={},table=[[0.0,-3.0]]}}', "simulation.duration=0.2",
+    'outputs.a={type="rate",of="x",order=2}', 'outputs.b={type="rate",of="v"}', 'outputs.c={type="rate",of="x"}',
+    'parameters.k={nominal=400.0,unit="N/m"}', 'parameters.mass={nominal=%r,unit="kg"}' % RAIL_MASS,
+    'parameters.force={nominal=%r,unit="N"}' % (3.0 * RAIL_MASS),
+    'outputs.energy={type="formula",formula="0.5 * mass * c**2 + 0.5 * k * x**2 - force * x"}',
+    'outputs.power={type="rate",of="energy"}', 'outputs.left={type="formula",formula="mass * a + k * x - force"}',
+    'outputs.late={type="formula",formula="where(t > 0.1, x, 0)"}',
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("model", MODELS)
+def test_an_oscillator_s_accelerations_and_energy(model: str, dimension: int) -> None:
+    """x = g m / k (1 - cos w t) in a field g: its second derivative, its energy, which stays, and its balance of forces;
+    errors fall with the square of the step."""
+    w, off = np.sqrt(400.0 / RAIL_MASS), []
+    for step in (4e-3, 2e-3):
+        entries = [one.format([0.0, 1.0, 0.0][:dimension]) if "{{" in one else one for one in OSCILLATOR]
+        times, found = run(rail(*entries, f"simulation.step={step}", dimension=dimension), model)
+        exact = 3.0 * np.cos(w * times)
+        off.append([np.abs(found["a"] - exact).max() / exact[0], np.abs(found["energy"]).max()])
+    np.testing.assert_array_equal(found["a"], found["b"])
+    np.testing.assert_array_equal(found["c"], found["v"])
+    assert off[1][0] < 2e-3 and off[1][1] < 5e-3 * (3.0 * RAIL_MASS) ** 2 / 400.0
+    assert off[1][0] < 0.3 * off[0][0]
+    # the equation of motion holds at the ends of steps, but for what the iteration leaves over the square of the step
+    np.testing.assert_allclose(found["left"], 0.0, atol=1e-4 * 3.0)
+    np.testing.assert_allclose(found["power"], found["left"] * found["v"], rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(found["late"], np.where(times > 0.1, found["x"], 0.0))
+
+
+CHAIN = (
+    'outputs.place={type="position",point="pole:tip",axis="x"}', 'outputs.a={type="rate",of="place",order=2}',
+    'outputs.v={type="rate",of="place"}', 'outputs.shakes={type="rate",of="bent"}',
+    'outputs.jolts={type="rate",of="bent",order=2}', 'outputs.turns={type="rate",of="swing",order=2}',
+    'parameters.m={nominal=2.0,unit="kg"}', 'parameters.c={nominal=0.3,unit="m/s"}',
+    'outputs.mix={type="formula",formula="sin(swing) * place / max(place, c * t + 1) * atan2(place, 1 - 0.5 * place)"}',
+    'outputs.of_mix={type="rate",of="mix"}', 'outputs.twice={type="rate",of="of_mix"}',
+    'outputs.e={type="formula",formula="0.5 * m * v**2 + tanh(mix) * m * a * place",unit="J"}',
+)  # fmt: skip
+
+
+def test_chains_are_derivatives_along_the_motion_of_a_reduced_model() -> None:
+    """In any state, of places that are differenced on a parabola within a cell of the tables."""
+    model = reduced_model(cart(*CHAIN))
+    assert [model.outputs.units[name] for name in ("a", "turns", "mix", "of_mix", "e")] == [
+        "m/s2", "rad/s2", "1", "1/s", "J",
+    ]  # fmt: skip
+    random, n = np.random.default_rng(2), model.terms.layout.n_eta
+    eta, v, a = (scale * random.normal(size=(5, n)) for scale in (1e-3, 0.02, 0.5))
+    eta[:, 1] = random.uniform(-2.0, 0.0, 5)
+    values, h = model.scene.values, 1e-3
+
+    def outputs(t: float) -> dict[str, np.ndarray]:
+        states = State(eta + t * v + 0.5 * t**2 * a, v + t * a, a, np.zeros(0))
+        return model.outputs.evaluate(model.observed_of(0.4 + t, states, values, eta))
+
+    at = [outputs(k * h) for k in (-2, -1, 0, 1, 2)]
+    for name, of, order in (
+        ("v", "place", 1), ("a", "place", 2), ("shakes", "bent", 1), ("jolts", "bent", 2), ("turns", "swing", 2),
+        ("of_mix", "mix", 1), ("twice", "mix", 2),
+    ):  # fmt: skip
+        y = [one[of] for one in at]
+        wanted = (y[0] - 8.0 * y[1] + 8.0 * y[3] - y[4]) / (12.0 * h)
+        if order == 2:
+            wanted = (-y[0] + 16.0 * y[1] - 30.0 * y[2] + 16.0 * y[3] - y[4]) / (12.0 * h**2)
+        # round-off and closure to 1e-12 over the step or its square
+        np.testing.assert_allclose(at[2][name], wanted, rtol=0, atol=1e-8 if order == 1 else 3e-5, err_msg=name)
+
+
+@needs_compiler
+def test_chains_in_c(tmp_path: Path) -> None:
+    """Places are the same to 1e-9; of rates Newton's iteration leaves 1 / step as much, of accelerations that again, and
+    the model in C corrects more often than the program."""
+    model = reduced_model(cart(*CHAIN))
+    found = assert_same_in_c(model, tmp_path, 1e-5)
+    wanted = motion(model).outputs
+    assert_equal(found, {name: wanted[name] for name in ("x", "swing", "bent", "place", "mix")})
+
+
+def test_derivatives_of_chains_are_central_differences() -> None:
+    model = reduced_model(cart(
+        *CHAIN, "parameters.E={nominal=210e9}", 'materials.steel.E="E"', "simulation.duration=0.03",
+        "simulation.initial.swing={position=-0.4,velocity=1.0}",
+    ))  # fmt: skip
+    compare(model, SHARES, "E")
+    # formulas alone hang on the others: e is linear in m
+    run = differentiate(model, model.scene.values, ["m", "c"])
+    exact = run.outputs["e"] / model.scene.values["m"]
+    np.testing.assert_allclose(run.derivatives["e"]["m"], exact, rtol=0, atol=1e-11 * np.abs(exact).max())
+    assert not run.derivatives["a"]["m"].any() and np.abs(run.derivatives["twice"]["c"]).max() > 0.0
+
+
+@pytest.mark.parametrize("text", [
+    *(f"{name}({', '.join(['u * w', 'w + 0.3 * u', 'u - w'][:n])})" for name, (n, _) in FUNCTIONS.items()),
+    "u ** 3 / w", "u ** -2", "u ** 0.5", "u ** w", "-u + 2 * (u > w) - t", "(u + t) ** 2",
+])  # fmt: skip
+def test_derivatives_of_formulas(text: str) -> None:
+    """Of every function, against differences of fourth order."""
+    h, names = 1e-3, {"u": "of_u", "w": "of_w", "t": "time"}
+
+    def at(t: float, order: int) -> list[np.ndarray]:
+        u = Series([np.array([1.3 + 0.4 * t - 0.7 * t**2]), np.array([0.4 - 1.4 * t]), np.array([-1.4])][: order + 1])
+        w = Series([np.array([0.6 - 0.2 * t + t**2]), np.array([2.0 * t - 0.2]), np.array([2.0])][: order + 1])
+        time = Series([np.array([t]), np.ones(1), np.zeros(1)][: order + 1])
+        found = evaluated(declared(text, names, "")[0], {"of_u": u, "of_w": w, "time": time}, SeriesAlgebra(order))
+        return [np.broadcast_to(part, 1)[0] for part in found.parts]
+
+    y = [at(k * h, 0)[0] for k in (-2, -1, 0, 1, 2)]
+    wanted = [y[2], (y[0] - 8.0 * y[1] + 8.0 * y[3] - y[4]) / (12.0 * h)]
+    wanted.append((-y[0] + 16.0 * y[1] - 30.0 * y[2] + 16.0 * y[3] - y[4]) / (12.0 * h**2))
+    np.testing.assert_allclose(at(0.0, 2), wanted, rtol=1e-9, atol=1e-8)
+
+
+REFUSED = """
+outputs.o={type="rate",of="swimg"} -> outputs.o.of = "swimg": there is no such output | did you mean 'swing'
+outputs.o={type="rate",of="swing",order=3} -> outputs.o.order = 3:
+outputs.o={type="rate"} -> outputs.o.of: missing
+outputs.o={type="rate",of="o"} -> outputs.o.of = "o": a circle: o is made of o
+outputs={o={type="rate",of="q"},q={type="formula",formula="2 * o"}} -> \
+    outputs.o.of = "q": a circle: o is made of q is made of o || \
+    outputs.q.formula = "2 * o": a circle: q is made of o is made of q
+outputs.o={type="formula",formula="x + bemt"} -> outputs.o.formula = "x + bemt": names 'bemt' | did you mean 'bent'
+outputs.o={type="formula",formula="sine(x)"} -> outputs.o.formula = "sine(x)": calls 'sine' | did you mean 'sin'
+outputs.o={type="formula",formula="swing +"} -> outputs.o.formula = "swing +": is no formula
+outputs.o={type="formula",formula="x + swing"} -> outputs.o.formula = "x + swing": adds or compares m and rad
+outputs.o={type="formula",formula="sin(x)"} -> outputs.o.formula = "sin(x)": gives sin m; it takes numbers and angles
+outputs.o={type="formula",formula="x ** swing"} -> outputs.o.formula = "x ** swing": raises m to a power
+outputs.o={type="formula",formula="x * swing",unit="N"} -> outputs.o.unit = "N": the formula is in m
+outputs.o={type="formula",formula="x * swing",unit="nonsense"} -> outputs.o.unit = "nonsense": no such unit
+outputs.o={type="formula",formula="2 * x",unit="km"} -> outputs.o.unit = "km": outputs are in the units of the scene
+"""
+
+
+@pytest.mark.parametrize(("override", "said"), cases(REFUSED))
+def test_what_is_refused(override: str, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        cart(override)
+    check_said(str(caught.value), said, override)
+
+
+AT_START = {
+    "third derivative": (
+        ('outputs.o={type="rate",of="q",order=2}', 'outputs.q={type="rate",of="x"}'), "outputs.o: its rate is asked for",
+    ),
+    "rate of a stress": (
+        ('outputs.o={type="rate",of="s"}', 'outputs.s={type="stress",body="pole",quantity="stress_max"}'),
+        "outputs.o: the rate of s is asked for",
+    ),
+    "division by zero": (
+        ('outputs.o={type="formula",formula="x / bent"}',),
+        r"outputs.o.formula: it has no finite value at the start .*bent = 0",
+    ),
+    "root of zero": (
+        ('outputs.o={type="rate",of="r"}', 'outputs.r={type="formula",formula="sqrt(bent)"}'),
+        r"outputs.o.of: it has no finite",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("overrides", "words"), AT_START.values(), ids=AT_START)
+def test_what_is_refused_at_the_start(overrides: tuple[str, ...], words: str) -> None:
+    scene = cart(*overrides)
+    with pytest.raises(InputError, match=words):
+        describe_scene(scene, read_meshes(scene))
+        plausibility(scene, read_meshes(scene))
+
+
+def test_a_parameter_without_a_unit_needs_that_of_the_formula() -> None:
+    with pytest.raises(InputError, match=r"outputs\.o\.unit: missing; that of q is not known"):
+        cart("parameters.q={nominal=1.0}", 'outputs.o={type="formula",formula="q * x"}')
+    scene = cart("parameters.q={nominal=1.0}", 'outputs.o={type="formula",formula="q * x",unit="N"}')
+    model = reduced_model(scene)
+    assert model.outputs.units["o"] == "N"
+    eta = np.zeros((2, model.terms.layout.n_eta))
+    eta[:, 0] = 0.1
+    assert model.outputs.evaluate(model.observed_of(0.0, still(eta), {"q": 3.0}))["o"] == pytest.approx(0.3)
