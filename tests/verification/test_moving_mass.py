@@ -151,7 +151,7 @@ def test_the_moving_mass_follows_its_modal_equations() -> None:
         assert found[-1][name] < share
 
 
-IN_SPACE = ("full",)
+IN_SPACE = ("full", "components")
 
 
 @pytest.mark.parametrize(("model", "space"), [(m, False) for m in MODELS] + [(m, True) for m in IN_SPACE])
