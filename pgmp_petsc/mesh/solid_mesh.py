@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, nearest_name
+from pgmp_petsc.base.errors import InputError, nearest_name, shortened
 from pgmp_petsc.mesh.reading import Counted
 
 if TYPE_CHECKING:
@@ -232,7 +232,7 @@ class SolidMesh(Counted):
         (what, known), (kind, parts, others) = needed, other
         if name in known:
             return known[name]
-        received = f'{entry} = "{name}"'
+        received = f'{entry} = "{shortened(name)}"'
         if name in others:
             n = len(others[name])
             raise InputError(f"{received}: this is a {kind} of {n} {parts}; a {what} is needed{_known(known)}")
