@@ -2,7 +2,7 @@
 
 The linkage of `crooked_scenes` with the pin of C off, there of its geometrically exact beams in space (two nodes with
 Euler parameters, Timoshenko's shear), ideal revolute joints and the same stiffness and inertia of sections, on the same
-meshes. Both elements have one-point quadrature and interpolate rotations in their own way, so they differ by the
+meshes. Elements of two nodes interpolate rotations and masses in ways of their own, so that the programs differ by the
 square of an element's length, and tend to the same.
 """
 
@@ -110,7 +110,7 @@ SECOND = "reduction.second_order=true"
         ("full", (), (1e-6, 3e-6, 7e-6)),
         # deformations are linear in floating frames: with the offset the angles' share falls by 4 when it is halved
         ("components", (), (5e-5, 3e-4, 6e-4)),
-        # what the torque bends changes no stiffness, in proportion to it: 1 N m leaves 8e-5
+        # centrifugal forces change no stiffness, with the square of the speed: a tenth of it, by 1 N m, leaves 8e-5
         ("reduced", (), (1.2e-4, 7e-4, 6e-3)),
         ("reduced", (SECOND,), (1.2e-4, 1.5e-4, 1.5e-4)),
     ],
@@ -119,8 +119,9 @@ def test_a_crooked_linkage_in_motion(model: str, more: tuple[str, ...], allowed:
     names, expected, found = ("crank", "angle", "aside"), IN_MOTION.reshape(len(MESHES), 5, 3), []
     for mesh in MESHES if model == "full" else MESHES[-1:]:
         scene = crooked(
-            mesh, "turn", "effects={motor={type='torque',joint='A',table=[[0.0,0.0],[0.01,10.0]]}}", "reduction.angles=48",
-            "simulation={duration=0.05,step=5e-5}", 'outputs.crank={type="angle",joint="A"}', *more,
+            mesh, "turn", "effects={motor={type='torque',joint='A',table=[[0.0,0.0],[0.01,10.0]]}}",
+            "reduction.angles=48", "simulation={duration=0.05,step=5e-5}",
+            'outputs.crank={type="angle",joint="A"}', *more,
         )  # fmt: skip
         outputs = motion(model, scene).outputs
         found.append(np.stack([outputs[name][200::200] for name in names], axis=1))
