@@ -96,6 +96,10 @@ def _off(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset is not None)
 
 
+def _riding_in_space(scene: Scene) -> Iterator[str]:
+    return (f"joints.{name} ({one.type})" for name, one in scene.joints.items() if one.rides and scene.dimension == 3)
+
+
 def _with(
     joints: Callable[[Scene], Iterable[str]], which: Callable[[Scene], Iterable[str]]
 ) -> Callable[[Scene], Iterator[str]]:
@@ -196,6 +200,13 @@ FEATURES = (
         why_not="reduced models begin with what is built in without springs, which elastic joints need",
         cure="leave it out, take pgmp simulate SCENE --full or --components, or effects of type bushing in place of "
         "joints with elastic",
+    ),
+    Feature(
+        "what rides on beams in space",
+        _riding_in_space,
+        OF_THE_REDUCTION | {Purpose.MODES},
+        why_not="reduced models have it in the plane alone",
+        cure="take pgmp simulate SCENE --full or --components",
     ),
     Feature(
         "preload with elastic joints",

@@ -88,7 +88,10 @@ def test_another_content_is_another_identity(scene: Scene, tmp_path: Path) -> No
         ("r1\n5e-3\n0.5e-3\n", "line 3: r1 = 0.0005; must lie in parameters.r1.bounds, [0.001, 0.012]"),
         ("r1,rho\n5e-3,-1\n", "line 2: rho = -1; must be positive for what uses it"),
         ("r1 (mm)\n5\n", "the column 'r1 (mm)' has to be in m: convert it, and name it 'r1'"),
-        ("r1,rho (g/cm3)\n5e-3,7.8\n", "the column 'rho (g/cm3)' has to be in the scene's units: convert it, and name it 'rho'"),
+        (
+            "r1,rho (g/cm3)\n5e-3,7.8\n",
+            "the column 'rho (g/cm3)' has to be in the scene's units: convert it, and name it 'rho'",
+        ),
         ("rho;r1\n7800;0,005\n", "columns are separated by semicolons ('rho;r1'); commas are needed"),
         ("r1,r1 (m)\n5e-3,5e-3\n", "2 columns are called 'r1'; one is needed"),
         ("r1,r1\n5e-3,5e-3\n", "2 columns are called 'r1'; one is needed"),

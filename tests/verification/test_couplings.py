@@ -61,7 +61,10 @@ def test_a_belt_makes_one_of_two_rotors_with_both_inertias(text: str, crossed: b
 
 @pytest.mark.parametrize(
     ("model", "over"),
-    [*((model, "radii=[0.003,0.003],crossed=true") for model in ("full", "components", "reduced")), ("full", "ratio=-1")],
+    [
+        *((model, "radii=[0.003,0.003],crossed=true") for model in ("full", "components", "reduced")),
+        ("full", "ratio=-1"),
+    ],
 )
 def test_a_crossed_belt_over_equal_pulleys_is_a_gear(model: str, over: str) -> None:
     """On flexible cranks, in every model."""

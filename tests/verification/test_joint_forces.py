@@ -5,18 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from offset_scenes import clamped_beam, clamped_stiffness, offset
+from runs import full_model, history, motion, reduced_model, rom_of, trajectory
 from scipy.integrate import cumulative_trapezoid, solve_ivp
+from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.scene import Scene, scene_from_toml
-from offset_scenes import clamped_beam, clamped_stiffness, offset
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from runs import full_model, history, motion, reduced_model, rom_of, trajectory
+from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER, four_bar, slider_crank, tables, trammel
-from spatial_beams import slider_crank_of_beams
 
 GRAVITY = 9.80665
 FORCE, MOMENT = ('outputs.{0}={{type="joint_%s", joint="{1}"{2}}}' % kind for kind in ("force", "torque"))

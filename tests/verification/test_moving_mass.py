@@ -17,6 +17,7 @@ from runs import motion, reduced_model
 from scipy.integrate import solve_ivp
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from scenes import tables
 
@@ -182,12 +183,18 @@ def test_the_bridge_crane_reduced_and_full_order() -> None:
         np.testing.assert_allclose(reduced.outputs[name], expected, rtol=0, atol=share * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("purpose", [Purpose.CHECK, Purpose.BUILD, Purpose.MODES, Purpose.TRADEOFF])
+def test_reduced_models_refuse_it_in_space(purpose: Purpose) -> None:
+    with pytest.raises(InputError, match=r"joints.rear \(point_on_beam\): .* in the plane alone; take .* --components"):
+        check_capabilities(moving(*STARTED, space=True), purpose)
+
+
 REFUSED = """
 joints.rear.connect=["ground:left", "trolley:rear"] -> = ["ground:left", "trolley:rear"]: a point of a beam | ground
 joints.rear.connect=["trolley:rear", "beam:hinge"] -> = ["trolley:rear", "beam:hinge"]: a point of a beam is needed
 joints.rear.elastic={reference=[[1.0, 0.0]], stiffness=[0.0, 1e6]} -> joints.rear.elastic: this joint is rigid
 joints.rear.offset={place=[0.0, 1e-4]} -> joints.rear.offset: this joint is rigid and where it should be
-joints.rear.direction=[1.0, 1.0] -> joints.rear.direction: no nodes of beams are beside this point of beam
+joints.rear.direction=[1.0, 1.0] -> joints.rear: no nodes of beams are beside this point of beam
 coordinates.x.range=[0.05, 2.1] -> = [0.05, 2.1]: must be within the run of nodes, 0 to 2 m from the first point
 coordinates.x.range=[-0.1, 1.5] -> = [-0.1, 1.5]: must be within the run of nodes
 """
