@@ -205,13 +205,13 @@ def step_errors(
     sample
         Number of the sample in it.
     """
-    from scipy.interpolate import CubicSpline  # a noticeable time, and reduced runs have no coarser one
-
     known = np.all([np.isfinite(values[:, sample]) for values in other.outputs.values()], axis=0)
     n = known.size if known.all() else int(np.argmin(known))
     finite = all(np.isfinite(values).all() for values in outputs.values())
     if n <= FEWEST or not finite:
         return None
+    from scipy.interpolate import CubicSpline  # a noticeable time, and reduced runs have no coarser one
+
     at, step, n_steps = other.time[:n], float(time[1] - time[0]), time.size - 1
     covered, ratio = slice(0, 1 + int(np.searchsorted(time[1:], at[-1] * (1 + 1e-12), side="right"))), other.step / step
     bands = Bands.of(scene.simulation.spectral_radius, n_steps)
