@@ -159,7 +159,7 @@ class ErrorSystem(SecondOrderSystem):
         self._turns = full.pack(full.turns(theta))
         self._begin = begin
         self._number = -1
-        self.steps_at_once = full.steps_at_once
+        self.steps_at_once = full.edgeless_at_once
 
     def start(self) -> State:
         """Return the error of the start, or none.

@@ -264,8 +264,9 @@ class FullBatch(FullSystem):
         sources = equations.sources(effects, tuple(motions.values()))
         super().__init__(equations, alone(), n_samples, sources, settled, built_in)
         self.n_events = len(equations.edges)
-        most = BEFORE_EDGES if equations.edges else STEPS_AT_ONCE
-        self.steps_at_once = max(1, min(most, LARGEST // (self.n_dofs * n_samples)))
+        #: see `SecondOrderSystem`, for steps that no edge ends
+        self.edgeless_at_once = max(1, min(STEPS_AT_ONCE, LARGEST // (self.n_dofs * n_samples)))
+        self.steps_at_once = min(BEFORE_EDGES, self.edgeless_at_once) if equations.edges else self.edgeless_at_once
         n = self.n_dofs + self.n_constraints
         self._factors = Factors(
             aligned_zeros((blocks.n_blocks, n + equations.layout.n_lower, blocks.n_lanes)),

@@ -18,6 +18,7 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
 from pgmp_petsc.full.part_reference import Reference
+from pgmp_petsc.lanes.lane_items import aligned
 from pgmp_petsc.lanes.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, aligned_zeros, same_in_all_lanes
 from pgmp_petsc.reduced.action_frames import KeptPlaces
 from pgmp_petsc.reduced.action_kernel import ABOUT, FORCE, POWER, STORED, Acting
@@ -129,10 +130,10 @@ class ReducedLanes:
         return blocks
 
     def packed_over(self, rows: np.ndarray) -> np.ndarray:
-        """Return rows at several instants (n_t, n_samples, n) as vectors, aligned, (n_t, n_blocks, n, LANES)."""
-        found = aligned_zeros((len(rows), self._blocks.n_blocks, rows.shape[2], LANES))
-        for into, one in zip(found, rows):
-            into[:] = self._blocks.pack(one.T)
+        """Return rows at several instants, of all samples together or of each, (n_t, 1 or n_samples, n), as vectors,
+        aligned, (n_t, n_blocks, n, LANES)."""
+        found, by_rows = aligned((len(rows), self._blocks.n_blocks, rows.shape[2], LANES)), np.swapaxes(rows, 1, 2)
+        found[:] = by_rows[:, None] if rows.shape[1] == 1 else self._blocks.pack(by_rows, 1)
         return found
 
     def unpacked(self, vectors: np.ndarray) -> np.ndarray:
@@ -568,9 +569,8 @@ class ReducedSystem(SecondOrderSystem):
         found = np.zeros((times.size, self.n_samples, 3, len(actions)))
         if found.size:
             given = amplitudes_over(actions, times)[:, None] if amplitudes is None else amplitudes
-            by_sample = np.broadcast_to(given, (times.size, self.n_samples, len(actions)))
             act_on(
-                *self._passed, self._lanes.packed_over(by_sample), np.ascontiguousarray(trail), lanes, gain_v,
+                *self._passed, self._lanes.packed_over(given), np.ascontiguousarray(trail), lanes, gain_v,
                 np.bool_(with_tangent), found,
             )  # fmt: skip
         return found
