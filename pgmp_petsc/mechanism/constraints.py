@@ -112,7 +112,7 @@ class ConstraintHessians:
                 lambda node, numbers=numbers: numbers.get(node, 0) + np.arange(n_pose),
                 mechanism.space.dimension,
             )
-            if rows.curvature_pattern[0].size or mechanism.space.n_tied:
+            if parts and (rows.curvature_pattern[0].size or mechanism.space.n_tied):
                 self._joints.append((numbered, moving, rows))
 
     def at(self, poses: np.ndarray) -> list[ConstraintHessian]:

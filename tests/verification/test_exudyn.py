@@ -1,8 +1,11 @@
-"""A crooked four-bar in space beside another multibody program, Exudyn 1.13.6 (doi.org/10.1007/s11044-023-09937-1).
+"""Two machines beside another multibody program, Exudyn 1.13.6 (doi.org/10.1007/s11044-023-09937-1).
 
-The linkage of `crooked_scenes` with the pin of C off, there of its geometrically exact beams in space (two nodes with
-Euler parameters, Timoshenko's shear), ideal revolute joints and the same stiffness and inertia of sections, on the same
-meshes. Elements of two nodes interpolate rotations and masses in ways of their own, so that the programs differ by the
+A slider-crank in the plane on a rigid frame on springs: its geometrically exact beams of two nodes are Reissner's, as
+ours are, and so is the scheme, so that runs agree to the tolerance of its iterations.
+
+A crooked four-bar in space: the linkage of `crooked_scenes` with the pin of C off, there of geometrically exact beams
+in space (two nodes with Euler parameters, shear), ideal revolute joints and the same stiffness and inertia of sections,
+on the same meshes. Elements interpolate rotations and masses in ways of their own, so that the programs differ by the
 square of an element's length, and tend to the same.
 """
 
@@ -12,7 +15,8 @@ from crooked_scenes import spatial_four_bar
 from offset_scenes import offset
 from runs import motion
 
-from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene import Scene, scene_from_toml
+from scenes import HEADER, tables
 
 OFF = {"turn": [float(np.radians(5.0)), 0.0, 0.0], "place": [0.0, 0.0, 2e-3]}
 MESHES = (1, 2, 4)  # times 2, 4 and 2 elements of crank, coupler and rocker
@@ -130,3 +134,85 @@ def test_a_crooked_linkage_in_motion(model: str, more: tuple[str, ...], allowed:
     assert np.all(errors[-1] < allowed), errors
     if model == "full":  # the scheme and its steps are the same, so that its errors are common
         np.testing.assert_allclose(orders(errors)[-1], 2.0, atol=0.1)
+
+
+CRANK, ROD, START = 0.1, 0.25, 0.8  # m, m, rad
+HUB = np.array([0.15, 0.1])
+PIN = HUB + CRANK * np.array([np.cos(START), np.sin(START)])
+ON_SPRINGS = HEADER + tables(f"""
+ground.points: left = [0.0, 0.0]; right = [0.6, 0.0]
+bodies.frame.rigid: mass = 8.0; centre = [0.25, 0.05]; inertia = 0.5;
+    points = {{ left = [0.0, 0.0], right = [0.6, 0.0], hub = {HUB.tolist()} }}
+bodies.crank: line = {{ length = {CRANK}, elements = 4 }}; element = "beam2d"; material = "steel";
+    section = {{ shape = "rectangle", width = 0.01, height = 0.01 }};
+    placement = {{ origin = {HUB.tolist()}, angle = {START} }}
+bodies.rod: line = {{ length = {ROD}, elements = 8 }}; element = "beam2d"; material = "steel";
+    section = {{ shape = "rectangle", width = 0.01, height = "height" }};
+    placement = {{ origin = {PIN.tolist()}, angle = {-np.arcsin(CRANK * np.sin(START) / ROD)} }}
+parameters.height: nominal = 0.006
+parameters.k: nominal = 1e4
+parameters.k2: nominal = 2e4
+parameters.k3: nominal = 3e4
+joints.left: type = "fixed"; connect = ["ground:left", "frame:left"];
+    elastic = {{ reference = [[1, 0]], stiffness = ["k2", "k3"], damping = [20.0, 30.0], turning_stiffness = [0.0] }}
+joints.right: type = "fixed"; connect = ["ground:right", "frame:right"];
+    elastic = {{ reference = [[1, 0]], stiffness = ["k", "k2"], damping = [20.0, 30.0], turning_stiffness = [0.0] }}
+joints.hub: type = "revolute"; connect = ["frame:hub", "crank:hinge"]
+joints.pin: type = "revolute"; connect = ["crank:tip", "rod:hinge"]
+joints.slider: type = "point_on_line"; connect = ["frame:hub", "rod:tip"]; direction = [1.0, 0.0]
+coordinates.theta: joint = "hub"; range = [0.0, 6.283185307179586]; periodic = true
+effects.weight: type = "gravity"; acceleration = 9.81
+reduction: modes = 4; angles = 48; static_modes = true; inertia_modes = true
+simulation: duration = 0.1; step = 1e-4
+simulation.initial.theta: position = {START}
+outputs.theta: type = "angle"; joint = "hub"
+outputs.x: type = "displacement"; point = "frame:left"; axis = "x"
+outputs.y: type = "displacement"; point = "frame:left"; axis = "y"
+outputs.right: type = "displacement"; point = "frame:right"; axis = "y"
+""")
+# soft springs and 2 N m, or ten times as stiff ones, a rod of 10 mm and 0.5 N m; torques rise over 20 ms. After 20, 40,
+# .. 100 ms: crank's angle (rad), left mount's x and y, right mount's y, rod's middle from its chord (m)
+SOFT = [
+    [0.9044764136, 0.0001397702217, -0.001540576137, -0.001662152345, 1.296858127e-07],
+    [1.46572521, 0.0007862543065, -0.002789888389, -0.00355482415, 6.500223617e-05],
+    [2.799111625, 0.001066627353, -0.0002154339648, -0.001704348056, 0.0001970732228],
+    [5.063739267, -0.003165753778, -0.0007524140732, 0.0009172081101, -0.0003124381392],
+    [7.875718827, -0.0006157364032, -0.005284104596, -0.004083971986, 0.0005892475235],
+]
+STIFF = [
+    [0.8086936346, 1.006040599e-05, -0.0001214892019, -0.0001612864558, -2.128800909e-06],
+    [0.8836164665, 3.76256785e-06, -0.0002648866034, -0.0003283186851, -3.430750435e-06],
+    [1.035027785, 2.253247913e-05, -0.0002159244386, -0.0002605120169, -1.61015084e-06],
+    [1.25763647, 1.073334083e-05, -7.763360039e-05, -7.836096923e-05, 1.871521842e-06],
+    [1.56025304, 2.680528703e-05, -6.11467317e-05, -6.725435429e-05, 4.14970965e-06],
+]
+GIVEN = {"soft": ((1e4, 0.006, 2.0), SOFT), "stiff": ((1e5, 0.01, 0.5), STIFF)}
+
+
+@pytest.mark.parametrize(
+    ("machine", "model", "more", "allowed"),
+    [
+        ("soft", "full", (), 5 * (1e-6,)),
+        ("stiff", "full", (), 5 * (1e-6,)),
+        ("soft", "components", (), (3e-5, 1e-4, 1e-4, 1e-4, 0.08)),  # linear in frames of bodies
+        ("stiff", "components", (), (1e-7, 1e-6, 1e-6, 1e-6, 2e-4)),
+        ("stiff", "reduced", (), (1e-5, 0.04, 1e-3, 2e-3, 0.01)),
+        ("stiff", "reduced", (SECOND,), (3e-6, 5e-4, 1e-4, 1e-4, 2e-3)),
+    ],
+)
+def test_a_slider_crank_on_a_frame_on_springs(machine: str, model: str, more: tuple, allowed: tuple) -> None:
+    (k, height, torque), expected = GIVEN[machine]
+    scene = scene_from_toml(ON_SPRINGS, ".", [
+        f"parameters={{k={{nominal={k}}},k2={{nominal={2 * k}}},k3={{nominal={3 * k}}},height={{nominal={height}}}}}",
+        f"effects.motor={{type='torque',joint='hub',table=[[0.0,0.0],[0.02,{torque}]]}}", *more,
+        *(f"outputs.{point}_{axis}={{type='position',point='rod:{point}',axis='{axis}'}}"
+          for point in ("hinge", "middle", "tip") for axis in "xy"),
+    ])  # fmt: skip
+    run = {name: values[200::200] for name, values in motion(model, scene).outputs.items()}
+    hinge, middle, tip = (np.stack([run[f"{p}_x"], run[f"{p}_y"]]) for p in ("hinge", "middle", "tip"))
+    (along, up), (x, y) = tip - hinge, middle - hinge
+    found = np.stack(
+        [run["theta"], run["x"], run["y"], run["right"], (along * y - up * x) / np.hypot(along, up)], axis=1
+    )
+    errors = np.abs(found - expected).max(axis=0) / np.abs(expected).max(axis=0)
+    assert np.all(errors < allowed), errors
