@@ -143,19 +143,13 @@ def rigid_component(meshed: FramedSolid) -> Component:
     return replace(component, recovery=Recovery(solid.mesh, shapes))
 
 
-def rigid_line(name: str, mesh: LineMesh, terms: Mapping[Monomial, tuple[float, ...]], axes: np.ndarray) -> Component:
-    """Return the component of a rigid body with the mass of beams in space, `terms` of a section, their axes of shape
-    (n_cells, 3, 3).
+def rigid_line(mesh: LineMesh, terms: Mapping[Monomial, tuple[float, ...]], axes: np.ndarray) -> Component:
+    """Return the component of a rigid body with the mass of beams in space, the one term of a section, their axes of
+    shape (n_cells, 3, 3). Inertia forces would not be affine in several (`mechanism.capabilities` refuses them).
 
     A line of length L with its middle at m and the axes e has ``int rho X X^T dV = rho A L (m m^T + L^2 / 12 e_1 e_1^T)
-    + L (rho I_3 e_2 e_2^T + rho I_2 e_3 e_3^T)``. Raises `InputError` if lengths and sections have densities that vary
-    apart: inertia forces would not be affine in them.
+    + L (rho I_3 e_2 e_2^T + rho I_2 e_3 e_3^T)``.
     """
-    if len(terms) > 1:
-        raise InputError(
-            f"bodies.{name}.flexible = false: a rigid body in space has a section of numbers, but its mass has the "
-            f"factors {', '.join(map(str, sorted(terms)))}; give the section without parameters, or make it flexible"
-        )
     lengths, middles = mesh.lengths, mesh.nodes[mesh.cells].mean(axis=1)
     ((weight, (line, *rotary)),) = terms.items()
     points = np.column_stack([middles, np.ones(len(middles))])

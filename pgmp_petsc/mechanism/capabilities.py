@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -98,6 +99,14 @@ def _off(scene: Scene) -> Iterator[str]:
 
 def _riding_in_space(scene: Scene) -> Iterator[str]:
     return (f"joints.{name} ({one.type})" for name, one in scene.joints.items() if one.rides and scene.dimension == 3)
+
+
+def _rigid_of_several_factors(scene: Scene) -> Iterator[str]:
+    for name, body in scene.bodies.items():
+        if not body.flexible and body.rigid is None and body.element == "beam3d":
+            factors = sorted(BeamSection.of(scene, name).terms("mass"))
+            if len(factors) > 1:
+                yield f"bodies.{name}.flexible = false, of a mass with the factors {', '.join(map(str, factors))}"
 
 
 def _with(
@@ -200,6 +209,13 @@ FEATURES = (
         why_not="reduced models begin with what is built in without springs, which elastic joints need",
         cure="leave it out, take pgmp simulate SCENE --full or --components, or effects of type bushing in place of "
         "joints with elastic",
+    ),
+    Feature(
+        "rigid beams in space with a section of parameters",
+        _rigid_of_several_factors,
+        EVERYWHERE,
+        why_not="a rigid body in space has a mass with one factor",
+        cure="give the section without parameters, or make it flexible",
     ),
     Feature(
         "what rides on beams in space",

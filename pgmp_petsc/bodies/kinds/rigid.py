@@ -43,7 +43,7 @@ class RigidBody(Body):
 
     @classmethod
     def of(cls, scene: Scene, name: str, shape: BodyShape) -> RigidBody:
-        """See `Body`; raises as `rigid_component` and `rigid_line`."""
+        """See `Body`; raises as `rigid_component`."""
         given = scene.bodies[name].rigid
         if given is not None:
             body = cls.of_component(name, rigid_of_properties(shape, given, scene.nominal))
@@ -53,7 +53,7 @@ class RigidBody(Body):
             section = BeamSection.of(scene, name)
             if scene.dimension == 2:
                 return cls.of_lines(name, shape, section)
-            component = rigid_line(name, shape, section.terms("mass"), axes_of(scene, name, shape))
+            component = rigid_line(shape, section.terms("mass"), axes_of(scene, name, shape))
             return cls(name, cls._centre(component.centre_of_mass), shape, component=component, drawn=shape)
         if isinstance(shape, Component):
             return cls.of_component(name, shape)
