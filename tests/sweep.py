@@ -47,8 +47,6 @@ def refusal(scene: Path, command: str) -> str | None:
     joints = tables["joints"].values()
     if command == "check --effects" and any("elastic" in joint for joint in joints):
         return "sizes of effects are those on rigid joints"
-    if command in ("check --effects", "modes", "modes --rom") and any("offset" in joint for joint in joints):
-        return "no part of modes over configurations"
     return None
 
 
