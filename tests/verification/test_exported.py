@@ -164,7 +164,7 @@ def test_friction_that_sticks(tmp_path) -> None:
 
 
 def test_two_coordinates_of_a_closed_loop(tmp_path, monkeypatch) -> None:
-    """Poses of outputs are closed by Newton's method, which stops where the program's stops."""
+    """Poses of outputs are closed by Newton's method; the program's polynomials add the round-off of their sums."""
     monkeypatch.setattr(of_reduction, "N_FINE_OF_MORE", 24)
     scene = five_bar(*IN_FIVE_BAR, "reduction.angles=5", "reduction.modes=2")
     model = ReducedModel(scene, built_rom(scene))
@@ -172,7 +172,7 @@ def test_two_coordinates_of_a_closed_loop(tmp_path, monkeypatch) -> None:
     bent = wanted.pop("bent")
     exported.assert_equal(found, wanted)
     # so small a deformation is the difference of places known to round-off
-    least = 8 * np.finfo(float).eps * model.kinematics.size
+    least = 64 * np.finfo(float).eps * model.kinematics.size
     np.testing.assert_allclose(found["bent"], bent, rtol=0.0, atol=max(least, 1e-9 * np.max(np.abs(bent))))
 
 

@@ -296,7 +296,7 @@ def test_names_with_hyphens(slider_crank, tmp_path, version) -> None:
     found = constants_of(slider_crank, "it")
     renamed = {
         key: {f"{name}-1": value for name, value in getattr(found, key).items()}
-        for key in ("parameters", "served", "strengths", "outputs", "output_units", "strength_units", "parameter_units")
+        for key in ("parameters", "served", "strengths", "output_units", "strength_units", "parameter_units")
     }
     weights = replace(found, name="slider-crank", coordinate_units={"theta-1": "rad"}, **renamed)
     with pytest.MonkeyPatch.context() as patch:
