@@ -169,11 +169,11 @@ AT_START = {
         "outputs.o: the rate of s is asked for",
     ),
     "division by zero": (
-        ('outputs.o={type="formula",formula="x / bent"}',),
-        r"outputs.o.formula: it has no finite value at the start .*bent = 0",
+        ('outputs.o={type="formula",formula="x / t"}',),
+        r"outputs.o.formula: it has no finite value at the start .*",
     ),
     "root of zero": (
-        ('outputs.o={type="rate",of="r"}', 'outputs.r={type="formula",formula="sqrt(bent)"}'),
+        ('outputs.o={type="rate",of="r"}', 'outputs.r={type="formula",formula="sqrt(t)"}'),
         r"outputs.o.of: it has no finite",
     ),
 }  # fmt: skip
