@@ -32,8 +32,8 @@ def run(rom: Path, n: int) -> None:
     def plain() -> None:
         record = StateRecord(lambda n_steps: None)
         integrate(model.batch(values, 1), scene.simulation, observer=record)
-        _, states = record.states()
-        model.outputs.evaluate(model.observed_of(states.q, scene.values))
+        times, states = record.states()
+        model.outputs.evaluate(model.observed_of(times, states, scene.values))
 
     names = list(scene.parameters)
     chosen = [names[:1], names] if len(names) > 1 else [names]

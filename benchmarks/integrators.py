@@ -107,7 +107,9 @@ def under(model: ReducedModel, load: str) -> ReducedModel:
 
 def outputs_of(model: ReducedModel, eta: np.ndarray) -> Outputs:
     """Return the outputs of reduced coordinates (n_t, n, n_eta)."""
-    found = model.outputs.evaluate(model.observed_of(eta.reshape(-1, eta.shape[-1]), model.scene.values))
+    q = eta.reshape(-1, eta.shape[-1])
+    still = State(q, np.zeros_like(q), np.zeros_like(q), np.zeros(0))
+    found = model.outputs.evaluate(model.observed_of(0.0, still, model.scene.values))
     return {name: values.reshape(eta.shape[:2]) for name, values in found.items()}
 
 

@@ -11,7 +11,7 @@ from pgmp_petsc.design import measured_history
 from pgmp_petsc.design.measured_history import autocorrelation, read_history, remembered
 from pgmp_petsc.outputs.outputs import OutputSet
 
-OUTPUTS = OutputSet((), {"angle": "rad", "bend": "m"}, 3, {"angle": None, "bend": None})
+OUTPUTS = OutputSet((), {"angle": "rad", "bend": "m"}, 3, 3, {"angle": None, "bend": None})
 DURATION = 1.0
 
 

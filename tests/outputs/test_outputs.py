@@ -147,6 +147,7 @@ class Rates(OutputEntry):
         super().__init__()
         object.__setattr__(self, "of", of)
         object.__setattr__(self, "order", order)
+        object.__setattr__(self, "unit", of.unit_in(None))
 
     reads: ClassVar[tuple[str, ...]] = ("frames",)
 

@@ -97,11 +97,12 @@ def test_derivatives_close_no_loops_but_those_of_the_run(monkeypatch: pytest.Mon
     monkeypatch.setattr(LoopClosure, "newton", lambda self, *given: closed.append(1) or newton(self, *given))
     states = State(eta, np.zeros_like(eta), np.zeros_like(eta), np.zeros(0))
     observed = ObservedChanges(model, model.scene.values, np.arange(20.0), states)
-    assert len(closed) == 2
+    once = len(closed)  # none where polynomials that are there already place what deformations are taken from
+    assert once <= 2
     found = observed.outputs
     for name in model.scene.parameters:
         observed.of(name, np.ones((3, *eta.shape)))
-    assert len(closed) == 2
+    assert len(closed) == once
     for output, values in model.outputs.evaluate(model.observed_of(0.0, states, model.scene.values)).items():
         np.testing.assert_array_equal(found[output], values)
 
