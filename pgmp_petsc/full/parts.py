@@ -285,7 +285,8 @@ def mass_on_diagonal(problem: FullProblem, size: float) -> np.ndarray:
     line = problem.section[:, elements.body[elements.counted]]
     total = np.einsum("kebl,b,e->kl", line[:, :, 3:5], [4 / 3, 2 / 3 * turned], elements.length[elements.counted])
     per_lump = (problem.units[lumps.dofs[lumps.counted]] * size) ** -2
-    total += np.einsum("kel,e->kl", lumps.mass[:, lumps.counted], per_lump)
+    # a sum as one product adds in another order where there is one lane
+    total += (lumps.mass[:, lumps.counted] * per_lump[:, None]).sum(axis=1)
     volumes = d * np.trace(cells.mass[cells.counted], axis1=1, axis2=2)
     total += np.einsum("kel,e->kl", cells.moduli[:, cells.region[cells.counted], 1], volumes)
     line = beams.section[:, beams.body[beams.counted], N_SECTION:]
