@@ -56,23 +56,12 @@ CLOSURE_TOLERANCE = 1e-12  # of the mechanism's size (positions) or of 1 rad
 class LoopClosure:
     """Closure and driving equations of a mechanism.
 
-    Parameters
-    ----------
-    mechanism
-        The mechanism; all its coordinates drive.
-
-    Attributes
-    ----------
-    size
-        A length that is typical of the mechanism: the largest extent of a body, m.
-    n_coordinates
-        Number of independent rigid coordinates n_theta.
-    scales
-        What small changes of the coordinates are measured against, 1 rad or the size, shape (n_theta,).
-    equations
-        All that its solutions depend on; what is the same has the same.
-    has_redundant
-        Whether joints and coordinates say more than poses can obey, so that a gap may be left.
+    mechanism: the mechanism; all its coordinates drive
+    size: a length that is typical of the mechanism: the largest extent of a body, m
+    n_coordinates: number of independent rigid coordinates n_theta
+    scales: what small changes of the coordinates are measured against, 1 rad or the size, shape (n_theta,)
+    equations: all that its solutions depend on; what is the same has the same
+    has_redundant: whether joints and coordinates say more than poses can obey, so that a gap may be left
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -478,10 +467,7 @@ class ReleasedClosure:
     where j goes over as many independent ones of the released directions as there are such motions: a frame on two
     mounts in the plane has three, of the six directions that these release.
 
-    Parameters
-    ----------
-    closure
-        The closure of the configuration, whose joints are locked.
+    closure: the closure of the configuration, whose joints are locked
     """
 
     def __init__(self, closure: LoopClosure) -> None:

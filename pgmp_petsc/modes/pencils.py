@@ -57,10 +57,7 @@ SUBSET = 0.2  # of all eigenvectors: for more of them QR iterations for all are 
 class DensePencil:
     """A pencil that one rank has whole; methods and attributes are those of `SparsePencil`.
 
-    Parameters
-    ----------
-    mass, stiffness
-        Shape (n_dofs, n_dofs).
+    mass, stiffness: shape (n_dofs, n_dofs)
     """
 
     def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix) -> None:
@@ -308,17 +305,9 @@ def congruent(matrix: np.ndarray, factor: np.ndarray) -> np.ndarray:
 class SparsePencil:
     """A pencil that ranks share; each has a range of rows. Collective on `comm`.
 
-    Parameters
-    ----------
-    mass, stiffness
-        This rank's rows, shape (n_local, n_dofs).
-    comm
-        Ranks that share the pencil.
-
-    Attributes
-    ----------
-    shift
-        sigma, below all eigenvalues; see `shift_to`.
+    mass, stiffness: this rank's rows, shape (n_local, n_dofs)
+    comm: ranks that share the pencil
+    shift: sigma, below all eigenvalues; see `shift_to`
     """
 
     def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix, comm: Comm) -> None:

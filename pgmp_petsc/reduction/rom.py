@@ -264,10 +264,7 @@ class LengthFamily:
         Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths. Raises `InputError` if the
         mechanism cannot be closed with these lengths.
 
-        Parameters
-        ----------
-        nominal
-            The model at the nominal lengths, which the family belongs to.
+        nominal: the model at the nominal lengths, which the family belongs to
         """
         kinematics = self.kinematics(scene, nominal, None)
         mechanism = kinematics.mechanism
@@ -402,10 +399,7 @@ class Served:
 def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
     """Return the ranges of the parameters that the tables of a reduced model depend on, by name.
 
-    Parameters
-    ----------
-    built
-        The scene that it was built from.
+    built: the scene that it was built from
     """
     weights = (*rom.tables.mass_weights, *rom.tables.stiffness_weights)
     found = {}
@@ -452,12 +446,8 @@ def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray]
 def outside_of(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> Iterator[Remark]:
     """Return a warning that counts samples outside what is served; nothing where all are inside.
 
-    Parameters
-    ----------
-    values
-        Of the parameters, shape (n,) each.
-    where
-        What the samples are, before the message.
+    values: of the parameters, shape (n,) each
+    where: what the samples are, before the message
     """
     known, lines = {name: served for name, served in ranges.items() if name in values}, []
     outside = {name: served.outside(values[name]) for name, served in known.items()}
