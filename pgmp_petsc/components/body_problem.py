@@ -153,9 +153,14 @@ class BlockLanczos:
     """
 
     def __init__(
-        self, mass: PETSc.Mat, stiffness: PETSc.Mat, inverse: Callable[[np.ndarray], np.ndarray], shift: float,
-        start: np.ndarray, comm: Comm,
-    ) -> None:  # fmt: skip
+        self,
+        mass: PETSc.Mat,
+        stiffness: PETSc.Mat,
+        inverse: Callable[[np.ndarray], np.ndarray],
+        shift: float,
+        start: np.ndarray,
+        comm: Comm,
+    ) -> None:
         self._mass, self._stiffness, self._shift = mass, stiffness, shift
         self._basis = Subspace(mass, lambda _, momenta: inverse(momenta), comm)
         self._basis.add(np.hstack([start, self._waves(0)]))
@@ -252,9 +257,15 @@ class BodyProblem:
     """
 
     def __init__(
-        self, mass: Terms, stiffness: Terms, values: Mapping[str, float], places: np.ndarray, comm: Comm,
-        memory: float | None = None, name: str = "",
-    ) -> None:  # fmt: skip
+        self,
+        mass: Terms,
+        stiffness: Terms,
+        values: Mapping[str, float],
+        places: np.ndarray,
+        comm: Comm,
+        memory: float | None = None,
+        name: str = "",
+    ) -> None:
         d = places.shape[1]
         self.comm, self._places, self._n_rigid, self._where = comm, places, d * (d + 1) // 2, f"body {name}".strip()
         self._sums = [matrix_sum(terms, values) for terms in (mass, stiffness)]

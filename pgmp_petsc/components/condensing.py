@@ -77,9 +77,13 @@ class Finished(Protocol):
 
 
 def condensed(
-    scene: Scene, shapes: Mapping[str, BodyShape], group: RankGroup, finished: Finished | None = None,
-    timings: Timings | None = None, large: bool | None = None,
-) -> dict[str, BodyShape]:  # fmt: skip
+    scene: Scene,
+    shapes: Mapping[str, BodyShape],
+    group: RankGroup,
+    finished: Finished | None = None,
+    timings: Timings | None = None,
+    large: bool | None = None,
+) -> dict[str, BodyShape]:
     """Return the shapes of a scene's bodies with every mesh of continuum elements, and matrices, condensed. Collective
     on ``group.world``.
 
@@ -269,9 +273,14 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
         check_slender(scene, meshed, NOT_SLENDER)
     n_modes, stressed = scene.reduction.modes + scene.n_overconstrained, meshed.solid.name in stressed_bodies(scene)
     component, recovery, _ = condense(
-        meshed.solid, meshed.frames, serving_points(scene, meshed), n_modes, alone(), stressed=stressed,
+        meshed.solid,
+        meshed.frames,
+        serving_points(scene, meshed),
+        n_modes,
+        alone(),
+        stressed=stressed,
         large=scene.static_stiffening,
-    )  # fmt: skip
+    )
     if scene.static_stiffening:
         component = with_second_order(component, meshed.solid, recovery, alone(), scene.nominal)
     return in_floating_frame(component, scene.nominal)

@@ -66,9 +66,14 @@ def foreshortening(
 
 
 def with_second_order(
-    component: Component, solid: Solid | AssembledBody, recovery: np.ndarray, comm: Comm, nominal: Mapping[str, float],
-    n_followed: int | None = None, all_fields: bool = True,
-) -> Component:  # fmt: skip
+    component: Component,
+    solid: Solid | AssembledBody,
+    recovery: np.ndarray,
+    comm: Comm,
+    nominal: Mapping[str, float],
+    n_followed: int | None = None,
+    all_fields: bool = True,
+) -> Component:
     """Return a condensed body with its foreshortening, and with what is of second order in all of its fields where that
     is wanted. Collective on `comm`.
 

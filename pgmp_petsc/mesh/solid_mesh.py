@@ -111,9 +111,14 @@ def reference_element(kind: str) -> ReferenceElement:
     shape, _, middles, stiffness_degree, mass_degree, face_kind = _KINDS[kind]
     nodes = _nodes(shape, middles)
     return ReferenceElement(
-        kind, nodes.shape[1], nodes, _quadrature(kind, nodes, stiffness_degree), _quadrature(kind, nodes, mass_degree),
-        _faces(shape, nodes, face_kind) if face_kind else np.empty((0, 0), dtype=int), face_kind,
-    )  # fmt: skip
+        kind,
+        nodes.shape[1],
+        nodes,
+        _quadrature(kind, nodes, stiffness_degree),
+        _quadrature(kind, nodes, mass_degree),
+        _faces(shape, nodes, face_kind) if face_kind else np.empty((0, 0), dtype=int),
+        face_kind,
+    )
 
 
 def shape_gradients(kind: str, points: np.ndarray) -> np.ndarray:

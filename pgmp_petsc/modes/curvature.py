@@ -183,9 +183,16 @@ class CurvatureProblem:
         return self._along(rigid, chi, momenta) - chi
 
     def _answers(
-        self, modes: ModeSet, kept: np.ndarray, shape: np.ndarray, answered: np.ndarray,
-        pairs: tuple[np.ndarray, np.ndarray], forces: np.ndarray, what: str, gaps: GapDerivatives | None = None,
-    ) -> np.ndarray:  # fmt: skip
+        self,
+        modes: ModeSet,
+        kept: np.ndarray,
+        shape: np.ndarray,
+        answered: np.ndarray,
+        pairs: tuple[np.ndarray, np.ndarray],
+        forces: np.ndarray,
+        what: str,
+        gaps: GapDerivatives | None = None,
+    ) -> np.ndarray:
         """Return chi for pairs of vectors but for multiples of kept eigenvectors, given ``K3[psi_i, psi_j]``."""
         problem = self._problem
         chi = np.zeros_like(forces)
@@ -255,9 +262,13 @@ class _TurningJoints:
     """
 
     def __init__(
-        self, jacobian: sp.csr_matrix, hessians: list[ConstraintHessian], shape: np.ndarray,
-        pairs: tuple[np.ndarray, np.ndarray], gaps: GapDerivatives | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        jacobian: sp.csr_matrix,
+        hessians: list[ConstraintHessian],
+        shape: np.ndarray,
+        pairs: tuple[np.ndarray, np.ndarray],
+        gaps: GapDerivatives | None = None,
+    ) -> None:
         self._touched = np.unique(jacobian.indices)
         self._jacobian = jacobian[:, self._touched].toarray()
         self._hessians = hessians

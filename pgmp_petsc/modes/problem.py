@@ -96,9 +96,13 @@ class ModalProblem:
     """
 
     def __init__(
-        self, kinematics: RigidKinematics, values: Mapping[str, float], n_modes: int, comm: Comm,
+        self,
+        kinematics: RigidKinematics,
+        values: Mapping[str, float],
+        n_modes: int,
+        comm: Comm,
         matrices: AffineMatrices | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.kinematics = kinematics
         self.mechanism = kinematics.mechanism
         self.free = np.flatnonzero([not coordinate.prescribed for coordinate in kinematics.coordinates])

@@ -36,9 +36,13 @@ class Reconstruction:
     """
 
     def __init__(
-        self, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str, nodes: Sequence[int],
+        self,
+        kinematics: RigidKinematics,
+        rom: ReducedOrderModel,
+        scheme: str,
+        nodes: Sequence[int],
         internal: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._kinematics = kinematics
         self._nodes = np.asarray(nodes, dtype=int)
         self._space = kinematics.mechanism.space

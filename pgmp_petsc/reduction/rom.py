@@ -196,19 +196,31 @@ class ReducedOrderModel:
             )
         )  # fmt: skip
         tables = ReducedTables(
-            samples=found.samples, mass_weights=found.mass_weights, stiffness_weights=found.stiffness_weights,
-            load_weights=found.load_weights, load_effects=found.load_effects, mass=found.mass, inertia=found.inertia,
-            stiffness=found.stiffness, load=found.load, n_given=found.n_given,
+            samples=found.samples,
+            mass_weights=found.mass_weights,
+            stiffness_weights=found.stiffness_weights,
+            load_weights=found.load_weights,
+            load_effects=found.load_effects,
+            mass=found.mass,
+            inertia=found.inertia,
+            stiffness=found.stiffness,
+            load=found.load,
+            n_given=found.n_given,
             second_order=second and SecondOrderTables(**{name: second[name] for name in CURVED}),
             changes=second and ModeChanges(second["gyroscopic"], second["spread"]),
-        )  # fmt: skip
+        )
         return cls(
-            tables=tables, branch=found.kinematics.branch, rigid_inertia=found.rigid,
-            meshes={name: body.shape for name, body in found.mesh.items()}, record=record,
+            tables=tables,
+            branch=found.kinematics.branch,
+            rigid_inertia=found.rigid,
+            meshes={name: body.shape for name, body in found.mesh.items()},
+            record=record,
             points=ParameterPoints.none() if points is None else ParameterPoints(**points),
-            stiffness_changes=changes and StiffnessChanges(**changes), missed=missed and MissedAnswers(**missed),
-            gaps=gaps and JointGaps(**gaps), **{name: getattr(found, name) for name in OWN},
-        )  # fmt: skip
+            stiffness_changes=changes and StiffnessChanges(**changes),
+            missed=missed and MissedAnswers(**missed),
+            gaps=gaps and JointGaps(**gaps),
+            **{name: getattr(found, name) for name in OWN},
+        )
 
     @classmethod
     def _family(cls, found: LengthsFile, record: RunRecord) -> LengthFamily:
@@ -329,11 +341,16 @@ def _lengths_file(family: LengthFamily) -> LengthsFile:
     grid, check = family.grid, family.check
     lower, upper = np.array(grid.ranges).T
     return LengthsFile(
-        grid.names, lower, upper, grid.n_points,
+        grid.names,
+        lower,
+        upper,
+        grid.n_points,
         np.array([[point[name] for name in grid.names] for point in grid.points]),
-        np.array([check.values[name] for name in grid.names]), check.frequencies, check.inertia,
+        np.array([check.values[name] for name in grid.names]),
+        check.frequencies,
+        check.inertia,
         {str(number): ModelFile(**member._fields()) for number, member in enumerate(family.members)},
-    )  # fmt: skip
+    )
 
 
 WIDER, FARTHEST = 1.5, 3.0  # times the span that a build tries

@@ -187,9 +187,13 @@ class _Shares:
     """Missed shares of all candidates. Collective on ``group.world``."""
 
     def __init__(
-        self, scene: Scene, problem: ModalProblem, loads: StaticLoads, group: RankGroup,
+        self,
+        scene: Scene,
+        problem: ModalProblem,
+        loads: StaticLoads,
+        group: RankGroup,
         candidates: Sequence[Mapping[str, float]],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._group, self._n_candidates = group, len(candidates)
         self._n_vectors = scene.reduction.parameter_modes
         self._own: list[_Configuration] = []
