@@ -359,9 +359,13 @@ DEGREE = 3
 
 
 def polynomial_fields(places: np.ndarray, comm: Comm, degree: int = DEGREE) -> np.ndarray:
-    """Return polynomials up to a degree in every direction, as products of Legendre's over the body's box,
-    shape (n d, n_fields). Collective on `comm`, whose ranks have different places. `places`: this rank's nodes,
-    shape (n, d), m."""
+    """Return polynomials up to a degree in every direction, as products of Legendre's over the body's box, shape (n d,
+    n_fields).
+
+    Collective on `comm`, whose ranks have different places.
+
+    places: this rank's nodes, shape (n, d), m
+    """
     from mpi4py import MPI
 
     n, d = places.shape

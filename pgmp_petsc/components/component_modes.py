@@ -329,8 +329,11 @@ def axial_fields(places: np.ndarray, lowest: float, highest: float) -> np.ndarra
 
 
 def axial_part(momenta: np.ndarray, squares: np.ndarray) -> np.ndarray:
-    """Return what takes vectors of an orthonormal basis V to their part along the axis, shape (n, n). `momenta`:
-    ``V^T M F`` of the fields F, shape (n, n_fields); `squares`: ``F^T M F``."""
+    """Return what takes vectors of an orthonormal basis V to their part along the axis, shape (n, n).
+
+    momenta: ``V^T M F`` of the fields F, shape (n, n_fields)
+    squares: ``F^T M F``
+    """
     values, directions = eigh(squares)
     chosen = values > DEPENDENT * values[-1]
     unit = momenta @ (directions[:, chosen] / np.sqrt(values[chosen]))

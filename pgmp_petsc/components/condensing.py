@@ -244,9 +244,13 @@ DEPENDENT = 1e-9  # of a load, the part that deforms; of answers of norm 1, the 
 def floating_shapes(
     scene: Scene, shapes: Mapping[str, BodyShape], bodies: Sequence[Body], comm: Comm
 ) -> dict[str, BodyShape]:
-    """Return the shapes of a scene's bodies, the flexible ones in floating frames. Collective on `comm`. Raises
-    `RunError` if an eigenproblem fails; on all ranks, whichever rank met it. `shapes`: by the name of the body;
-    `bodies`: that were made of them."""
+    """Return the shapes of a scene's bodies, the flexible ones in floating frames. Collective on `comm`.
+
+    Raises `RunError` if an eigenproblem fails; on all ranks, whichever rank met it.
+
+    shapes: by the name of the body
+    bodies: that were made of them
+    """
     flexible = [body for body in bodies if body.flexible]
     own, found = flexible[comm.rank :: comm.size], {}
     with agreed(comm, "component modes"), progress(len(own), "bodies in floating frames", comm) as bar:

@@ -116,7 +116,9 @@ def curved_strains(
     component: Component, of_pairs: Mapping[Monomial, np.ndarray], nominal: Mapping[str, float]
 ) -> np.ndarray:
     """Return the unknowns whose linear strains stand for those of second order of pairs of fields; see `Recovery`.
-    `of_pairs`: as of `FieldsOnCells.of_pairs`."""
+
+    of_pairs: as of `FieldsOnCells.of_pairs`
+    """
     modes = elastic_modes(component, nominal)
     stiffness = modes.T @ weighted_sum_dense(component.stiffness, nominal) @ modes
     forces = weighted_sum_dense(of_pairs, nominal) @ modes

@@ -357,8 +357,10 @@ def renumbered(mesh: SolidMesh) -> SolidMesh:
 
 
 def compact_order(n_nodes: int, cells: np.ndarray) -> np.ndarray:
-    """Return the nodes of a connected mesh in the order of reverse Cuthill-McKee, shape (n_nodes,). `cells`: ndarray of
-    int, shape (n_cells, n_cell_nodes)."""
+    """Return the nodes of a connected mesh in the order of reverse Cuthill-McKee, shape (n_nodes,).
+
+    cells: ndarray of int, shape (n_cells, n_cell_nodes)
+    """
     edges = incidence_edges(n_nodes, cells)
     start = n_nodes + len(cells)
     graph = undirected_graph(edges, start)

@@ -301,8 +301,10 @@ class _TurningJoints:
         return result
 
     def forces(self, reactions: np.ndarray) -> np.ndarray:
-        """Return ``(mu_i.c'') psi_j + (mu_j.c'') psi_i``, shape (n_dofs, n_pairs). `reactions`: ``C^T mu_i``,
-        shape (n_dofs, m)."""
+        """Return ``(mu_i.c'') psi_j + (mu_j.c'') psi_i``, shape (n_dofs, n_pairs).
+
+        reactions: ``C^T mu_i``, shape (n_dofs, m)
+        """
         i, j = self._pairs
         multipliers = np.linalg.lstsq(self._jacobian.T, reactions[self._touched], rcond=RANK_TOLERANCE)[0]
         result = np.zeros((len(self._shape), i.size))
@@ -345,8 +347,10 @@ class RotaryCurvature:
 
     def work(self, accelerations: np.ndarray, vectors: np.ndarray, pairs: Pairs, weight: Monomial) -> np.ndarray:
         """Return the work of accelerations on pairs of vectors in one term of the mass, shape (k, n_pairs).
-        `accelerations`: linear fields of every body, shape (n_bodies, 12, k): `Space.acceleration_field`; `vectors`:
-        shape (n_dofs, m)."""
+
+        accelerations: linear fields of every body, shape (n_bodies, 12, k): `Space.acceleration_field`
+        vectors: shape (n_dofs, m)
+        """
         result = np.zeros((accelerations.shape[2], pairs[0].size))
         for number, own, turns, inertia in self._parts:
             if own != weight:

@@ -254,9 +254,13 @@ class LengthFamily:
     check: LengthCheck  # of the family against a model of none of these points
 
     def at(self, scene: Scene, nominal: ReducedOrderModel) -> ReducedOrderModel:
-        """Return the model with the lengths of a scene's run (``scene.values``). Kinematics and rigid inertia are
-        exact, tables and shapes polynomials of the lengths. Raises `InputError` if the mechanism cannot be closed with
-        these lengths. `nominal`: the model at the nominal lengths, which the family belongs to."""
+        """Return the model with the lengths of a scene's run (``scene.values``).
+
+        Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths. Raises `InputError` if the
+        mechanism cannot be closed with these lengths.
+
+        nominal: the model at the nominal lengths, which the family belongs to
+        """
         kinematics = self.kinematics(scene, nominal, None)
         mechanism = kinematics.mechanism
         masses = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
@@ -386,8 +390,10 @@ class Served:
 
 
 def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
-    """Return the ranges of the parameters that the tables of a reduced model depend on, by name. `built`: the scene
-    that it was built from."""
+    """Return the ranges of the parameters that the tables of a reduced model depend on, by name.
+
+    built: the scene that it was built from
+    """
     weights = (*rom.tables.mass_weights, *rom.tables.stiffness_weights)
     found = {}
     for name in sorted({name for weight in weights for name, _ in weight.powers}):
@@ -427,8 +433,11 @@ def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray]
 
 @gathered
 def outside_of(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> Iterator[Remark]:
-    """Return a warning that counts samples outside what is served; nothing where all are inside. `values`: of the
-    parameters, shape (n,) each; `where`: what the samples are, before the message."""
+    """Return a warning that counts samples outside what is served; nothing where all are inside.
+
+    values: of the parameters, shape (n,) each
+    where: what the samples are, before the message
+    """
     known, lines = {name: served for name, served in ranges.items() if name in values}, []
     outside = {name: served.outside(values[name]) for name, served in known.items()}
     for name, which in outside.items():

@@ -193,8 +193,11 @@ class ReducedTables:
         )
 
     def turned(self, rotations: np.ndarray) -> ReducedTables:
-        """Express the flexible coordinates in another basis at every sample. `rotations`: matrices Q with
-        ``Psi_new = Psi Q``, shape (n, n_delta, n_new): orthogonal, or combinations of fewer vectors."""
+        """Express the flexible coordinates in another basis at every sample.
+
+        rotations: matrices Q with ``Psi_new = Psi Q``, shape (n, n_delta, n_new): orthogonal, or combinations of fewer
+            vectors
+        """
         whole = beside_rigid(rotations, self.n_coordinates)
         return replace(
             self,
