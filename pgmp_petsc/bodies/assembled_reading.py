@@ -37,9 +37,11 @@ from pgmp_petsc.scene.bodies import Stated
 
 
 def read_assembled(scene: Scene, name: str) -> Assembled:
-    """Read a body's matrices, and check what can be checked without a factorisation: see the module. Raises
-    `InputError` if a file is missing, unreadable or of another body, or the matrices are none of a free body of
-    displacements."""
+    """Read a body's matrices, and check what can be checked without a factorisation: see the module.
+
+    Raises `InputError` if a file is missing, unreadable or of another body, or the matrices are none of a free body of
+    displacements.
+    """
     entry, given, d = f"bodies.{name}.matrices", scene.bodies[name].matrices, scene.bodies[name].dimension
     received = {
         key: shortened(f'{entry}.{key} = "{getattr(given, key)}"') for key in ("nodes", "rows", "stiffness", "mass")

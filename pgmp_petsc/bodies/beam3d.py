@@ -282,8 +282,10 @@ def _coefficients(tau):
 
 @njit(cache=True, error_model="numpy")
 def _angle_over_sine(tau):
-    """Return f and its derivatives: with ``x = cos`` of the angle, ``(1 - x^2) f_x = x f - 1``. On the way to
-    orthonormal directors x may be beyond 1, where the same function is ``arcosh x / sqrt(x^2 - 1)``."""
+    """Return f and its derivatives: with ``x = cos`` of the angle, ``(1 - x^2) f_x = x f - 1``.
+
+    On the way to orthonormal directors x may be beyond 1, where the same function is ``arcosh x / sqrt(x^2 - 1)``.
+    """
     s = 0.25 * (3.0 - tau)  # sin^2 of half the angle
     if abs(s) < SMALL:
         value, slope, bend = 0.0, 0.0, 0.0
@@ -333,9 +335,11 @@ def consistent_mass(lengths: np.ndarray, axes: np.ndarray, inertia: np.ndarray) 
 
 
 def strain_gradients(lengths: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Return strains ``(gamma, kappa)`` per displacement and rotation of the nodes at rest, shape (n, 6, 12). With u_2
-    - u_1 and the mean rotation phi resolved along T: ``gamma = (u_2 - u_1) / L - phi x e_1``,
-    ``kappa = (phi_2 - phi_1) / L``."""
+    """Return strains ``(gamma, kappa)`` per displacement and rotation of the nodes at rest, shape (n, 6, 12).
+
+    With u_2 - u_1 and the mean rotation phi resolved along T: ``gamma = (u_2 - u_1) / L - phi x e_1``, ``kappa =
+    (phi_2 - phi_1) / L``.
+    """
     n, inverse = len(lengths), 1.0 / lengths[:, None, None]
     turned = np.swapaxes(axes, 1, 2)
     gradients = np.zeros((n, 6, 12))

@@ -62,8 +62,10 @@ class BeamStrains:
         return not self.body.planar
 
     def of_places(self, frames: np.ndarray) -> np.ndarray:
-        """Return the strains of the points, shape (n_points, n_strains, n), for frames of the nodes. Frames are
-        (n_nodes, 3, n) in the plane, and in space (n_nodes, 12, n): positions and directors."""
+        """Return the strains of the points, shape (n_points, n_strains, n), for frames of the nodes.
+
+        Frames are (n_nodes, 3, n) in the plane, and in space (n_nodes, 12, n): positions and directors.
+        """
         mesh, cells = self.body.mesh, self.body.mesh.cells
         first, second, lengths = frames[cells[:, 0]], frames[cells[:, 1]], mesh.lengths[:, None]
         if self.in_space:

@@ -70,8 +70,10 @@ class FaceFrame:
         return float(np.sqrt(max(np.linalg.eigvalsh(self.inertia)[0], 0.0)))
 
     def functionals(self, n_nodes: int) -> sp.csr_matrix:
-        """Return what maps nodal displacements to those of the frame, its rotation at the end. Shape (3, 2 n_nodes) in
-        the plane, ``(x, y, phi)``, and (6, 3 n_nodes) in space."""
+        """Return what maps nodal displacements to those of the frame, its rotation at the end.
+
+        Shape (3, 2 n_nodes) in the plane, ``(x, y, phi)``, and (6, 3 n_nodes) in space.
+        """
         d = self.arms.shape[1]
         position = np.einsum("n,ij->inj", self.weights, np.eye(d))
         turning = np.einsum("ki,inj->knj", np.linalg.inv(self.inertia), _crossing(self.arms))

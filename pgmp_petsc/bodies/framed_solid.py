@@ -67,8 +67,10 @@ class FramedSolid:
 
     @classmethod
     def assembled(cls, name: str, entry: BodyEntry, body: Assembled, points: Mapping[str, str]) -> FramedSolid:
-        """Make a scene's body that is given by matrices; parameters as of `of`. Raises `InputError` if there is no such
-        set of nodes, or it is too small to carry a rotation."""
+        """Make a scene's body that is given by matrices; parameters as of `of`.
+
+        Raises `InputError` if there is no such set of nodes, or it is too small to carry a rotation.
+        """
         given, frames = entry.matrices, {}
         for point, blame in points.items():
             wanted, asked = given.faces.get(point, point), f'{blame} = "{point}"'
@@ -145,8 +147,10 @@ def _check_section(entry: str, mesh: SolidMesh, point: str, frame: FaceFrame) ->
 
 
 def cells_of_materials(name: str, entry: BodyEntry, mesh: SolidMesh) -> list[tuple[str, np.ndarray]]:
-    """Return the materials of a body's mesh with their cells: that of named regions, and that of the rest. Raises
-    `InputError` if a region is missing or overlaps another one."""
+    """Return the materials of a body's mesh with their cells: that of named regions, and that of the rest.
+
+    Raises `InputError` if a region is missing or overlaps another one.
+    """
     owner = np.zeros(mesh.n_cells, dtype=int)
     names = [entry.material]
     for region, material in entry.regions.items():

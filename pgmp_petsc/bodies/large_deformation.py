@@ -115,8 +115,10 @@ class FieldsOnCells:
         return found
 
     def third_with(self, vectors: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
-        """Return ``W3[., v_i, v_j]`` of the fields ``v = sum_a vectors[a] u_a`` at parameter values. Vectors have shape
-        (n, m), the result (n, m, m). Of few vectors it takes a small part of the time of `third`."""
+        """Return ``W3[., v_i, v_j]`` of the fields ``v = sum_a vectors[a] u_a`` at parameter values.
+
+        Vectors have shape (n, m), the result (n, m, m). Of few vectors it takes a small part of the time of `third`.
+        """
         d, n = self._fields.shape[1:]
         m = vectors.shape[1]
         axes, n_pairs = np.tril_indices(d), m * (m + 1) // 2

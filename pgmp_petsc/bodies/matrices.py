@@ -88,8 +88,10 @@ def mass_of_bodies(bodies: Sequence[Body], rows: range) -> dict[Monomial, sp.csr
 
 
 def axial_stiffness(bodies: Sequence[Body], rows: range, values: Mapping[str, float]) -> sp.csr_matrix:
-    """Return the given rows of the part of the stiffness that resists extension, shape (n_rows, n_dofs). Of condensed
-    bodies it is that against the mean strains of pieces (`large_deformation`)."""
+    """Return the given rows of the part of the stiffness that resists extension, shape (n_rows, n_dofs).
+
+    Of condensed bodies it is that against the mean strains of pieces (`large_deformation`).
+    """
     return weighted_sum(_assemble_terms(bodies, rows, "stretching"), values)
 
 

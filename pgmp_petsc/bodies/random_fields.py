@@ -48,8 +48,11 @@ MORE = 4  # times the terms: how far a message looks for as many as would do
 
 
 def profiles_of(scene: Scene, body: str, mesh: LineMesh | SolidMesh) -> Profiles:
-    """Return the factors of a body on its mesh. Raises `InputError` if a field has more terms than the body has cells,
-    keeps too little of its variance, or may fall to zero."""
+    """Return the factors of a body on its mesh.
+
+    Raises `InputError` if a field has more terms than the body has cells, keeps too little of its variance, or may fall
+    to zero.
+    """
     found: dict[str, Profile] = {}
     for name, field in scene.fields.items():
         if field.body == body:

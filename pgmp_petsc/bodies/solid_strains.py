@@ -122,7 +122,9 @@ class SolidStrains:
     @classmethod
     def at_place(cls, mesh: SolidMesh, materials: Sequence[np.ndarray], place: np.ndarray) -> SolidStrains | None:
         """Take the strain at a place of the mesh, shape (d,), m: that of the nodes, interpolated as displacements are.
-        None where the place is outside the mesh. On the border of two materials it has the value of one of them."""
+
+        None where the place is outside the mesh. On the border of two materials it has the value of one of them.
+        """
         found = _locate(mesh, place)
         if found is None:
             return None

@@ -169,7 +169,9 @@ class BlockLanczos:
         self, n_rigid: int, n_flexible: int, count_below: Callable[[float], int], where: str
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest eigenvalues (n,), rigid ones first, and modes (n_local, n), after they passed all checks.
-        Raises `RunError` if they do not converge, a residual is too large, or eigenvalues are missing."""
+
+        Raises `RunError` if they do not converge, a residual is too large, or eigenvalues are missing.
+        """
         n_pairs = n_rigid + n_flexible
         for attempt in range(1, ATTEMPTS + 1):
             values, vectors = self._converged(n_pairs, where)
@@ -275,9 +277,11 @@ class BodyProblem:
         self._memory, self._factor, self._entry = memory, None, f"bodies.{name}"
 
     def modes(self, n_modes: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return eigenvalues (n_modes,) and elastic modes (n_local, n_modes) of the free body; after `factor`. Raises
-        `InputError` if the stiffness is not positive, or more than rigid motion is free of it; `RunError` if modes do
-        not converge or are missing."""
+        """Return eigenvalues (n_modes,) and elastic modes (n_local, n_modes) of the free body; after `factor`.
+
+        Raises `InputError` if the stiffness is not positive, or more than rigid motion is free of it; `RunError` if
+        modes do not converge or are missing.
+        """
         start = polynomial_fields(self._places, self.comm)
         lanczos = BlockLanczos(self.mass, self.stiffness, self.answers, self._shift, start, self.comm)
         try:

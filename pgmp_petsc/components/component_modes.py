@@ -257,7 +257,9 @@ def _across_axis(
     solid: Solid, nodes: range, subspace: Subspace, mass: Terms, values: Mapping[str, float]
 ) -> np.ndarray:
     """Return what takes vectors of the subspace to the rest beside their part along the axis (`section_coordinates`).
-    The subspace is orthonormal in the mass at the parameter values."""
+
+    The subspace is orthonormal in the mass at the parameter values.
+    """
     x = solid.mesh.nodes[:, 0]
     fields = axial_fields(solid.mesh.nodes[nodes.start : nodes.stop], x.min(), x.max())
     squares = {weight: _projected(matrix, fields, subspace.comm) for weight, matrix in mass.items()}
@@ -402,8 +404,10 @@ class SectionCoordinates:
 
 
 def in_floating_frame(component: Component, nominal: Mapping[str, float]) -> FloatingBody:
-    """Put a flexible condensed body into a floating frame, the mean axes at the nominal parameters. It follows its
-    foreshortening where that is known."""
+    """Put a flexible condensed body into a floating frame, the mean axes at the nominal parameters.
+
+    It follows its foreshortening where that is known.
+    """
     d, modes = component.centres.shape[1], elastic_modes(component, nominal)
     rigid = component.fields @ rigid_motions(np.zeros(d))
     n_frames, n = len(component.frames), modes.shape[1]

@@ -40,8 +40,10 @@ def to_body(mechanism: Mechanism, poses: np.ndarray, vectors: np.ndarray) -> np.
 
 
 def rigid_positions(mechanism: Mechanism, poses: np.ndarray) -> np.ndarray:
-    """Return the undeformed bodies' positions in the inertial frame, as vectors in body frames, shape (n_dofs,). Poses
-    have the shape (n_bodies, n_pose). What belongs to rotations is zero: a position has none."""
+    """Return the undeformed bodies' positions in the inertial frame, as vectors in body frames, shape (n_dofs,).
+
+    Poses have the shape (n_bodies, n_pose). What belongs to rotations is zero: a position has none.
+    """
     d = mechanism.space.dimension
     places = np.zeros(mechanism.n_dofs)
     for (dofs, fields), pose in zip(mechanism.linear_fields, poses):

@@ -133,7 +133,9 @@ class LoopClosure:
 
     def open_and_gap(self, poses: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how far loops at theta (n, n_theta) can still be closed, and the gap that stays, both scaled, (n,).
-        Without redundant constraints all that is open can be closed; nor is a large gap one that they explain."""
+
+        Without redundant constraints all that is open can be closed; nor is a large gap one that they explain.
+        """
         residual = self.residual(poses, theta)
         return self._split(residual, self.newton_step(poses, residual)[1])
 
@@ -151,8 +153,10 @@ class LoopClosure:
         self, poses: np.ndarray, theta: np.ndarray, placed: bool = False, tolerance: float = CLOSURE_TOLERANCE
     ) -> np.ndarray:
         """Run Newton's method at all theta (n, n_theta) together, from poses (n_bodies, n_pose, n), which may be the
-        bodies as `placed`, down to a tolerance of the scaled residual. Raises `InputError` where it does not
-        converge."""
+        bodies as `placed`, down to a tolerance of the scaled residual.
+
+        Raises `InputError` where it does not converge.
+        """
         closed, gap = self.newton(poses, theta, tolerance)
         if not np.all(gap < tolerance):
             self.require_closed(poses, theta, gap, placed)
@@ -196,8 +200,10 @@ class LoopClosure:
         )
 
     def _contradicts(self, poses: np.ndarray, theta: np.ndarray) -> bool:
-        """Return whether loops at poses (n_bodies, n_pose, 1) are as closed as redundant constraints let them be. Loops
-        that do not reach are as near as they can come too, in a configuration in which J is singular."""
+        """Return whether loops at poses (n_bodies, n_pose, 1) are as closed as redundant constraints let them be.
+
+        Loops that do not reach are as near as they can come too, in a configuration in which J is singular.
+        """
         residual, jacobian = self.residual(poses, theta), self.jacobian(poses)
         left = self.newton_step(poses, residual)[1]
         values = np.linalg.svd(self.scaled(jacobian)[0], compute_uv=False)

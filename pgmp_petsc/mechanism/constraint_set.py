@@ -102,8 +102,10 @@ class ConstraintSet:
         return found
 
     def drift(self, q: np.ndarray, v: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
-        """Return ``(dC/dt) v``, shape (n_constraints, ...): what is left of c'' at zero acceleration. `driven` are the
-        angular accelerations of the driven joints, shape (n_driven,), rad/s2."""
+        """Return ``(dC/dt) v``, shape (n_constraints, ...): what is left of c'' at zero acceleration.
+
+        `driven` are the angular accelerations of the driven joints, shape (n_driven,), rad/s2.
+        """
         parts = [part.drift(q, v) for part in self._parts]
         if self.n_driven:
             parts[-1] = parts[-1] - _against(driven, q)

@@ -82,8 +82,11 @@ class ConstraintHessian:
 
 class ConstraintHessians:
     """Second derivatives of joints and clamped coordinates that are not linear, in body frames, at configurations of
-    the rigid mechanism. With the frames ``z(u)`` of the nodes in their displacements u these are ``F^T h F + g.z''``, F
-    the frames' gradient, and g and h the derivatives of a statement in the frames; z'' is zero in the plane."""
+    the rigid mechanism.
+
+    With the frames ``z(u)`` of the nodes in their displacements u these are ``F^T h F + g.z''``, F the frames'
+    gradient, and g and h the derivatives of a statement in the frames; z'' is zero in the plane.
+    """
 
     def __init__(self, mechanism: Mechanism, clamped: Sequence[Coordinate] = ()) -> None:
         self._mechanism = mechanism

@@ -331,8 +331,10 @@ class RigidKinematics:
         return [nearest, lowest, [axis.size // 2 for axis in axes]]
 
     def _check_count(self, poses: np.ndarray) -> int:
-        """Compare the number of coordinates with the degrees of freedom at the assembled configuration. Returns the
-        number of constraints that follow from the others."""
+        """Compare the number of coordinates with the degrees of freedom at the assembled configuration.
+
+        Returns the number of constraints that follow from the others.
+        """
         space, n_bodies = self.mechanism.space, len(self.mechanism.bodies)
         n_poses = (space.n_pose - space.n_tied) * n_bodies
         rank = self._rank(poses)

@@ -68,8 +68,10 @@ class StatementRows:
         self._compile()
 
     def values(self, q: np.ndarray, known: np.ndarray | float = 0.0) -> np.ndarray:
-        """Return the statements, shape (n, ...), for unknowns (n_dofs, ...). In space angles are nearest to `known`,
-        which broadcasts against the result, rad."""
+        """Return the statements, shape (n, ...), for unknowns (n_dofs, ...).
+
+        In space angles are nearest to `known`, which broadcasts against the result, rad.
+        """
         known = np.array(np.broadcast_to(known, (self.n, *q.shape[1:])))
         return self._evaluated(VALUES, self.n, q, known)
 

@@ -46,8 +46,10 @@ class Unknowns:
         return q[: n_pose * n_nodes].reshape(n_nodes, n_pose, *q.shape[1:])
 
     def place(self, poses: np.ndarray) -> np.ndarray:
-        """Return the unknowns (n_dofs, ...) of undeformed bodies at poses (n_bodies, n_pose, ...). In space it is
-        linear in the poses, so that rates of poses give those of the unknowns."""
+        """Return the unknowns (n_dofs, ...) of undeformed bodies at poses (n_bodies, n_pose, ...).
+
+        In space it is linear in the poses, so that rates of poses give those of the unknowns.
+        """
         return placed(self._space, self.bodies, self.n_dofs, poses)
 
     def share(self, rank: int, size: int) -> range:

@@ -186,8 +186,10 @@ class Closure:
 
     @classmethod
     def beside(cls, holonomy: np.ndarray, other: Closure) -> Closure:
-        """Split a holonomy close to that of another closure, so that both take their turn back alike. Raises `RunError`
-        if one of them contains a reflection and the other does not."""
+        """Split a holonomy close to that of another closure, so that both take their turn back alike.
+
+        Raises `RunError` if one of them contains a reflection and the other does not.
+        """
         signs = np.ones(len(holonomy))
         signs[other.flipped if other.flipped >= 0 else slice(0)] = -1.0
         frame, planes, angles, flipped = _planes(signs[:, None] * (other.start.T @ holonomy @ other.start))
@@ -375,8 +377,10 @@ def _torn_groups(
 
 
 def _joined(groups: Sequence[np.ndarray], torn: int, met: np.ndarray) -> list[np.ndarray]:
-    """Join a group with the one that it mixes with most among the overlaps (n, m, m) of all neighbours. Raises
-    `RunError` if there is no other group."""
+    """Join a group with the one that it mixes with most among the overlaps (n, m, m) of all neighbours.
+
+    Raises `RunError` if there is no other group.
+    """
     if len(groups) == 1:
         raise RunError(
             "the modes cannot be followed over the configurations: a mode that is kept meets one that is not, or the "

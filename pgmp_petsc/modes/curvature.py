@@ -213,8 +213,10 @@ class CurvatureProblem:
         return basis @ np.linalg.solve(gram, problem.inner(basis, problem.times_mass(chi) + momenta))
 
     def _dropped_part(self, shape: np.ndarray, part: np.ndarray) -> np.ndarray:
-        """Return of momenta along Psi (m, n_pairs) the components that chi does not keep. S and F are smooth over the
-        configurations, whatever the basis."""
+        """Return of momenta along Psi (m, n_pairs) the components that chi does not keep.
+
+        S and F are smooth over the configurations, whatever the basis.
+        """
         problem, m, everywhere = self._problem, shape.shape[1], self._problem.all_rows(shape)
         rows, columns = np.tril_indices(m)
         stiffness = problem.inner(shape, problem.times_stiffness(shape))

@@ -150,8 +150,10 @@ class ModalProblem:
         self.close()
 
     def solve(self, theta: np.ndarray | float) -> ModeSet:
-        """Compute the modes at one configuration (n_theta,). Raises `RunError` if the eigensolver fails, or the zero
-        eigenvalues are not the mechanism's rigid motion."""
+        """Compute the modes at one configuration (n_theta,).
+
+        Raises `RunError` if the eigensolver fails, or the zero eigenvalues are not the mechanism's rigid motion.
+        """
         theta = np.atleast_1d(theta)
         rigid, curvature = self._move_to(theta)
         released = self.released_motion(theta, rigid)
@@ -196,7 +198,9 @@ class ModalProblem:
 
     def released_motion(self, theta: np.ndarray, rigid: np.ndarray) -> np.ndarray:
         """Return what elastic joints allow at a configuration with its rigid velocity, local rows, as in `ModeSet`.
-        Raises `RunError` if the directions that they release do not part these motions there."""
+
+        Raises `RunError` if the directions that they release do not part these motions there.
+        """
         everywhere = linear_motion(self.mechanism, self.kinematics.motion(theta).released)
         released = everywhere[self.rows.start : self.rows.stop]
         if not released.shape[1]:
@@ -337,8 +341,10 @@ class ModalProblem:
         return np.concatenate(self.comm.allgather(columns))
 
     def check_basis(self, n_static: int, n_parameter: int = 0) -> None:
-        """Refuse more vectors than the mesh has flexible degrees of freedom. Raises `InputError` if modes, static modes
-        and those of other parameter values together are too many."""
+        """Refuse more vectors than the mesh has flexible degrees of freedom.
+
+        Raises `InputError` if modes, static modes and those of other parameter values together are too many.
+        """
         if self.n_modes + n_static + n_parameter > self._available:
             further = f" and {n_parameter} parameter modes" if n_parameter else ""
             raise InputError(
@@ -357,9 +363,11 @@ class ModalProblem:
         self.n_redundant = null.n_redundant
 
     def _find_shift(self) -> None:
-        """Set a shift that fits the first flexible eigenvalue. The shift must be negative, far from zero for
-        round-off's sake, and not far beyond the first flexible eigenvalue, or zero eigenvalues converge late; a first
-        solve with a guess finds the scale."""
+        """Set a shift that fits the first flexible eigenvalue.
+
+        The shift must be negative, far from zero for round-off's sake, and not far beyond the first flexible
+        eigenvalue, or zero eigenvalues converge late; a first solve with a guess finds the scale.
+        """
         n, lowest = self.n_unstrained, self._lowest()
         self._move_to(lowest)
         stiffness, mass = self._pencil.norms()

@@ -100,8 +100,10 @@ def dependent_loads(problem: ModalProblem, modes: ModeSet, loads: np.ndarray) ->
 def _extended(
     problem: ModalProblem, kept: np.ndarray, answers: np.ndarray, sizes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return vectors extended by orthonormal answers, and which answers depend on those before and are left out. Sizes
-    (n_loads,) are those of which round-off leaves a share of `DEPENDENT_TOLERANCE`."""
+    """Return vectors extended by orthonormal answers, and which answers depend on those before and are left out.
+
+    Sizes (n_loads,) are those of which round-off leaves a share of `DEPENDENT_TOLERANCE`.
+    """
     basis, m_basis, dependent = kept, problem.times_mass(kept), np.zeros(len(sizes), dtype=bool)
     inverse = np.linalg.inv(problem.inner(kept, m_basis))
     for number, (rest, size) in enumerate(zip(answers.T[..., None], sizes)):
@@ -125,9 +127,11 @@ def _beside(problem: ModalProblem, basis: np.ndarray, vectors: np.ndarray) -> np
 
 
 def _limits(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np.ndarray:
-    """Return the directions of what is left of each answer in the limit of the configuration of the modes. Along the
-    coordinate that leaves most; shape (n_local, n_loads). All of them come from the neighbours: what is left beside a
-    limit vanishes with it only then. The problem returns to the configuration."""
+    """Return the directions of what is left of each answer in the limit of the configuration of the modes.
+
+    Along the coordinate that leaves most; shape (n_local, n_loads). All of them come from the neighbours: what is left
+    beside a limit vanishes with it only then. The problem returns to the configuration.
+    """
     found = []
     for k, coordinate in enumerate(problem.kinematics.coordinates):
         step = LIMIT_STEP * (coordinate.upper - coordinate.lower)
@@ -213,7 +217,10 @@ class SpringStiffness:
 
     def n_resisted(self, matrices: AffineMatrices, comm: Comm) -> int:
         """Return how many independent rigid motions, of free coordinates and elastic joints, have a stiffness, but for
-        single configurations. Parameters are those of `at`. Collective on `comm`."""
+        single configurations.
+
+        Parameters are those of `at`. Collective on `comm`.
+        """
         lower, upper = (np.array([getattr(c, end) for c in self.kinematics.coordinates]) for end in ("lower", "upper"))
         most = 0
         for share in PLACES[:, : lower.size]:
@@ -278,9 +285,11 @@ class VibrationProblem(ModalProblem):
         self.n_rigid = self.n_unstrained - springs.n_resisted(self.matrices, comm)
 
     def eigenvalues(self, theta: np.ndarray) -> np.ndarray:
-        """Return the eigenvalues at one configuration (n_theta,), ascending, shape (n_modes,), (rad/s)^2. Raises
-        `RunError` if the eigensolver fails, or rigid motions that no spring resists are not what vanishing eigenvalues
-        belong to."""
+        """Return the eigenvalues at one configuration (n_theta,), ascending, shape (n_modes,), (rad/s)^2.
+
+        Raises `RunError` if the eigensolver fails, or rigid motions that no spring resists are not what vanishing
+        eigenvalues belong to.
+        """
         where = self.kinematics.describe(theta)
         blocks = self._springs.at(theta, self.matrices, self.comm)
         self._put(blocks)
@@ -342,8 +351,10 @@ class VibrationProblem(ModalProblem):
         )
 
     def _refined(self, vectors: np.ndarray, rigid: np.ndarray, blocks: list[Block]) -> np.ndarray:
-        """Return Rayleigh quotients, to which the rigid part of a vector adds no strain energy of the bodies. In the
-        solver's own values of soft springs that is the round-off of stiff bodies."""
+        """Return Rayleigh quotients, to which the rigid part of a vector adds no strain energy of the bodies.
+
+        In the solver's own values of soft springs that is the round-off of stiff bodies.
+        """
         bent, everywhere = self.all_rows(self._deflate(vectors, rigid)), self.all_rows(vectors)
         own = slice(self.rows.start, self.rows.stop)
         energies = np.diag(self.inner(bent[own], self._elastic @ bent)).copy()

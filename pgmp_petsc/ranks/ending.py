@@ -78,9 +78,11 @@ def what_is_kept() -> str:
 
 @contextmanager
 def ending_on_signals(rank: int) -> Iterator[None]:
-    """End the process when one of the signals comes within the block; rank 0 says so. A signal that the process was
-    started to ignore stays ignored. Outside of the main thread nothing is done. What an earlier run of the process kept
-    is not this one's."""
+    """End the process when one of the signals comes within the block; rank 0 says so.
+
+    A signal that the process was started to ignore stays ignored. Outside of the main thread nothing is done. What an
+    earlier run of the process kept is not this one's.
+    """
     _kept.clear()
     if threading.current_thread() is not threading.main_thread():
         yield

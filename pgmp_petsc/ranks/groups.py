@@ -41,8 +41,11 @@ class RankGroup:
 
     @classmethod
     def split(cls, world: Comm, ranks_per_group: int, option: str = "--ranks-per-angle") -> RankGroup:
-        """Split all ranks into groups; ranks left over join the last group. Collective on `world`. Who splits closes.
-        `option` is what asks for it, in messages. Raises `InputError` if a group needs more ranks than there are."""
+        """Split all ranks into groups; ranks left over join the last group. Collective on `world`.
+
+        Who splits closes. `option` is what asks for it, in messages. Raises `InputError` if a group needs more ranks
+        than there are.
+        """
         if not 1 <= ranks_per_group <= world.size:
             raise InputError(
                 f"{option} = {ranks_per_group}: allowed are 1 to {world.size}, the number of ranks of this run"
@@ -121,8 +124,10 @@ def deal(comm: Comm, n_pieces: int, work: Work, take: Take) -> None:
 
 
 def deal_to_groups(group: RankGroup, n_pieces: int, work: Work, take: Take) -> None:
-    """As `deal`, with groups of ranks that compute a piece together. Collective on ``group.world``. What `work` raises
-    it has to raise on all ranks of a group."""
+    """As `deal`, with groups of ranks that compute a piece together. Collective on ``group.world``.
+
+    What `work` raises it has to raise on all ranks of a group.
+    """
     if group.comm.size == 1:
         deal(group.roots, n_pieces, work, take)
         return

@@ -161,8 +161,10 @@ def options_of(prefix: str) -> dict[str, str | None]:
 
 
 def option_names(arguments: Sequence[str]) -> list[str]:
-    """Return the names of options as PETSc stores them, without the dash and with pushed prefixes. Raises `InputError`,
-    at a word that is neither an option nor the value of one; PETSc would pass over it in silence."""
+    """Return the names of options as PETSc stores them, without the dash and with pushed prefixes.
+
+    Raises `InputError`, at a word that is neither an option nor the value of one; PETSc would pass over it in silence.
+    """
     names: list[str] = []
     pushed, words = [], iter(arguments)
     previous: str | None = None
@@ -196,8 +198,10 @@ def _is_name(word: str) -> bool:
 
 
 def unused_options(arguments: Sequence[str], comm: Comm) -> list[str]:
-    """Return which of a user's options nothing has used on any rank. Collective on `comm`. Options of PETSc itself,
-    some of which it reads only when it ends, do not count."""
+    """Return which of a user's options nothing has used on any rank. Collective on `comm`.
+
+    Options of PETSc itself, some of which it reads only when it ends, do not count.
+    """
     names = [name for name in option_names(arguments) if not name.startswith(OF_PETSC)]
     if not names:
         return []
@@ -249,8 +253,10 @@ def petsc_solver(prefix: str, activity: str) -> Iterator[None]:
 
 @contextmanager
 def as_raised() -> Iterator[None]:
-    """Let through what Python functions raise that PETSc calls in a block. PETSc 3.18 hands it on; 3.26 raises an error
-    of its own, whose cause it is."""
+    """Let through what Python functions raise that PETSc calls in a block.
+
+    PETSc 3.18 hands it on; 3.26 raises an error of its own, whose cause it is.
+    """
     from petsc4py import PETSc
 
     try:

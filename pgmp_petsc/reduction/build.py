@@ -78,8 +78,10 @@ LOCAL = ("shape", "mass_kept", "built_in")  # arrays of a sample of which every 
 
 
 class BuildCheckpoint(SharedCheckpoint):
-    """The finished part of a build from a scene and meshes; a checkpoint of others is refused. `components` are bodies
-    that are condensed already, by name."""
+    """The finished part of a build from a scene and meshes; a checkpoint of others is refused.
+
+    `components` are bodies that are condensed already, by name.
+    """
 
     def __init__(
         self, output: Path, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, resume: bool
@@ -324,8 +326,10 @@ class _Sampling:
     def joined(
         self, store: SampleStore, loads: Sequence[Load], acted: bool, timings: Timings
     ) -> tuple[JoinedSamples | None, ContinuousBasis | None, AngleRounds]:
-        """Compute samples, round by round, and join them; on the first rank, None elsewhere. Collective. `acted` says
-        whether there are actions, whose forces static modes answer."""
+        """Compute samples, round by round, and join them; on the first rank, None elsewhere. Collective.
+
+        `acted` says whether there are actions, whose forces static modes answer.
+        """
         scene, world, mechanism = self.scene, self.group.world, self.sampler.problem.mechanism
         joined, basis, rounds = None, None, AngleRounds(scene, mechanism, self.way.samples is None)
         first_static = self.sampler.problem.n_modes + self.sampler.problem.n_released

@@ -123,9 +123,11 @@ def _with_given(flipped: np.ndarray, n_given: int) -> np.ndarray:
 def _overlaps(
     group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample], samples: SampleGrid
 ) -> dict[int, np.ndarray]:
-    """Return ``V_k^T M V_before`` of the kept vectors of this group's samples k, shape (n_theta, n_kept, n_kept). The
-    sample before is that along each axis; without one the product is zero. Neighbours are passed on in one order on all
-    groups, so that nobody waits in a circle."""
+    """Return ``V_k^T M V_before`` of the kept vectors of this group's samples k, shape (n_theta, n_kept, n_kept).
+
+    The sample before is that along each axis; without one the product is zero. Neighbours are passed on in one order on
+    all groups, so that nobody waits in a circle.
+    """
     overlaps = {k: np.zeros((samples.n_coordinates, sample.n_kept, sample.n_kept)) for k, sample in own.items()}
     for axis in range(samples.n_coordinates):
         for here, before in enumerate(samples.before(axis)):

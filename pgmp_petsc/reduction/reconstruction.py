@@ -59,8 +59,10 @@ class Reconstruction:
 
     @property
     def displacements(self) -> Interpolant:
-        """Displacements and rotations of the nodes in body frames, values of shape (n_factors, n_unknowns). Factors are
-        the flexible coordinates and, where the model is curved, the products of their pairs."""
+        """Displacements and rotations of the nodes in body frames, values of shape (n_factors, n_unknowns).
+
+        Factors are the flexible coordinates and, where the model is curved, the products of their pairs.
+        """
         return self._shapes
 
     def frames(self, eta: np.ndarray) -> np.ndarray:

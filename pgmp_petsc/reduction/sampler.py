@@ -95,8 +95,10 @@ class Sampler:
         self._probe, self._built_in = probe, built_in
 
     def sample(self, theta: np.ndarray, scramble: Scramble) -> Sample:
-        """Sample one configuration (n_theta,), rad. Raises `RunError` if the eigensolver fails; see
-        `ModalProblem.solve`."""
+        """Sample one configuration (n_theta,), rad.
+
+        Raises `RunError` if the eigensolver fails; see `ModalProblem.solve`.
+        """
         problem = self.problem
         modes = _ascending(scramble(problem.solve(theta)))
         loads = self._loads.at(theta)
@@ -144,8 +146,10 @@ class Sampler:
 
     def _incommensurate(self, n_waves: int) -> np.ndarray:
         """Return incommensurate waves, local rows: no mode shape of any mesh is orthogonal to its own one but by
-        accident. Internal coordinates of condensed bodies have no meaning of their own; the waves over the bodies'
-        meshes have."""
+        accident.
+
+        Internal coordinates of condensed bodies have no meaning of their own; the waves over the bodies' meshes have.
+        """
         mechanism, rows = self.problem.mechanism, self.problem.rows
         numbers = np.arange(mechanism.n_dofs)
         waves = np.cos(

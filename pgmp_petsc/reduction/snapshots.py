@@ -138,8 +138,10 @@ class Compression:
 
 
 def _independent(grams: np.ndarray, squares: np.ndarray, vectors: np.ndarray, most: int) -> list[int]:
-    """Return the leading vectors, by number, that are independent at every configuration with those before them. One
-    that vanishes somewhere, as the answer to a spring does where that lies along a bar, is passed over."""
+    """Return the leading vectors, by number, that are independent at every configuration with those before them.
+
+    One that vanishes somewhere, as the answer to a spring does where that lies along a bar, is passed over.
+    """
     n = int(np.sum(squares > ROUND_OFF * squares[:1]))
     scaled = vectors[:, :n] / np.sqrt(squares[:n])
     everywhere, chosen = scaled.T @ grams @ scaled, []

@@ -235,8 +235,10 @@ class BuiltInStress:
         self._offsets = offset_values(scene, scene.values)
 
     def at(self, modes: ModeSet) -> np.ndarray:
-        """Return it in the modes, ``Psi^T K Psi``, shape (n_modes, n_modes), of first order in the offsets. Raises what
-        `BuiltIn.at` and `CurvatureProblem.solve` raise."""
+        """Return it in the modes, ``Psi^T K Psi``, shape (n_modes, n_modes), of first order in the offsets.
+
+        Raises what `BuiltIn.at` and `CurvatureProblem.solve` raise.
+        """
         problem, n = self._problem, modes.flexible.shape[1]
         if not self._offsets.size:
             return np.zeros((n, n))

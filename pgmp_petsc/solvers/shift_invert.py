@@ -205,8 +205,10 @@ def use_cholesky(ksp: PETSc.KSP) -> None:
 
 
 def check_factor(ksp: PETSc.KSP, what: str, files: FactorFiles | None = None) -> None:
-    """Raise where a direct solver's last factorisation, or its last solve, failed. Collective on the solver. Raises
-    `RunError`, with MUMPS' own error and the size of the system."""
+    """Raise where a direct solver's last factorisation, or its last solve, failed. Collective on the solver.
+
+    Raises `RunError`, with MUMPS' own error and the size of the system.
+    """
     pc = ksp.getPC()
     factor = pc.getFactorMatrix() if pc.getType() in ("cholesky", "lu") else None
     if factor and factor.handle and pc.getFactorSolverType() == MUMPS and factor.getMumpsInfog(1) < 0:
@@ -219,8 +221,10 @@ def check_factor(ksp: PETSc.KSP, what: str, files: FactorFiles | None = None) ->
 
 
 def apply_inverse(ksp: PETSc.KSP, columns: np.ndarray, what: str) -> np.ndarray:
-    """Return what a solver answers to local columns (n_local, k). Collective on the solver. Raises `RunError` if a
-    solve fails, or its answer is not finite."""
+    """Return what a solver answers to local columns (n_local, k). Collective on the solver.
+
+    Raises `RunError` if a solve fails, or its answer is not finite.
+    """
     if ksp.getType() == "preonly" and ksp.getPC().getType() == "cholesky":
         # all columns at once: many times faster than one by one, above all on several ranks and with files
         result = solve_columns(ksp.getPC().getFactorMatrix(), columns)
@@ -279,7 +283,10 @@ LONGEST = 200  # characters of a path that MUMPS takes, and its names besides
 
 
 class FactorFiles:
-    """A new folder. Of one rank; who makes it closes it. Raises `InputError` if it cannot be made."""
+    """A new folder. Of one rank; who makes it closes it.
+
+    Raises `InputError` if it cannot be made.
+    """
 
     def __init__(self) -> None:
         given = os.environ.get(VARIABLE)
@@ -474,8 +481,10 @@ class ShiftInvertSolver:
         raise failure
 
     def _subspaces(self, size: int, wanted: int) -> list[int]:
-        """Return the subspace sizes to try: the user's, or growing ones. Copies of equal eigenvalues can escape a small
-        Krylov space, which grows from a single vector."""
+        """Return the subspace sizes to try: the user's, or growing ones.
+
+        Copies of equal eigenvalues can escape a small Krylov space, which grows from a single vector.
+        """
         if self._user_subspace:
             return [min(size, self._user_subspace)]
         usual = max(2 * wanted, wanted + 16)
@@ -501,8 +510,10 @@ class ShiftInvertSolver:
         return EigenPairs(values[:n_pairs], vectors[:, :n_pairs], values[n_pairs:])
 
     def factor(self, a: PETSc.Mat, b: PETSc.Mat) -> None:
-        """Factor ``A - sigma B`` for `apply_inverse`, without solving for eigenpairs. Raises `RunError` if the
-        factorisation fails."""
+        """Factor ``A - sigma B`` for `apply_inverse`, without solving for eigenpairs.
+
+        Raises `RunError` if the factorisation fails.
+        """
         self._eps.setOperators(a, b)
         ksp = self._eps.getST().getKSP()
         with petsc_solver(self._prefix, f"factorisation with the shift {self.shift:.6g}"):
@@ -511,8 +522,10 @@ class ShiftInvertSolver:
         check_factor(ksp, f"factorisation with the shift {self.shift:.6g}")
 
     def apply_inverse(self, columns: np.ndarray) -> np.ndarray:
-        """Return ``(A - sigma B)^-1`` times local columns (n_local, k), with the last factor. Raises `RunError` if a
-        solve fails."""
+        """Return ``(A - sigma B)^-1`` times local columns (n_local, k), with the last factor.
+
+        Raises `RunError` if a solve fails.
+        """
         ksp, what = self._eps.getST().getKSP(), f"linear system with the shift {self.shift:.6g}"
         with petsc_solver(self._prefix, what):
             return apply_inverse(ksp, columns, what)
@@ -529,7 +542,9 @@ class ShiftInvertSolver:
         return values[order], vectors[:, order]
 
     def count_below(self, a: PETSc.Mat, b: PETSc.Mat, tau: float) -> int:
-        """Return the number of eigenvalues below tau, from the inertia of ``A - tau B``. Raises `RunError` if the
-        factorisation fails."""
+        """Return the number of eigenvalues below tau, from the inertia of ``A - tau B``.
+
+        Raises `RunError` if the factorisation fails.
+        """
         self._count.factor(a, b, tau, f"count of the eigenvalues below {tau:.6g}")
         return self._count.negative_pivots()
