@@ -180,10 +180,16 @@ class AffineSum:
 def evaluate_weights(monomials: Iterable[Monomial], values: Mapping[str, np.ndarray | float]) -> np.ndarray:
     """Stack the weights of several terms.
 
-    Returns shape (n_terms,) or (n_terms, n_samples).
+    Parameters
+    ----------
+    monomials
+        The n_terms weights.
+    values
+        Parameter values, scalars or arrays of shape (n_samples,).
 
-    monomials: the n_terms weights
-    values: parameter values, scalars or arrays of shape (n_samples,)
+    Returns
+    -------
+    ndarray, shape (n_terms,) or (n_terms, n_samples)
     """
     monomials = list(monomials)
     shape = np.broadcast_shapes(*(np.shape(value) for value in values.values())) if values else ()

@@ -92,11 +92,18 @@ def check_places(nodes: np.ndarray, received: str) -> None:
 def check_diagonal(matrix: sp.coo_matrix, kind: str, labels: np.ndarray, d: int, received: str, unit: float) -> None:
     """Refuse boundary conditions, and nodes without stiffness or mass.
 
-    matrix: in the scene's units, of shape (d n_nodes, d n_nodes)
-    kind: ``"stiffness"`` or ``"mass"``
-    labels: numbers of the nodes, shape (n_nodes,)
-    received: the scene's entry and its value, with which messages begin
-    unit: that of the file in the scene's units
+    Parameters
+    ----------
+    matrix
+        In the scene's units, of shape (d n_nodes, d n_nodes).
+    kind
+        ``"stiffness"`` or ``"mass"``.
+    labels
+        Numbers of the nodes, shape (n_nodes,).
+    received
+        The scene's entry and its value, with which messages begin.
+    unit
+        That of the file in the scene's units.
     """
     diagonal = matrix.diagonal() / unit
     held = np.flatnonzero(np.abs(diagonal) >= PENALTY)

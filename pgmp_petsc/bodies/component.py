@@ -42,8 +42,11 @@ MASSLESS = 1e-9  # over the largest translational mass of a term: round-off of n
 class Component:
     """A condensed body.
 
-    moments: ``int rho u_i v_j dV`` of unit unknowns by weight, shape (d, d, n, n), i and u first; their trace is the
-        mass. Empty of rigid bodies, and of those read back from a reduced model, whose tables hold it
+    Attributes
+    ----------
+    moments
+        ``int rho u_i v_j dV`` of unit unknowns by weight, shape (d, d, n, n), i and u first; their trace is the mass.
+        Empty of rigid bodies, and of those read back from a reduced model, whose tables hold it.
     """
 
     frames: dict[str, int]  # name and number (from 0) of every frame

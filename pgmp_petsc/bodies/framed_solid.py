@@ -47,11 +47,18 @@ class FramedSolid:
         Raises `InputError` if a region or a group is missing, overlaps another one, or is too small to carry a
         rotation; with a scaled cross-section, if a group is no section across the x axis.
 
-        name, entry: the body in the scene
-        materials: of the scene
-        mesh: of the body
-        points: groups of faces that the scene names, with the entry that names each
-        profiles: what its constants are multiplied by, cell by cell
+        Parameters
+        ----------
+        name, entry
+            The body in the scene.
+        materials
+            Of the scene.
+        mesh
+            Of the body.
+        points
+            Groups of faces that the scene names, with the entry that names each.
+        profiles
+            What its constants are multiplied by, cell by cell.
         """
         frames = {}
         for point, blame in points.items():

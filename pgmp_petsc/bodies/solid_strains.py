@@ -92,9 +92,14 @@ class SolidStrains:
     def at_nodes(cls, mesh: SolidMesh, materials: Sequence[np.ndarray], nodes: np.ndarray) -> SolidStrains:
         """Take strains at nodes, one point for every material that a node is in.
 
-        mesh: the body's
-        materials: cells of each material, each of shape (n,)
-        nodes: numbers of the nodes, shape (n,)
+        Parameters
+        ----------
+        mesh
+            The body's.
+        materials
+            Cells of each material, each of shape (n,).
+        nodes
+            Numbers of the nodes, shape (n,).
         """
         owner = _owners(mesh, materials)
         chosen = np.flatnonzero(np.isin(mesh.cells, nodes).any(axis=1))

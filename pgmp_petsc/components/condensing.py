@@ -87,13 +87,23 @@ def condensed(
     """Return the shapes of a scene's bodies with every mesh of continuum elements, and matrices, condensed. Collective
     on ``group.world``.
 
-    Raises `InputError`, `RunError` on all ranks, whichever rank met it.
+    Parameters
+    ----------
+    shapes
+        By body; what is no continuum mesh stays as it is.
+    group
+        Ranks that share a body.
+    finished
+        Bodies that are condensed already, and where to keep others.
+    timings
+        Gets this rank's wall time of the phases of `condense`.
+    large
+        Whether what is of second order in the deformation is wanted; None where the scene says so.
 
-    shapes: by body; what is no continuum mesh stays as it is
-    group: ranks that share a body
-    finished: bodies that are condensed already, and where to keep others
-    timings: gets this rank's wall time of the phases of `condense`
-    large: whether what is of second order in the deformation is wanted; None where the scene says so
+    Raises
+    ------
+    InputError, RunError
+        On all ranks, whichever rank met it.
     """
     done = dict(shapes) | dict({} if finished is None else finished.components)
     waiting = [name for name, shape in done.items() if to_condense(shape)]
@@ -255,8 +265,12 @@ def floating_shapes(
 
     Raises `RunError` if an eigenproblem fails; on all ranks, whichever rank met it.
 
-    shapes: by the name of the body
-    bodies: that were made of them
+    Parameters
+    ----------
+    shapes
+        By the name of the body.
+    bodies
+        That were made of them.
     """
     flexible = [body for body in bodies if body.flexible]
     own, found = flexible[comm.rank :: comm.size], {}

@@ -56,13 +56,25 @@ CLOSURE_TOLERANCE = 1e-12  # of the mechanism's size (positions) or of 1 rad
 class LoopClosure:
     """Closure and driving equations of a mechanism.
 
-    mechanism: the mechanism; all its coordinates drive
-    size: a length that is typical of the mechanism: the largest extent of a body, m
-    n_coordinates: number of independent rigid coordinates n_theta
-    scales: what small changes of the coordinates are measured against, 1 rad or the size, shape (n_theta,)
-    equations: all that its solutions depend on; what is the same has the same
-    jacobian: from poses (n_bodies, n_pose, n) to d(residual)/dP, shape (n, n_constraints + n_theta, n_pose n_bodies)
-    has_redundant: whether joints and coordinates say more than poses can obey, so that a gap may be left
+    Parameters
+    ----------
+    mechanism
+        The mechanism; all its coordinates drive.
+
+    Attributes
+    ----------
+    size
+        A length that is typical of the mechanism: the largest extent of a body, m.
+    n_coordinates
+        Number of independent rigid coordinates n_theta.
+    scales
+        What small changes of the coordinates are measured against, 1 rad or the size, shape (n_theta,).
+    equations
+        All that its solutions depend on; what is the same has the same.
+    jacobian
+        From poses (n_bodies, n_pose, n) to d(residual)/dP, shape (n, n_constraints + n_theta, n_pose n_bodies).
+    has_redundant
+        Whether joints and coordinates say more than poses can obey, so that a gap may be left.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -460,7 +472,10 @@ class ReleasedClosure:
     where j goes over as many independent ones of the released directions as there are such motions: a frame on two
     mounts in the plane has three, of the six directions that these release.
 
-    closure: the closure of the configuration, whose joints are locked
+    Parameters
+    ----------
+    closure
+        The closure of the configuration, whose joints are locked.
     """
 
     def __init__(self, closure: LoopClosure) -> None:

@@ -25,10 +25,18 @@ class ConstraintJacobian:
     Rows are those that the joints hold in the motion, of the clamped coordinates, and of the ties of frames to the
     meshes of continuum bodies.
 
-    mechanism: the mechanism
-    clamped: coordinates that are held: the statement of each is one more constraint
-    pattern: a matrix with the nonzero pattern, shape (n_held + n_clamped + n_ties, n_dofs). What no constraint feels at
-        any configuration is not in it: such an unknown must not become a dependent one
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    clamped
+        Coordinates that are held: the statement of each is one more constraint.
+
+    Attributes
+    ----------
+    pattern
+        A matrix with the nonzero pattern, shape (n_held + n_clamped + n_ties, n_dofs). What no constraint feels
+        at any configuration is not in it: such an unknown must not become a dependent one.
     """
 
     def __init__(self, mechanism: Mechanism, clamped: Sequence[Coordinate] = ()) -> None:

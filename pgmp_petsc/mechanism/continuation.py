@@ -185,15 +185,30 @@ MOST_AT_ONCE = 32  # steps that are guessed from one configuration
 class Continuation:
     """Poses of one branch over a tensor grid, first axis first.
 
-    Raises `InputError` where the mechanism cannot close, or J is singular.
+    Parameters
+    ----------
+    closure
+        The equations of the mechanism.
+    axes
+        Equidistant coordinate values along each axis, the ends of the range included, rad.
+    start
+        Numbers of the assembled configuration along the axes.
+    poses
+        The poses there, shape (n_bodies, 3, 1).
 
-    closure: the equations of the mechanism
-    axes: equidistant coordinate values along each axis, the ends of the range included, rad
-    start: numbers of the assembled configuration along the axes
-    poses: the poses there, shape (n_bodies, 3, 1)
-    theta: configurations, the last coordinate fastest, shape (n, n_theta)
-    poses: shape (n_bodies, 3, n)
-    shape: number of configurations along each axis
+    Attributes
+    ----------
+    theta
+        Configurations, the last coordinate fastest, shape (n, n_theta).
+    poses
+        Shape (n_bodies, 3, n).
+    shape
+        Number of configurations along each axis.
+
+    Raises
+    ------
+    InputError
+        Where the mechanism cannot close, or J is singular.
     """
 
     def __init__(
@@ -395,9 +410,14 @@ MOST_KEPT = 100_000  # places
 class Walk:
     """Where a mechanism is assembled, and the way to other configurations, over places of a lattice about it.
 
-    closure: loop closure of the mechanism
-    theta: configuration where it is assembled, shape (n_theta,), rad
-    poses: its poses there, shape (n_bodies, n_pose, 1)
+    Parameters
+    ----------
+    closure
+        Loop closure of the mechanism.
+    theta
+        Configuration where it is assembled, shape (n_theta,), rad.
+    poses
+        Its poses there, shape (n_bodies, n_pose, 1).
     """
 
     def __init__(self, closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> None:

@@ -174,9 +174,15 @@ class Mechanism:
     def place(self, poses: np.ndarray) -> np.ndarray:
         """Place the undeformed bodies: rho of eq. (4).
 
-        Returns shape (n_dofs, ...): unknowns q.
+        Parameters
+        ----------
+        poses
+            Rigid poses ``(X, Y, Phi)``, shape (n_bodies, 3, ...).
 
-        poses: rigid poses ``(X, Y, Phi)``, shape (n_bodies, 3, ...)
+        Returns
+        -------
+        ndarray, shape (n_dofs, ...)
+            Unknowns q.
         """
         return placed(self.space, self.bodies, self.n_dofs, poses)
 
@@ -205,9 +211,16 @@ class Mechanism:
         return vectors[: per_node * self.n_nodes].reshape(self.n_nodes, per_node, *vectors.shape[1:])
 
     def place_rates(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
-        """Return ``d rho / d theta`` in the inertial frame, shape (n_dofs, n_theta).
+        """Return ``d rho / d theta`` in the inertial frame.
 
-        poses, rates: one configuration, shape (n_bodies, 3), and ``dP/dtheta``, shape (n_bodies, 3, n_theta)
+        Parameters
+        ----------
+        poses, rates
+            One configuration, shape (n_bodies, 3), and ``dP/dtheta``, shape (n_bodies, 3, n_theta).
+
+        Returns
+        -------
+        ndarray, shape (n_dofs, n_theta)
         """
         result = np.zeros((self.n_dofs, rates.shape[2]))
         nodal = self.by_node(result)

@@ -20,10 +20,19 @@ N_POSE = SPATIAL.n_pose
 class Unknowns:
     """The numbering of a mechanism's unknowns.
 
-    mechanism: its flexible bodies on their meshes, where they are solids in space
-    bodies: the mechanism's, with internal coordinates numbered as here
-    dimension: 2 or 3
-    n_dofs: number of unknowns
+    Parameters
+    ----------
+    mechanism
+        Its flexible bodies on their meshes, where they are solids in space.
+
+    Attributes
+    ----------
+    bodies
+        The mechanism's, with internal coordinates numbered as here.
+    dimension
+        2 or 3.
+    n_dofs
+        Number of unknowns.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:

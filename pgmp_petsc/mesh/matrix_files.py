@@ -236,7 +236,10 @@ def read_rows(path: Path, received: str) -> np.ndarray:
 
     Raises `InputError` if there is no such file, a line is none of the kind, or rows are missing or there twice.
 
-    Returns shape (n, 2): node and direction of every row.
+    Returns
+    -------
+    ndarray of int, shape (n, 2)
+        Node and direction of every row.
     """
     check_file(path, received, "a list of rows is needed (row, node, direction)")
     found = {}

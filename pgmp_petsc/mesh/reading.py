@@ -103,7 +103,10 @@ def _unreadable(received: str, reason: str) -> InputError:
 def usable(received: str) -> Iterator[None]:
     """Turn whatever goes wrong with what a damaged file seemed to hold into one message.
 
-    Raises `InputError` instead of any other exception within the block.
+    Raises
+    ------
+    InputError
+        Instead of any other exception within the block.
     """
     try:
         yield

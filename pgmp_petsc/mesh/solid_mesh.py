@@ -124,8 +124,12 @@ def reference_element(kind: str) -> ReferenceElement:
 def shape_gradients(kind: str, points: np.ndarray) -> np.ndarray:
     """Return the gradients of an element's shape functions in reference coordinates, shape (n_points, d, n_nodes).
 
-    kind: str. meshio's name of the cell type
-    points: ndarray of float, shape (n_points, d). Reference coordinates
+    Parameters
+    ----------
+    kind : str
+        meshio's name of the cell type.
+    points : ndarray of float, shape (n_points, d)
+        Reference coordinates.
     """
     return _tabulated(kind, reference_element(kind).nodes, points)[1]
 
@@ -246,7 +250,10 @@ def _known(names: dict[str, np.ndarray]) -> str:
 def set_numbers(rows: np.ndarray) -> np.ndarray:
     """Number rows (n, k) so that two of them have the same number where they hold the same nodes, in any order.
 
-    Returns shape (n,): from zero without gaps, growing with the lowest node of the row.
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        From zero without gaps, growing with the lowest node of the row.
     """
     rows = np.sort(rows, axis=1)
     order = np.lexsort(rows.T[::-1])  # many times faster than np.unique of rows

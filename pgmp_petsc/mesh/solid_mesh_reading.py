@@ -173,8 +173,12 @@ OF_SETS = ("ELEMENT", "ELSET", "NSET")  # cards that hold sets, or name one
 def check_sets(path: Path, received: str) -> None:
     """Refuse the sets of an Abaqus file that meshio would read wrongly; do nothing for other files.
 
-    path: Path. A file that meshio has read
-    received: str. The scene's entry and its value, with which messages begin
+    Parameters
+    ----------
+    path : Path
+        A file that meshio has read.
+    received : str
+        The scene's entry and its value, with which messages begin.
     """
     if path.suffix.lower() != SUFFIX:
         return
@@ -361,7 +365,9 @@ def renumbered(mesh: SolidMesh) -> SolidMesh:
 def compact_order(n_nodes: int, cells: np.ndarray) -> np.ndarray:
     """Return the nodes of a connected mesh in the order of reverse Cuthill-McKee, shape (n_nodes,).
 
-    cells: ndarray of int, shape (n_cells, n_cell_nodes)
+    Parameters
+    ----------
+    cells : ndarray of int, shape (n_cells, n_cell_nodes)
     """
     edges = incidence_edges(n_nodes, cells)
     start = n_nodes + len(cells)
@@ -393,7 +399,10 @@ VERSION = b"4.1"
 def complete_physical_groups(mesh: meshio.Mesh, path: Path) -> None:
     """Set the mesh's cell sets to all cells of each physical group, if `path` is a file of this format.
 
-    mesh: meshio.Mesh. What meshio has read from the file
+    Parameters
+    ----------
+    mesh : meshio.Mesh
+        What meshio has read from the file.
     """
     groups = entity_groups(path)
     if not groups or "gmsh:geometrical" not in mesh.cell_data:

@@ -57,7 +57,10 @@ SUBSET = 0.2  # of all eigenvectors: for more of them QR iterations for all are 
 class DensePencil:
     """A pencil that one rank has whole; methods and attributes are those of `SparsePencil`.
 
-    mass, stiffness: shape (n_dofs, n_dofs)
+    Parameters
+    ----------
+    mass, stiffness
+        Shape (n_dofs, n_dofs).
     """
 
     def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix) -> None:
@@ -305,9 +308,17 @@ def congruent(matrix: np.ndarray, factor: np.ndarray) -> np.ndarray:
 class SparsePencil:
     """A pencil that ranks share; each has a range of rows. Collective on `comm`.
 
-    mass, stiffness: this rank's rows, shape (n_local, n_dofs)
-    comm: ranks that share the pencil
-    shift: sigma, below all eigenvalues; see `shift_to`
+    Parameters
+    ----------
+    mass, stiffness
+        This rank's rows, shape (n_local, n_dofs).
+    comm
+        Ranks that share the pencil.
+
+    Attributes
+    ----------
+    shift
+        sigma, below all eigenvalues; see `shift_to`.
     """
 
     def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix, comm: Comm) -> None:

@@ -84,15 +84,28 @@ RIGID_TOLERANCE = 1e-5  # largest "zero" eigenvalue over the first flexible one;
 class ModalProblem:
     """Modes of a mechanism at any configuration, for fixed parameter values. Collective on `comm`.
 
-    Raises `InputError` if the mesh has fewer flexible modes than asked for.
+    Parameters
+    ----------
+    values
+        Parameter values at which M and K are taken.
+    n_modes
+        Number of flexible modes.
+    comm
+        Ranks that share one eigenproblem.
+    matrices
+        The rows that this rank has of the mechanism's matrices (`owned_rows`), where they are assembled already.
 
-    values: parameter values at which M and K are taken
-    n_modes: number of flexible modes
-    comm: ranks that share one eigenproblem
-    matrices: the rows that this rank has of the mechanism's matrices (`owned_rows`), where they are assembled already
-    clamped: coordinates that follow given motions
-    n_released, n_unstrained: numbers of motions that elastic joints allow, and of all vanishing eigenvalues: those of
-        free coordinates too
+    Attributes
+    ----------
+    clamped
+        Coordinates that follow given motions.
+    n_released, n_unstrained
+        Numbers of motions that elastic joints allow, and of all vanishing eigenvalues: those of free coordinates too.
+
+    Raises
+    ------
+    InputError
+        If the mesh has fewer flexible modes than asked for.
     """
 
     def __init__(
@@ -168,8 +181,12 @@ class ModalProblem:
     def resume(self, theta: np.ndarray, eigenvalues: np.ndarray, flexible: np.ndarray) -> ModeSet:
         """Return to a configuration whose modes are known: `static_answers` holds there again.
 
-        theta: the configuration, shape (n_theta,), rad
-        eigenvalues, flexible: as they were found there
+        Parameters
+        ----------
+        theta
+            The configuration, shape (n_theta,), rad.
+        eigenvalues, flexible
+            As they were found there.
         """
         rigid, curvature = self._move_to(theta)
         self._pencil.factor()
@@ -226,7 +243,10 @@ class ModalProblem:
     def independent(self, loads: np.ndarray) -> np.ndarray:
         """Leave out the loads that are combinations of those before them, or that clamped joints take up.
 
-        loads: in body frames, local rows, shape (n_local, n_loads)
+        Parameters
+        ----------
+        loads
+            In body frames, local rows, shape (n_local, n_loads).
         """
         clamps = self.constraints_at(self.mechanism.first_guess)[self._clamp_rows].toarray().T
         chosen = np.empty((len(loads), 0))
@@ -240,17 +260,26 @@ class ModalProblem:
         return chosen[:, clamps.shape[1] :]
 
     def static_answers(self, kept: np.ndarray, loads: np.ndarray, what: str = "static mode") -> np.ndarray:
-        """Return ``K^-1 f`` with vectors deflated from f and from the answers, by iterative refinement, shape (n_local,
-        n_loads): in the null space of the constraints and M-orthogonal to `kept`.
+        """Return ``K^-1 f`` with vectors deflated from f and from the answers, by iterative refinement.
 
         The refinement takes the shift-invert factor at hand, ``x <- x + (K - sigma M)^-1 (f - K x)``, which contracts
         by ``|sigma| / (lambda + |sigma|)`` along an eigenvector. Along those that are known, the slowest ones, the step
         is made exact: what is left contracts as the first unknown one does. Raises `RunError` if the refinement does
         not converge.
 
-        kept: eigenvectors at the configuration that the problem is at, local rows, shape (n_local, n_kept)
-        loads: in body frames, local rows, shape (n_local, n_loads)
-        what: what is being computed, for messages
+        Parameters
+        ----------
+        kept
+            Eigenvectors at the configuration that the problem is at, local rows, shape (n_local, n_kept).
+        loads
+            In body frames, local rows, shape (n_local, n_loads).
+        what
+            What is being computed, for messages.
+
+        Returns
+        -------
+        ndarray, shape (n_local, n_loads)
+            In the null space of the constraints and M-orthogonal to `kept`.
         """
         m_kept = self.times_mass(kept)
         inverse = np.linalg.inv(self.inner(kept, m_kept))

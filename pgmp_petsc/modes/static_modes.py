@@ -60,15 +60,24 @@ LoadsAt = Callable[[ModalProblem, ModeSet], np.ndarray]
 
 
 def static_modes(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np.ndarray:
-    """Return what the modes miss of the static answers to loads (`ModalProblem.static_answers`), shape (n_local,
-    n_static): M-orthonormal, and M-orthogonal to `modes`.
+    """Return what the modes miss of the static answers to loads (`ModalProblem.static_answers`).
 
     Collective on the problem's communicator. Raises `RunError` if an answer is a combination of the modes and the
     others at neighbouring configurations too.
 
-    problem: at a configuration
-    modes: modes there
-    loads_at: gives the loads where the problem is, in body frames, local rows, shape (n_local, n_loads)
+    Parameters
+    ----------
+    problem
+        At a configuration.
+    modes
+        Modes there.
+    loads_at
+        Gives the loads where the problem is, in body frames, local rows, shape (n_local, n_loads).
+
+    Returns
+    -------
+    ndarray, shape (n_local, n_static)
+        M-orthonormal, and M-orthogonal to `modes`.
     """
     kept, loads = modes.eigenvectors, loads_at(problem, modes)
     if not len(loads.T):
@@ -90,8 +99,12 @@ def static_modes(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np
 def dependent_loads(problem: ModalProblem, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
     """Return whose static answers are combinations of the modes and of the answers before, shape (n_loads,).
 
-    problem, modes: as those of `static_modes`
-    loads: in body frames, local rows, shape (n_local, n_loads)
+    Parameters
+    ----------
+    problem, modes
+        As those of `static_modes`.
+    loads
+        In body frames, local rows, shape (n_local, n_loads).
     """
     answers = problem.static_answers(modes.eigenvectors, loads)
     return _extended(problem, modes.eigenvectors, answers, problem.norms(answers))[1]
@@ -170,9 +183,17 @@ NEGATIVE = 1e-12  # eigenvalue of a block, as a share of its largest one
 class SpringStiffness:
     """Stiffness of springs and preload at any configuration.
 
-    weights: conservative effects that load the mechanism; None for the unloaded state
-    dofs: unknowns of every block, the same at all configurations
-    free: numbers of the coordinates that are not prescribed
+    Parameters
+    ----------
+    weights
+        Conservative effects that load the mechanism; None for the unloaded state.
+
+    Attributes
+    ----------
+    dofs
+        Unknowns of every block, the same at all configurations.
+    free
+        Numbers of the coordinates that are not prescribed.
     """
 
     def __init__(
@@ -196,7 +217,10 @@ class SpringStiffness:
     def at(self, theta: np.ndarray, matrices: AffineMatrices, comm: Comm) -> list[Block]:
         """Return the blocks at a configuration (n_theta,), rad; the same on all ranks. Collective on `comm`.
 
-        matrices: the rows that a rank of `comm` has of the mechanism's matrices: the weights are made of them
+        Parameters
+        ----------
+        matrices
+            The rows that a rank of `comm` has of the mechanism's matrices: the weights are made of them.
         """
         poses = self.kinematics.motion(theta).poses
         loaded = self._weights is not None
@@ -272,10 +296,17 @@ ROUND_OFF = 1e-12  # of an eigenvalue, as a share of the first one that is of th
 class VibrationProblem(ModalProblem):
     """Vibrations at any configuration, for fixed parameter values. Collective on `comm`.
 
-    springs: what springs add to the stiffness; it knows kinematics and parameter values
-    values, n_modes, comm: as for `ModalProblem`; `n_modes` counts all frequencies but those of rigid motions that no
-        spring resists
-    n_rigid: number of these rigid motions
+    Parameters
+    ----------
+    springs
+        What springs add to the stiffness; it knows kinematics and parameter values.
+    values, n_modes, comm
+        As for `ModalProblem`; `n_modes` counts all frequencies but those of rigid motions that no spring resists.
+
+    Attributes
+    ----------
+    n_rigid
+        Number of these rigid motions.
     """
 
     def __init__(self, springs: SpringStiffness, values: Mapping[str, float], n_modes: int, comm: Comm) -> None:

@@ -34,11 +34,19 @@ def agreed(comm: Comm, activity: str) -> Iterator[None]:
 
     The block itself must contain no collective operation on ``comm``: a rank that fails skips the rest of it.
 
-    Raises the error of the lowest failing rank, with its type and message. The failing rank keeps its own
-    traceback, `RunError` where that rank failed with any other exception; its traceback is printed to stderr there.
+    Parameters
+    ----------
+    comm : mpi4py.Comm
+        The ranks that run the block.
+    activity : str
+        What the block does, as a noun phrase ("reading the mesh"); part of the message of a `RunError`.
 
-    comm: mpi4py.Comm. The ranks that run the block
-    activity: str. What the block does, as a noun phrase ("reading the mesh"); part of the message of a `RunError`
+    Raises
+    ------
+    PgmpError
+        That of the lowest failing rank, with its type and message. The failing rank keeps its own traceback.
+    RunError
+        Where that rank failed with any other exception; its traceback is printed to stderr there.
     """
     failure: PgmpError | None = None
     try:

@@ -104,8 +104,12 @@ def start_petsc(arguments: Sequence[str] = (), comm: Comm | None = None) -> None
 
     Raises `InputError` if a word is no option, PETSc refuses one, or there is no PETSc that would take them.
 
-    arguments: options; PETSc that runs already has had its own
-    comm: what PETSc takes for its world, COMM_WORLD if not given; it is used until the program ends
+    Parameters
+    ----------
+    arguments
+        Options; PETSc that runs already has had its own.
+    comm
+        What PETSc takes for its world, COMM_WORLD if not given; it is used until the program ends.
     """
     option_names(arguments)
     if not has_petsc():
@@ -231,8 +235,12 @@ def petsc_solver(prefix: str, activity: str) -> Iterator[None]:
     Raises `InputError` if PETSc refuses the value of one of the options with the prefix; `RunError` if anything else
     fails in PETSc.
 
-    prefix: options prefix of the object that the block works on
-    activity: what the block does, with the configuration, for messages
+    Parameters
+    ----------
+    prefix
+        Options prefix of the object that the block works on.
+    activity
+        What the block does, with the configuration, for messages.
     """
     from petsc4py import PETSc
 

@@ -52,15 +52,23 @@ def build_over_lengths(
 ) -> ReducedOrderModel | None:
     """Build the model at the nominal lengths with its family. Collective on `comm`.
 
-    Returns None but on the first rank.
+    Parameters
+    ----------
+    scene, meshes
+        The scene, with parameters that are lengths, places or ratios, and the mesh of every body at any lengths.
+    build
+        Builds the model of a scene whose lengths are those of its run, at given configurations and with vectors from
+        given parameter values, or those that the scene asks for; collective, None on all ranks but the first.
 
-    Raises `InputError`, `RunError` on all ranks, with the lengths at which a build failed, or if models of different
-    lengths do not fit together.
+    Returns
+    -------
+    ReducedOrderModel or None
+        The model on the first rank, None elsewhere.
 
-    scene, meshes: the scene, with parameters that are lengths, places or ratios, and the mesh of every body at any
-        lengths
-    build: builds the model of a scene whose lengths are those of its run, at given configurations and with vectors from
-        given parameter values, or those that the scene asks for; collective, None on all ranks but the first
+    Raises
+    ------
+    InputError, RunError
+        On all ranks, with the lengths at which a build failed, or if models of different lengths do not fit together.
     """
     grid = LengthGrid.of(scene)
 

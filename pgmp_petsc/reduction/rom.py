@@ -264,7 +264,10 @@ class LengthFamily:
         Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths. Raises `InputError` if the
         mechanism cannot be closed with these lengths.
 
-        nominal: the model at the nominal lengths, which the family belongs to
+        Parameters
+        ----------
+        nominal
+            The model at the nominal lengths, which the family belongs to.
         """
         kinematics = self.kinematics(scene, nominal, None)
         mechanism = kinematics.mechanism
@@ -399,7 +402,10 @@ class Served:
 def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
     """Return the ranges of the parameters that the tables of a reduced model depend on, by name.
 
-    built: the scene that it was built from
+    Parameters
+    ----------
+    built
+        The scene that it was built from.
     """
     weights = (*rom.tables.mass_weights, *rom.tables.stiffness_weights)
     found = {}
@@ -446,8 +452,12 @@ def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray]
 def outside_of(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> Iterator[Remark]:
     """Return a warning that counts samples outside what is served; nothing where all are inside.
 
-    values: of the parameters, shape (n,) each
-    where: what the samples are, before the message
+    Parameters
+    ----------
+    values
+        Of the parameters, shape (n,) each.
+    where
+        What the samples are, before the message.
     """
     known, lines = {name: served for name, served in ranges.items() if name in values}, []
     outside = {name: served.outside(values[name]) for name, served in known.items()}

@@ -67,12 +67,20 @@ class Sample:
 class Sampler:
     """Computes samples. Collective on the problem's communicator.
 
-    problem: eigenproblem at the nominal parameters
-    loads: load terms of the scene, local rows, inertial frame
-    static_loads: loads whose static answers extend the basis
-    snapshots: snapshots at other parameter values, or None
-    probe: of the influence of loads on the stiffness of modes, or None
-    built_in: what joints that are off build in, or None
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters.
+    loads
+        Load terms of the scene, local rows, inertial frame.
+    static_loads
+        Loads whose static answers extend the basis.
+    snapshots
+        Snapshots at other parameter values, or None.
+    probe
+        Of the influence of loads on the stiffness of modes, or None.
+    built_in
+        What joints that are off build in, or None.
     """
 
     def __init__(
@@ -168,8 +176,12 @@ class Sampler:
 class TurnedLoads:
     """Load vectors in body frames at any configuration.
 
-    problem: eigenproblem; it has the rows and the ranks
-    loads: load terms, local rows, inertial frame but for those that are constant in the frames of the bodies
+    Parameters
+    ----------
+    problem
+        Eigenproblem; it has the rows and the ranks.
+    loads
+        Load terms, local rows, inertial frame but for those that are constant in the frames of the bodies.
     """
 
     def __init__(self, problem: ModalProblem, loads: Sequence[Load]) -> None:

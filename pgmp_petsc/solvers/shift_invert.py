@@ -57,12 +57,21 @@ NO_FILES = -90
 class ShiftedFactor:
     """A factor that is made anew for matrices of one nonzero pattern, after one analysis. Collective on the matrices.
 
-    Raises `InputError` if PETSc refuses an option with the prefix.
+    Parameters
+    ----------
+    comm
+        That of the matrices.
+    prefix
+        Of the options that reach its linear solver.
+    memory
+        What the factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
+    counts
+        Only count eigenvalues.
 
-    comm: that of the matrices
-    prefix: of the options that reach its linear solver
-    memory: what the factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is
-    counts: only count eigenvalues
+    Raises
+    ------
+    InputError
+        If PETSc refuses an option with the prefix.
     """
 
     def __init__(self, comm: PETSc.Comm, prefix: str, memory: float | None = None, counts: bool = False) -> None:
@@ -103,9 +112,14 @@ class ShiftedFactor:
         Raises `InputError` if files are needed and no folder can be made for them; `RunError` if the factorisation
         fails.
 
-        a, b: symmetric matrices of one pattern
-        shift: sigma
-        what: what it is for, in messages
+        Parameters
+        ----------
+        a, b
+            Symmetric matrices of one pattern.
+        shift
+            sigma.
+        what
+            What it is for, in messages.
         """
         from petsc4py import PETSc
 
@@ -285,7 +299,10 @@ LONGEST = 200  # characters of a path that MUMPS takes, and its names besides
 class FactorFiles:
     """A new folder. Of one rank; who makes it closes it.
 
-    Raises `InputError` if it cannot be made.
+    Raises
+    ------
+    InputError
+        If it cannot be made.
     """
 
     def __init__(self) -> None:
@@ -339,10 +356,16 @@ def check_residuals(
 
     Raises `RunError` if one is too large.
 
-    a, b: of ``A x = lambda B x``
-    values, vectors: shape (n,), and local rows (n_local, n)
-    floor: the first positive eigenvalue
-    where: configuration, for messages
+    Parameters
+    ----------
+    a, b
+        Of ``A x = lambda B x``.
+    values, vectors
+        Shape (n,), and local rows (n_local, n).
+    floor
+        The first positive eigenvalue.
+    where
+        Configuration, for messages.
     """
     x, ax, bx = a.createVecRight(), a.createVecLeft(), a.createVecLeft()
     try:
@@ -370,10 +393,16 @@ def check_complete(
 
     Raises `RunError` if eigenvalues are missing.
 
-    count_below: number of eigenvalues below a value
-    values: all that were found, ascending
-    n_pairs: number of the lowest ones that are wanted
-    where, cure: configuration, and what may help, for messages
+    Parameters
+    ----------
+    count_below
+        Number of eigenvalues below a value.
+    values
+        All that were found, ascending.
+    n_pairs
+        Number of the lowest ones that are wanted.
+    where, cure
+        Configuration, and what may help, for messages.
     """
     # the widest relative gap at or above the last wanted pair, so that the count is not ambiguous
     candidates = np.arange(n_pairs, values.size)
@@ -407,11 +436,19 @@ class EigenPairs:
 class ShiftInvertSolver:
     """SLEPc solver that is set up once and reused for matrices of one nonzero pattern. Collective on the matrices.
 
-    Raises `InputError` if PETSc refuses an option with the prefix.
+    Parameters
+    ----------
+    comm
+        That of the matrices.
+    shift
+        sigma, below all eigenvalues.
+    prefix
+        Of the options that reach this solver.
 
-    comm: that of the matrices
-    shift: sigma, below all eigenvalues
-    prefix: of the options that reach this solver
+    Raises
+    ------
+    InputError
+        If PETSc refuses an option with the prefix.
     """
 
     def __init__(self, comm: PETSc.Comm, shift: float, prefix: str) -> None:
@@ -457,9 +494,14 @@ class ShiftInvertSolver:
         Raises `RunError` if a factorisation fails, the solver did not converge, a residual is too large, or eigenvalues
         are missing.
 
-        a, b: symmetric matrices of one pattern
-        n_rigid, n_flexible: number of eigenvalues of A that are or may be zero, and of others to be found
-        where: configuration, for messages
+        Parameters
+        ----------
+        a, b
+            Symmetric matrices of one pattern.
+        n_rigid, n_flexible
+            Number of eigenvalues of A that are or may be zero, and of others to be found.
+        where
+            Configuration, for messages.
         """
         size, n_pairs = a.getSize()[0], n_rigid + n_flexible
         wanted = min(size, n_pairs + SPARE_PAIRS)
