@@ -68,13 +68,7 @@ class Checkpoint:
     """
 
     def __init__(
-        self,
-        plan: Plan,
-        scene_toml: str,
-        model: str,
-        tables: str,
-        design: tuple[str, str],
-        extends: bool = True,
+        self, plan: Plan, scene_toml: str, model: str, tables: str, design: tuple[str, str], extends: bool = True
     ) -> None:
         self._plan = plan
         fixed, grows = {}, extends and plan.shard is None

@@ -260,11 +260,7 @@ def probability_of(came_true: Sequence[np.ndarray], confidence: float) -> tuple[
         gained, of_gained = _share(better[~given], 0.0, confidence)
         ends = (low, high) if kept >= gained else (high, low)
         steps = np.array(
-            [
-                value * (of_kept - kept),
-                (1.0 - value) * (of_gained - gained),
-                (kept - gained) * (np.array(ends) - value),
-            ]
+            [value * (of_kept - kept), (1.0 - value) * (of_gained - gained), (kept - gained) * (np.array(ends) - value)]
         )
         value = kept * value + gained * (1.0 - value)
         low, high = value + np.array([-1.0, 1.0]) * np.sqrt(np.sum(steps**2, axis=0))

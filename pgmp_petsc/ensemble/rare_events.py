@@ -266,12 +266,7 @@ def level_size(n_left: int) -> int:
 
 
 def find(
-    limit_state: LimitState,
-    d: int,
-    n_samples: int,
-    seed: int,
-    slopes: Slopes | None = None,
-    has_design: bool = True,
+    limit_state: LimitState, d: int, n_samples: int, seed: int, slopes: Slopes | None = None, has_design: bool = True
 ) -> RareSamples:
     """Find and weigh the event ``g <= 0``.
 

@@ -93,9 +93,7 @@ class Linearisation:
         cells, places = _located(self._terms.grid, states.q)
         own = tuple(np.ascontiguousarray(part) for part in (states.q, states.v, states.a))
         result = Linearised(
-            *(np.zeros((n_t, n, n)) for _ in range(3)),
-            np.zeros((n_t, len(weights) - 1, n)),
-            np.zeros((n_t, n)),
+            *(np.zeros((n_t, n, n)) for _ in range(3)), np.zeros((n_t, len(weights) - 1, n)), np.zeros((n_t, n))
         )
         if loaded:
             self._local.add(times, states, result.by_q, result.by_v, result.by_parameters, result.residual)
