@@ -90,16 +90,10 @@ def choose(
 
     Raises `InputError` if a tolerance cannot be met, or there is no reference within the budget.
 
-    Parameters
-    ----------
-    scene, meshes
-        The scene, with a tolerance, and the mesh of every body.
-    group
-        Ranks that share an eigenproblem.
-    say
-        Gets what errors are measured against and what that is predicted to take, before it is run.
-    finished
-        Runs of the reference that an earlier run of the program left, and where they are kept.
+    - `scene`, `meshes`: the scene, with a tolerance, and the mesh of every body.
+    - `group`: ranks that share an eigenproblem.
+    - `say`: gets what errors are measured against and what that is predicted to take, before it is run.
+    - `finished`: runs of the reference that an earlier run of the program left, and where they are kept.
     """
     timings, ledger, training = Timings(), Ledger(), Training.of(scene)
     entry = "reduction.tolerance" if scene.reduction.tolerance is not None else "simulation.tolerance"

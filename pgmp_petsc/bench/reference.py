@@ -129,12 +129,8 @@ def component_model(
 
     Raises `InputError` if a body cannot be put into a floating frame, or the scene has what such bodies do not take.
 
-    Parameters
-    ----------
-    n_modes
-        Modes of the mechanism that its bodies' fields serve; ``reduction.modes`` by default.
-    kinematics
-        Of the same mechanism, where they are at hand.
+    - `n_modes`: modes of the mechanism that its bodies' fields serve; ``reduction.modes`` by default.
+    - `kinematics`: of the same mechanism, where they are at hand.
     """
     modes = scene.reduction.model_copy(update={} if n_modes is None else {"modes": n_modes})
     serving = scene.model_copy(update={"reduction": modes})
@@ -214,12 +210,8 @@ def distance_from_mesh(
 ) -> Reference:
     """Return a reference that says how far it is from the mesh. Collective on `comm`.
 
-    Parameters
-    ----------
-    values
-        Points to try, each of shape (n_samples,), the nominal ones first.
-    n_steps
-        Steps of both models over the whole run; few will do, both make the same errors with them.
+    - `values`: points to try, each of shape (n_samples,), the nominal ones first.
+    - `n_steps`: steps of both models over the whole run; few will do, both make the same errors with them.
     """
     if reference.is_mesh:
         return reference

@@ -75,27 +75,15 @@ def measure_tradeoff(
     Raises `InputError` if the scene has no outputs, its mechanism cannot be closed, or there is no reference within the
     budget; `RunError` if the reference fails at a test value, so that there is nothing to compare with.
 
-    Parameters
-    ----------
-    scene, meshes
-        The scene, with outputs.
-    sweep
-        How many settings.
-    n_samples
-        Number of samples that the advice is for.
-    quick
-        Whether the sweep is the short one; for the record.
-    comm
-        Ranks that share the settings.
-    finished
-        What an earlier run finished, and where finished tasks are kept.
-    say
-        Gets what errors are measured against and what that is predicted to take, before it is run.
+    - `scene`, `meshes`: the scene, with outputs.
+    - `sweep`: how many settings.
+    - `n_samples`: number of samples that the advice is for.
+    - `quick`: whether the sweep is the short one; for the record.
+    - `comm`: ranks that share the settings.
+    - `finished`: what an earlier run finished, and where finished tasks are kept.
+    - `say`: gets what errors are measured against and what that is predicted to take, before it is run.
 
-    Returns
-    -------
-    Tradeoff or None
-        On the first rank, None elsewhere.
+    The first rank gets the `Tradeoff`, the others None.
     """
     if not scene.outputs:
         raise InputError(

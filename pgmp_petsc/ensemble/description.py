@@ -284,12 +284,8 @@ def over_time_remarks(
 ) -> Iterator[Remark]:
     """Return which figures over time are of a part of the samples that are fine.
 
-    Parameters
-    ----------
-    counts
-        Number of values that the statistics of each quantity are of.
-    over_time
-        Names of what is known, as in `Ensemble`: of ``extremes`` and of ``first_passages``.
+    - `counts`: number of values that the statistics of each quantity are of.
+    - `over_time`: names of what is known, as in `Ensemble`: of ``extremes`` and of ``first_passages``.
     """
     for label in over_time["first_passages"]:
         if counts[label] < n_fine:

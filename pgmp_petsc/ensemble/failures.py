@@ -42,20 +42,12 @@ def failure_remarks(
 ) -> Iterator[Remark]:
     """Return what is to be said of failed samples; nothing where all are fine.
 
-    Parameters
-    ----------
-    status
-        Shape (N,).
-    parameters
-        Drawn values by name, each of shape (N,).
-    units
-        Of the parameters.
-    model
-        Name of the model that was run.
-    hidden
-        Largest share of failed samples that the others are described without.
-    may_be_retried
-        Whether a further try takes any of them with steps that were not tried.
+    - `status`: shape (N,).
+    - `parameters`: drawn values by name, each of shape (N,).
+    - `units`: of the parameters.
+    - `model`: name of the model that was run.
+    - `hidden`: largest share of failed samples that the others are described without.
+    - `may_be_retried`: whether a further try takes any of them with steps that were not tried.
     """
     failed = status != Status.FINE
     n, n_failed = failed.size, int(failed.sum())
@@ -239,10 +231,7 @@ def _check_draws(path: Path, found: Ensemble, sampler: Sampler) -> None:
 def fine_pieces(earlier: Earlier, share: float, block: int) -> Iterator[tuple[Piece, Batch]]:
     """Yield neighbouring samples that are fine, and those of them whose errors were estimated.
 
-    Parameters
-    ----------
-    share, block
-        Of the samples whose errors are estimated, and in what numbers.
+    `share`, `block`: of the samples whose errors are estimated, and in what numbers.
     """
     found = Ensemble.read(earlier.path)
     fine = found.status == Status.FINE

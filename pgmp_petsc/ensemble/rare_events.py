@@ -270,21 +270,13 @@ def find(
 ) -> RareSamples:
     """Find and weigh the event ``g <= 0``.
 
-    Parameters
-    ----------
-    limit_state
-        g of points (n, d), shape (n,); NaN where it is not known.
-    d
-        Number of variables.
-    n_samples
-        Evaluations of g at most, with those of `slopes`; those that subset simulation leaves are weighted. At least
-        500.
-    seed
-        Of all random numbers.
-    slopes
-        g and its derivatives, for design points; None: from differences, where samples allow them.
-    has_design
-        Whether design points are looked for, which events of variables that step have none of.
+    - `limit_state`: g of points (n, d), shape (n,); NaN where it is not known.
+    - `d`: number of variables.
+    - `n_samples`: evaluations of g at most, with those of `slopes`; those that subset simulation leaves are weighted.
+      At least 500.
+    - `seed`: of all random numbers.
+    - `slopes`: g and its derivatives, for design points; None: from differences, where samples allow them.
+    - `has_design`: whether design points are looked for, which events of variables that step have none of.
     """
     chains = _Chains(limit_state, seed, d, n_samples, slopes, has_design)
     levels, directions, last = _levels(chains)
@@ -665,14 +657,9 @@ def entrances(
 ) -> np.ndarray:
     """Return points in the event near where rays enter it, shape (n_entrances, d); of rays that do not, none.
 
-    Parameters
-    ----------
-    limit_state
-        g of points (n, d), shape (n,); all rays are followed at once.
-    directions
-        Unit vectors, shape (n, d).
-    probability
-        Of the event, as nearly as it is known.
+    - `limit_state`: g of points (n, d), shape (n,); all rays are followed at once.
+    - `directions`: unit vectors, shape (n, d).
+    - `probability`: of the event, as nearly as it is known.
     """
     far = -float(ndtri(RARER * probability))
     if len(directions):

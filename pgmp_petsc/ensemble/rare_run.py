@@ -80,10 +80,7 @@ def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: 
     Raises `InputError` if no parameter has a distribution, or there are too few samples; `RunError` if samples cannot
     be integrated at all.
 
-    Returns
-    -------
-    RareEvent or None
-        On the first rank, None elsewhere.
+    The first rank gets the `RareEvent`, the others None.
     """
     if n_samples < FEWEST:
         raise InputError(f"-n {n_samples}: with --rare at least {FEWEST} samples are needed, of which levels are made")
@@ -117,12 +114,8 @@ def text_of(event: Event) -> str:
 class _Runs:
     """Runs of points in the space of normal variables.
 
-    Attributes
-    ----------
-    names
-        Parameters that are drawn.
-    values, status, parameters
-        Of all samples so far.
+    - `names`: parameters that are drawn.
+    - `values`, `status`, `parameters`: of all samples so far.
     """
 
     def __init__(self, model: Model, event: Event, names: list[str], comm: Comm, bar) -> None:

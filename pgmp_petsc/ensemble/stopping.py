@@ -203,12 +203,8 @@ def level_of_each(confidence: float) -> float:
 def looks(unit: int, most: int) -> Iterator[int]:
     """Yield the numbers of samples at which one looks.
 
-    Parameters
-    ----------
-    unit
-        Of which all but the last are multiples.
-    most
-        The last.
+    - `unit`: of which all but the last are multiples.
+    - `most`: the last.
     """
     n = unit
     while n < FIRST:
@@ -317,14 +313,9 @@ def stages(
 
     Collective on `comm`.
 
-    Parameters
-    ----------
-    unit, most
-        As of `looks`.
-    run
-        Integrates all samples up to a number; returns how many there were to do.
-    seen
-        Looks at these; on every rank the same.
+    - `unit`, `most`: as of `looks`.
+    - `run`: integrates all samples up to a number; returns how many there were to do.
+    - `seen`: looks at these; on every rank the same.
     """
     found: list[Seen] = []
     clock, done = Clock(stop, comm), 0

@@ -74,10 +74,7 @@ class Estimate:
 class ErrorIndicator:
     """Estimates the errors of runs of one reduced model; to be made once for all of them.
 
-    Parameters
-    ----------
-    told
-        The model whose outputs runs have, where these are not the model's own.
+    `told`: the model whose outputs runs have, where these are not the model's own.
     """
 
     def __init__(self, model: ReducedModel, told: LengthLanes | None = None) -> None:
@@ -106,12 +103,8 @@ class ErrorIndicator:
     def watch(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> WatchedRun:
         """Begin to watch a run of a batch.
 
-        Parameters
-        ----------
-        values
-            Parameter values of the whole batch, each of shape (n_batch,).
-        samples
-            Numbers of the samples within the batch whose errors are wanted, shape (n,).
+        - `values`: parameter values of the whole batch, each of shape (n_batch,).
+        - `samples`: numbers of the samples within the batch whose errors are wanted, shape (n,).
         """
         return WatchedRun(self, {name: value[samples] for name, value in values.items()}, np.asarray(samples))
 
@@ -119,12 +112,8 @@ class ErrorIndicator:
 class _FinerRun(Observer):
     """The observer of a run with smaller steps, which keeps some of its states.
 
-    Parameters
-    ----------
-    kept
-        Numbers of the steps that are kept.
-    shape
-        Of positions, velocities and accelerations: (3, n_samples, n_eta).
+    - `kept`: numbers of the steps that are kept.
+    - `shape`: of positions, velocities and accelerations: (3, n_samples, n_eta).
     """
 
     def __init__(self, kept: np.ndarray, shape: tuple[int, int, int]) -> None:
@@ -170,10 +159,7 @@ class WatchedRun(Observer):
     def estimate(self, status: np.ndarray) -> Estimate:
         """Return the estimate once the run has ended.
 
-        Parameters
-        ----------
-        status
-            Of the whole batch, shape (n_batch,).
+        `status`: of the whole batch, shape (n_batch,).
         """
         indicator, n = self._indicator, self._samples.size
         fine = status[self._samples] == Status.FINE
@@ -244,16 +230,10 @@ class WatchedRun(Observer):
     ) -> dict[str, np.ndarray]:
         """Return errors (n_e, n) of some samples at the ends of the run's own steps among the instants of a schedule.
 
-        Parameters
-        ----------
-        schedule, chosen
-            Instants, and numbers of the samples.
-        states
-            Of all samples, as of `_followed`.
-        about
-            Which of the chosen ones are advanced at all.
-        begin
-            As of `ErrorSystem`.
+        - `schedule`, `chosen`: instants, and numbers of the samples.
+        - `states`: of all samples, as of `_followed`.
+        - `about`: which of the chosen ones are advanced at all.
+        - `begin`: as of `ErrorSystem`.
         """
         indicator, r = self._indicator, self._indicator.model.kinematics.n_coordinates
         checking, states = indicator.checking, states[schedule.places][:, :, chosen]
@@ -394,12 +374,8 @@ def indicator_of(model: ReducedModel | LengthLanes) -> ErrorIndicator | MemberIn
 class MemberIndicator:
     """Estimates the errors of runs of samples with mechanisms of their own; see `ErrorIndicator`.
 
-    Parameters
-    ----------
-    model
-        The model.
-    apart
-        Parameters of which every value makes a mechanism of its own: lengths, or by how much joints are off.
+    - `model`: the model.
+    - `apart`: parameters of which every value makes a mechanism of its own: lengths, or by how much joints are off.
     """
 
     def __init__(self, model: ReducedModel | LengthLanes, apart: Iterable[str]) -> None:

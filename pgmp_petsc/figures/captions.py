@@ -116,16 +116,10 @@ def tell_apart(
 ) -> list[str]:
     """Return for each result the words that tell it from the others; empty texts where there is one result alone.
 
-    Parameters
-    ----------
-    records
-        Of the results.
-    kinds
-        What else a result is, the model say; told where it varies.
-    files
-        Where the results come from; told where nothing else differs.
-    ignored
-        Tables and entries of scenes that make no difference.
+    - `records`: of the results.
+    - `kinds`: what else a result is, the model say; told where it varies.
+    - `files`: where the results come from; told where nothing else differs.
+    - `ignored`: tables and entries of scenes that make no difference.
     """
     if len(records) < 2:
         return [""] * len(records)

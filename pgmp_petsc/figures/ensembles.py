@@ -69,14 +69,9 @@ def densities(
     peak. Raises `InputError` if the ensembles do not share one of `names`, or have no quantity in common or one has no
     sample that is fine.
 
-    Parameters
-    ----------
-    ensembles : sequence of Ensemble
-        The first is drawn as an area, the others as steps over it.
-    labels : sequence of str, optional
-        By default the model, how many of its samples are fine, and what else tells the ensembles apart.
-    names : sequence of str, optional
-        Only these quantities, in this order.
+    - `ensembles`: the first is drawn as an area, the others as steps over it.
+    - `labels`: by default the model, how many of its samples are fine, and what else tells the ensembles apart.
+    - `names`: only these quantities, in this order.
     """
     labels = labels_of(ensembles) if labels is None else labels
     names = _common(ensembles, names)

@@ -51,16 +51,10 @@ def frequencies(
 
     Raises `InputError` if no table has a flexible mode.
 
-    Parameters
-    ----------
-    tables : sequence of ModesTable
-        Drawn over each other, one colour each.
-    n_modes : int
-        Number of panels; fewer where no table has as many.
-    labels : sequence of str, optional
-        Names of the tables; by default that in which they differ.
-    titles : sequence of str, optional
-        Titles of the panels; by default the number of the flexible mode.
+    - `tables`: drawn over each other, one colour each.
+    - `n_modes`: number of panels; fewer where no table has as many.
+    - `labels`: names of the tables; by default that in which they differ.
+    - `titles`: titles of the panels; by default the number of the flexible mode.
     """
     labels = labels_of(tables) if labels is None else labels
     colours = distinct_colours(len(tables))

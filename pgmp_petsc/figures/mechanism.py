@@ -137,12 +137,8 @@ class Shapes:
     def draw(self, axes: Axes, number: int, colour: Sequence[float], width: float, pin: float, zorder: float) -> None:
         """Draw all bodies at one frame.
 
-        Parameters
-        ----------
-        number
-            Of the frame.
-        width, pin
-            Width of the lines and size of the markers on the bodies' ends, points.
+        - `number`: of the frame.
+        - `width`, `pin`: width of the lines and size of the markers on the bodies' ends, points.
         """
         for body, cells in self.frames.cells.items():
             points = self.draw_body(axes, body, number, colour, width, 1.6 * pin, zorder)
@@ -231,17 +227,11 @@ def mechanism(
 
     Raises `InputError` if the trajectory has no frames.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        With frames.
-    n_instants : int
-        Number of shapes; fewer where there are fewer frames.
-    exaggeration : float
-        Factor on each body's deformation: its nodes' distances from the undeformed body laid through the
-        body's two ends, so that the bodies stay joined. Stated in the picture if it is not 1.
-    label : str
-        What tells the run from others.
+    - `trajectory`: with frames.
+    - `n_instants`: number of shapes; fewer where there are fewer frames.
+    - `exaggeration`: factor on each body's deformation: its nodes' distances from the undeformed body laid through the
+      body's two ends, so that the bodies stay joined. Stated in the picture if it is not 1.
+    - `label`: what tells the run from others.
     """
     frames = trajectory.frames
     if frames is None or not len(frames.time):

@@ -94,12 +94,9 @@ def panel_grid(
 ) -> tuple[Figure, np.ndarray]:  # fmt: skip
     """Return a figure of n blocks, row by row, and the axes of each from above, shape (n, len(ratios)).
 
-    Parameters
-    ----------
-    size, margin, least
-        Width and height of a block, what the figure is higher than all of them, and its least width, inches.
-    ratios
-        Heights of the axes of a block.
+    - `size`, `margin`, `least`: width and height of a block, what the figure is higher than all of them, and its least
+      width, inches.
+    - `ratios`: heights of the axes of a block.
     """
     n_columns = min(n, columns)
     n_rows = -(-n // n_columns)

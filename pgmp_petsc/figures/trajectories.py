@@ -152,14 +152,9 @@ def trajectories(
     full-order run that several reduced ones share is grey. A square ends a run that ended before its scene. Raises
     `InputError` if the runs have no output in common.
 
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        One colour each.
-    outputs : sequence of str, optional
-        By default all that every run has.
-    labels : sequence of str, optional
-        By default that in which the runs differ.
+    - `comparisons`: one colour each.
+    - `outputs`: by default all that every run has.
+    - `labels`: by default that in which the runs differ.
     """
     runs = [run for comparison in comparisons for run in comparison.runs]
     if outputs is None:

@@ -465,16 +465,10 @@ def still_of(
 ) -> str:
     """Return the address of a picture of a frame as PNG, empty where there is no surface.
 
-    Parameters
-    ----------
-    places
-        Of the bodies' nodes in the picture, and towards the eye, shape (n, 3) each.
-    shares
-        Of the largest stress, shape (n_f, n); None where none is known.
-    number
-        Of the frame.
-    size
-        Width and height of the picture in its own unit.
+    - `places`: of the bodies' nodes in the picture, and towards the eye, shape (n, 3) each.
+    - `shares`: of the largest stress, shape (n_f, n); None where none is known.
+    - `number`: of the frame.
+    - `size`: width and height of the picture in its own unit.
     """
     corners, colours = [], []
     for body, at, share in zip(bodies, places, shares):
