@@ -119,16 +119,10 @@ class Bench:
     """
 
     def __init__(
-        self,
-        reference: Reference,
-        training: Training,
-        comm: Comm,
-        subject: Subject | None = None,
-        group: RankGroup | None = None,
-        bar: Progress | None = None,
-        finished: Finished | None = None,
+        self, reference: Reference, training: Training, comm: Comm, subject: Subject | None = None,
+        group: RankGroup | None = None, bar: Progress | None = None, finished: Finished | None = None,
         timed: Mapping[str, float] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.reference, self.training, self.comm, self.group = reference, training, comm, group
         self.scene, self.full_model = reference.model.scene if subject is None else subject.scene, reference.model
         self._subject, self._bar, self._finished, self._timed = subject, bar, finished, timed
@@ -203,13 +197,9 @@ class Bench:
     # runs and their errors
 
     def errors(
-        self,
-        names: Sequence[str],
-        found: Setting,
-        exact: Setting,
-        of: Callable[[Case], Case] = lambda case: case,
+        self, names: Sequence[str], found: Setting, exact: Setting, of: Callable[[Case], Case] = lambda case: case,
         factor: float = 1.0,
-    ) -> Errors:
+    ) -> Errors:  # fmt: skip
         """Return how far two settings are apart under some loads, times a factor, in cases made `of` these."""
         cases = [of(self.training.case(self.scene, name, factor)) for name in names]
         for setting in (exact, found):

@@ -80,12 +80,9 @@ def leaves_open(scene: Scene) -> bool:
 
 
 def choose(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    group: RankGroup,
-    say: Callable[[str], None] = lambda text: None,
+    scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, say: Callable[[str], None] = lambda text: None,
     finished: Finished | None = None,
-) -> Choice:
+) -> Choice:  # fmt: skip
     """Choose what the tolerances of a scene leave open. Collective on ``group.world``.
 
     Raises `InputError` if a tolerance cannot be met, or there is no reference within the budget.
@@ -282,12 +279,9 @@ def cost_text(reduced: float, n_reduced: int, full: float, n_full: int, title: s
 
 
 def choose_over_lengths(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    group: RankGroup,
-    say: Callable[[str], None] = lambda text: None,
+    scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, say: Callable[[str], None] = lambda text: None,
     finished: Finished | None = None,
-) -> Choice:
+) -> Choice:  # fmt: skip
     """Choose what the tolerances of a scene leave open, with any lengths; see `choose`. Collective on ``group.world``.
 
     Raises `InputError` or `RunError`, as `choose`; with the lengths at which what was chosen does not keep the
@@ -309,13 +303,9 @@ def choose_over_lengths(
 
 
 def _chosen_at(
-    scene: Scene,
-    lengths: Mapping[str, float],
-    meshes: Mapping[str, BodyShape],
-    group: RankGroup,
-    say: Callable[[str], None],
-    finished: Finished | None,
-) -> Choice:
+    scene: Scene, lengths: Mapping[str, float], meshes: Mapping[str, BodyShape], group: RankGroup,
+    say: Callable[[str], None], finished: Finished | None,
+) -> Choice:  # fmt: skip
     """Choose with some lengths, m."""
     shapes = at_lengths(scene.with_values(lengths), meshes)
     try:

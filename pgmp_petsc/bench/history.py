@@ -88,12 +88,9 @@ def spacing(n_steps: int) -> int:
 
 
 def run_history(
-    model: AnyModel,
-    values: Mapping[str, np.ndarray],
-    n_samples: int,
-    n_steps: int,
+    model: AnyModel, values: Mapping[str, np.ndarray], n_samples: int, n_steps: int,
     system: SecondOrderSystem | None = None,
-) -> History:
+) -> History:  # fmt: skip
     """Integrate samples on this rank, in batches as large as the model takes, or on the ranks of a given system.
 
     - `model`: any model of a scene.

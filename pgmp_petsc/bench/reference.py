@@ -119,12 +119,9 @@ class Reference:
 
 
 def component_model(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    comm: Comm,
-    n_modes: int | None = None,
+    scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm, n_modes: int | None = None,
     kinematics: RigidKinematics | None = None,
-) -> ComponentModel:
+) -> ComponentModel:  # fmt: skip
     """Return the component model of a scene. Collective on `comm`.
 
     Raises `InputError` if a body cannot be put into a floating frame, or the scene has what such bodies do not take.
@@ -201,13 +198,9 @@ def _cure(demand: Demand) -> str:
 
 
 def distance_from_mesh(
-    reference: Reference,
-    meshes: Mapping[str, BodyShape],
-    values: Mapping[str, np.ndarray],
-    n_samples: int,
-    n_steps: int,
-    comm: Comm,
-) -> Reference:
+    reference: Reference, meshes: Mapping[str, BodyShape], values: Mapping[str, np.ndarray], n_samples: int,
+    n_steps: int, comm: Comm,
+) -> Reference:  # fmt: skip
     """Return a reference that says how far it is from the mesh. Collective on `comm`.
 
     - `values`: points to try, each of shape (n_samples,), the nominal ones first.

@@ -61,15 +61,9 @@ FRAME_FIELDS = 12  # amplitudes of a body beside its modes, for a rough price
 
 
 def measure_tradeoff(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    sweep: Sweep,
-    n_samples: int,
-    quick: bool,
-    comm: Comm,
-    finished: Finished | None = None,
-    say: Callable[[str], None] = lambda text: None,
-) -> Tradeoff | None:
+    scene: Scene, meshes: Mapping[str, BodyShape], sweep: Sweep, n_samples: int, quick: bool, comm: Comm,
+    finished: Finished | None = None, say: Callable[[str], None] = lambda text: None,
+) -> Tradeoff | None:  # fmt: skip
     """Measure errors and times of the settings of a sweep. Collective on `comm`.
 
     Raises `InputError` if the scene has no outputs, its mechanism cannot be closed, or there is no reference within the
@@ -138,13 +132,9 @@ def _of_one_mechanism(scene: Scene) -> Scene:
 
 
 def _prepared(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    training: Training,
-    sweep: Sweep,
-    comm: Comm,
+    scene: Scene, meshes: Mapping[str, BodyShape], training: Training, sweep: Sweep, comm: Comm,
     say: Callable[[str], None],
-) -> tuple[Subject, Reference, dict[str, float]]:
+) -> tuple[Subject, Reference, dict[str, float]]:  # fmt: skip
     """Condense bodies and choose the reference; return the processor times of both by what they are for."""
     modes, n = scene.reduction.modes, own_steps(scene)
     factors = (1.0, *sweep.own_modes)
@@ -298,25 +288,16 @@ class _Study:
         for name, attribute in (("coordinates", "n_coordinates"), ("cosine", "cosine")):
             columns[name] = np.array([getattr(self._measured[setting], attribute) for setting in settings])
         return Tradeoff(
-            record=record,
-            units=units,
-            test_values=self.bench.training.values,
+            record=record, units=units, test_values=self.bench.training.values,
             parameter_units={name: parameter.unit or "1" for name, parameter in self.scene.parameters.items()},
-            families=tuple(setting.family for setting in settings),
-            columns=columns,
+            families=tuple(setting.family for setting in settings), columns=columns,
             flags=tuple(_flags(setting, self.scene) for setting in settings),
-            reasons=tuple(self._reason(setting, row) for setting, row in zip(settings, errors)),
-            errors=errors,
-            wall=Times(*seconds[:, :, 0].T),
-            processor=Times(*seconds[:, :, 1].T),
-            references=self._references(),
-            mesh=self._mesh_errors(len(units)),
-            batch=self.bench.batch,
-            repeats=self.sweep.repeats,
-            reference=self.bench.reference.why,
-            reference_model=self.bench.reference.model.name,
+            reasons=tuple(self._reason(setting, row) for setting, row in zip(settings, errors)), errors=errors,
+            wall=Times(*seconds[:, :, 0].T), processor=Times(*seconds[:, :, 1].T), references=self._references(),
+            mesh=self._mesh_errors(len(units)), batch=self.bench.batch, repeats=self.sweep.repeats,
+            reference=self.bench.reference.why, reference_model=self.bench.reference.model.name,
             rigid_coordinates=len(self.scene.coordinates),
-        )
+        )  # fmt: skip
 
     def _missing(self, refinement: int) -> list[Setting]:
         wanted = self._sequences[refinement].wanted(self._smallest(refinement))

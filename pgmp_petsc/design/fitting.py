@@ -159,13 +159,9 @@ class _Fitting:
     """One fit; `count` is called after every run."""
 
     def __init__(
-        self,
-        model: ReducedModel,
-        history: MeasuredHistory,
-        names: Sequence[str],
-        noise: Mapping[str, float],
+        self, model: ReducedModel, history: MeasuredHistory, names: Sequence[str], noise: Mapping[str, float],
         count: Callable[[], object],
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._count = count
         self._history, self._names, self._noise = history, tuple(names), noise
         self._served, self._model, scene = model, of_samples(model, names), model.scene

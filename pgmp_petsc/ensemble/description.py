@@ -141,23 +141,13 @@ def describe_ensemble(
     )  # fmt: skip
     said, seed = (*scene.remarks, *remarks), None if plan.file else plan.seed
     return Ensemble(
-        model=origin.model,
-        record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
-        parameters=parameters,
-        outputs=outputs,
-        units=units,
-        status=status,
-        meanings={int(item): item.meaning for item in Status},
-        failure_time=columns["failure_time"],
-        statistics=statistics,
-        steps_divided=divisors,
-        probabilities=probabilities,
-        bands=bands,
-        sobol=sobol,
+        model=origin.model, record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
+        parameters=parameters, outputs=outputs, units=units, status=status,
+        meanings={int(item): item.meaning for item in Status}, failure_time=columns["failure_time"],
+        statistics=statistics, steps_divided=divisors, probabilities=probabilities, bands=bands, sobol=sobol,
         kept=_kept(kept, numerics["unstable_start"], scene.ensemble.band_samples) if not fine.all() else {},
-        **estimates,
-        **over_time,
-    )
+        **estimates, **over_time,
+    )  # fmt: skip
 
 
 def _kept(kept: Kept, unstable: np.ndarray, n_bands: int) -> dict[str, np.ndarray]:
@@ -166,18 +156,10 @@ def _kept(kept: Kept, unstable: np.ndarray, n_bands: int) -> dict[str, np.ndarra
 
 
 def _chance(
-    label: str,
-    event: Event,
-    origin: Origin,
-    peaks: Peaks,
-    passages: Mapping[str, np.ndarray],
-    estimates: Mapping[str, Mapping[str, np.ndarray]],
-    known: np.ndarray,
-    failed: np.ndarray,
-    replicates: np.ndarray | None,
-    level: float,
-    is_hiding: bool,
-) -> Chance:
+    label: str, event: Event, origin: Origin, peaks: Peaks, passages: Mapping[str, np.ndarray],
+    estimates: Mapping[str, Mapping[str, np.ndarray]], known: np.ndarray, failed: np.ndarray,
+    replicates: np.ndarray | None, level: float, is_hiding: bool,
+) -> Chance:  # fmt: skip
     """Return the probability of an event over samples (N,) of which it is known, and of others that failed.
 
     Its interval, at a level, hides nothing of the failed ones, so that it is given where the estimate would.
@@ -215,13 +197,11 @@ def _bands(
         of_fine = values if are_fine.all() else values[are_fine]
         n, unknown = len(of_fine), np.full(time.size, np.nan)
         found[name] = Band(
-            time=time,
-            mean=of_fine.mean(axis=0) if n else unknown,
+            time=time, mean=of_fine.mean(axis=0) if n else unknown,
             std=of_fine.std(axis=0, ddof=1) if n > 1 else unknown,
             quantiles=_each_instant(of_fine, lambda column: np.quantile(column, asked.quantiles), len(asked.quantiles)),
-            probabilities=np.array(asked.quantiles),
-            count=n,
-        )
+            probabilities=np.array(asked.quantiles), count=n,
+        )  # fmt: skip
     return found, Peaks(outputs, extremes, ends)
 
 

@@ -83,12 +83,9 @@ class _Tangents:
 
 
 def design_points(
-    evaluate: LimitState,
-    slopes: Slopes | None,
-    starts: np.ndarray,
-    most: int,
+    evaluate: LimitState, slopes: Slopes | None, starts: np.ndarray, most: int,
     others: tuple[np.ndarray, np.ndarray] | None = None,
-) -> DesignPoints | None:
+) -> DesignPoints | None:  # fmt: skip
     """Return the design points that searches from some points lead to; None where none settles.
 
     A few searches at a time, until several have found nothing new. Where a point is explained by a plane that touches g

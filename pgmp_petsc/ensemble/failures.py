@@ -33,13 +33,9 @@ NAMED = 3  # parameters, the clearest first
 
 @gathered
 def failure_remarks(
-    status: np.ndarray,
-    parameters: Mapping[str, np.ndarray],
-    units: Mapping[str, str],
-    model: str,
-    hidden: float = 1.0,
+    status: np.ndarray, parameters: Mapping[str, np.ndarray], units: Mapping[str, str], model: str, hidden: float = 1.0,
     may_be_retried: bool = True,
-) -> Iterator[Remark]:
+) -> Iterator[Remark]:  # fmt: skip
     """Return what is to be said of failed samples; nothing where all are fine.
 
     - `status`: shape (N,).
@@ -257,13 +253,9 @@ def _batch(found: Ensemble, first: int, last: int) -> Batch:
     bands = {name.partition(".")[2]: values for name, values in found.kept.items() if name != UNSTABLE}
     numerics = {"steps_divided": found.steps_divided[some], "unstable_start": found.kept[UNSTABLE][some]}
     return Batch(
-        first,
-        status=found.status[some],
-        failure_time=found.failure_time[some],
-        numerics=numerics,
-        bands={name: values[some] for name, values in bands.items()},
-        **named,
-    )
+        first, status=found.status[some], failure_time=found.failure_time[some], numerics=numerics,
+        bands={name: values[some] for name, values in bands.items()}, **named,
+    )  # fmt: skip
 
 
 def _checked_batch(found: Ensemble, first: int, last: int) -> Batch:

@@ -152,14 +152,9 @@ class Integration:
 
 
 def run_batch(
-    model: Model,
-    values: Mapping[str, np.ndarray],
-    first: int = 0,
-    watchers: Sequence[Watcher] = (),
-    comm: Comm | None = None,
-    pulse: Callable[[float], object] | None = None,
-    divisors: tuple[int, ...] = DIVISORS,
-) -> Batch:
+    model: Model, values: Mapping[str, np.ndarray], first: int = 0, watchers: Sequence[Watcher] = (),
+    comm: Comm | None = None, pulse: Callable[[float], object] | None = None, divisors: tuple[int, ...] = DIVISORS,
+) -> Batch:  # fmt: skip
     """Integrate samples first, first + 1, ... as one system, those that fail again with smaller steps.
 
     Values of all parameters have shape (n,). Several ranks share one sample. What the watchers find is added, NaN where
@@ -252,13 +247,9 @@ class Watching:
 
 
 def run_ensemble(
-    model: Model,
-    plan: Plan,
-    group: RankGroup,
-    stop: Stop | None = None,
-    better: Sequence[Better] = (),
+    model: Model, plan: Plan, group: RankGroup, stop: Stop | None = None, better: Sequence[Better] = (),
     earlier: Earlier | None = None,
-) -> Ensemble | ShardSamples | None:
+) -> Ensemble | ShardSamples | None:  # fmt: skip
     """Integrate the samples that are missing; describe all, or keep those of a shard. Collective on ``group.world``.
 
     Groups of several ranks share one full-order sample at a time. Raises `InputError` if the checkpoint to resume

@@ -203,13 +203,9 @@ def _added(
 
 
 def deviation_of(
-    values: Sequence[np.ndarray],
-    mean: Estimate,
-    confidence: float,
-    replicates: np.ndarray | None = None,
-    n_curved: int = 0,
-    part: float = 0.0,
-) -> tuple[float, np.ndarray]:
+    values: Sequence[np.ndarray], mean: Estimate, confidence: float, replicates: np.ndarray | None = None,
+    n_curved: int = 0, part: float = 0.0,
+) -> tuple[float, np.ndarray]:  # fmt: skip
     """Return the standard deviation of the best model and its interval (2,).
 
     Both are NaN where the variance is not positive, the interval below `FEWEST_OF_DEVIATION` samples.

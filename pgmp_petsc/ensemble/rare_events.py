@@ -302,14 +302,9 @@ def find(
         chains.evaluate(chains.random().standard_normal((chains.left, d)))
         weights = [np.ones(chains.values[-1].size)]
     found = RareSamples(
-        tuple(levels),
-        np.concatenate(chains.points),
-        np.concatenate(chains.values),
-        np.concatenate([np.zeros(0), *weights]),
-        tuple(of_round.size for of_round in weights),
-        weighed,
-        design,
-    )
+        tuple(levels), np.concatenate(chains.points), np.concatenate(chains.values),
+        np.concatenate([np.zeros(0), *weights]), tuple(of_round.size for of_round in weights), weighed, design,
+    )  # fmt: skip
     for level in levels[::-1] if weighed > 0.0 else ():
         found = replace(found, weighed=level.threshold)
         if found.n_effective >= ENOUGH:
@@ -365,14 +360,9 @@ class _Chains:
     """Evaluates g, and keeps all points."""
 
     def __init__(
-        self,
-        limit_state: LimitState,
-        seed: int,
-        d: int,
-        n_samples: int,
-        slopes: Slopes | None = None,
+        self, limit_state: LimitState, seed: int, d: int, n_samples: int, slopes: Slopes | None = None,
         has_design: bool = True,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._limit_state, self._seed, self._d, self._n_samples = limit_state, seed, d, n_samples
         self._slopes, self._has_design = slopes, has_design
         self._from_afar: DesignPoints | None = None
@@ -522,14 +512,9 @@ class _Chains:
         return points, g, np.repeat(np.arange(n_first), copies), float(chances.mean())
 
     def weigh(
-        self,
-        points: np.ndarray,
-        g: np.ndarray,
-        families: np.ndarray,
-        entrances: np.ndarray,
-        level: float,
+        self, points: np.ndarray, g: np.ndarray, families: np.ndarray, entrances: np.ndarray, level: float,
         design: DesignPoints | None,
-    ) -> list[np.ndarray]:
+    ) -> list[np.ndarray]:  # fmt: skip
         """Evaluate all points that are left from densities that points of the event, or of a level on g, make, and
         return the weights of all rounds but one.
 

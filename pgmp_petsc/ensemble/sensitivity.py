@@ -100,13 +100,9 @@ def _explained(ordered: np.ndarray, n_slices: int) -> tuple[float, float]:
 
 
 def sensitivities(
-    quantities: Iterable[tuple[str, np.ndarray]],
-    parameters: Mapping[str, np.ndarray],
-    names: list[str],
-    fine: np.ndarray,
-    n_replicates: int | None,
-    confidence: float,
-) -> dict[str, Sensitivity]:
+    quantities: Iterable[tuple[str, np.ndarray]], parameters: Mapping[str, np.ndarray], names: list[str],
+    fine: np.ndarray, n_replicates: int | None, confidence: float,
+) -> dict[str, Sensitivity]:  # fmt: skip
     """Return the indices of all quantities that have them.
 
     - `quantities`: names and columns (N,); one is in memory at a time.

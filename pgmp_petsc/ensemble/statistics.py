@@ -109,14 +109,9 @@ def is_constant(values: np.ndarray, size: float = 0.0) -> bool:
 
 
 def describe(
-    values: np.ndarray,
-    bins: int | None,
-    probabilities: Sequence[float],
-    n_missing: int = 0,
-    confidence: float = 0.95,
-    replicates: np.ndarray | None = None,
-    size: float = 0.0,
-) -> Statistics:
+    values: np.ndarray, bins: int | None, probabilities: Sequence[float], n_missing: int = 0, confidence: float = 0.95,
+    replicates: np.ndarray | None = None, size: float = 0.0,
+) -> Statistics:  # fmt: skip
     """Describe a sample, of which some values may be missing.
 
     The standard error of the standard deviation s takes the sample's own fourth moment,
@@ -153,22 +148,14 @@ def describe(
         errors, of_mean, std, of_deviation = _between(values, replicates, mean, std, confidence)
         sizes = _equivalent_sizes(values, ordered, replicates, probabilities, confidence)
     return Statistics(
-        count=values.size,
-        mean=mean,
-        std=std,
-        mean_standard_error=errors[0],
-        std_standard_error=errors[1],
-        pdf=pdf,
+        count=values.size, mean=mean, std=std, mean_standard_error=errors[0], std_standard_error=errors[1], pdf=pdf,
         edges=edges,
         quantiles=np.quantile(ordered, probabilities) if values.size else np.full(probabilities.size, np.nan),
-        quantile_bounds=quantile_bounds(ordered, probabilities, n_missing),
-        probabilities=probabilities,
-        mean_interval=of_mean,
-        std_interval=of_deviation,
-        quantile_intervals=intervals.of_quantiles(ordered, probabilities, confidence, sizes),
-        confidence=confidence,
+        quantile_bounds=quantile_bounds(ordered, probabilities, n_missing), probabilities=probabilities,
+        mean_interval=of_mean, std_interval=of_deviation,
+        quantile_intervals=intervals.of_quantiles(ordered, probabilities, confidence, sizes), confidence=confidence,
         constant=constant,
-    )
+    )  # fmt: skip
 
 
 def _error_of_deviation(values: np.ndarray, std: float) -> float:

@@ -353,17 +353,13 @@ def stopping_of(stop: Stop, history: list[Seen], plan: Plan, units: dict[str, st
     else:
         why = f"the budget of {stop.budget:g} s is spent"
     return Stopping(
-        why,
-        stop.budget,
-        tuple(rule.text for rule in stop.rules),
+        why, stop.budget, tuple(rule.text for rule in stop.rules),
         tuple(units.get(rule.quantity, "1") if rule.kind in MOMENTS else "1" for rule in stop.rules),
-        np.array([rule.wanted for rule in stop.rules]),
-        np.array([rule.relative for rule in stop.rules], dtype=bool),
-        met,
-        np.array([seen.n for seen in history]),
+        np.array([rule.wanted for rule in stop.rules]), np.array([rule.relative for rule in stop.rules], dtype=bool),
+        met, np.array([seen.n for seen in history]),
         np.array([seen.estimates for seen in history]).T.reshape(len(stop.rules), len(history)),
         np.array([seen.intervals for seen in history]).transpose(1, 0, 2),
-    )
+    )  # fmt: skip
 
 
 @gathered

@@ -126,13 +126,9 @@ class ErrorSystem(SecondOrderSystem):
     """
 
     def __init__(
-        self,
-        full: FullBatch,
-        motion: ReferenceMotion,
-        interval: float,
-        theta: np.ndarray,
+        self, full: FullBatch, motion: ReferenceMotion, interval: float, theta: np.ndarray,
         begin: tuple[np.ndarray, np.ndarray] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.comm = full.comm
         self.n_samples = full.n_samples
         self._full = full

@@ -86,13 +86,9 @@ class StepErrors:
 
 
 def run_coarser(
-    model: Model,
-    system: SecondOrderSystem,
-    simulation: Simulation,
-    alive: np.ndarray,
-    of: Run | None = None,
+    model: Model, system: SecondOrderSystem, simulation: Simulation, alive: np.ndarray, of: Run | None = None,
     bar: Progress | None = None,
-) -> CoarserRun:
+) -> CoarserRun:  # fmt: skip
     """Run a system again, with a coarser step. Collective on ``system.comm``.
 
     - `simulation`: that of the run.

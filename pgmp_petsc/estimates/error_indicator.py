@@ -221,13 +221,9 @@ class WatchedRun(Observer):
         return finer.states, fine & (run.status == Status.FINE)
 
     def _evaluate(
-        self,
-        schedule: Schedule,
-        chosen: np.ndarray,
-        states: np.ndarray,
-        about: np.ndarray,
+        self, schedule: Schedule, chosen: np.ndarray, states: np.ndarray, about: np.ndarray,
         begin: tuple[np.ndarray, np.ndarray] | None,
-    ) -> dict[str, np.ndarray]:
+    ) -> dict[str, np.ndarray]:  # fmt: skip
         """Return errors (n_e, n) of some samples at the ends of the run's own steps among the instants of a schedule.
 
         - `schedule`, `chosen`: instants, and numbers of the samples.
@@ -240,14 +236,9 @@ class WatchedRun(Observer):
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
         full = checking.scheduled(self._batch_of(chosen, values), schedule, indicator.step / FINER)
         motion = ReferenceMotion(
-            checking.unknowns_of,
-            full.n_dofs,
-            states,
-            r,
-            indicator.simulation.duration,
-            checking.rotations,
+            checking.unknowns_of, full.n_dofs, states, r, indicator.simulation.duration, checking.rotations,
             indicator.model.terms.scale[:r],
-        )
+        )  # fmt: skip
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
         time = schedule.steps * (indicator.step / FINER)
         observed = _Observed(checking.full, full, values, motion, schedule, time)
@@ -298,14 +289,9 @@ class _Observed(Observer):
     """Outputs of n corrected motions at some of the instants, evaluated for many together; observes their errors."""
 
     def __init__(
-        self,
-        model: ComponentModel,
-        batch: FullBatch,
-        values: Mapping[str, np.ndarray],
-        motion: ReferenceMotion,
-        schedule: Schedule,
-        time: np.ndarray,
-    ) -> None:
+        self, model: ComponentModel, batch: FullBatch, values: Mapping[str, np.ndarray], motion: ReferenceMotion,
+        schedule: Schedule, time: np.ndarray,
+    ) -> None:  # fmt: skip
         self._model, self._batch, self._values, self._motion = model, batch, values, motion
         self._told, self._interval, self._time = schedule.told, schedule.interval, time
         self._waiting: list[tuple[np.ndarray, ...]] = []

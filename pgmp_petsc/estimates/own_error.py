@@ -304,13 +304,9 @@ def not_known(scene: Scene, what: str) -> Remark:
 
 @gathered
 def of_statistics(
-    quantities: Iterable[tuple[str, np.ndarray]],
-    errors: Mapping[str, np.ndarray],
-    fine: np.ndarray,
-    units: Mapping[str, str],
-    described: tuple[str, str],
-    model: str = "reduced",
-) -> Iterator[Remark]:
+    quantities: Iterable[tuple[str, np.ndarray]], errors: Mapping[str, np.ndarray], fine: np.ndarray,
+    units: Mapping[str, str], described: tuple[str, str], model: str = "reduced",
+) -> Iterator[Remark]:  # fmt: skip
     """Return a warning of statistics to which errors are comparable; nothing where none is.
 
     - `quantities`: values of the samples, shape (N,) each, by the names of outputs.

@@ -65,12 +65,9 @@ class Validity(Observer):
     every = EVERY
 
     def __init__(
-        self,
-        model: ReducedModel | LengthLanes,
-        system: ReducedSystem,
-        values: Mapping[str, np.ndarray],
+        self, model: ReducedModel | LengthLanes, system: ReducedSystem, values: Mapping[str, np.ndarray],
         simulation: Simulation,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._model, self._system, self._values = model, system, values
         n_steps = self._n_steps = count_steps(simulation.duration, simulation.step)
         self._part = max(SHORTEST, -(-n_steps // (EVERY * N_PARTS)))

@@ -109,11 +109,9 @@ def same_case(one: RunRecord, other: RunRecord) -> bool:
 
 
 def tell_apart(
-    records: Sequence[RunRecord],
-    kinds: Sequence[str] = (),
-    files: Sequence[Path | None] = (),
+    records: Sequence[RunRecord], kinds: Sequence[str] = (), files: Sequence[Path | None] = (),
     ignored: Collection[str] = WITHOUT_EFFECT,
-) -> list[str]:
+) -> list[str]:  # fmt: skip
     """Return for each result the words that tell it from the others; empty texts where there is one result alone.
 
     - `records`: of the results.

@@ -162,14 +162,10 @@ def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[st
         text = f"mean {mean}{shown}\n{spread}, N = {one.count}"
         longest = max(map(len, text.splitlines()))
         note = axes.annotate(
-            text.replace("-", "\N{MINUS SIGN}"),
-            xy=(0.0, 1.0),
-            xycoords="axes fraction",
-            xytext=(0.0, 5.0 + LINES * LINE_POINTS * (len(known) - 1 - number)),
-            textcoords="offset points",
-            fontsize=NOTE_SIZE * min(1.0, NOTE_LENGTH / longest),
-            color=colour,
-        )
+            text.replace("-", "\N{MINUS SIGN}"), xy=(0.0, 1.0), xycoords="axes fraction",
+            xytext=(0.0, 5.0 + LINES * LINE_POINTS * (len(known) - 1 - number)), textcoords="offset points",
+            fontsize=NOTE_SIZE * min(1.0, NOTE_LENGTH / longest), color=colour,
+        )  # fmt: skip
         # a long line must not narrow the panels
         note.set_in_layout(False)
 

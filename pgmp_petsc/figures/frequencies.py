@@ -42,11 +42,9 @@ COLUMNS = 2
 
 @styled
 def frequencies(
-    tables: Sequence[ModesTable],
-    n_modes: int = 4,
-    labels: Sequence[str] | None = None,
+    tables: Sequence[ModesTable], n_modes: int = 4, labels: Sequence[str] | None = None,
     titles: Sequence[str] | None = None,
-) -> Figure:
+) -> Figure:  # fmt: skip
     """Draw the first ``n_modes`` flexible eigenfrequencies, one panel a mode.
 
     Raises `InputError` if no table has a flexible mode.

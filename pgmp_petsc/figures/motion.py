@@ -271,16 +271,9 @@ def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | 
     quantity = "" if colour == "none" else f"{WORDS[colour]} over the largest"
     captions = ["size arbitrary"] * N_PHASES
     return Motion(
-        tuple(skins),
-        captions,
-        heading(what, shape.record),
-        notes,
-        quantity,
-        1.0,
-        1.0,
-        N_PHASES // 4,
+        tuple(skins), captions, heading(what, shape.record), notes, quantity, 1.0, 1.0, N_PHASES // 4,
         shape.record.system.unit("m"),
-    )
+    )  # fmt: skip
 
 
 def skin_of(name: str, own: BodyField, scale: float, values: Callable[[BodyField], np.ndarray | None]) -> Skin:

@@ -145,13 +145,9 @@ def top_legend(figure: Figure, handles: Sequence[Artist], title: str | None = No
     used += 0.04
     if handles:
         figure.legend(
-            handles=handles,
-            loc="upper left",
-            bbox_to_anchor=(0.0, 1 - (used - 0.06) / inches),
-            ncol=n_columns,
-            handlelength=1.9,
-            columnspacing=1.8,
-        )
+            handles=handles, loc="upper left", bbox_to_anchor=(0.0, 1 - (used - 0.06) / inches), ncol=n_columns,
+            handlelength=1.9, columnspacing=1.8,
+        )  # fmt: skip
         used += 0.24 + 0.2 * (n_rows - 1)
     figure.get_layout_engine().set(rect=(0, 0, 1, 1 - used / inches))
 

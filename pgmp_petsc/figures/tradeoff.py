@@ -137,15 +137,9 @@ def _work_precision(study: Tradeoff, cost: np.ndarray, label: str, title: str) -
         axes.set_xlabel(label)
         axes.tick_params(labelbottom=True)
     blocks[0, 0].annotate(
-        "better",
-        (0.02, 0.02),
-        xytext=(0.09, 0.09),
-        xycoords="axes fraction",
-        textcoords="axes fraction",
-        fontsize=8.5,
-        color=QUIET,
-        arrowprops={"arrowstyle": "->", "color": QUIET, "shrinkA": 0.0},
-    )
+        "better", (0.02, 0.02), xytext=(0.09, 0.09), xycoords="axes fraction", textcoords="axes fraction", fontsize=8.5,
+        color=QUIET, arrowprops={"arrowstyle": "->", "color": QUIET, "shrinkA": 0.0},
+    )  # fmt: skip
     known = np.array([_known(study, cost, column) for column in range(len(study.outputs))]).any(axis=0)
     top_legend(figure, _keys(study, known, cost), heading(title, study.record), _notes(study))
     return figure
@@ -234,15 +228,9 @@ def _write(axes: Axes, text: str, x: float, y: float) -> None:
     place = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))[0]
     left = place > RIGHT
     note = axes.annotate(
-        text,
-        (x, y),
-        xytext=(-7 if left else 7, 4),
-        textcoords="offset points",
-        ha="right" if left else "left",
-        fontsize=8.0,
-        color=QUIET,
-        zorder=5,
-    )
+        text, (x, y), xytext=(-7 if left else 7, 4), textcoords="offset points", ha="right" if left else "left",
+        fontsize=8.0, color=QUIET, zorder=5,
+    )  # fmt: skip
     note.set_in_layout(False)
 
 

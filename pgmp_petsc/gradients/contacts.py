@@ -61,13 +61,9 @@ class Contacts:
     """
 
     def __init__(
-        self,
-        model: ReducedModel | LengthLanes,
-        values: Mapping[str, float],
-        linearisation: Linearisation,
-        times: np.ndarray,
-        states: State,
-    ) -> None:
+        self, model: ReducedModel | LengthLanes, values: Mapping[str, float], linearisation: Linearisation,
+        times: np.ndarray, states: State,
+    ) -> None:  # fmt: skip
         self._model, self._linearisation, self._times, self._states = model, linearisation, times, states
         self._radius, self._step = model.scene.simulation.spectral_radius, times[-1] / (len(times) - 1)
         self._free = ~model.terms.tables.prescribed(model.motions)

@@ -81,11 +81,9 @@ class DifferentiatedRun:
 
 
 def differentiate(
-    model: ReducedModel | LengthLanes,
-    values: Mapping[str, float],
-    names: Sequence[str],
+    model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str],
     pulse: Callable[[int], object] = lambda n_steps: None,
-) -> DifferentiatedRun:
+) -> DifferentiatedRun:  # fmt: skip
     """Run one sample, and differentiate its outputs with some parameters.
 
     Raises `InputError` if the scene has no outputs, there is no static equilibrium to start from, or an end stop is
@@ -133,12 +131,9 @@ def differentiate(
 
 
 def _propagated(
-    model: ReducedModel | LengthLanes,
-    linearisation: Linearisation,
-    contacts: Contacts,
-    times: np.ndarray,
+    model: ReducedModel | LengthLanes, linearisation: Linearisation, contacts: Contacts, times: np.ndarray,
     states: State,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Return the derivatives of the reduced coordinates, their rates and their accelerations over the run, shape (3,
     n_t, n_parameters, n_eta)."""
     n_t, n = states.q.shape
@@ -279,12 +274,9 @@ def _solved(matrix: np.ndarray, rows: np.ndarray, free: np.ndarray) -> np.ndarra
 
 
 def _held(
-    model: ReducedModel | LengthLanes,
-    eta: np.ndarray,
-    at_rest: Linearised,
-    linearisation: Linearisation,
+    model: ReducedModel | LengthLanes, eta: np.ndarray, at_rest: Linearised, linearisation: Linearisation,
     given: np.ndarray,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Return S_q of coordinates (n_parameters, n_eta) whose joints' angles are held, at eta (1, n_eta); `given` has
     that of coordinates that say how far joints are off."""
     angles = [member.joint_angles for member in model.members]

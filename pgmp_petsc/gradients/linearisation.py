@@ -64,13 +64,9 @@ class Linearisation:
         self._room = _room(terms.layout, len(tables.load_weights))
 
     def at(
-        self,
-        times: np.ndarray,
-        states: State,
-        scheme: Scheme | None = None,
-        with_time: bool = False,
+        self, times: np.ndarray, states: State, scheme: Scheme | None = None, with_time: bool = False,
         loaded: bool = True,
-    ) -> Linearised:
+    ) -> Linearised:  # fmt: skip
         """Return the derivatives at times (n_t,), in states of which each array has the shape (n_t, n_eta).
 
         With a scheme they are those at the end of its steps, where the engine's iteration leaves a part of 1e-11 of the
