@@ -30,18 +30,8 @@ from pgmp_petsc.ensemble.statistics import (
 )
 from pgmp_petsc.ensemble.stopping import level_of_each
 from pgmp_petsc.ensemble.watchers import band_steps
+from pgmp_petsc.estimates import own_error
 from pgmp_petsc.estimates.coarser_run import FEWEST_STEPS
-from pgmp_petsc.estimates.own_error import (
-    absence_of_estimates,
-    few_steps,
-    large_errors,
-    left_out_of_estimates,
-    of_statistics,
-    polynomials_of_lengths,
-    too_few_steps,
-    truncated_stresses,
-    why_not_of_full_order,
-)
 from pgmp_petsc.estimates.validity import remarks_of
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import comparing
@@ -134,7 +124,7 @@ def describe_ensemble(
         *_partial_bands(bands, int(chosen.sum())),
         *over_time_remarks({name: one.count for name, one in statistics.items()}, over_time, int(chosen.sum())),
         *_estimate_remarks(origin, estimates, status, peaks),
-        *of_statistics(
+        *own_error.of_statistics(
             (one for one in outputs.items() if one[0] not in constant), estimates["errors_at_end"], chosen, units,
             ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"), origin.model,
         ),
@@ -309,7 +299,7 @@ def _estimate_remarks(
         why = f"pgmp simulate with their --set says why, sample by sample; {comparing(scene)}"
     if estimates["errors"]:
         sizes = {name: peaks.largest(name) for name in estimates["errors"]}
-        yield from large_errors(estimates["errors"], sizes, origin.units, origin.model)
+        yield from own_error.large_errors(estimates["errors"], sizes, origin.units, origin.model)
     if estimates["errors"] and (origin.model == "reduced" or n_steps >= FEWEST_STEPS):
         chosen = np.zeros(status.size, dtype=bool)
         block = block_of(scene, origin.model)
@@ -338,13 +328,16 @@ class Origin:
         """Return that of a model."""
         scene, share = model.scene, share_of(model)
         if isinstance(model, REDUCED):
-            absent = (*absence_of_estimates(scene, ensemble=True), *truncated_stresses(scene))
+            absent = (*own_error.absence_of_estimates(scene, ensemble=True), *own_error.truncated_stresses(scene))
             if share > 0.0:
-                absent += few_steps(count_steps(scene.simulation.duration, scene.simulation.step))
-                absent += left_out_of_estimates(model)
-            absent += (polynomials_of_lengths(model, share > 0.0),) if isinstance(model, LengthLanes) else ()
+                absent += own_error.few_steps(count_steps(scene.simulation.duration, scene.simulation.step))
+                absent += own_error.left_out_of_estimates(model)
+            absent += (own_error.polynomials_of_lengths(model, share > 0.0),) if isinstance(model, LengthLanes) else ()
         else:
-            absent = (*absence_of_estimates(scene, ensemble=True, of_step=True), *why_not_of_full_order(model))
+            absent = (
+                *own_error.absence_of_estimates(scene, ensemble=True, of_step=True),
+                *own_error.why_not_of_full_order(model),
+            )
             if share > 0.0:
-                absent += too_few_steps(count_steps(scene.simulation.duration, scene.simulation.step))
+                absent += own_error.too_few_steps(count_steps(scene.simulation.duration, scene.simulation.step))
         return cls(model.name, scene, dict(model.outputs.units), (*model.kinematics.remarks, *absent), share)

@@ -55,18 +55,8 @@ from functools import cached_property
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from pgmp_petsc.ensemble import importance
 from pgmp_petsc.ensemble.design_points import DesignPoints, LimitState, Slopes, bisected_design_points, design_points
-from pgmp_petsc.ensemble.importance import (
-    CLUSTERS,
-    FEWEST,
-    OUTSIDE,
-    chosen_density,
-    cluster_means,
-    levelled,
-    lie_apart,
-    log_normal,
-    outside_of,
-)
 from pgmp_petsc.ensemble.intervals import of_probability, of_weighted, variation_of
 from pgmp_petsc.ensemble.sampling import OF_RARE, stream
 
@@ -223,11 +213,11 @@ class RareSamples:
             return False
         if not (self.design is None or self.design.is_open):
             return False
-        if OUTSIDE * found.sum() / outside_of(points[inside]) >= 1.0:
+        if importance.OUTSIDE * found.sum() / importance.outside_of(points[inside]) >= 1.0:
             return False
         if self.design is not None:
             return self.design.beta.size > 1 or self.by_levels > LEVELS_APART * found.mean()
-        return lie_apart(points[inside], found[inside], stream(0, OF_RARE, 0))
+        return importance.lie_apart(points[inside], found[inside], stream(0, OF_RARE, 0))
 
     def interval(self, confidence: float) -> np.ndarray:
         """Return a confidence interval of the probability, shape (2,) (`intervals.of_weighted`).
@@ -528,7 +518,7 @@ class _Chains:
             return []
         centres, first, counts = np.unique(points, axis=0, return_index=True, return_counts=True)
         alike, values = families[first], g[first]
-        known = levelled(centres, counts.astype(float), self.random())
+        known = importance.levelled(centres, counts.astype(float), self.random())
         of_chains = centres, known / known.sum(), alike, values
         sizes = np.full(ROUNDS, self.left // ROUNDS)
         sizes[-1] += self.left % ROUNDS
@@ -536,7 +526,7 @@ class _Chains:
         weights, densities, inside, g_inside = [], [], np.zeros((0, points.shape[1])), np.zeros(0)
         for size, share in zip(sizes, AT_ENTRANCES):
             random = self.random()
-            density = chosen_density(centres, known, random, alike, values)
+            density = importance.chosen_density(centres, known, random, alike, values)
             if design is not None:
                 outside = ~np.any(centres @ design.alpha.T >= design.beta, axis=1)
                 now = float(np.average(outside, weights=known))
@@ -550,11 +540,11 @@ class _Chains:
             drawn = density.draw(size, random)
             found = self.evaluate(drawn)
             within = found <= level
-            weights.append(np.exp(log_normal(drawn) - density.log(drawn)))
+            weights.append(np.exp(importance.log_normal(drawn) - density.log(drawn)))
             inside, g_inside = np.concatenate([inside, drawn[within]]), np.concatenate([g_inside, found[within]])
             if len(inside) >= ENOUGH:
                 drawn_so_far = [np.log(m) + one.log(inside) for m, one in zip(sizes, densities)]
-                own = np.exp(log_normal(inside) - np.logaddexp.reduce(drawn_so_far, axis=0))
+                own = np.exp(importance.log_normal(inside) - np.logaddexp.reduce(drawn_so_far, axis=0))
                 own *= own.sum() / np.sum(own**2)  # how many equally weighted ones they are worth
                 centres, known, alike, values = inside, own, None, g_inside
                 if own.sum() < ENOUGH:  # chains supply what is missing
@@ -609,9 +599,9 @@ def directions_of(
 
     `families` and `values`, each (m,), are as in :func:`~pgmp_petsc.ensemble.importance.chosen_density`.
     """
-    n_clusters = max(1, min(CLUSTERS[-1], len(points) // FEWEST))
+    n_clusters = max(1, min(importance.CLUSTERS[-1], len(points) // importance.FEWEST))
     weights = np.ones(len(points))
-    several, one = (cluster_means(points, weights, families, values, n, random)[0] for n in (n_clusters, 1))
+    several, one = (importance.cluster_means(points, weights, families, values, n, random)[0] for n in (n_clusters, 1))
     means = np.concatenate([one, several])
     norms = np.sqrt(np.sum(means**2, axis=1))
     return means[norms > 0.0] / norms[norms > 0.0, None]
