@@ -105,13 +105,9 @@ def fill_tangent(strain, stress, section, cos, sin, length, tangent):
 
 
 def undeformed_stiffness(lengths: np.ndarray, alphas: np.ndarray, section: np.ndarray) -> np.ndarray:
-    """Return the tangents of elements at rest in the mesh's own frame, shape (n_elements, 6, 6).
-
-    At rest the stress resultants vanish, so the tangent is the sum of three rank-one terms.
-
-    lengths, alphas: shape (n_elements,): m and rad
-    section: ``(EA, k_s GA, EI)``, shape (3,)
-    """
+    """Return the tangents of elements at rest in the mesh's own frame, shape (n_elements, 6, 6). At rest the stress
+    resultants vanish, so the tangent is the sum of three rank-one terms. `lengths`, `alphas`: shape (n_elements,): m
+    and rad; `section`: ``(EA, k_s GA, EI)``, shape (3,)."""
     cos, sin, zero, one = np.cos(alphas), np.sin(alphas), np.zeros_like(alphas), np.ones_like(alphas)
     half = lengths / 2
     gradients = np.array(  # of eps, gamma, kappa, each times the length: shape (3, 6, n_elements)
@@ -122,13 +118,8 @@ def undeformed_stiffness(lengths: np.ndarray, alphas: np.ndarray, section: np.nd
 
 def rest_strains(lengths: np.ndarray, alphas: np.ndarray) -> np.ndarray:
     """Return what `third_derivative` is made of, linear in the unknowns: ``(u / L, w / L, psi)`` of every element,
-    shape (n_elements, 3, 6).
-
-    Extension u and deflection w are those of the second node against the first, along and across the element, and psi
-    the mean rotation of the nodes.
-
-    lengths, alphas: shape (n_elements,): m and rad
-    """
+    shape (n_elements, 3, 6). Extension u and deflection w are those of the second node against the first, along and
+    across the element, and psi the mean rotation of the nodes. `lengths`, `alphas`: shape (n_elements,): m and rad."""
     cos, sin, zero = np.cos(alphas) / lengths, np.sin(alphas) / lengths, np.zeros_like(alphas)
     half = np.full_like(alphas, 0.5)
     rows = [[-cos, -sin, zero, cos, sin, zero], [sin, -cos, zero, -sin, cos, zero], [zero, zero, half] * 2]
@@ -161,11 +152,8 @@ def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.nd
 
 
 def consistent_mass(lengths: np.ndarray, line_density: float, rotary_density: float) -> np.ndarray:
-    """Return consistent mass matrices, constant in any frame, shape (n_elements, 6, 6).
-
-    lengths: shape (n_elements,), m
-    line_density, rotary_density: rho A (kg/m) and rho I (kg m)
-    """
+    """Return consistent mass matrices, constant in any frame, shape (n_elements, 6, 6). `lengths`: shape (n_elements,),
+    m; `line_density`, `rotary_density`: rho A (kg/m) and rho I (kg m)."""
     density = np.diag([line_density, line_density, rotary_density])
     unit = np.kron(np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0, density)
     return lengths[:, None, None] * unit

@@ -99,10 +99,7 @@ class BeamStrains:
 
     def forces(self, found: np.ndarray, resists: np.ndarray) -> np.ndarray:
         """Return forces and moments in the sections of the points, (N, Q, M), in space (N, Q_2, Q_3, T, M_2, M_3).
-
-        found: strains, shape (n_points, n_strains, n)
-        resists: `stiffnesses` of the points
-        """
+        `found`: strains, shape (n_points, n_strains, n); `resists`: `stiffnesses` of the points."""
         n = resists.shape[1]
         resultants, middle = found[:, :n] * resists, found[:, n:] * resists[:, 1 : 1 + found.shape[1] - n]
         arms = ((self.along - 0.5) * self.body.mesh.lengths[self.elements])[:, None]

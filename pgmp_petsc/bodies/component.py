@@ -181,18 +181,10 @@ def rigid_of_properties(shape: LineMesh, given: Rigid, nominal: Mapping[str, flo
     fields = np.linalg.solve(matrix, momenta(matrix))
     lost = {weight: momenta(term) - term @ fields for weight, term in mass.items()}
     return Component(
-        frames=dict(shape.points),
-        centres=shape.nodes,
-        mass=mass,
-        stiffness={},
-        moments={},
-        fields=fields,
-        probes=np.zeros((n, 1)),
-        n_mesh_dofs=n,
-        error=0.0,
-        centre_of_mass=centre,
+        frames=dict(shape.points), centres=shape.nodes, mass=mass, stiffness={}, moments={}, fields=fields,
+        probes=np.zeros((n, 1)), n_mesh_dofs=n, error=0.0, centre_of_mass=centre,
         lost_momenta={weight: part for weight, part in lost.items() if np.abs(part).max() > MASSLESS * matrix.max()},
-    )
+    )  # fmt: skip
 
 
 def _component(
@@ -205,17 +197,10 @@ def _component(
     momenta = _momenta(mass, centre, about)
     matrix = momenta @ rigid_motions(centre)
     return Component(
-        frames=frames,
-        centres=centres,
-        mass={weight: 0.5 * (matrix + matrix.T)},
-        stiffness={},
-        moments={},
-        fields=np.linalg.solve(matrix, momenta),
-        probes=np.zeros((len(matrix), 1)),
-        n_mesh_dofs=n_mesh_dofs,
-        error=0.0,
+        frames=frames, centres=centres, mass={weight: 0.5 * (matrix + matrix.T)}, stiffness={}, moments={},
+        fields=np.linalg.solve(matrix, momenta), probes=np.zeros((len(matrix), 1)), n_mesh_dofs=n_mesh_dofs, error=0.0,
         centre_of_mass=centre,
-    )
+    )  # fmt: skip
 
 
 def _momenta(mass: float, centre: np.ndarray, about: np.ndarray) -> np.ndarray:

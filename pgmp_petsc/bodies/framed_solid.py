@@ -34,14 +34,9 @@ class FramedSolid:
 
     @classmethod
     def of(
-        cls,
-        name: str,
-        entry: BodyEntry,
-        materials: Mapping[str, Material],
-        mesh: SolidMesh,
-        points: Mapping[str, str],
+        cls, name: str, entry: BodyEntry, materials: Mapping[str, Material], mesh: SolidMesh, points: Mapping[str, str],
         profiles: Profiles = UNIFORM,
-    ) -> FramedSolid:
+    ) -> FramedSolid:  # fmt: skip
         """Make a scene's body.
 
         Raises `InputError` if a region or a group is missing, overlaps another one, or is too small to carry a

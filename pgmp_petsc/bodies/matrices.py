@@ -130,13 +130,9 @@ class ThirdDerivative:
         self._parts = [part for part in parts if part is not None]
 
     def times(self, vectors: np.ndarray, pairs: Pairs) -> dict[Monomial, np.ndarray]:
-        """Contract with pairs of vectors.
-
-        Returns for every weight an array of shape (n_rows, n_pairs): ``K3_i[v_j, v_k]``.
-
-        vectors: all rows, shape (n_dofs, m)
-        pairs: numbers j and k of the vectors of every pair, shape (n_pairs,) each
-        """
+        """Contract with pairs of vectors. Returns for every weight an array of shape (n_rows, n_pairs):
+        ``K3_i[v_j, v_k]``. `vectors`: all rows, shape (n_dofs, m); `pairs`: numbers j and k of the vectors of every
+        pair, shape (n_pairs,) each."""
         found: dict[Monomial, np.ndarray] = {}
         for part in self._parts:
             for weight, forces in zip(part.weights, part.forces(part.terms, vectors, pairs)):

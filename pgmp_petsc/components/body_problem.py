@@ -153,14 +153,9 @@ class BlockLanczos:
     """
 
     def __init__(
-        self,
-        mass: PETSc.Mat,
-        stiffness: PETSc.Mat,
-        inverse: Callable[[np.ndarray], np.ndarray],
-        shift: float,
-        start: np.ndarray,
-        comm: Comm,
-    ) -> None:
+        self, mass: PETSc.Mat, stiffness: PETSc.Mat, inverse: Callable[[np.ndarray], np.ndarray], shift: float,
+        start: np.ndarray, comm: Comm,
+    ) -> None:  # fmt: skip
         self._mass, self._stiffness, self._shift = mass, stiffness, shift
         self._basis = Subspace(mass, lambda _, momenta: inverse(momenta), comm)
         self._basis.add(np.hstack([start, self._waves(0)]))
@@ -257,15 +252,9 @@ class BodyProblem:
     """
 
     def __init__(
-        self,
-        mass: Terms,
-        stiffness: Terms,
-        values: Mapping[str, float],
-        places: np.ndarray,
-        comm: Comm,
-        memory: float | None = None,
-        name: str = "",
-    ) -> None:
+        self, mass: Terms, stiffness: Terms, values: Mapping[str, float], places: np.ndarray, comm: Comm,
+        memory: float | None = None, name: str = "",
+    ) -> None:  # fmt: skip
         d = places.shape[1]
         self.comm, self._places, self._n_rigid, self._where = comm, places, d * (d + 1) // 2, f"body {name}".strip()
         self._sums = [matrix_sum(terms, values) for terms in (mass, stiffness)]
@@ -359,13 +348,9 @@ DEGREE = 3
 
 
 def polynomial_fields(places: np.ndarray, comm: Comm, degree: int = DEGREE) -> np.ndarray:
-    """Return polynomials up to a degree in every direction, as products of Legendre's over the body's box, shape (n d,
-    n_fields).
-
-    Collective on `comm`, whose ranks have different places.
-
-    places: this rank's nodes, shape (n, d), m
-    """
+    """Return polynomials up to a degree in every direction, as products of Legendre's over the body's box,
+    shape (n d, n_fields). Collective on `comm`, whose ranks have different places. `places`: this rank's nodes,
+    shape (n, d), m."""
     from mpi4py import MPI
 
     n, d = places.shape

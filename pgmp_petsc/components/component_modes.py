@@ -72,16 +72,10 @@ MOST_KEPT = 2**27  # bytes of a body's displacements that are kept without being
 
 
 def condense(
-    solid: Solid | AssembledBody,
-    frames: Mapping[str, FaceFrame],
-    points: Sequence[Mapping[str, float]],
-    n_modes: int,
-    comm: Comm,
-    timings: Timings | None = None,
-    memory: float | None = None,
-    stressed: bool = False,
+    solid: Solid | AssembledBody, frames: Mapping[str, FaceFrame], points: Sequence[Mapping[str, float]], n_modes: int,
+    comm: Comm, timings: Timings | None = None, memory: float | None = None, stressed: bool = False,
     large: bool = False,
-) -> tuple[Component, np.ndarray, SectionCoordinates | None]:
+) -> tuple[Component, np.ndarray, SectionCoordinates | None]:  # fmt: skip
     """Condense a body. Collective on `comm`.
 
     Raises `RunError` if an eigenproblem fails, or the interface's answers do not settle.
@@ -205,16 +199,10 @@ def _residual(subspace: Subspace, loads: np.ndarray, test: float) -> np.ndarray:
 
 
 def _condensed(
-    solid: Solid | AssembledBody,
-    frames: Mapping[str, FaceFrame],
-    points: Sequence[Mapping[str, float]],
-    subspace: Subspace,
-    loads: np.ndarray,
-    fields: np.ndarray,
-    matrices: tuple[Terms, Terms],
-    nodes: range,
+    solid: Solid | AssembledBody, frames: Mapping[str, FaceFrame], points: Sequence[Mapping[str, float]],
+    subspace: Subspace, loads: np.ndarray, fields: np.ndarray, matrices: tuple[Terms, Terms], nodes: range,
     error: float,
-) -> tuple[Component, np.ndarray, SectionCoordinates | None]:
+) -> tuple[Component, np.ndarray, SectionCoordinates | None]:  # fmt: skip
     """Turn a subspace's coordinates into those of the frames and internal ones."""
     d, comm, values = solid.mesh.dimension, subspace.comm, points[0]
     vectors = subspace.vectors
@@ -240,16 +228,10 @@ def _condensed(
     keep = _without_rigid(d, constant, weighted_sum_dense(mass, values))
     rows = d * nodes.start + np.arange(d * len(nodes))
     component = Component(
-        {name: number for number, name in enumerate(frames)},
-        np.array([frame.centre for frame in frames.values()]),
-        mass,
-        {w: keep.T @ a @ keep for w, a in stiffness.items()},
-        moments,
-        constant,
-        turn.T @ subspace.inner(subspace.mass_vectors, _waves(rows, solid.n_dofs)),
-        solid.n_dofs,
-        error,
-    )
+        {name: number for number, name in enumerate(frames)}, np.array([frame.centre for frame in frames.values()]),
+        mass, {w: keep.T @ a @ keep for w, a in stiffness.items()}, moments, constant,
+        turn.T @ subspace.inner(subspace.mass_vectors, _waves(rows, solid.n_dofs)), solid.n_dofs, error,
+    )  # fmt: skip
     return component, recovery, section
 
 
@@ -329,11 +311,8 @@ def axial_fields(places: np.ndarray, lowest: float, highest: float) -> np.ndarra
 
 
 def axial_part(momenta: np.ndarray, squares: np.ndarray) -> np.ndarray:
-    """Return what takes vectors of an orthonormal basis V to their part along the axis, shape (n, n).
-
-    momenta: ``V^T M F`` of the fields F, shape (n, n_fields)
-    squares: ``F^T M F``
-    """
+    """Return what takes vectors of an orthonormal basis V to their part along the axis, shape (n, n). `momenta`:
+    ``V^T M F`` of the fields F, shape (n, n_fields); `squares`: ``F^T M F``."""
     values, directions = eigh(squares)
     chosen = values > DEPENDENT * values[-1]
     unit = momenta @ (directions[:, chosen] / np.sqrt(values[chosen]))
@@ -414,16 +393,9 @@ def in_floating_frame(component: Component, nominal: Mapping[str, float]) -> Flo
         bent, curved = foreshortened(component.foreshortening, shapes, moments)
     kept = component.recovery and replace(component.recovery, shapes=component.recovery.shapes @ modes, curved=None)
     return FloatingBody(
-        component.frames,
-        component.centres,
-        shapes,
-        moments,
-        stiffness,
-        bent,
-        curved,
-        kept,
+        component.frames, component.centres, shapes, moments, stiffness, bent, curved, kept,
         np.linalg.inv(np.hstack([rigid, modes])),
-    )
+    )  # fmt: skip
 
 
 def elastic_modes(component: Component, nominal: Mapping[str, float]) -> np.ndarray:

@@ -77,13 +77,9 @@ class Finished(Protocol):
 
 
 def condensed(
-    scene: Scene,
-    shapes: Mapping[str, BodyShape],
-    group: RankGroup,
-    finished: Finished | None = None,
-    timings: Timings | None = None,
-    large: bool | None = None,
-) -> dict[str, BodyShape]:
+    scene: Scene, shapes: Mapping[str, BodyShape], group: RankGroup, finished: Finished | None = None,
+    timings: Timings | None = None, large: bool | None = None,
+) -> dict[str, BodyShape]:  # fmt: skip
     """Return the shapes of a scene's bodies with every mesh of continuum elements, and matrices, condensed. Collective
     on ``group.world``.
 
@@ -244,13 +240,9 @@ DEPENDENT = 1e-9  # of a load, the part that deforms; of answers of norm 1, the 
 def floating_shapes(
     scene: Scene, shapes: Mapping[str, BodyShape], bodies: Sequence[Body], comm: Comm
 ) -> dict[str, BodyShape]:
-    """Return the shapes of a scene's bodies, the flexible ones in floating frames. Collective on `comm`.
-
-    Raises `RunError` if an eigenproblem fails; on all ranks, whichever rank met it.
-
-    shapes: by the name of the body
-    bodies: that were made of them
-    """
+    """Return the shapes of a scene's bodies, the flexible ones in floating frames. Collective on `comm`. Raises
+    `RunError` if an eigenproblem fails; on all ranks, whichever rank met it. `shapes`: by the name of the body;
+    `bodies`: that were made of them."""
     flexible = [body for body in bodies if body.flexible]
     own, found = flexible[comm.rank :: comm.size], {}
     with agreed(comm, "component modes"), progress(len(own), "bodies in floating frames", comm) as bar:
@@ -277,14 +269,9 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
         check_slender(scene, meshed, NOT_SLENDER)
     n_modes, stressed = scene.reduction.modes + scene.n_overconstrained, meshed.solid.name in stressed_bodies(scene)
     component, recovery, _ = condense(
-        meshed.solid,
-        meshed.frames,
-        serving_points(scene, meshed),
-        n_modes,
-        alone(),
-        stressed=stressed,
+        meshed.solid, meshed.frames, serving_points(scene, meshed), n_modes, alone(), stressed=stressed,
         large=scene.static_stiffening,
-    )
+    )  # fmt: skip
     if scene.static_stiffening:
         component = with_second_order(component, meshed.solid, recovery, alone(), scene.nominal)
     return in_floating_frame(component, scene.nominal)

@@ -66,14 +66,9 @@ def foreshortening(
 
 
 def with_second_order(
-    component: Component,
-    solid: Solid | AssembledBody,
-    recovery: np.ndarray,
-    comm: Comm,
-    nominal: Mapping[str, float],
-    n_followed: int | None = None,
-    all_fields: bool = True,
-) -> Component:
+    component: Component, solid: Solid | AssembledBody, recovery: np.ndarray, comm: Comm, nominal: Mapping[str, float],
+    n_followed: int | None = None, all_fields: bool = True,
+) -> Component:  # fmt: skip
     """Return a condensed body with its foreshortening, and with what is of second order in all of its fields where that
     is wanted. Collective on `comm`.
 
@@ -116,9 +111,7 @@ def curved_strains(
     component: Component, of_pairs: Mapping[Monomial, np.ndarray], nominal: Mapping[str, float]
 ) -> np.ndarray:
     """Return the unknowns whose linear strains stand for those of second order of pairs of fields; see `Recovery`.
-
-    of_pairs: as of `FieldsOnCells.of_pairs`
-    """
+    `of_pairs`: as of `FieldsOnCells.of_pairs`."""
     modes = elastic_modes(component, nominal)
     stiffness = modes.T @ weighted_sum_dense(component.stiffness, nominal) @ modes
     forces = weighted_sum_dense(of_pairs, nominal) @ modes

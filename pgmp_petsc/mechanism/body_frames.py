@@ -51,10 +51,8 @@ def rigid_positions(mechanism: Mechanism, poses: np.ndarray) -> np.ndarray:
 
 
 def linear_motion(mechanism: Mechanism, coefficients: Sequence[np.ndarray]) -> np.ndarray:
-    """Return displacements in body frames of bodies that move as linear fields, shape (n_dofs, ...).
-
-    coefficients: of every body, shape (n_bodies, d + d^2, ...)
-    """
+    """Return displacements in body frames of bodies that move as linear fields, shape (n_dofs, ...). `coefficients`: of
+    every body, shape (n_bodies, d + d^2, ...)."""
     trailing = coefficients[0].shape[1:]
     result = np.zeros((mechanism.n_dofs, math.prod(trailing)))
     for (dofs, fields), own in zip(mechanism.linear_fields, coefficients):
@@ -63,11 +61,8 @@ def linear_motion(mechanism: Mechanism, coefficients: Sequence[np.ndarray]) -> n
 
 
 def rigid_velocities(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Return ``d rho / d theta`` in body frames, shape (n_dofs, n_theta).
-
-    poses: one configuration, shape (n_bodies, n_pose)
-    rates: ``dP/dtheta``, shape (n_bodies, n_pose, n_theta)
-    """
+    """Return ``d rho / d theta`` in body frames, shape (n_dofs, n_theta). `poses`: one configuration,
+    shape (n_bodies, n_pose); `rates`: ``dP/dtheta``, shape (n_bodies, n_pose, n_theta)."""
     return linear_motion(mechanism, [mechanism.space.velocity_field(*own) for own in zip(poses, rates)])
 
 

@@ -269,10 +269,8 @@ class RigidKinematics:
         return self._closure.rates(poses)
 
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
-        """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, 3, n_theta, n_theta, n).
-
-        poses, rates: as from `poses` and `rates`
-        """
+        """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, 3, n_theta, n_theta, n). `poses`, `rates`: as from `poses`
+        and `rates`."""
         return self._closure.curvatures(poses, rates)
 
     def positions(self, node: int, theta: np.ndarray) -> np.ndarray:

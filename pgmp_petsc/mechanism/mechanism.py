@@ -168,12 +168,8 @@ class Mechanism:
         return number, body.mesh.nodes[node - body.first_node]
 
     def place(self, poses: np.ndarray) -> np.ndarray:
-        """Place the undeformed bodies: rho of eq. (4).
-
-        Returns shape (n_dofs, ...): unknowns q.
-
-        poses: rigid poses ``(X, Y, Phi)``, shape (n_bodies, 3, ...)
-        """
+        """Place the undeformed bodies: rho of eq. (4). Returns shape (n_dofs, ...): unknowns q. `poses`: rigid poses
+        ``(X, Y, Phi)``, shape (n_bodies, 3, ...)."""
         return placed(self.space, self.bodies, self.n_dofs, poses)
 
     def holding(
@@ -201,10 +197,8 @@ class Mechanism:
         return vectors[: per_node * self.n_nodes].reshape(self.n_nodes, per_node, *vectors.shape[1:])
 
     def place_rates(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
-        """Return ``d rho / d theta`` in the inertial frame, shape (n_dofs, n_theta).
-
-        poses, rates: one configuration, shape (n_bodies, 3), and ``dP/dtheta``, shape (n_bodies, 3, n_theta)
-        """
+        """Return ``d rho / d theta`` in the inertial frame, shape (n_dofs, n_theta). `poses`, `rates`: one
+        configuration, shape (n_bodies, 3), and ``dP/dtheta``, shape (n_bodies, 3, n_theta)."""
         result = np.zeros((self.n_dofs, rates.shape[2]))
         nodal = self.by_node(result)
         for body, pose, rate in zip(self.bodies, poses, rates):

@@ -27,10 +27,8 @@ UNKNOWN, WHOLE, SINGULAR = -1, -2, -3  # patches that were not made yet, that cl
 
 
 class PosePatches:
-    """Poses over the range of two coordinates.
-
-    branch: table of the assembly branch, from which Newton's method starts
-    """
+    """Poses over the range of two coordinates. `branch`: table of the assembly branch, from which Newton's method
+    starts."""
 
     def __init__(self, branch: PoseBranch) -> None:
         self._branch = branch

@@ -115,14 +115,9 @@ class StatementRows:
         return self._evaluated(DRIFT, self.n, q, rates=v)
 
     def _evaluated(
-        self,
-        what: int,
-        size: int,
-        q: np.ndarray,
-        known: np.ndarray | None = None,
-        rates: np.ndarray | None = None,
+        self, what: int, size: int, q: np.ndarray, known: np.ndarray | None = None, rates: np.ndarray | None = None,
         rows: Rows | None = None,
-    ) -> np.ndarray:
+    ) -> np.ndarray:  # fmt: skip
         """Return what is wanted, shape (size, ...); `known` are the angles or the multipliers of the rows."""
         trailing = q.shape[1:]
         n = math.prod(trailing)

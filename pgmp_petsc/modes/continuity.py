@@ -59,13 +59,9 @@ def procrustes(overlaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def canonical_rotation(eigenvalues: np.ndarray, probe: np.ndarray) -> np.ndarray:
-    """Fix signs and rotations among equal eigenvalues by a probe, whatever the solver made of them.
-
-    Returns shape (m, m): block-diagonal orthogonal matrix, one block for equal eigenvalues.
-
-    eigenvalues: ascending, shape (m,)
-    probe: ``V^T W`` with fixed vectors W, shape (m, m)
-    """
+    """Fix signs and rotations among equal eigenvalues by a probe, whatever the solver made of them. Returns
+    shape (m, m): block-diagonal orthogonal matrix, one block for equal eigenvalues. `eigenvalues`: ascending,
+    shape (m,); `probe`: ``V^T W`` with fixed vectors W, shape (m, m)."""
     splits = np.flatnonzero(np.diff(eigenvalues) > EQUAL_TOLERANCE * eigenvalues[1:]) + 1
     bounds = [0, *splits, eigenvalues.size]
     return _by_groups(probe, [np.arange(*pair) for pair in zip(bounds, bounds[1:])])[0]

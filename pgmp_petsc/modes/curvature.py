@@ -183,16 +183,9 @@ class CurvatureProblem:
         return self._along(rigid, chi, momenta) - chi
 
     def _answers(
-        self,
-        modes: ModeSet,
-        kept: np.ndarray,
-        shape: np.ndarray,
-        answered: np.ndarray,
-        pairs: tuple[np.ndarray, np.ndarray],
-        forces: np.ndarray,
-        what: str,
-        gaps: GapDerivatives | None = None,
-    ) -> np.ndarray:
+        self, modes: ModeSet, kept: np.ndarray, shape: np.ndarray, answered: np.ndarray,
+        pairs: tuple[np.ndarray, np.ndarray], forces: np.ndarray, what: str, gaps: GapDerivatives | None = None,
+    ) -> np.ndarray:  # fmt: skip
         """Return chi for pairs of vectors but for multiples of kept eigenvectors, given ``K3[psi_i, psi_j]``."""
         problem = self._problem
         chi = np.zeros_like(forces)
@@ -262,13 +255,9 @@ class _TurningJoints:
     """
 
     def __init__(
-        self,
-        jacobian: sp.csr_matrix,
-        hessians: list[ConstraintHessian],
-        shape: np.ndarray,
-        pairs: tuple[np.ndarray, np.ndarray],
-        gaps: GapDerivatives | None = None,
-    ) -> None:
+        self, jacobian: sp.csr_matrix, hessians: list[ConstraintHessian], shape: np.ndarray,
+        pairs: tuple[np.ndarray, np.ndarray], gaps: GapDerivatives | None = None,
+    ) -> None:  # fmt: skip
         self._touched = np.unique(jacobian.indices)
         self._jacobian = jacobian[:, self._touched].toarray()
         self._hessians = hessians
@@ -301,10 +290,8 @@ class _TurningJoints:
         return result
 
     def forces(self, reactions: np.ndarray) -> np.ndarray:
-        """Return ``(mu_i.c'') psi_j + (mu_j.c'') psi_i``, shape (n_dofs, n_pairs).
-
-        reactions: ``C^T mu_i``, shape (n_dofs, m)
-        """
+        """Return ``(mu_i.c'') psi_j + (mu_j.c'') psi_i``, shape (n_dofs, n_pairs). `reactions`: ``C^T mu_i``,
+        shape (n_dofs, m)."""
         i, j = self._pairs
         multipliers = np.linalg.lstsq(self._jacobian.T, reactions[self._touched], rcond=RANK_TOLERANCE)[0]
         result = np.zeros((len(self._shape), i.size))
@@ -347,10 +334,8 @@ class RotaryCurvature:
 
     def work(self, accelerations: np.ndarray, vectors: np.ndarray, pairs: Pairs, weight: Monomial) -> np.ndarray:
         """Return the work of accelerations on pairs of vectors in one term of the mass, shape (k, n_pairs).
-
-        accelerations: linear fields of every body, shape (n_bodies, 12, k): `Space.acceleration_field`
-        vectors: shape (n_dofs, m)
-        """
+        `accelerations`: linear fields of every body, shape (n_bodies, 12, k): `Space.acceleration_field`; `vectors`:
+        shape (n_dofs, m)."""
         result = np.zeros((accelerations.shape[2], pairs[0].size))
         for number, own, turns, inertia in self._parts:
             if own != weight:

@@ -55,10 +55,8 @@ SUBSET = 0.2  # of all eigenvectors: for more of them QR iterations for all are 
 
 
 class DensePencil:
-    """A pencil that one rank has whole; methods and attributes are those of `SparsePencil`.
-
-    mass, stiffness: shape (n_dofs, n_dofs)
-    """
+    """A pencil that one rank has whole; methods and attributes are those of `SparsePencil`. `mass`, `stiffness`:
+    shape (n_dofs, n_dofs)."""
 
     def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix) -> None:
         self._mass, self._stiffness = mass.toarray(), stiffness.toarray()

@@ -96,13 +96,9 @@ class ModalProblem:
     """
 
     def __init__(
-        self,
-        kinematics: RigidKinematics,
-        values: Mapping[str, float],
-        n_modes: int,
-        comm: Comm,
+        self, kinematics: RigidKinematics, values: Mapping[str, float], n_modes: int, comm: Comm,
         matrices: AffineMatrices | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.kinematics = kinematics
         self.mechanism = kinematics.mechanism
         self.free = np.flatnonzero([not coordinate.prescribed for coordinate in kinematics.coordinates])
@@ -164,11 +160,8 @@ class ModalProblem:
         return self._known
 
     def resume(self, theta: np.ndarray, eigenvalues: np.ndarray, flexible: np.ndarray) -> ModeSet:
-        """Return to a configuration whose modes are known: `static_answers` holds there again.
-
-        theta: the configuration, shape (n_theta,), rad
-        eigenvalues, flexible: as they were found there
-        """
+        """Return to a configuration whose modes are known: `static_answers` holds there again. `theta`: the
+        configuration, shape (n_theta,), rad; `eigenvalues`, `flexible`: as they were found there."""
         rigid, curvature = self._move_to(theta)
         self._pencil.factor()
         released = self.released_motion(theta, rigid)
@@ -220,10 +213,8 @@ class ModalProblem:
         return {weight: forces[self.rows.start : self.rows.stop] for weight, forces in found.items()}
 
     def independent(self, loads: np.ndarray) -> np.ndarray:
-        """Leave out the loads that are combinations of those before them, or that clamped joints take up.
-
-        loads: in body frames, local rows, shape (n_local, n_loads)
-        """
+        """Leave out the loads that are combinations of those before them, or that clamped joints take up. `loads`: in
+        body frames, local rows, shape (n_local, n_loads)."""
         clamps = self.constraints_at(self.mechanism.first_guess)[self._clamp_rows].toarray().T
         chosen = np.empty((len(loads), 0))
         for load in np.hstack([clamps[self.rows.start : self.rows.stop], loads]).T[..., None]:

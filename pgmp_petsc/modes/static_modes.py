@@ -88,11 +88,8 @@ def static_modes(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np
 
 
 def dependent_loads(problem: ModalProblem, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
-    """Return whose static answers are combinations of the modes and of the answers before, shape (n_loads,).
-
-    problem, modes: as those of `static_modes`
-    loads: in body frames, local rows, shape (n_local, n_loads)
-    """
+    """Return whose static answers are combinations of the modes and of the answers before, shape (n_loads,). `problem`,
+    `modes`: as those of `static_modes`; `loads`: in body frames, local rows, shape (n_local, n_loads)."""
     answers = problem.static_answers(modes.eigenvectors, loads)
     return _extended(problem, modes.eigenvectors, answers, problem.norms(answers))[1]
 
@@ -191,9 +188,7 @@ class SpringStiffness:
 
     def at(self, theta: np.ndarray, matrices: AffineMatrices, comm: Comm) -> list[Block]:
         """Return the blocks at a configuration (n_theta,), rad; the same on all ranks. Collective on `comm`.
-
-        matrices: the rows that a rank of `comm` has of the mechanism's matrices: the weights are made of them
-        """
+        `matrices`: the rows that a rank of `comm` has of the mechanism's matrices: the weights are made of them."""
         poses = self.kinematics.motion(theta).poses
         loaded = self._weights is not None
         forces = [

@@ -164,11 +164,8 @@ _OBEYED = re.compile(rb"[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]")  # by termina
 
 
 class LastingOutput(io.RawIOBase):
-    """Writes to a file descriptor until that fails, and swallows what comes after.
-
-    descriptor: stays open
-    failure: the first failure, or None
-    """
+    """Writes to a file descriptor until that fails, and swallows what comes after. `descriptor`: stays open; `failure`:
+    the first failure, or None."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor

@@ -222,14 +222,9 @@ def unused_remark(names: Sequence[str]) -> str:
 
 @contextmanager
 def petsc_solver(prefix: str, activity: str) -> Iterator[None]:
-    """Turn what PETSc raises in a block into an error of ours.
-
-    Raises `InputError` if PETSc refuses the value of one of the options with the prefix; `RunError` if anything else
-    fails in PETSc.
-
-    prefix: options prefix of the object that the block works on
-    activity: what the block does, with the configuration, for messages
-    """
+    """Turn what PETSc raises in a block into an error of ours. Raises `InputError` if PETSc refuses the value of one of
+    the options with the prefix; `RunError` if anything else fails in PETSc. `prefix`: options prefix of the object that
+    the block works on; `activity`: what the block does, with the configuration, for messages."""
     from petsc4py import PETSc
 
     try:

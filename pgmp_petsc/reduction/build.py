@@ -263,22 +263,13 @@ def _built(
         *_on_vectors(scene.reduction.parameter_modes, n_parameter),
     )
     return ReducedOrderModel(
-        tables=tables,
-        branch=kinematics.branch,
-        rigid_inertia=rigid_inertia(tables.samples, mass, kinematics),
-        projection=basis.projection,
-        frequencies_hz=np.sqrt(joined.tables["eigenvalues"]) / (2 * np.pi),
-        cosines=joined.cosines,
-        meshes=dict(meshes),
-        n_redundant=n_redundant,
+        tables=tables, branch=kinematics.branch, rigid_inertia=rigid_inertia(tables.samples, mass, kinematics),
+        projection=basis.projection, frequencies_hz=np.sqrt(joined.tables["eigenvalues"]) / (2 * np.pi),
+        cosines=joined.cosines, meshes=dict(meshes), n_redundant=n_redundant,
         record=RunRecord(scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict(), remarks),
-        curvature=basis.curvature,
-        points=replace(points, n_vectors=n_parameter),
-        indefinite=indefinite,
-        stiffness_changes=_stiffness_changes(store.samples, joined, basis),
-        missed=missed,
-        gaps=gaps,
-    )
+        curvature=basis.curvature, points=replace(points, n_vectors=n_parameter), indefinite=indefinite,
+        stiffness_changes=_stiffness_changes(store.samples, joined, basis), missed=missed, gaps=gaps,
+    )  # fmt: skip
 
 
 def _forces_change(scene: Scene, mechanism: Mechanism) -> bool:
@@ -493,13 +484,9 @@ class Manifold:
     """
 
     def __init__(
-        self,
-        problem: ModalProblem,
-        loads: Sequence[Load],
-        static_loads: StaticLoads,
-        static_stretching: bool = False,
+        self, problem: ModalProblem, loads: Sequence[Load], static_loads: StaticLoads, static_stretching: bool = False,
         built_in: BuiltIn | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._problem, self._loads, self._static_loads = problem, TurnedLoads(problem, loads), static_loads
         self._curvature = CurvatureProblem(problem, static_stretching, built_in)
 

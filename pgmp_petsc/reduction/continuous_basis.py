@@ -95,14 +95,9 @@ def join_samples(
     n_given = next(iter(own.values())).built_in.shape[1]
     times = (shapes.shape[2] - n_given) // overlaps.shape[-1]
     return JoinedSamples(
-        tables=tables,
-        shapes=shapes,
-        rotations=_block_diagonal(basis.rotations, times, n_given),
-        cosines=basis.cosines,
-        flipped=_with_given(np.tile(basis.flipped, times), n_given),
-        groups=basis.groups,
-        n_given=n_given,
-    )
+        tables=tables, shapes=shapes, rotations=_block_diagonal(basis.rotations, times, n_given), cosines=basis.cosines,
+        flipped=_with_given(np.tile(basis.flipped, times), n_given), groups=basis.groups, n_given=n_given,
+    )  # fmt: skip
 
 
 def _block_diagonal(blocks: np.ndarray, times: int, n_given: int) -> np.ndarray:
@@ -228,14 +223,9 @@ class ContinuousBasis:
 
     @classmethod
     def of(
-        cls,
-        mechanism: Mechanism,
-        samples: SampleGrid,
-        loads: Sequence[Load],
-        joined: JoinedSamples,
-        compression: Compression,
-        nominal: Mapping[str, float] | None,
-    ) -> ContinuousBasis:
+        cls, mechanism: Mechanism, samples: SampleGrid, loads: Sequence[Load], joined: JoinedSamples,
+        compression: Compression, nominal: Mapping[str, float] | None,
+    ) -> ContinuousBasis:  # fmt: skip
         """Express the samples' tables and vectors in the continuous basis, orthonormal at `nominal` parameters."""
         n_kept, n_parameter = joined.n_kept, compression.matrix.shape[1]
         combinations, uneven = joined.rotations @ compression.beside(n_kept, joined.n_given), 1.0

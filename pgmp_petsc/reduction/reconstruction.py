@@ -36,13 +36,9 @@ class Reconstruction:
     """
 
     def __init__(
-        self,
-        kinematics: RigidKinematics,
-        rom: ReducedOrderModel,
-        scheme: str,
-        nodes: Sequence[int],
+        self, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str, nodes: Sequence[int],
         internal: bool = False,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._kinematics = kinematics
         self._nodes = np.asarray(nodes, dtype=int)
         self._space = kinematics.mechanism.space

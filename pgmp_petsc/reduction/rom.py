@@ -196,31 +196,19 @@ class ReducedOrderModel:
             )
         )  # fmt: skip
         tables = ReducedTables(
-            samples=found.samples,
-            mass_weights=found.mass_weights,
-            stiffness_weights=found.stiffness_weights,
-            load_weights=found.load_weights,
-            load_effects=found.load_effects,
-            mass=found.mass,
-            inertia=found.inertia,
-            stiffness=found.stiffness,
-            load=found.load,
-            n_given=found.n_given,
+            samples=found.samples, mass_weights=found.mass_weights, stiffness_weights=found.stiffness_weights,
+            load_weights=found.load_weights, load_effects=found.load_effects, mass=found.mass, inertia=found.inertia,
+            stiffness=found.stiffness, load=found.load, n_given=found.n_given,
             second_order=second and SecondOrderTables(**{name: second[name] for name in CURVED}),
             changes=second and ModeChanges(second["gyroscopic"], second["spread"]),
-        )
+        )  # fmt: skip
         return cls(
-            tables=tables,
-            branch=found.kinematics.branch,
-            rigid_inertia=found.rigid,
-            meshes={name: body.shape for name, body in found.mesh.items()},
-            record=record,
+            tables=tables, branch=found.kinematics.branch, rigid_inertia=found.rigid,
+            meshes={name: body.shape for name, body in found.mesh.items()}, record=record,
             points=ParameterPoints.none() if points is None else ParameterPoints(**points),
-            stiffness_changes=changes and StiffnessChanges(**changes),
-            missed=missed and MissedAnswers(**missed),
-            gaps=gaps and JointGaps(**gaps),
-            **{name: getattr(found, name) for name in OWN},
-        )
+            stiffness_changes=changes and StiffnessChanges(**changes), missed=missed and MissedAnswers(**missed),
+            gaps=gaps and JointGaps(**gaps), **{name: getattr(found, name) for name in OWN},
+        )  # fmt: skip
 
     @classmethod
     def _family(cls, found: LengthsFile, record: RunRecord) -> LengthFamily:
@@ -254,13 +242,9 @@ class LengthFamily:
     check: LengthCheck  # of the family against a model of none of these points
 
     def at(self, scene: Scene, nominal: ReducedOrderModel) -> ReducedOrderModel:
-        """Return the model with the lengths of a scene's run (``scene.values``).
-
-        Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths. Raises `InputError` if the
-        mechanism cannot be closed with these lengths.
-
-        nominal: the model at the nominal lengths, which the family belongs to
-        """
+        """Return the model with the lengths of a scene's run (``scene.values``). Kinematics and rigid inertia are
+        exact, tables and shapes polynomials of the lengths. Raises `InputError` if the mechanism cannot be closed with
+        these lengths. `nominal`: the model at the nominal lengths, which the family belongs to."""
         kinematics = self.kinematics(scene, nominal, None)
         mechanism = kinematics.mechanism
         masses = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
@@ -345,16 +329,11 @@ def _lengths_file(family: LengthFamily) -> LengthsFile:
     grid, check = family.grid, family.check
     lower, upper = np.array(grid.ranges).T
     return LengthsFile(
-        grid.names,
-        lower,
-        upper,
-        grid.n_points,
+        grid.names, lower, upper, grid.n_points,
         np.array([[point[name] for name in grid.names] for point in grid.points]),
-        np.array([check.values[name] for name in grid.names]),
-        check.frequencies,
-        check.inertia,
+        np.array([check.values[name] for name in grid.names]), check.frequencies, check.inertia,
         {str(number): ModelFile(**member._fields()) for number, member in enumerate(family.members)},
-    )
+    )  # fmt: skip
 
 
 WIDER, FARTHEST = 1.5, 3.0  # times the span that a build tries
@@ -390,10 +369,8 @@ class Served:
 
 
 def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
-    """Return the ranges of the parameters that the tables of a reduced model depend on, by name.
-
-    built: the scene that it was built from
-    """
+    """Return the ranges of the parameters that the tables of a reduced model depend on, by name. `built`: the scene
+    that it was built from."""
     weights = (*rom.tables.mass_weights, *rom.tables.stiffness_weights)
     found = {}
     for name in sorted({name for weight in weights for name, _ in weight.powers}):
@@ -433,11 +410,8 @@ def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray]
 
 @gathered
 def outside_of(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> Iterator[Remark]:
-    """Return a warning that counts samples outside what is served; nothing where all are inside.
-
-    values: of the parameters, shape (n,) each
-    where: what the samples are, before the message
-    """
+    """Return a warning that counts samples outside what is served; nothing where all are inside. `values`: of the
+    parameters, shape (n,) each; `where`: what the samples are, before the message."""
     known, lines = {name: served for name, served in ranges.items() if name in values}, []
     outside = {name: served.outside(values[name]) for name, served in known.items()}
     for name, which in outside.items():

@@ -76,14 +76,10 @@ class Sampler:
     """
 
     def __init__(
-        self,
-        problem: ModalProblem,
-        loads: Sequence[Load],
-        static_loads: StaticLoads,
-        snapshots: ParameterSnapshots | None = None,
-        probe: InfluenceProbe | None = None,
+        self, problem: ModalProblem, loads: Sequence[Load], static_loads: StaticLoads,
+        snapshots: ParameterSnapshots | None = None, probe: InfluenceProbe | None = None,
         built_in: BuiltIn | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.problem = problem
         mechanism = problem.mechanism
         self._mass = _stacked([problem.matrices.mass[w] for w in mechanism.mass_weights])
@@ -122,17 +118,12 @@ class Sampler:
         released = slice(problem.n_modes, problem.n_modes + problem.n_released)
         stiffness[:, released] = stiffness[:, :, released] = 0.0  # but for round-off
         return Sample(
-            eigenvalues=modes.eigenvalues,
-            mass=_symmetric(problem.inner(basis, inertia)),
-            inertia=work.reshape(len(inertia), n_theta, n_theta, -1),
-            stiffness=stiffness,
-            load=problem.inner(loads, basis),
-            canonical=self._canonical(modes, kept.shape[1]),
-            shape=shape,
-            mass_kept=problem.times_mass(kept),
-            built_in=built_in,
+            eigenvalues=modes.eigenvalues, mass=_symmetric(problem.inner(basis, inertia)),
+            inertia=work.reshape(len(inertia), n_theta, n_theta, -1), stiffness=stiffness,
+            load=problem.inner(loads, basis), canonical=self._canonical(modes, kept.shape[1]), shape=shape,
+            mass_kept=problem.times_mass(kept), built_in=built_in,
             influence=np.zeros((0, 0)) if self._probe is None else self._probe.at(modes, loads),
-        )
+        )  # fmt: skip
 
     def _canonical(self, modes: ModeSet, n_kept: int) -> np.ndarray:
         """Return the rotation that fixes the modes' signs whatever the solver made of them."""

@@ -71,10 +71,8 @@ class ParameterSnapshots:
 
     def missed(self, snapshots: Sequence[np.ndarray], kept: np.ndarray) -> np.ndarray:
         """Return what vectors leave of the snapshots, side by side, M-orthogonal to them at the nominal parameters.
-
-        snapshots: as from `at`
-        kept: free rigid and flexible vectors that the basis has, shape (n_local, n_kept)
-        """
+        `snapshots`: as from `at`; `kept`: free rigid and flexible vectors that the basis has,
+        shape (n_local, n_kept)."""
         if not snapshots:
             return np.empty((len(kept), 0))
         rest = np.hstack(snapshots)
@@ -157,14 +155,9 @@ DIGITS = 6  # of the shares that are compared: round-off must not choose
 
 
 def choose_points(scene: Scene, problem: ModalProblem, loads: StaticLoads, group: RankGroup) -> ParameterPoints:
-    """Choose the points for ``reduction.parameter_modes``. Collective on ``group.world``; the same on all ranks.
-
-    Raises `InputError` if no parameter has a distribution: there is nowhere to take modes; `RunError` if an
-    eigenproblem fails.
-
-    problem: eigenproblem at the nominal parameters
-    loads: what static modes answer
-    """
+    """Choose the points for ``reduction.parameter_modes``. Collective on ``group.world``; the same on all ranks. Raises
+    `InputError` if no parameter has a distribution: there is nowhere to take modes; `RunError` if an eigenproblem
+    fails. `problem`: eigenproblem at the nominal parameters; `loads`: what static modes answer."""
     if not scene.reduction.parameter_modes:
         return ParameterPoints.none()
     spanned, n_samples = spanning_values(scene)
@@ -194,13 +187,9 @@ class _Shares:
     """Missed shares of all candidates. Collective on ``group.world``."""
 
     def __init__(
-        self,
-        scene: Scene,
-        problem: ModalProblem,
-        loads: StaticLoads,
-        group: RankGroup,
+        self, scene: Scene, problem: ModalProblem, loads: StaticLoads, group: RankGroup,
         candidates: Sequence[Mapping[str, float]],
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._group, self._n_candidates = group, len(candidates)
         self._n_vectors = scene.reduction.parameter_modes
         self._own: list[_Configuration] = []

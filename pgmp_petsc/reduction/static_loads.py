@@ -191,11 +191,8 @@ class InfluenceProbe:
         self._mass = sp.vstack(masses, format="csr")
 
     def at(self, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
-        """Return the influences at the configuration that the problem is at, shape (n_modes, n_columns).
-
-        modes: the modes there
-        loads: load terms in body frames, local rows, shape (n_local, n_loads)
-        """
+        """Return the influences at the configuration that the problem is at, shape (n_modes, n_columns). `modes`: the
+        modes there; `loads`: load terms in body frames, local rows, shape (n_local, n_loads)."""
         problem = self._problem
         answers = self._curvature.stiffness_answers(modes)
         motion = problem.kinematics.motion(modes.theta)

@@ -70,13 +70,9 @@ class ModeChanges:
 
 
 def mode_changes(
-    kinematics: RigidKinematics,
-    masses: Mapping[Monomial, sp.csr_matrix],
-    samples: SampleGrid,
-    projection: np.ndarray,
-    scheme: str,
-    n_given: int = 0,
-) -> ModeChanges:
+    kinematics: RigidKinematics, masses: Mapping[Monomial, sp.csr_matrix], samples: SampleGrid, projection: np.ndarray,
+    scheme: str, n_given: int = 0,
+) -> ModeChanges:  # fmt: skip
     """Return the tables of changing modes.
 
     masses: all rows of the mass terms, in body frames, shape (n_dofs, n_dofs) each
@@ -182,32 +178,20 @@ class ReducedTables:
     def at(self, rows: np.ndarray) -> ReducedTables:
         """Return the tables at some of the samples of one coordinate, given by their increasing numbers."""
         return replace(
-            self,
-            samples=self.samples.tabulated(self.samples.theta[rows]),
-            mass=self.mass[rows],
-            inertia=self.inertia[rows],
-            stiffness=self.stiffness[rows],
-            load=self.load[rows],
-            second_order=None if self.second_order is None else self.second_order.at(rows),
-            changes=None,
-        )
+            self, samples=self.samples.tabulated(self.samples.theta[rows]), mass=self.mass[rows],
+            inertia=self.inertia[rows], stiffness=self.stiffness[rows], load=self.load[rows],
+            second_order=None if self.second_order is None else self.second_order.at(rows), changes=None,
+        )  # fmt: skip
 
     def turned(self, rotations: np.ndarray) -> ReducedTables:
-        """Express the flexible coordinates in another basis at every sample.
-
-        rotations: matrices Q with ``Psi_new = Psi Q``, shape (n, n_delta, n_new): orthogonal, or combinations of fewer
-            vectors
-        """
+        """Express the flexible coordinates in another basis at every sample. `rotations`: matrices Q with
+        ``Psi_new = Psi Q``, shape (n, n_delta, n_new): orthogonal, or combinations of fewer vectors."""
         whole = beside_rigid(rotations, self.n_coordinates)
         return replace(
-            self,
-            mass=congruent(whole, self.mass),
-            inertia=np.einsum("nij,ntkli->ntklj", rotations, self.inertia),
-            stiffness=congruent(rotations, self.stiffness),
-            load=np.einsum("nij,nti->ntj", whole, self.load),
-            second_order=None if self.second_order is None else self.second_order.turned(rotations),
-            changes=None,
-        )
+            self, mass=congruent(whole, self.mass), inertia=np.einsum("nij,ntkli->ntklj", rotations, self.inertia),
+            stiffness=congruent(rotations, self.stiffness), load=np.einsum("nij,nti->ntj", whole, self.load),
+            second_order=None if self.second_order is None else self.second_order.turned(rotations), changes=None,
+        )  # fmt: skip
 
     def over_two_turns(self, flipped: np.ndarray, axis: int = 0) -> ReducedTables:
         """Append a second revolution along an axis, in which some flexible coordinates have the opposite sign."""
