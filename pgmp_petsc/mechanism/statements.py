@@ -44,17 +44,11 @@ evaluate = CODE.evaluate
 
 @dataclass(frozen=True, eq=False)
 class Function:
-<<<<<<< HEAD
-    """A function f of a statement s: a factor times s, or times a cubic spline of s that closes on itself. On piece k,
-    from ``x = breaks[k]`` on, the spline is ``sum_j coefficients[k, j] (s - x)^j``, of s within the period that the
-    breaks span; with a period of 0 it is one polynomial, of any s."""
-=======
     """A function f of a statement s: a factor times s, or times a cubic spline of s that closes on itself.
 
     On piece k, from ``x = breaks[k]`` on, the spline is ``sum_j coefficients[k, j] (s - x)^j``, of s within the period
-    that the breaks span.
+    that the breaks span; with a period of 0 it is one polynomial, of any s.
     """
->>>>>>> main
 
     factor: float = 1.0
     breaks: np.ndarray = field(default_factory=lambda: np.zeros(0))  # shape (n + 1,), rad; none where it is linear
