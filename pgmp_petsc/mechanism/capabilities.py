@@ -93,10 +93,6 @@ def _elastic(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.elastic" for name, joint in scene.joints.items() if joint.elastic is not None)
 
 
-def _off(scene: Scene) -> Iterator[str]:
-    return (f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset is not None)
-
-
 def _riding_in_space(scene: Scene) -> Iterator[str]:
     return (f"joints.{name} ({one.type})" for name, one in scene.joints.items() if one.rides and scene.dimension == 3)
 
@@ -112,7 +108,7 @@ def _rigid_of_several_factors(scene: Scene) -> Iterator[str]:
 def _with(
     joints: Callable[[Scene], Iterable[str]], which: Callable[[Scene], Iterable[str]]
 ) -> Callable[[Scene], Iterator[str]]:
-    """Return what finds entries of a scene beside its elastic joints, or those that are off."""
+    """Return what finds entries of a scene beside its elastic joints."""
     return lambda scene: (f"{one} with {entry}" for one in which(scene) for entry in joints(scene))
 
 
@@ -194,21 +190,6 @@ FEATURES = (
         OF_THE_REDUCTION,
         why_not="models at several lengths have no forces in joints",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
-    ),
-    Feature(
-        "elastic joints that are off themselves",
-        lambda scene: (entry for entry in _off(scene) if scene.joints[entry.split(".")[1]].elastic is not None),
-        EVERYWHERE,
-        why_not="not made for a joint with elastic, whose springs keep to where it should be",
-        cure="leave it out, or take an effect of type bushing in place of elastic",
-    ),
-    Feature(
-        "joints that are off beside elastic ones",
-        _with(_elastic, _off),
-        OF_THE_REDUCTION,
-        why_not="reduced models begin with what is built in without springs, which elastic joints need",
-        cure="leave it out, take pgmp simulate SCENE --full or --components, or effects of type bushing in place of "
-        "joints with elastic",
     ),
     Feature(
         "rigid beams in space with a section of parameters",

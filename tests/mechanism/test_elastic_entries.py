@@ -35,6 +35,8 @@ joints.hub.elastic={reference=[[1.0,0.0]],turning_stiffness=[0.0],turning_dampin
 effects.one={type="gravity"} -> effects.one: joints.one is elastic, and its springs have this name
 """)
 IN_SPACE = cases("""
+joints.right.offset={turn=[0.0, 1e-3, 0.0]} -> joints.right.offset.turn = [0.0, 0.001, 0.0]: turns what the joint slides
+    along, which it releases across that by more the further it slides
 joints.left.elastic.reference=[[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]] -> = [[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]: the axes
     must not be parallel
 joints.left.elastic.reference=[[1.0, 0.0, 0.0]] -> = [[1.0, 0.0, 0.0]]: two axes of three numbers
@@ -68,7 +70,7 @@ def test_refused_in_space(asked, said):
 def test_refused_on_several_ranks(tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(scene_to_toml(rotor()))
-    asked = (IN_SPACE[4][0], IN_SPACE[0][0])
+    asked = (IN_SPACE[5][0], IN_SPACE[1][0])
     for said in refused(3, [["modes", scene, *overridden(one), "-o", tmp_path / "m.h5"] for one in asked]):
         assert said.count("joints.left.elastic") == 1
 
