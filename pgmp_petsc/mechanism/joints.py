@@ -124,7 +124,8 @@ class Release:
     statement: Statement  # what is measured along or about it
     key: str  # the entry of its stiffness, ``stiffness`` or ``turning_stiffness``
     axis: int  # the number of its axis
-    rest: AffineSum  # the statement without force, m or rad: in the configuration, and by how much the joint is off
+    #: the statement without force, m or rad: in the configuration, and by how much the joint is off
+    rest: AffineSum = AffineSum(())
 
 
 @dataclass(frozen=True, eq=False)
