@@ -6,7 +6,7 @@ elastic joints give way most.
 
 **Elastic rotation**: the largest rotation of a node, or of a frame of a continuum body, less that of its rigid body.
 What elastic joints give way is in it: their motion is linear in the model, and has to be as small. Without terms of
-second order forces do not turn with it, so that a rotation phi is a share phi of what they do: that is said from 2 % on.
+second order forces do not turn with it, so that a rotation phi is a share phi of what they do: said from 2 % on.
 
 **Elastic strain**: the largest strain along the outermost fibre of a beam, ``|eps| + c |kappa|`` with c half its
 height; of a section given by coefficients, which has no height, c is that of the circle with the same radius of
@@ -281,7 +281,7 @@ def _given_way(scene: Scene, rotations: np.ndarray) -> Iterator[Remark]:
         yield warning(
             f"rotations of {largest:.2g} rad with what {', '.join(elastic)} give way: a model without terms of second "
             f"order turns neither lengths nor forces by them, so that deformations, and places of what gives way, may "
-            f"be off by {100.0 * largest:.1g} to {300.0 * largest:.1g} %; estimated errors have that. Take terms of "
+            f"be off by {100.0 * largest:.2g} to {300.0 * largest:.2g} %; estimated errors have that. Take terms of "
             f"second order where bending is small (reduction.second_order), or {comparing(scene)}"
         )
 

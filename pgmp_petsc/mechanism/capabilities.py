@@ -93,6 +93,13 @@ def _elastic(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.{joint.gives_way}" for name, joint in scene.joints.items() if joint.gives_way)
 
 
+def _off_beside_clearance(scene: Scene) -> Iterator[str]:
+    loose = [name for name, joint in scene.joints.items() if joint.gives_way == "clearance"]
+    for name, joint in scene.joints.items():
+        if joint.offset is not None and loose and not scene.initial.equilibrium:
+            yield f"joints.{name}.offset with joints.{loose[0]}.clearance"
+
+
 def _riding_in_space(scene: Scene) -> Iterator[str]:
     return (f"joints.{name} ({one.type})" for name, one in scene.joints.items() if one.rides and scene.dimension == 3)
 
@@ -190,6 +197,13 @@ FEATURES = (
         OF_THE_REDUCTION,
         why_not="models at several lengths have no forces in joints",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
+    ),
+    Feature(
+        "joints that are off beside clearance",
+        _off_beside_clearance,
+        EVERYWHERE - {Purpose.MODES},
+        why_not="runs begin with what is built in without loads, and parts with room around them rest nowhere then",
+        cure="leave it out, or let the run start under its loads (initial.equilibrium = true)",
     ),
     Feature(
         "rigid beams in space with a section of parameters",

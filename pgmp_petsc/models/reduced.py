@@ -27,7 +27,7 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.scene.uses import offset_values
 from pgmp_petsc.stepping.second_order_system import State
-from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, settle
+from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, UNBALANCED, settle
 
 if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import ReducedFields
@@ -218,11 +218,7 @@ def _in_balance(
     def deformed(at: np.ndarray) -> np.ndarray:
         _, lost = statics.hold(at, np.ones(n_samples, dtype=bool))
         if lost.any():
-            raise InputError(
-                "joints: no balance of springs of elastic joints and bodies was found at the start, which is to answer "
-                f"joints that are off: {statics.cause(int(np.argmax(lost)))}. A direction that an elastic joint "
-                "releases needs a stiffness, there or in another joint"
-            )
+            raise InputError(UNBALANCED.format(statics.cause(int(np.argmax(lost)))))
         return statics.unknowns().T
 
     q, v = deformed(theta), np.zeros((n_samples, statics.unknowns().shape[0]))

@@ -199,7 +199,7 @@ class BuiltIn:
             column[: self._n_held] = gap.at(poses)
         gaps[np.abs(gaps) < CLOSED * self._units] = 0.0  # what elastic joints take
         found, left = self._closing.at(modes, gaps, "stress that joints that are off build in")
-        if np.max(left) > CLOSED * np.max(np.abs(gaps)):
+        if np.max(left, initial=0.0) > CLOSED * np.max(np.abs(gaps), initial=0.0):
             self._refuse(left, problem.kinematics.describe(modes.theta))
         return found
 

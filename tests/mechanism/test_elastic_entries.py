@@ -82,7 +82,12 @@ def test_infinity_is_written_and_read():
 
 LENGTH = ("parameters.l={nominal=0.3,bounds=[0.29,0.31]}", "bodies.crank.line.length='l'")
 AUTOMATIC = ("reduction.effects='auto'", "effects={}")
+PLAY = (
+    "joints.hub.clearance={radius=1e-4,stiffness=5e8,restitution=0.9,restitution_speed=0.1}",
+    "joints.one.offset={place=[0.0,1e-3]}",
+)
 NOT_WITH_THESE = {
+    "off beside room": (Purpose.BUILD, PLAY, "joints.one.offset with joints.hub.clearance: runs begin with what is"),
     "preload": (Purpose.MODES, ("reduction.preload=true",), "reduction.preload = true with joints.one.elastic: the"),
     "sizes": (Purpose.SIZES, (), "joints.one.elastic: sizes of effects are those on rigid joints"),
     "automatic": (Purpose.BUILD, AUTOMATIC, 'reduction.effects = "auto" with joints.one.elastic: effects are chosen'),

@@ -226,6 +226,14 @@ def test_a_frame_follows_its_mounts():
         assert [found["left"][0], found["mid"][0]] == pytest.approx([1e-3, 5e-4], rel=1e-6), name
 
 
+def test_an_offset_without_a_balance_is_refused():
+    """Nothing holds the left mount upwards, and a reduced run has no place to start from."""
+    loose = "joints.one.elastic={reference=[[1.0,0.0]],stiffness=[1e6,0.0],turning_stiffness=[0.0]}"
+    model = reduced_model(machine(loose, "joints.one.offset={place=[0.0,1e-3]}", "effects={}"))
+    with pytest.raises(InputError, match="no balance of springs .* A direction that an elastic joint releases needs"):
+        motion(model)
+
+
 PLACED = (
     "outputs={left={type='displacement',point='frame:hinge',axis='y'},mid={type='displacement',point='frame:middle',axis='y'}}",
 )
