@@ -82,18 +82,9 @@ def checked(
 ) -> Function:
     """Let a function of the interface, or a method of a result, be called with arguments that its annotations allow.
 
-    Numbers of numpy become Python's, None means no overrides. Raises `InputError`, from the function, on all ranks, if
-    an argument is something else.
-
-    Parameters
-    ----------
-    function
-        The function.
-    declared
-        Declarations of the arguments (`api.declared.Argument`).
-    names
-        A program's names for options of the command line, which messages use: no caller reads words that are not its
-        own.
+    Numbers of numpy become Python's, None means no overrides. `declared` are declarations of the arguments
+    (`api.declared.Argument`), `names` a program's names for options of the command line, which messages use. Raises
+    `InputError`, from the function, on all ranks, if an argument is something else.
     """
     signature = inspect.signature(function)
     kinds = {name: kinds_of(str(entry.annotation)) for name, entry in signature.parameters.items()}
@@ -195,7 +186,6 @@ def kinds_of(annotation: str) -> tuple[str, ...]:
 
 
 def _taken(name: str, value: object, kinds: tuple[str, ...], limits: object) -> Any:
-    """Return an argument as functions take it."""
     for kind in kinds:
         if kind not in _TAKEN:
             return value  # the function's own to look at
@@ -304,8 +294,6 @@ def _columns(value: object) -> object:
 
 
 def _either(*names: str) -> Callable[[object], object]:
-    """Return what takes one of several kinds."""
-
     def taken(value: object) -> object:
         return next((found for name in names if (found := _TAKEN[name](value)) is not NotImplemented), NotImplemented)
 

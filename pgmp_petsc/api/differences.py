@@ -112,7 +112,6 @@ Columns = dict[str, np.ndarray]
 
 
 def _called(result: Result | str | PathLike[str]) -> str:
-    """Return what messages call a result."""
     return f"'{(result.path or 'a result without a file') if isinstance(result, Result) else result}'"
 
 

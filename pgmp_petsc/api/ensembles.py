@@ -352,9 +352,7 @@ def _kept(keeper: Keeper, found: object, plan: Plan, origin: Origin, scene: Scen
 @contextmanager
 def _place_of(keeper: Keeper) -> Iterator[Path]:
     """Yield where samples are kept on the way: beside their file, or in a folder of their own, which goes at the end.
-
-    Collective on the ranks; what is kept is the first's.
-    """
+    Collective on the ranks; what is kept is the first's."""
     if keeper.output is not None:
         yield keeper.output
         return

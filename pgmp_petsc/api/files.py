@@ -90,10 +90,8 @@ class Contents:
     datasets: dict[str, DataSet]  # by their names, in the file's order
 
     def summary(self) -> dict[str, Any]:
-        """Return its figures as plain data, those of ``pgmp info --json``; reads the result's own.
-
-        Raises `InputError` if it is no whole result of this program.
-        """
+        """Return its figures as plain data, those of ``pgmp info --json``; reads the result's own. Raises `InputError`
+        if it is no whole result of this program."""
         from pgmp_petsc.results import READERS
         from pgmp_petsc.results.summary import origin_of, plain, summary_of
 
@@ -145,10 +143,8 @@ def _all_datasets(file: h5py.File) -> dict[str, DataSet]:
 
 
 def describe(found: Contents, path: Path | None = None, said: object = (), scene: bool = False) -> str:
-    """Return the description of a result file of any kind; by one process.
-
-    Raises `InputError` if what it holds does not fit together.
-    """
+    """Return the description of a result file of any kind; by one process. Raises `InputError` if what it holds does
+    not fit together."""
     if scene:
         return found.record.scene_toml.rstrip()
     from pgmp_petsc.base.resources import Timings
@@ -209,7 +205,6 @@ def _estimates(found: Contents) -> list[str]:
 
 
 def _tradeoff(path: Path) -> str:
-    """Return the table and the advice of a trade-off study."""
     from pgmp_petsc.results.tradeoff import Tradeoff
     from pgmp_petsc.texts.studies import summary
 
@@ -250,7 +245,6 @@ def _of_lengths(name: str) -> tuple[str, int, str]:
 
 
 def _indented(text: str) -> str:
-    """Indent every line by two spaces."""
     return "\n".join(f"  {line}" for line in text.splitlines())
 
 

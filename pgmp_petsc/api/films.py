@@ -87,7 +87,6 @@ def animate(
 
 
 def _angles(at: Mapping[str, float]) -> dict[str, float]:
-    """Return the coordinates of a configuration."""
     for name, angle in at.items():
         if isinstance(angle, bool) or not isinstance(angle, (int, float)) or not math.isfinite(angle):
             raise InputError(f"at[{name!r}] = {angle!r}: allowed is an angle (rad), a finite number")

@@ -129,7 +129,6 @@ def schema(output: str | PathLike[str] | None = None, *, comm: Comm | None = Non
 
 
 def _write_schema(output: Path | None) -> str:
-    """Write the page or the schema; by one process."""
     from pgmp_petsc.scene.reference_page import reference_page, schema_text  # few ask for it
 
     if output is None:

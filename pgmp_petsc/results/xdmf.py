@@ -105,7 +105,6 @@ def _tree(file: h5py.File, heavy: str) -> tuple[ElementTree.ElementTree, int]:
 
 
 def _add_field(domain: ElementTree.Element, body: str, group: h5py.Group, time: np.ndarray, heavy: str) -> None:
-    """Add the series of a body with its real cells."""
     series = ElementTree.SubElement(domain, "Grid", Name=body, GridType="Collection", CollectionType="Temporal")
     cells = group["cells"]
     for number, instant in enumerate(time):
@@ -126,12 +125,10 @@ def _add_field(domain: ElementTree.Element, body: str, group: h5py.Group, time: 
 
 
 def _attribute(grid: ElementTree.Element, name: str, kind: str, centre: str = "Node") -> ElementTree.Element:
-    """Add an attribute on the nodes or on the cells."""
     return ElementTree.SubElement(grid, "Attribute", Name=name, AttributeType=kind, Center=centre)
 
 
 def _refer(parent: ElementTree.Element, dataset: h5py.Dataset, heavy: str) -> None:
-    """Add a reference to a dataset of the trajectory's file."""
     item = ElementTree.SubElement(
         parent,
         "DataItem",

@@ -207,17 +207,10 @@ class Parameter(Table):
         return self.nominal if self.value is None else self.value
 
     def quantiles(self, probabilities: np.ndarray, at_least: float = -np.inf) -> np.ndarray:
-        """Return quantiles of the distribution truncated to its bounds, which is renormalised.
+        """Return quantiles, at probabilities of any shape, of the distribution truncated to its bounds and `at_least`.
 
-        ``F^-1(F(low) + p (F(high) - F(low)))``; where the bounds lie above the median by the probabilities of larger
-        values, as those of smaller ones are 1 to round-off in the upper tail.
-
-        Parameters
-        ----------
-        probabilities
-            Of any shape, 0 to 1.
-        at_least
-            A further lower bound.
+        It is renormalised, ``F^-1(F(low) + p (F(high) - F(low)))``; where the bounds lie above the median by the
+        probabilities of larger values, as those of smaller ones are 1 to round-off in the upper tail.
         """
         law, (low, high) = self.distribution.law, self._limits
         low, below = max(low, at_least), _below(law)
@@ -281,7 +274,6 @@ def _below(law: object) -> Callable[[float], float]:
 
 
 def _continuous(name: str) -> rv_continuous:
-    """Return the continuous distribution `name` of scipy.stats."""
     from scipy import stats  # half a second, which a scene without distributions need not wait for
 
     distribution = getattr(stats, name, None)
@@ -295,7 +287,6 @@ def _continuous(name: str) -> rv_continuous:
 
 
 def _shapes(distribution: rv_continuous) -> list[str]:
-    """Return the names of the shape parameters."""
     return distribution.shapes.split(", ") if distribution.shapes else []
 
 
@@ -527,13 +518,8 @@ def uncertain_names(scene: AnyScene) -> list[str]:
 
 
 def spanning_values(scene: AnyScene, names: Sequence[str] | None = None) -> tuple[dict[str, np.ndarray], int]:
-    """Return the values of every parameter, shape (n_samples,), the nominal ones first, and n_samples.
-
-    Parameters
-    ----------
-    names
-        Parameters that vary, each with a distribution or with bounds; by default those with a distribution.
-    """
+    """Return the values of every parameter, shape (n_samples,), the nominal ones first, and n_samples; by default those
+    with a distribution vary, else those of some names, which have distributions or bounds."""
     names = uncertain_names(scene) if names is None else names
     levels = {name: _levels(scene, name) for name in names}
     samples = [dict(scene.nominal)]

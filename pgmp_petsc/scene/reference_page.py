@@ -32,11 +32,8 @@ _KEPT = ("type", "enum", "description", "default", "minItems", "maxItems", "minL
 
 
 def editor_schema() -> dict[str, Any]:
-    """Return the schema of a scene as plain data.
-
-    Every table is in ``definitions`` by the name of its model; tables of the user's own names
-    (``[bodies.NAME]``) have one entry in ``patternProperties``.
-    """
+    """Return the schema of a scene as plain data. Every table is in ``definitions`` by the name of its model; tables of
+    the user's own names (``[bodies.NAME]``) have one entry in ``patternProperties``."""
     found = Scene.model_json_schema()
     schema = _table_schema(found)
     # the word in place of all effects, see `Scene._defaults_of_the_reduction`
@@ -113,7 +110,6 @@ def _entry(node: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _sentence(text: str) -> str:
-    """Return a description on one line."""
     return " ".join(text.replace("``", "`").split())
 
 
@@ -245,7 +241,6 @@ def allowed(entry: Mapping[str, Any]) -> str:
 
 
 def _bounds(entry: Mapping[str, Any]) -> str:
-    """Return the limits of a number in words."""
     words = []
     if "minimum" in entry:
         words.append(f"{'above' if entry.get('exclusiveMinimum') else 'from'} {_toml(entry['minimum'])}")
@@ -283,7 +278,6 @@ def _references(entry: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _toml(value: object) -> str:
-    """Return a value as a scene has it."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, (list, tuple)):

@@ -44,15 +44,11 @@ def said_system(data: Mapping[str, Any]) -> UnitSystem:
 
 
 def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, str]:
-    """Convert parameters given in other units than the scene's, in place on raw tables.
+    """Convert parameters given in other units than the scene's, in place on raw tables; return the unit each was given
+    in.
 
-    Raises `InputError` if a number is a text with another unit than the rest of its parameter.
-
-    Returns
-    -------
-    dict
-        The unit that each converted parameter was given in. What is no number, or has an unknown unit, is left for the
-        validation to refuse.
+    What is no number, or has an unknown unit, is left for the validation to refuse. Raises `InputError` if a number is
+    a text with another unit than the rest of its parameter.
     """
     parameters = data.get("parameters")
     given: dict[str, str] = {}
@@ -93,10 +89,7 @@ def label_of(unit: str, dimension: Dimension, system: UnitSystem) -> str | None:
 
 def setting_of(text: str, parameter: dict[str, Any], system: UnitSystem) -> float | None:
     """Return a value with its own unit, in those of the scene, for a raw parameter that is converted; None if it has
-    none. A parameter without a unit is given it.
-
-    Raises `UnknownUnit` if it is none, or none of the parameter's.
-    """
+    none. A parameter without a unit is given it. Raises `UnknownUnit` if it is none, or none of the parameter's."""
     value = number_of(text, (), system) if _unit_behind(text) else None
     if value is None:
         return None
@@ -110,13 +103,8 @@ def setting_of(text: str, parameter: dict[str, Any], system: UnitSystem) -> floa
 
 
 def unit_problems(scene: AnyScene, given: Mapping[str, str]) -> Iterator[str]:
-    """Yield a line for each parameter whose unit is unknown or none of what uses it, or whose uses differ.
-
-    Parameters
-    ----------
-    given : mapping of str to str
-        Units as `convert_parameters` returned them.
-    """
+    """Yield a line for each parameter whose unit is unknown or none of what uses it, or whose uses differ; units are
+    `given` as `convert_parameters` returned them."""
     uses: dict[str, list[Use]] = {name: [] for name in scene.parameters}
     for use in uses_of(scene):
         if use.parameter in uses and use.units:  # what is in a formula may have any
@@ -147,7 +135,6 @@ def unit_problems(scene: AnyScene, given: Mapping[str, str]) -> Iterator[str]:
 
 
 def _allowed(uses: list[Use]) -> set[Dimension]:
-    """Return the dimensions that all uses take."""
     return set.intersection(*({UNITS[unit] for unit in use.units} for use in uses)) if uses else set()
 
 
@@ -157,13 +144,8 @@ def _contradiction(name: str, uses: list[Use]) -> str:
 
 
 def text_problems(scene: AnyScene, raw: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a line for each number that is a text with a unit of another motion than it is about: N/m on a hinge.
-
-    Parameters
-    ----------
-    raw
-        The tables that the scene was read from.
-    """
+    """Yield a line for each number that is a text with a unit of another motion than it is about: N/m on a hinge; the
+    scene was read from the `raw` tables."""
     system, seen = scene.system, set()
     has_any = any(re.match(QUANTITY, text) for text in _strings(raw))
     for use in (*uses_of(scene), *measured_uses(scene)) if has_any else ():
@@ -192,7 +174,6 @@ def _at(raw: object, entry: str) -> object:
 
 
 def _strings(value: object) -> Iterator[str]:
-    """Yield the texts of a value, or in a list or table."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, (list, tuple, dict)):
@@ -244,7 +225,6 @@ def _number(value: object, factor: float, system: UnitSystem) -> object:
 
 
 def _converted(parameter: Mapping[str, Any], number: Callable[[object], object]) -> dict[str, Any]:
-    """Return a raw parameter with all its numbers converted."""
     converted = dict(parameter)
     for key in ("nominal", "value"):
         if key in converted:

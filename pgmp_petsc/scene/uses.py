@@ -85,7 +85,6 @@ def uses_of(scene: AnyScene) -> Iterator[Use]:
 
 
 def _of_table(entry: str, table: Any, slides: bool = False) -> Iterator[Use]:
-    """Yield the entries of a table, if there is one."""
     for key, *use in named_numbers(table, slides) if table is not None else ():
         yield Use(f"{entry}.{key}", *use)
 
@@ -164,10 +163,8 @@ def slides(scene: AnyScene, entry: Any) -> bool:
 
 
 def motion_over(scene: AnyScene, entry: Any) -> str | None:
-    """Return the motion of a joint that an effect is over, ``turning`` or ``sliding``.
-
-    None where the joint has both and none is said; of the joint that it acts on it is then the one that it acts on.
-    """
+    """Return the motion of a joint that an effect is over, ``turning`` or ``sliding``. None where the joint has both
+    and none is said; of the joint that it acts on it is then the one that it acts on."""
     if entry.over == entry.joint and entry.over_motion is None:
         return "sliding" if slides(scene, entry) else "turning"
     joint = scene.joints.get(entry.over)

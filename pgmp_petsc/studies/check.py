@@ -37,10 +37,8 @@ ROUND_OFF = 1e-12  # of the largest moment of inertia
 
 #: What effects add that are neither loads nor local forces.
 def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
-    """Return the report of ``pgmp check``.
-
-    Raises `InputError` if the mechanism cannot be closed or controlled, or points are missing.
-    """
+    """Return the report of ``pgmp check``. Raises `InputError` if the mechanism cannot be closed or controlled, or
+    points are missing."""
     check_capabilities(scene, Purpose.CHECK, meshes)
     mechanism = Mechanism.from_scene(scene, meshes)
     for framed in (framed for body in mechanism.bodies for framed in body.to_condense):
@@ -194,12 +192,10 @@ def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:
 
 
 def _weights(mechanism: Mechanism, kind: str) -> list[Monomial]:
-    """Return the weights of the reduced model's terms."""
     return sorted({weight for body in mechanism.bodies for weight in body.condensed_weights(kind)})
 
 
 def _effects(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load]) -> list[str]:
-    """Say of every effect what it adds to the model."""
     if not scene.effects:
         return ["  effects       none"]
     actions = actions_of(effects)
@@ -254,7 +250,6 @@ def _flexible(scene: Scene, mechanism: Mechanism, n_patterns: int) -> dict[str, 
 
 
 def _memory(scene: Scene, mechanism: Mechanism, matrices, n_loads: int, n_flexible: int) -> list[str]:
-    """Estimate what a build holds and writes."""
     n_theta = len(mechanism.coordinates)
     n_modes, n_angles = n_flexible, scene.reduction.angles**n_theta
     n_eta = n_modes + n_theta
@@ -285,7 +280,6 @@ def describe_trial(trial: Trial) -> str:
 
 
 def _condensing(mechanism: Mechanism) -> list[str]:
-    """Estimate what condensing the continuum bodies holds."""
     solids = [framed.solid for body in mechanism.bodies for framed in body.to_condense]
     entries = sum(solid.n_entries for solid in solids)
     largest = max(solids, key=lambda solid: solid.n_dofs)

@@ -67,16 +67,9 @@ def estimate_effects(
 ) -> EffectSizes:
     """Estimate the size of every available effect, on one rank.
 
-    Raises `InputError` or `RunError` if the mechanism is not sound, a body cannot be condensed, or the rigid run fails.
-
-    Parameters
-    ----------
-    meshes
-        Of the bodies, not condensed.
-    branch
-        Assembly branch of the mechanism where it is known; see `RigidKinematics`.
-    shapes
-        The same bodies condensed with what is of second order (`condensed`), where they are at hand.
+    `meshes` are of the bodies, not condensed, `shapes` the same condensed with what is of second order (`condensed`),
+    where they are at hand, `branch` the mechanism's assembly branch where it is known (see `RigidKinematics`). Raises
+    `InputError` or `RunError` if the mechanism is not sound, a body cannot be condensed, or the rigid run fails.
     """
     check_capabilities(scene, Purpose.SIZES)
     if shapes is None:
@@ -100,9 +93,7 @@ def remarks_on_sizes(
     scene: Scene, meshes: Mapping[str, BodyShape], branch: PoseBranch | None = None
 ) -> tuple[Remark, ...]:
     """Return which effects a scene leaves out although they matter, or why their sizes are not known; on one rank.
-
-    Parameters are those of `estimate_effects`.
-    """
+    Parameters are those of `estimate_effects`."""
     continuum = [name for name, body in scene.bodies.items() if body.continuum]
     if continuum:
         return (
@@ -171,7 +162,6 @@ def _named(scene: Scene, run: RigidRun, exchanged: float, tolerance: float) -> l
 def _terms(
     scene: Scene, shapes: Mapping[str, BodyShape], kinematics: RigidKinematics, run: RigidRun, tolerance: float
 ) -> list[EffectSize]:
-    """Return the sizes of the terms of the reduced model."""
     if not any(body.flexible for body in scene.bodies.values()):
         return []
     names = {effect.type: name for name, effect in scene.effects.items()}
@@ -294,10 +284,8 @@ def _is_missing(scene: Scene, size: EffectSize) -> bool:
 def choose_effects(
     scene: Scene, meshes: Mapping[str, BodyShape], shapes: Mapping[str, BodyShape]
 ) -> tuple[Scene, EffectSizes]:
-    """Return the scene with the effects that matter, and the estimate that chose them; on one rank.
-
-    Parameters are those of `estimate_effects`. Raises `InputError` or `RunError`, as `estimate_effects`.
-    """
+    """Return the scene with the effects that matter, and the estimate that chose them; on one rank. Parameters are
+    those of `estimate_effects`. Raises `InputError` or `RunError`, as `estimate_effects`."""
     sizes = estimate_effects(scene, meshes, shapes=shapes)
     keeps = {kind: False for kind in TERMS} | {size.kind: size.keeps for size in sizes.sizes if size.kind in TERMS}
     kept = {size.name for size in sizes.sizes if size.name and size.keeps and size.kind not in TERMS}

@@ -40,12 +40,8 @@ def field_frames(
 ) -> dict[str, BodyField]:
     """Return the fields of all bodies that are seen; nothing where there are no frames.
 
-    Parameters
-    ----------
-    nodal
-        Frames of all nodes of the mechanism, shape (n_f, n_nodes, n_frame); see `shape_frames`.
-    values
-        The fields of the models at these instants, or more.
+    `nodal` are frames of all nodes of the mechanism, shape (n_f, n_nodes, n_frame), see `shape_frames`; `values` the
+    fields of the models at these instants, or more.
     """
     if not values:
         return {}
@@ -62,9 +58,7 @@ def fields_over(fields: ReducedFields, eta: np.ndarray, values: Mapping[str, flo
 
 def fields_at(model: ReducedModel, run: Trajectory, times: Sequence[float]) -> dict[str, BodyField]:
     """Return the fields at any instants (n,), s, of a run of a reduced model; between steps its coordinates are linear.
-
-    Raises `InputError` if the run is not of this model, an instant is outside it, or no mesh is known.
-    """
+    Raises `InputError` if the run is not of this model, an instant is outside it, or no mesh is known."""
     instants, tables = np.atleast_1d(np.asarray(times, dtype=float)), model.rom.tables
     n_eta = tables.n_coordinates + tables.n_modes
     columns = run.coordinates if run.modal is None else np.hstack([run.coordinates, run.modal])
@@ -125,15 +119,10 @@ def left_out_of_fields(seen: FieldSet) -> tuple[Remark, ...]:
 
 
 def shape_frames(mechanism: Mechanism, nodal: np.ndarray, time: np.ndarray) -> Frames:
-    """Return the shapes of all bodies.
+    """Return the shapes of all bodies at instants (n_f,), s.
 
-    Parameters
-    ----------
-    nodal
-        Frames of all nodes in the ground frame, shape (n_f, n_nodes, n_frame): ``(x, y, phi)``, m and rad, in the
-        plane, position and directors in space.
-    time
-        Their instants, shape (n_f,), s.
+    `nodal` are frames of all nodes in the ground frame, shape (n_f, n_nodes, n_frame): ``(x, y, phi)``, m and rad, in
+    the plane, position and directors in space.
     """
     shapes = {body.name: _shape(mechanism, body, nodal[:, body.nodes]) for body in mechanism.bodies}
     d = mechanism.space.dimension
@@ -166,10 +155,8 @@ def _rotation_vectors(shape: np.ndarray) -> np.ndarray:
 
 
 def assembly_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> Assembly:
-    """Return where bodies, joints and named points are at the start.
-
-    Raises `InputError` if the mechanism cannot be assembled.
-    """
+    """Return where bodies, joints and named points are at the start. Raises `InputError` if the mechanism cannot be
+    assembled."""
     mechanism = Mechanism.from_scene(scene, meshes)
     kinematics = RigidKinematics(mechanism)
     theta = start_of(scene, mechanism)[0]

@@ -21,10 +21,8 @@ from pgmp_petsc.studies.plausibility import plausibility
 def scene_and_meshes(
     source: Scene | str | PathLike[str], purpose: Purpose, overrides: Sequence[str], settings: Sequence[str], comm: Comm
 ) -> tuple[Scene, dict[str, BodyShape]]:
-    """Return a scene, of a file or of a program, with other entries, and its meshes. Collective on `comm`.
-
-    Raises `InputError` if it is none, or has what the purpose cannot do with it.
-    """
+    """Return a scene, of a file or of a program, with other entries, and its meshes. Collective on `comm`. Raises
+    `InputError` if it is none, or has what the purpose cannot do with it."""
     if isinstance(source, (str, PathLike)):
         return read_scene(Path(source), overrides, settings, comm, purpose)
 
@@ -42,10 +40,8 @@ def read_scene(
     purpose: Purpose,
 ) -> tuple[Scene, dict[str, BodyShape]]:
     """Read a scene, with remarks on what it says that probably is not meant, and its meshes. Collective on `comm`.
-
     Raises `InputError` if the scene or a mesh cannot be read, says what cannot be meant, or has what the purpose cannot
-    do with it.
-    """
+    do with it."""
 
     def read() -> tuple[Scene, dict[str, BodyShape]]:
         return with_meshes(load_scene(path, overrides, settings), purpose)

@@ -33,14 +33,8 @@ from pgmp_petsc.studies.field_frames import body_field
 def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> ModeShape:
     """Return a mode of the reduced model without springs; by one process.
 
-    Raises `InputError` if there is no such mode, or no such configuration among those of the model.
-
-    Parameters
-    ----------
-    number
-        From 1, rigid motion left out.
-    at
-        Coordinates of the configuration, rad or m; where not given those at the start.
+    Modes are counted from 1, rigid motion left out; coordinates of the configuration are at their start where not
+    given, rad or m. Raises `InputError` if there is no such mode, or no such configuration among those of the model.
     """
     mechanism, theta = model.kinematics.mechanism, _configuration(model, at)
     frequencies, vectors = _modes(model, theta)
@@ -66,7 +60,6 @@ def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> Mod
 
 
 def _left_out(model: ReducedModel, seen: FieldSet) -> tuple[str, ...]:
-    """Say what the mode is without."""
     springs = dict.fromkeys(action.effect for action in model.actions.actions if action.stiffness)
     said = [f"{', '.join(springs)}: springs have no part in this mode"] if springs else []
     return (*said, *(f"{name} is not drawn: {why}" for name, why in seen.left_out.items()))

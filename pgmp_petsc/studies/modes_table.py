@@ -50,23 +50,11 @@ from pgmp_petsc.scene.uses import offset_directions, offset_values
 def reduced_vibrations(
     rom: ReducedOrderModel, springs: SpringStiffness, scheme: str, values: Mapping[str, float], theta: np.ndarray
 ) -> np.ndarray:
-    """Return the frequencies at configurations (n, n_theta), rad, by one process.
+    """Return the frequencies at configurations (n, n_theta), rad, by one process: ascending, Hz, shape (n, n_free +
+    n_delta - n_rigid), without the rigid motions that no spring resists; below zero as in `frequencies_of`.
 
-    Parameters
-    ----------
-    rom
-        The reduced model.
-    springs
-        What springs add, for the mechanism of `rom` with its condensed bodies.
-    scheme
-        Interpolation over the samples.
-    values
-        Parameter values.
-
-    Returns
-    -------
-    ndarray, shape (n, n_free + n_delta - n_rigid)
-        Ascending, without the rigid motions that no spring resists, Hz; below zero as in `frequencies_of`.
+    `springs` is what they add, for the mechanism of `rom` with its condensed bodies, `scheme` the interpolation over
+    the samples.
     """
     tables, kinematics = rom.tables.moving(), springs.kinematics
     mechanism, r, free = kinematics.mechanism, rom.tables.n_coordinates, springs.free
@@ -116,19 +104,10 @@ STRUCTURE = ("ground", "materials", "bodies", "joints", "coordinates")
 def tabulate_modes(
     scene: Scene, meshes: Mapping[str, LineMesh], rom: ReducedOrderModel | None, n_angles: int, group: RankGroup
 ) -> ModesTable | None:
-    """Compute the table at the scene's parameter values. Collective on ``group.world``.
+    """Compute the table at the scene's parameter values, on the first rank. Collective on ``group.world``.
 
-    Parameters
-    ----------
-    rom
-        A reduced model of the same mechanism, or None for the full-order frequencies alone.
-    n_angles
-        Number of configurations over the range of each coordinate.
-
-    Returns
-    -------
-    ModesTable or None
-        On the first rank, None elsewhere.
+    `rom` is a reduced model of the same mechanism, or None for the full-order frequencies alone, `n_angles` the number
+    of configurations over the range of each coordinate.
     """
     timings = Timings()
     with timings.phase("components"):
@@ -145,7 +124,6 @@ def _tabulated(
     group: RankGroup,
     timings: Timings,
 ) -> ModesTable | None:
-    """As `tabulate_modes`, with condensed bodies."""
     own = np.empty((0, scene.reduction.modes))
     with (
         timings.phase("eigenproblems"),
@@ -236,7 +214,6 @@ def _frequencies(problem: ModalProblem, theta: np.ndarray, stress: BuiltInStress
 
 @gathered
 def _unstable(full_hz: np.ndarray, theta: np.ndarray, coordinates: Sequence[Coordinate]) -> Iterator[Remark]:
-    """Warn of motions that grow."""
     growing = np.flatnonzero((full_hz < 0.0).any(axis=1))
     if not growing.size:
         return
@@ -255,10 +232,8 @@ def reduced_frequencies(
     theta: np.ndarray,
     free: Sequence[int] | None = None,
 ) -> np.ndarray:
-    """Return the frequencies of the reduced model at any configurations (n, n_theta), shape (n, n_modes), Hz.
-
-    `free` are the numbers of the coordinates that are not prescribed; all by default.
-    """
+    """Return the frequencies of the reduced model at any configurations (n, n_theta), shape (n, n_modes), Hz. `free`
+    are the numbers of the coordinates that are not prescribed; all by default."""
     at_theta = replace(
         tables,
         mass=interpolant(tables.samples, tables.mass, scheme)(theta),

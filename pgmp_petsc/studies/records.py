@@ -29,19 +29,8 @@ from pgmp_petsc.stepping.second_order_system import State
 class FullRecord:
     """Record of a run of one sample; states are evaluated as many at once as the system is quickest with.
 
-    Parameters
-    ----------
-    model, system
-        The model, and the system that is integrated. Collective on its communicator.
-    fields
-        What makes the fields of bodies.
-    wanted
-        Steps at which the frames of all nodes and the fields are kept.
-
-    Attributes
-    ----------
-    times
-        Instants so far, s.
+    Collective on the communicator of the system that is integrated. `fields` makes the fields of bodies, which are kept
+    with the frames of all nodes at the steps `wanted`; `times` are the instants so far, s.
     """
 
     def __init__(
@@ -85,7 +74,6 @@ class FullRecord:
         return joined_fields(self._fields)
 
     def _evaluate(self) -> None:
-        """Evaluate the states that wait."""
         states, self._pending = self._pending, []
         if not states:
             return
@@ -104,7 +92,6 @@ class FullRecord:
                     self._evaluate_fields()
 
     def _evaluate_fields(self) -> None:
-        """Evaluate the fields that wait."""
         waiting, self._unknowns = self._unknowns, []
         if waiting:
             values = {name: float(np.ravel(value)[0]) for name, value in self._system.values.items()}
@@ -158,11 +145,9 @@ def balance_remarks(balance: Balance, step: float, joule: str = "J") -> Iterator
 
 
 def with_weights(balance: Balance, model: ReducedModel, start: np.ndarray) -> Balance:
-    """Add the potential energy of weights to the balance of a reduced run, which knows their work alone.
-
-    It is that at the start, reduced coordinates of shape (n_eta,), less the work done since: the same integral as in
-    the residual, which does not change.
-    """
+    """Add the potential energy of weights to the balance of a reduced run, which knows their work alone. It is that at
+    the start, reduced coordinates of shape (n_eta,), less the work done since: the same integral as in the residual,
+    which does not change."""
     effects = [effect for effect in model.effects if effect.conservative]
     if not effects:
         return balance

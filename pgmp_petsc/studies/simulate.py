@@ -64,16 +64,8 @@ def simulate(model: FullModel | ReducedModel, comm: Comm) -> Trajectory | None:
 
 
 def simulate_reduced(model: ReducedModel, comm: Comm) -> Trajectory | None:
-    """Run the reduced model; one sample needs one rank, the others wait. Collective on `comm`.
-
-    Raises `RunError` where the computation itself breaks. A run that stops before its end is a trajectory with its
-    status.
-
-    Returns
-    -------
-    Trajectory or None
-        On the first rank, None elsewhere.
-    """
+    """Run the reduced model; one sample needs one rank, the others wait and get None. Collective on `comm`. Raises
+    `RunError` where the computation itself breaks. A run that stops before its end is a trajectory with its status."""
     trajectory = None
     with agreed(comm, "simulation"):
         if comm.rank == 0:
@@ -82,12 +74,9 @@ def simulate_reduced(model: ReducedModel, comm: Comm) -> Trajectory | None:
 
 
 def simulate_full(model: FullModel, comm: Comm) -> Trajectory | None:
-    """Run the full-order or the component model, distributed over ranks. Collective on `comm`; see
-    `simulate_reduced`.
-
+    """Run the full-order or the component model, distributed over ranks. Collective on `comm`; see `simulate_reduced`.
     A model with fewer than `UNKNOWNS_PER_RANK` unknowns a rank runs on fewer ranks: factorising a small matrix on
-    several takes longer than on one. The others wait.
-    """
+    several takes longer than on one. The others wait."""
     n_workers = min(comm.size, max(1, model.kinematics.mechanism.n_dofs // UNKNOWNS_PER_RANK))
     trajectory = None
     with first_ranks(comm, n_workers) as workers, agreed(comm, f"{model.title} simulation"):
@@ -386,15 +375,8 @@ LOOK_BACK = 400  # steps before a failure in which its cause is looked for
 
 
 def why_stopped(model: FullModel | ReducedModel, run: Run, reason: str) -> list[Remark]:
-    """Return why a run stopped, and what to do; nothing where it did not.
-
-    Parameters
-    ----------
-    run
-        A run of one sample.
-    reason
-        What is known beyond the status, with its cure.
-    """
+    """Return why a run of one sample stopped, and what to do, `reason` being known beyond the status, with its cure;
+    nothing where it did not."""
     status = Status(run.status[0])
     if status == Status.FINE:
         return []

@@ -68,7 +68,6 @@ def lines_of(ensemble: Ensemble) -> list[str]:
 
 
 def _moments(ensemble: Ensemble) -> Iterator[str]:
-    """Yield the table of means and deviations."""
     if not ensemble.statistics:
         return
     interval = f"{_percent(next(iter(ensemble.statistics.values())).confidence)} interval"
@@ -139,7 +138,6 @@ def _corrected(ensemble: Ensemble) -> Iterator[str]:
 
 
 def _times(narrower: float) -> str:
-    """Return how much narrower an interval is, or wider."""
     return f"{narrower:.2g} times narrower" if narrower >= 1.0 else f"{1 / narrower:.2g} times wider"
 
 
@@ -148,7 +146,6 @@ def _fixed(ends: np.ndarray) -> str:
 
 
 def _bounds(ends: np.ndarray) -> str:
-    """Return between what a quantile of all samples lies."""
     low, high = ends
     lower = "no bound below" if np.isinf(low) else f"at least {low:.6g}"
     upper = "no bound above" if np.isinf(high) else f"at most {high:.6g}"

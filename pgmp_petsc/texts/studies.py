@@ -58,7 +58,6 @@ def lines_of(found: Derivatives) -> Iterator[str]:
 
 
 def _rows(found: Derivatives, output: str, figure: Figure, shown: str) -> Iterator[str]:
-    """Yield the rows of one figure."""
     unit = _named(found.units.get(output, "1"))
     effects = found.effects(figure)
     for k, place in enumerate(np.argsort(-np.abs(effects), kind="stable")):
@@ -146,7 +145,6 @@ def shown_rows(study: Tradeoff) -> list[int]:
 
 
 def _table(study: Tradeoff) -> list[str]:
-    """Return the aligned table: a setting a line, times last."""
     header = ["", "setting", *(name.replace("_", " ") for name in study.outputs)]
     header += ["offline s", "online ms", "alone ms", f"{study.samples} in s"]
     front, total = study.pareto, study.total_seconds(study.samples)
@@ -201,7 +199,6 @@ def _mesh(study: Tradeoff) -> list[str]:
 
 
 def _failures(study: Tradeoff) -> list[str]:
-    """List the settings that failed, with their reasons."""
     failed = [row for row, reason in enumerate(study.reasons) if reason]
     # a setting with times only cost too much to be run to its end
     what = ["not run" if np.isfinite(batch) else "failed" for batch in study.times.batch]

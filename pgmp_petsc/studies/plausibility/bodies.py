@@ -57,10 +57,8 @@ def _with_lines(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, Body
 
 
 def first_frequency(scene: Scene, meshes: Mapping[str, BodyShape]) -> float | None:
-    """Return the first frequency of the mechanism of beams where it starts, its coordinates free as they are, Hz.
-
-    None where it takes more than a moment (bodies of cells, meshes that are not at hand), or cannot be had.
-    """
+    """Return the first frequency of the mechanism of beams where it starts, its coordinates free as they are, Hz. None
+    where it takes more than a moment (bodies of cells, meshes that are not at hand), or cannot be had."""
     from pgmp_petsc.effects import start_of
     from pgmp_petsc.mechanism.kinematics import RigidKinematics
     from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -294,7 +292,6 @@ def matrix_findings(scene: Scene, meshes: Mapping[str, BodyShape], system: UnitS
 
 
 def _material(scene: Scene, body: Body) -> tuple[float, float]:
-    """Return density and speed of waves."""
     material = scene.materials[body.material]
     density = scene.number(material.rho)
     return density, math.sqrt(scene.number(material.E) / density)

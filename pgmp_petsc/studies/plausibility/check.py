@@ -42,16 +42,8 @@ NUMBER = re.compile(r"(?<![A-Za-z_])[-+]?\d[\d.,]*(e[-+]?\d+)?")
 
 
 def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None = None) -> tuple[Remark, ...]:
-    """Return a warning for each entry that probably is not meant.
-
-    Raises `InputError` if entries cannot be meant, one line for each.
-
-    Parameters
-    ----------
-    scene : Scene
-    meshes : mapping, optional
-        Mesh of every body. Without it only straight beams are looked at, and stops of coordinates.
-    """
+    """Return a warning for each entry that probably is not meant. Raises `InputError` if entries cannot be meant, one
+    line for each. Without the mesh of every body only straight beams are looked at, and stops of coordinates."""
     first = cache(lambda: first_frequency(scene, meshes or {}))
     sizes, system = sizes_of(scene, meshes or {}), scene.system
     findings = list(
@@ -222,7 +214,6 @@ def _without_effect(scene: Scene) -> Iterator[Finding]:
 
 
 def _is_set(settings: BaseModel, name: str) -> bool:
-    """Return whether an entry differs from its default."""
     return getattr(settings, name) != type(settings).model_fields[name].default
 
 

@@ -190,11 +190,9 @@ DEEPEST = 1.0  # rad, or the size of the mechanism: a stop beyond is no stop
 def stop_findings(
     scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None, size: float = 1.0
 ) -> Iterator[Finding]:
-    """Yield stops that are violated at the start.
-
-    Where a stop is on another joint than that of a coordinate, the mechanism is assembled, which takes its meshes.
-    Raises `InputError` if it cannot be. The `size` is the length of the longest body, m.
-    """
+    """Yield stops that are violated at the start. Where a stop is on another joint than that of a coordinate, the
+    mechanism is assembled, which takes its meshes. Raises `InputError` if it cannot be. The `size` is the length of the
+    longest body, m."""
     coordinates = {(c.joint, slides(scene, c)): name for name, c in scene.coordinates.items() if c.joint is not None}
     driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
     kinematics, metre = None, scene.system.unit("m")
