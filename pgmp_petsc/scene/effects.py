@@ -165,7 +165,7 @@ def _check(cls: type[EffectEntry]) -> None:
     except ValueError as error:
         raise refuse(cls, str(error)) from None
     for key, (_, unit) in cls.quantities.items():
-        for one in (*unit.turning, *unit.sliding):
+        for one in filter(None, (unit.on_turning, unit.on_sliding)):
             try:
                 take_unit(one)
             except UnknownUnit:
@@ -291,20 +291,16 @@ class OnJoint(EffectEntry):
         if not cls.strength or not exchanged:
             return None
         _, of = cls.quantities[cls.strength]
-        unit = scene.system.unit
-        for motion, (own,) in (("turning", of.turning), ("sliding", of.sliding), ("spin", of.turning)):
-            works = {
-                joint: cls.work(rate, run.time, motion == "spin")
-                for (joint, own_motion), rate in run.joints.items()
-                if own_motion == motion
-            }
+        for motion in ("turning", "sliding", "spin"):
+            spins, own = motion == "spin", [(joint, rate) for (joint, its), rate in run.joints.items() if its == motion]
+            works = {joint: cls.work(rate, run.time, spins) for joint, rate in own}
             if not any(works.values()):
                 continue
-            joint = max(works, key=works.get)
+            joint, unit = max(works, key=works.get), scene.system.unit(of.where(motion == "sliding"))
             kind = scene.joints[joint]
-            about = f", {motion}" if len(kind.motions) > 1 else f", {kind.type}" if motion == "spin" else ""
-            texts.append(f"{tolerance * exchanged / works[joint]:.2g} {unit(own)} on ({joint}{about})")
-            note = "; none can be on joints that turn about several axes" if motion == "spin" else ""
+            about = f", {motion}" if len(kind.motions) > 1 else f", {kind.type}" if spins else ""
+            texts.append(f"{tolerance * exchanged / works[joint]:.2g} {unit} on ({joint}{about})")
+            note = "; none can be on joints that turn about several axes" if spins else ""
         return (np.nan, f"would matter from {', '.join(texts)}{note}") if texts else None
 
 
