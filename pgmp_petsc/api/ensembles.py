@@ -74,19 +74,11 @@ _WITHOUT = {
     ranks_per_sample=PER_SAMPLE,
 )  # fmt: skip
 def retry_failed(
-    source: AnySource,
-    failed: str | PathLike[str],
-    *,
-    sampler: str | None = None,
-    parameters: Parameters | None = None,
-    model: str | None = None,
-    overrides: Overrides = (),
-    ranks_per_sample: int = 1,
-    output: str | PathLike[str] | None = None,
-    resume: bool = False,
-    on_all_ranks: bool = True,
+    source: AnySource, failed: str | PathLike[str], *, sampler: str | None = None, parameters: Parameters | None = None,
+    model: str | None = None, overrides: Overrides = (), ranks_per_sample: int = 1,
+    output: str | PathLike[str] | None = None, resume: bool = False, on_all_ranks: bool = True,
     comm: Comm | None = None,
-) -> Result:
+) -> Result:  # fmt: skip
     """Try the failed samples of an ensemble's file further, with smaller steps, and take the others from it.
 
     What else is given is as it was in the run that wrote the file.
@@ -123,18 +115,10 @@ def retry_failed(
     seed=SEED,
 )  # fmt: skip
 def rare_event(
-    source: AnySource,
-    event: str,
-    n: int,
-    seed: int = 0,
-    *,
-    parameters: Parameters | None = None,
-    model: str | None = None,
-    overrides: Overrides = (),
-    output: str | PathLike[str] | None = None,
-    on_all_ranks: bool = True,
-    comm: Comm | None = None,
-) -> Result:
+    source: AnySource, event: str, n: int, seed: int = 0, *, parameters: Parameters | None = None,
+    model: str | None = None, overrides: Overrides = (), output: str | PathLike[str] | None = None,
+    on_all_ranks: bool = True, comm: Comm | None = None,
+) -> Result:  # fmt: skip
     """Find the probability of a rare event with at most `n` samples."""
     from pgmp_petsc.ensemble.rare_run import event_of, run_rare_event  # a noticeable time, and few ask for one
 
@@ -228,24 +212,13 @@ def exit_status(found: Ensemble | ShardSamples | RareEvent) -> int:
     "failed are in it, with their reasons.",
 )  # fmt: skip
 def montecarlo(
-    source: AnySource,
-    n: int | None = None,
-    seed: int = 0,
-    *,
-    sampler: str | None = None,
-    samples: str | PathLike[str] | Columns | None = None,
-    shard: Shard | None = None,
-    correct: Sequence[Correction] = (),
-    stopping: Stopping | None = None,
-    parameters: Parameters | None = None,
-    model: str | None = None,
-    overrides: Overrides = (),
-    ranks_per_sample: int = 1,
-    output: str | PathLike[str] | None = None,
-    resume: bool = False,
-    on_all_ranks: bool = True,
+    source: AnySource, n: int | None = None, seed: int = 0, *, sampler: str | None = None,
+    samples: str | PathLike[str] | Columns | None = None, shard: Shard | None = None,
+    correct: Sequence[Correction] = (), stopping: Stopping | None = None, parameters: Parameters | None = None,
+    model: str | None = None, overrides: Overrides = (), ranks_per_sample: int = 1,
+    output: str | PathLike[str] | None = None, resume: bool = False, on_all_ranks: bool = True,
     comm: Comm | None = None,
-) -> Result:
+) -> Result:  # fmt: skip
     """Integrate samples of a reduced model (or with `model` of a scene) and describe their distributions.
 
     Exit status 1 if some samples failed, which are recorded with their reason while the others go on, or if a rule of
@@ -284,12 +257,9 @@ def montecarlo(
     gives="With the attributes of `results.Ensemble`.",
 )  # fmt: skip
 def merge(
-    files: Sequence[str | PathLike[str]],
-    *,
-    output: str | PathLike[str] | None = None,
-    on_all_ranks: bool = True,
+    files: Sequence[str | PathLike[str]], *, output: str | PathLike[str] | None = None, on_all_ranks: bool = True,
     comm: Comm | None = None,
-) -> Result:
+) -> Result:  # fmt: skip
     """Join all shards of an ensemble (pgmp montecarlo --shard) to the file that one run would have written.
 
     Exit status 1 if some samples failed.

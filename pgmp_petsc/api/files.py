@@ -110,16 +110,10 @@ class Contents:
 def _contents(path: Path) -> Contents:
     with open_file(path, KINDS) as file, shapes_of(file):
         return Contents(
-            path,
-            str(file.attrs["kind"]),
-            str(file.attrs.get("model", "")),
-            str(file.attrs["program_version"]),
-            int(file.attrs["format_version"]),
-            RunRecord.read(file),
-            Selection.found_in(file),
-            EffectSizes.found_in(file),
-            _all_datasets(file),
-        )
+            path, str(file.attrs["kind"]), str(file.attrs.get("model", "")), str(file.attrs["program_version"]),
+            int(file.attrs["format_version"]), RunRecord.read(file), Selection.found_in(file),
+            EffectSizes.found_in(file), _all_datasets(file),
+        )  # fmt: skip
 
 
 def _all_datasets(file: h5py.File) -> dict[str, DataSet]:
@@ -151,13 +145,11 @@ def describe(found: Contents, path: Path | None = None, said: object = (), scene
     ]
     with shapes_of(path):
         parts = [
-            [f"  {remark}" for remark in record.remarks],
-            [] if found.selection is None else found.selection.lines(),
+            [f"  {remark}" for remark in record.remarks], [] if found.selection is None else found.selection.lines(),
             [] if found.sizes is None else ["effects, chosen by their size", *found.sizes.lines()],
             ["timings", _indented(Timings(record.timings).table())] if record.timings else [],
-            ["datasets", _indented(_datasets(found))],
-            _estimates(found),
-        ]
+            ["datasets", _indented(_datasets(found))], _estimates(found),
+        ]  # fmt: skip
     return "\n".join([*lines, *(line for part in parts if part for line in ("", *part))])
 
 

@@ -211,16 +211,9 @@ class Request:
 
     @classmethod
     def of(
-        cls,
-        n: int | None,
-        seed: int,
-        sampler: str | None,
-        samples: str | PathLike[str] | Columns | None,
-        shard: Shard | None,
-        correct: Sequence[Correction],
-        stopping: Stopping | None,
-        model: str,
-    ) -> Request:
+        cls, n: int | None, seed: int, sampler: str | None, samples: str | PathLike[str] | Columns | None,
+        shard: Shard | None, correct: Sequence[Correction], stopping: Stopping | None, model: str,
+    ) -> Request:  # fmt: skip
         """Return what the arguments of a call ask for; refuse what does not fit together."""
         if shard is not None:
             whole = all(isinstance(value, int) for value in (shard.number, shard.count))

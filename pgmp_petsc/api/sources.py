@@ -275,13 +275,9 @@ class Keeper:
 
 @contextmanager
 def keeping(
-    kind: str,
-    comm: Comm,
-    output: str | PathLike[str] | None,
-    on_all_ranks: bool,
-    inputs: Iterable[str | PathLike[str] | None] = (),
-    plot: str | PathLike[str] | None = None,
-) -> Iterator[Keeper]:
+    kind: str, comm: Comm, output: str | PathLike[str] | None, on_all_ranks: bool,
+    inputs: Iterable[str | PathLike[str] | None] = (), plot: str | PathLike[str] | None = None,
+) -> Iterator[Keeper]:  # fmt: skip
     """Claim the file of a result, and yield what keeps it. Collective on `comm`. Raises `InputError` if the file cannot
     be written, may not be replaced, or is one of the `inputs`; or the folder for the picture cannot be made."""
     own, folder = (None if path is None else Path(path) for path in (output, plot))

@@ -104,13 +104,9 @@ class Lines(Progress, _Watched):
     """
 
     def __init__(
-        self,
-        total: int | None,
-        description: str,
-        stream: TextIO,
-        initial: int = 0,
+        self, total: int | None, description: str, stream: TextIO, initial: int = 0,
         clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+    ) -> None:  # fmt: skip
         Progress.__init__(self, total, initial)
         _Watched.__init__(self)
         self._description, self._stream, self._clock, self._initial = description, stream, clock, initial

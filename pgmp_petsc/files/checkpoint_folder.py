@@ -226,13 +226,9 @@ class SharedCheckpoint:
     """
 
     def __init__(
-        self,
-        output: Path,
-        run: Mapping[str, object],
-        comm: Comm,
-        resume: bool,
+        self, output: Path, run: Mapping[str, object], comm: Comm, resume: bool,
         readers: Mapping[str, Callable[[str, Mapping[str, np.ndarray]], dict[Any, Any]]],
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._world = comm
         self._folder = CheckpointFolder(on_root(comm, output.resolve), run)
 

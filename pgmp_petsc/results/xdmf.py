@@ -116,11 +116,8 @@ def _add_series(
 
 def _refer(parent: ElementTree.Element, dataset: h5py.Dataset, heavy: str) -> None:
     item = ElementTree.SubElement(
-        parent,
-        "DataItem",
-        Dimensions=" ".join(str(length) for length in dataset.shape),
+        parent, "DataItem", Dimensions=" ".join(str(length) for length in dataset.shape),
         NumberType="Int" if np.issubdtype(dataset.dtype, np.integer) else "Float",
-        Precision=str(dataset.dtype.itemsize),
-        Format="HDF",
-    )
+        Precision=str(dataset.dtype.itemsize), Format="HDF",
+    )  # fmt: skip
     item.text = f"{heavy}:{dataset.name}"

@@ -221,15 +221,9 @@ class Scene(Table):
         context = info.context or {}
         given, raw = context.get("units", {}), context.get("raw", {})
         problems = [
-            *reference_problems(self),
-            *correlation_problems(self),
-            *field_problems(self),
-            *length_problems(self),
-            *part_problems(self),
-            *ensemble_problems(self),
-            *unit_problems(self, given),
-            *text_problems(self, raw),
-        ]
+            *reference_problems(self), *correlation_problems(self), *field_problems(self), *length_problems(self),
+            *part_problems(self), *ensemble_problems(self), *unit_problems(self, given), *text_problems(self, raw),
+        ]  # fmt: skip
         if problems:
             raise input_error(problems)
         return self

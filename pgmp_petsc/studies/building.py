@@ -76,13 +76,9 @@ class Built:
 
 
 def build(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    group: RankGroup,
-    say: Said = lambda text: None,
-    output: Path | None = None,
-    resume: bool = False,
-) -> Built:
+    scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, say: Said = lambda text: None,
+    output: Path | None = None, resume: bool = False,
+) -> Built:  # fmt: skip
     """Build the reduced model of a scene with the mesh of every body. Collective on ``group.world``.
 
     Ranks of the group share an eigenproblem. `say` gets the sizes of effects, and what errors are measured against,

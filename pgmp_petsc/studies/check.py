@@ -71,11 +71,9 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
             "take fewer modes or a finer mesh"
         )
     lines = [
-        f"scene {scene.name}",
-        *_bodies(mechanism),
-        *_matrices(scene, meshes),
+        f"scene {scene.name}", *_bodies(mechanism), *_matrices(scene, meshes),
         *_joints(mechanism, null.n_redundant, kinematics.n_redundant),
-    ]
+    ]  # fmt: skip
     for coordinate in coordinates:
         kind = ("periodic" if coordinate.periodic else "limited") + (", prescribed" if coordinate.prescribed else "")
         ends = f"{coordinate.lower:.6g} to {coordinate.upper:.6g} {coordinate.unit}"

@@ -60,11 +60,9 @@ TERMS = ("gyroscopic", "geometric_stiffening", "mode_inertia")
 
 
 def estimate_effects(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    branch: PoseBranch | None = None,
+    scene: Scene, meshes: Mapping[str, BodyShape], branch: PoseBranch | None = None,
     shapes: Mapping[str, BodyShape] | None = None,
-) -> EffectSizes:
+) -> EffectSizes:  # fmt: skip
     """Estimate the size of every available effect, on one rank.
 
     `meshes` are of the bodies, not condensed, `shapes` the same condensed with what is of second order (`condensed`),

@@ -88,26 +88,18 @@ def _field(field: FieldPoints, kinematics: RigidKinematics, poses: np.ndarray, v
 
 
 def body_field(
-    field: FieldPoints,
-    positions: np.ndarray,
-    deformation: np.ndarray,
-    at_nodes: Mapping[str, np.ndarray],
+    field: FieldPoints, positions: np.ndarray, deformation: np.ndarray, at_nodes: Mapping[str, np.ndarray],
     at_cells: Mapping[str, np.ndarray],
-) -> BodyField:
+) -> BodyField:  # fmt: skip
     """Return the record of a body at n instants, from positions and deformation (n_nodes, d, n), m, and quantities at
     nodes and cells, each of shape (n_nodes or n_cells, n)."""
     return BodyField(
-        kind=field.kind,
-        nodes=field.mesh.nodes,
-        cells=field.mesh.cells,
-        positions=np.moveaxis(positions, 2, 0),
+        kind=field.kind, nodes=field.mesh.nodes, cells=field.mesh.cells, positions=np.moveaxis(positions, 2, 0),
         deformation=np.moveaxis(deformation, 2, 0),
         at_nodes={quantity: table.T for quantity, table in at_nodes.items()},
-        at_cells={quantity: table.T for quantity, table in at_cells.items()},
-        units=field.units,
-        rigid=field.stresses is None,
-        radius=field.radius,
-    )
+        at_cells={quantity: table.T for quantity, table in at_cells.items()}, units=field.units,
+        rigid=field.stresses is None, radius=field.radius,
+    )  # fmt: skip
 
 
 def left_out_of_fields(seen: FieldSet) -> tuple[Remark, ...]:
@@ -134,13 +126,11 @@ def _frames(
 ) -> Frames:
     """Return the frames of bodies of shapes (n_f, n_shape, d or more), m, and rotations, rad."""
     return Frames(
-        time=time,
-        positions={name: shape[..., : mechanism.space.dimension] for name, shape in shapes.items()},
-        rotations=rotations,
-        nodes={body.name: body.shape.nodes for body in mechanism.bodies},
+        time=time, positions={name: shape[..., : mechanism.space.dimension] for name, shape in shapes.items()},
+        rotations=rotations, nodes={body.name: body.shape.nodes for body in mechanism.bodies},
         cells={body.name: body.shape.cells for body in mechanism.bodies},
         rigid=frozenset(body.name for body in mechanism.bodies if not body.flexible),
-    )
+    )  # fmt: skip
 
 
 def _shape(mechanism: Mechanism, body: Body, nodal: np.ndarray) -> np.ndarray:

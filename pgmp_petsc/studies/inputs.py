@@ -32,12 +32,8 @@ def scene_and_meshes(
 
 
 def read_scene(
-    path: Path,
-    overrides: Sequence[str],
-    settings: Sequence[str],
-    comm: Comm,
-    purpose: Purpose,
-) -> tuple[Scene, dict[str, BodyShape]]:
+    path: Path, overrides: Sequence[str], settings: Sequence[str], comm: Comm, purpose: Purpose,
+) -> tuple[Scene, dict[str, BodyShape]]:  # fmt: skip
     """Read a scene, with remarks on what it says that probably is not meant, and its meshes. Collective on `comm`.
     Raises `InputError` if the scene or a mesh cannot be read, says what cannot be meant, or has what the purpose cannot
     do with it."""

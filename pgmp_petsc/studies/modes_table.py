@@ -117,13 +117,9 @@ def tabulate_modes(
 
 
 def _tabulated(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    rom: ReducedOrderModel | None,
-    n_angles: int,
-    group: RankGroup,
+    scene: Scene, meshes: Mapping[str, BodyShape], rom: ReducedOrderModel | None, n_angles: int, group: RankGroup,
     timings: Timings,
-) -> ModesTable | None:
+) -> ModesTable | None:  # fmt: skip
     own = np.empty((0, scene.reduction.modes))
     with (
         timings.phase("eigenproblems"),
@@ -171,11 +167,9 @@ def _tabulated(
     remarks = (*scene.remarks, *said, *_unstable(full, theta, coordinates), note(MESH_ERROR))
     return ModesTable(
         record=RunRecord(scene_to_toml(scene), scene.values, None, group.world.size, timings.as_dict(), remarks),
-        theta=theta[:, 0] if len(coordinates) == 1 else theta.T,
-        full_hz=full,
-        reduced_hz=reduced,
+        theta=theta[:, 0] if len(coordinates) == 1 else theta.T, full_hz=full, reduced_hz=reduced,
         coordinate_units={c.name: c.unit for c in coordinates},
-    )
+    )  # fmt: skip
 
 
 def springs_of(scene: Scene, kinematics: RigidKinematics) -> tuple[SpringStiffness | None, tuple[Remark, ...]]:
@@ -226,12 +220,9 @@ def _unstable(full_hz: np.ndarray, theta: np.ndarray, coordinates: Sequence[Coor
 
 
 def reduced_frequencies(
-    tables: ReducedTables,
-    scheme: str,
-    values: Mapping[str, float],
-    theta: np.ndarray,
+    tables: ReducedTables, scheme: str, values: Mapping[str, float], theta: np.ndarray,
     free: Sequence[int] | None = None,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Return the frequencies of the reduced model at any configurations (n, n_theta), shape (n, n_modes), Hz. `free`
     are the numbers of the coordinates that are not prescribed; all by default."""
     at_theta = replace(

@@ -97,14 +97,9 @@ class _Part:
 
     @classmethod
     def of(
-        cls,
-        model: FullModel | ReducedModel,
-        done: Run,
-        attempt: Attempt,
-        times: Sequence[float] | np.ndarray,
-        observed: np.ndarray,
-        **recorded: Any,
-    ) -> _Part:
+        cls, model: FullModel | ReducedModel, done: Run, attempt: Attempt, times: Sequence[float] | np.ndarray,
+        observed: np.ndarray, **recorded: Any,
+    ) -> _Part:  # fmt: skip
         """Take in a run with its records: arrays and lists of one entry an instant, or fewer; what the outputs are made
         of has the shape (n_observed, n_t)."""
         time = np.array(times)
@@ -311,14 +306,10 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
          *remarks_of(model.scene, found)),
     )  # fmt: skip
     return Trajectory(
-        coordinates=eta[:, :n_theta],
-        modal=eta[:, n_theta:],
-        fields=field_frames(fields.seen, model.kinematics, frames, seen),
-        balance=with_weights(balance, model, eta[0]),
-        errors=errors,
-        validity=found,
-        **described,
-    )
+        coordinates=eta[:, :n_theta], modal=eta[:, n_theta:],
+        fields=field_frames(fields.seen, model.kinematics, frames, seen), balance=with_weights(balance, model, eta[0]),
+        errors=errors, validity=found, **described,
+    )  # fmt: skip
 
 
 def _progress(name: str, attempt: Attempt, comm: Comm) -> Progress:
@@ -337,13 +328,9 @@ def _span(simulation) -> tuple[float, float]:
 
 
 def _described(
-    model: FullModel | ReducedModel,
-    part: _Part,
-    frames: np.ndarray,
-    n_ranks: int,
-    timings: Timings,
+    model: FullModel | ReducedModel, part: _Part, frames: np.ndarray, n_ranks: int, timings: Timings,
     remarks: Sequence[Remark],
-) -> dict[str, Any]:
+) -> dict[str, Any]:  # fmt: skip
     """Return what trajectories of both models have in common, by the names of `Trajectory`."""
     scene, instants = model.scene, part.time[part.shown]
     said = (*remarks, *model.kinematics.remarks, *scene.remarks)
@@ -364,11 +351,9 @@ def _errors(estimate: Estimate, outputs: dict[str, np.ndarray]) -> EstimatedErro
     """Return the estimate of the only sample."""
     time, errors = estimate.histories[0]
     return EstimatedErrors(
-        time=time,
-        outputs=errors,
-        largest={name: float(np.max(np.abs(values))) for name, values in outputs.items()},
+        time=time, outputs=errors, largest={name: float(np.max(np.abs(values))) for name, values in outputs.items()},
         absent={name: why for name, (why,) in estimate.absent.items() if why},
-    )
+    )  # fmt: skip
 
 
 LOOK_BACK = 400  # steps before a failure in which its cause is looked for

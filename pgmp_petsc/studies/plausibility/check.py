@@ -46,16 +46,11 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
     first = cache(lambda: first_frequency(scene, meshes or {}))
     sizes, system = sizes_of(scene, meshes or {}), scene.system
     findings = [
-        *parameter_findings(scene),
-        *material_findings(scene, system),
-        *system_findings(scene),
-        *body_findings(scene, sizes, system),
-        *matrix_findings(scene, meshes or {}, system),
-        *load_findings(scene, sizes, system, first),
-        *motion_findings(scene, sizes, system),
-        *setting_findings(scene, sizes, first),
-        *unused_findings(scene),
-    ]
+        *parameter_findings(scene), *material_findings(scene, system), *system_findings(scene),
+        *body_findings(scene, sizes, system), *matrix_findings(scene, meshes or {}, system),
+        *load_findings(scene, sizes, system, first), *motion_findings(scene, sizes, system),
+        *setting_findings(scene, sizes, first), *unused_findings(scene),
+    ]  # fmt: skip
     if not any(finding.refused for finding in findings):  # the mechanism of a scene with sense can be put together
         findings += stop_findings(scene, meshes, max((size.length for size in sizes.values()), default=1.0))
         findings += formula_findings(scene, meshes)

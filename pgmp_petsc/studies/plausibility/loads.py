@@ -255,13 +255,9 @@ def formula_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | 
 
 
 def _outputs_at_start(
-    scene: Scene,
-    kinematics: RigidKinematics,
-    names: Sequence[str],
-    theta: np.ndarray,
-    moving: np.ndarray,
+    scene: Scene, kinematics: RigidKinematics, names: Sequence[str], theta: np.ndarray, moving: np.ndarray,
     moment: float,
-) -> Iterator[Finding]:
+) -> Iterator[Finding]:  # fmt: skip
     """Yield outputs of other outputs that have no finite value where the rigid mechanism starts; of accelerations,
     stresses and forces it does not know, nor of deformations of a settled start."""
     outputs, unknowns = OutputSet.of(scene, kinematics, theta), Unknowns(kinematics.mechanism)
