@@ -125,13 +125,8 @@ class Result:
                 f"to_xarray: '{taken[0]}' is the name of an axis of the dataset; give the scene's another name"
             )
         record = self.record
-        about = {
-            "kind": self.kind,
-            "scene": origin_of(record)["scene"],
-            "program_version": __version__,
-            "parameters": json.dumps(record.parameters),
-            "remarks": [str(remark) for remark in record.remarks],
-        }
+        about = {"kind": self.kind, "scene": origin_of(record)["scene"], "program_version": __version__}
+        about |= {"parameters": json.dumps(record.parameters), "remarks": [str(remark) for remark in record.remarks]}
         about |= {"model": self.data.model} if hasattr(self.data, "model") else {}
         about |= {} if record.seed is None else {"seed": record.seed}
         arrays = {

@@ -35,7 +35,6 @@ BYTES = 8
 ROUND_OFF = 1e-12  # of the largest moment of inertia
 
 
-#: What effects add that are neither loads nor local forces.
 def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     """Return the report of ``pgmp check``. Raises `InputError` if the mechanism cannot be closed or controlled, or
     points are missing."""
