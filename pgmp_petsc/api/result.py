@@ -111,10 +111,8 @@ class Result:
         try:
             import xarray
         except ImportError as error:
-            raise InputError(
-                "to_xarray: the package xarray is not installed (pip install 'xarray<2024.4' suits numpy before 2); "
-                f"the arrays themselves are attributes of the result ({error})"
-            ) from error
+            why = "to_xarray: the package xarray is not installed (pip install 'xarray<2024.4' suits numpy before 2)"
+            raise InputError(f"{why}; the arrays themselves are attributes of the result ({error})") from error
         found = [*variables(self.data)] if isinstance(self.data, Record) else []
         if not found:
             raise InputError(f"to_xarray: there is no dataset of a {self.kind}; its arrays are attributes")

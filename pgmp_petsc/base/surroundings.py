@@ -112,10 +112,8 @@ def _check_numba(given: dict[str, str]) -> None:
         try:
             import numba
         except ValueError as error:
-            raise InputError(
-                f"environment variables {listed}: numba, which compiles, cannot be loaded ({error}); leave out the "
-                "wrong one"
-            ) from error
+            why = f"environment variables {listed}: numba, which compiles, cannot be loaded ({error})"
+            raise InputError(f"{why}; leave out the wrong one") from error
     for warning in said:
         for name in given:
             if f"'{name}'" in str(warning.message):

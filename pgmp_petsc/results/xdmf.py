@@ -52,10 +52,8 @@ def write_xdmf(trajectory_path: str | os.PathLike[str], xdmf_path: str | os.Path
     xdmf_path = check_output(xdmf_path, "xdmf", [trajectory_path])
     with open_file(trajectory_path, "trajectory") as file:
         if "frames" not in file:
-            raise InputError(
-                f"file '{trajectory_path}' has no frames to export; run the simulation again with "
-                "--override simulation.frames=100"
-            )
+            cure = "run the simulation again with --override simulation.frames=100"
+            raise InputError(f"file '{trajectory_path}' has no frames to export; {cure}")
         heavy = _reference(Path(trajectory_path), xdmf_path)
         with shapes_of(file):
             tree, n_frames = _tree(file, heavy)
@@ -70,10 +68,8 @@ def _reference(trajectory_path: Path, xdmf_path: Path) -> str:
     heavy = os.path.relpath(trajectory_path.resolve(), xdmf_path.resolve().parent)
     # readers split references at these, and cut spaces off their ends
     if set(heavy) & set(":|") or not heavy.isprintable() or heavy != heavy.strip():
-        raise InputError(
-            f"file '{trajectory_path}': XDMF cannot refer to the path {heavy!r} (a colon, a bar, a space at its ends "
-            "or a character that cannot be printed); rename it"
-        )
+        why = "a colon, a bar, a space at its ends or a character that cannot be printed"
+        raise InputError(f"file '{trajectory_path}': XDMF cannot refer to the path {heavy!r} ({why}); rename it")
     return heavy
 
 

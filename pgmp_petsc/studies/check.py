@@ -65,10 +65,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     flexible_bodies, few = any(body.flexible for body in mechanism.bodies), len(coordinates) <= MOST_COORDINATES
     reducible = flexible_bodies and few
     if reducible and scene.reduction.modes > n_flexible and not left_open:
-        raise InputError(
-            f"reduction.modes = {scene.reduction.modes}: the mesh has only {n_flexible} flexible modes; "
-            "take fewer modes or a finer mesh"
-        )
+        why = f"reduction.modes = {scene.reduction.modes}: the mesh has only {n_flexible} flexible modes"
+        raise InputError(f"{why}; take fewer modes or a finer mesh")
     lines = [
         f"scene {scene.name}", *_bodies(mechanism), *_matrices(scene, meshes),
         *_joints(mechanism, null.n_redundant, kinematics.n_redundant),
@@ -181,10 +179,8 @@ def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:
         drawn = f", drawn from {law.name}({', '.join(f'{k}={v:g}' for k, v in law.arguments.items())})" if law else ""
         lines.append(f"  parameter     {name} = {f'{parameter.current:g} {parameter.unit}'.rstrip()}{drawn}")
     mass, stiffness = (_weights(mechanism, kind) for kind in ("mass", "stiffness"))
-    lines.append(
-        f"  affine terms  {len(mass)} of mass ({', '.join(map(str, mass))}), "
-        f"{len(stiffness)} of stiffness ({', '.join(map(str, stiffness))})"
-    )
+    of_mass = f"{len(mass)} of mass ({', '.join(map(str, mass))})"
+    lines.append(f"  affine terms  {of_mass}, {len(stiffness)} of stiffness ({', '.join(map(str, stiffness))})")
     return lines
 
 

@@ -63,10 +63,8 @@ def fields_at(model: ReducedModel, run: Trajectory, times: Sequence[float]) -> d
     n_eta = tables.n_coordinates + tables.n_modes
     columns = run.coordinates if run.modal is None else np.hstack([run.coordinates, run.modal])
     if run.model != "reduced" or columns.shape[1] != n_eta:
-        raise InputError(
-            f"the run is of a {run.model} model with {columns.shape[1]} coordinates, the reduced model has {n_eta}; "
-            "give the reduced model that it was made with"
-        )
+        why = f"the run is of a {run.model} model with {columns.shape[1]} coordinates, the reduced model has {n_eta}"
+        raise InputError(f"{why}; give the reduced model that it was made with")
     outside = instants[~((instants >= run.time[0]) & (instants <= run.time[-1]))]
     if outside.size:
         raise InputError(f"times: {outside[0]:g} s is outside the run, from {run.time[0]:g} to {run.time[-1]:g} s")

@@ -150,10 +150,8 @@ VALUES = (
 )  # fmt: skip
 structure_changes = st.tuples(
     st.sampled_from(("remove", "replace", "group", "huge", "attribute", "no attribute", "rename")),
-    st.integers(0, 10**6),
-    st.integers(0, 10**6),
-    st.sampled_from(range(len(VALUES))),
-)
+    st.integers(0, 10**6), st.integers(0, 10**6), st.sampled_from(range(len(VALUES))),
+)  # fmt: skip
 
 
 def names_in(file: h5py.File) -> list[str]:
