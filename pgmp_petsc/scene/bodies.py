@@ -12,6 +12,7 @@ from pydantic import Field, field_validator, model_validator
 from pgmp_petsc.base.units import UnitSystem, UnknownUnit, measure, times
 from pgmp_petsc.declare.ideas import SECTIONS, Found, refuse
 from pgmp_petsc.scene.fields import (
+    NAMED,
     Along,
     Angle,
     Axis,
@@ -260,24 +261,18 @@ MOST_ELEMENTS = 100_000
 class Material(Table):
     """An isotropic linear elastic material."""
 
-    E: Annotated[PositiveOrParameter, Unit("Pa")] = Field(
-        description="Young's modulus (Pa), a number or a parameter's name"
-    )
+    E: Annotated[PositiveOrParameter, Unit("Pa")] = Field(description=f"Young's modulus (Pa), {NAMED}")
     nu: Annotated[
         Number,
         no_parameter("stiffness is no sum of products of parameters with it; build once for each value (--override)"),
     ] = Field(gt=-1.0, lt=0.5, description="Poisson's ratio")
-    rho: Annotated[PositiveOrParameter, Unit("kg/m3")] = Field(
-        description="density (kg/m3), a number or a parameter's name"
-    )
+    rho: Annotated[PositiveOrParameter, Unit("kg/m3")] = Field(description=f"density (kg/m3), {NAMED}")
 
 
 class StraightBeam(Table):
     """A straight line of equal elements along the x axis of the body's frame, with points hinge and tip at its ends."""
 
-    length: Annotated[PositiveOrParameter, Unit("m")] = Field(
-        description="length (m), a number or a parameter's name; see docs/method.md"
-    )
+    length: Annotated[PositiveOrParameter, Unit("m")] = Field(description=f"length (m), {NAMED}; see docs/method.md")
     elements: Annotated[Integer, at_most(MOST_ELEMENTS, "no straight beam needs more, and they fill memory")] = Field(
         ge=1, description="number of elements"
     )
@@ -327,7 +322,7 @@ class Body(Table):
         "body's frame; circles need none",
     )
     thickness: Annotated[PositiveOrParameter | None, Unit("m")] = Field(
-        None, description="thickness of solid2d (m), a number or a parameter's name"
+        None, description=f"thickness of solid2d (m), {NAMED}"
     )
     section_scale: Annotated[PositiveOrParameter | None, Unit("1")] = Field(
         None,

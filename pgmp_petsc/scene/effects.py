@@ -18,6 +18,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import UNITS, UnknownUnit, take_unit
 from pgmp_petsc.declare.ideas import EFFECTS, PACKAGE, Found, refuse
 from pgmp_petsc.scene.fields import (
+    NAMED,
     AnyScene,
     LoadHarmonic,
     LoadTable,
@@ -207,9 +208,7 @@ class OverTime(EffectEntry):
 
     table: LoadTable | None = Field(None, description=TABLE)
     harmonic: LoadHarmonic | None = Field(None, description="{ amplitude, frequency_hz, phase = 0, mean = 0 }")
-    scale: Annotated[NumberOrParameter, Unit("1")] = Field(
-        1.0, description="factor on it, a number or a parameter's name"
-    )
+    scale: Annotated[NumberOrParameter, Unit("1")] = Field(1.0, description=f"factor on it, {NAMED}")
     changeable: ClassVar[tuple[str, ...]] = ("table", "harmonic")
     nothing_without: ClassVar[str] = "scale"
     cause: ClassVar[bool] = True

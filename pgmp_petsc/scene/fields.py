@@ -39,6 +39,7 @@ Sign = Literal["positive", "not negative", "not zero", "any"]
 LARGEST, SMALLEST = 1e30, 1e-30
 MOST_RADIANS = 1e6  # beyond it an angle is rounded by more than 1e-10 rad
 NAME = "[A-Za-z_][A-Za-z0-9_-]*"
+NAMED = "a number or a parameter's name"  # in descriptions of entries
 LONGEST_NAME = 100  # characters: names become data sets, columns and titles
 
 
@@ -480,14 +481,10 @@ class Harmonic(Table):
 class LoadHarmonic(Table):
     """``mean + amplitude sin(2 pi frequency_hz t + phase)`` of a torque (N m) or force (N)."""
 
-    amplitude: Annotated[NumberOrParameter, Unit()] = Field(
-        description="amplitude (N m) or (N), a number or a parameter's name"
-    )
+    amplitude: Annotated[NumberOrParameter, Unit()] = Field(description=f"amplitude (N m) or (N), {NAMED}")
     frequency_hz: Annotated[Number, _OF_TIME, Unit("Hz")] = Field(gt=0.0, description="frequency (Hz)")
     phase: Annotated[Angle, _OF_TIME, Unit("rad")] = Field(0.0, description="phase at time 0 (rad)")
-    mean: Annotated[NumberOrParameter, Unit()] = Field(
-        0.0, description="mean value (N m) or (N), a number or a parameter's name"
-    )
+    mean: Annotated[NumberOrParameter, Unit()] = Field(0.0, description=f"mean value (N m) or (N), {NAMED}")
 
 
 class SpinUp(Table):

@@ -191,15 +191,11 @@ def _probability(result: RareEvent) -> Iterator[str]:
         return
     low, high = result.interval
     n_weighted = int(np.count_nonzero(result.weight))
-    yield (
-        f"  probability             {result.estimate:.4g} [{low:.4g}, {high:.4g}], a {100 * result.confidence:g} % "
-        f"interval; coefficient of variation {share_text(result.variation)}"
-    )
+    known = f"a {100 * result.confidence:g} % interval; coefficient of variation {share_text(result.variation)}"
+    yield f"  probability             {result.estimate:.4g} [{low:.4g}, {high:.4g}], {known}"
     as_good = (1.0 / result.estimate - 1.0) / result.variation**2 if result.variation > 0.0 else np.inf
-    yield (
-        f"  {n_weighted} weighted samples, worth {result.n_effective:.0f} equally weighted ones in the event; as many "
-        f"random samples as are as good: {plain(as_good)}"
-    )
+    worth = f"  {n_weighted} weighted samples, worth {result.n_effective:.0f} equally weighted ones in the event"
+    yield f"{worth}; as many random samples as are as good: {plain(as_good)}"
 
 
 def _most_likely(result: RareEvent) -> Iterator[str]:
