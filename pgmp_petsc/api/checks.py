@@ -83,10 +83,15 @@ def _status(found: Checked, strict: bool) -> int:
     shell={"strict": Argument("End with status 2 if there are warnings.")},
 )  # fmt: skip
 def check(
-    scene: Scene | str | PathLike[str], *, effects: bool = False, trial: bool = False,
-    picture: str | PathLike[str] | None = None, parameters: Parameters | None = None, overrides: Overrides = (),
+    scene: Scene | str | PathLike[str],
+    *,
+    effects: bool = False,
+    trial: bool = False,
+    picture: str | PathLike[str] | None = None,
+    parameters: Parameters | None = None,
+    overrides: Overrides = (),
     comm: Comm | None = None,
-) -> Checked:  # fmt: skip
+) -> Checked:
     """Validate `scene` and print its bodies, unknowns, active effects and estimated memory; solve nothing.
 
     With `trial` the largest continuum body is factorised once on all ranks, which tells what a build will take. With
@@ -107,10 +112,15 @@ def check(
     tell(comm, text)
     tell_remarks(comm, loaded.remarks)
     return Checked(
-        loaded, meshes, text, None if target is None else on_root(comm, _draw, loaded, meshes, target),
-        _tried(loaded, meshes, comm) if trial else None, _sizes(loaded, meshes, comm) if effects else None, trial,
+        loaded,
+        meshes,
+        text,
+        None if target is None else on_root(comm, _draw, loaded, meshes, target),
+        _tried(loaded, meshes, comm) if trial else None,
+        _sizes(loaded, meshes, comm) if effects else None,
+        trial,
         "the scene" if isinstance(scene, Scene) else fspath(scene),
-    )  # fmt: skip
+    )
 
 
 def _draw(scene: Scene, meshes: Mapping[str, BodyShape], picture: Path) -> Path:

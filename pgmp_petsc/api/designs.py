@@ -66,11 +66,18 @@ def _status_of_fit(found: Fit) -> int:
     gives="With the attributes of `results.gradients.Fit`; ``converged`` says whether it did.",
 )  # fmt: skip
 def fit(
-    rom: Rom | str | PathLike[str], measured: str | PathLike[str], names: Sequence[str] = (), *,
-    noise: Mapping[str, float] | None = None, parameters: Parameters | None = None, overrides: Overrides = (),
-    output: str | PathLike[str] | None = None, plot: str | PathLike[str] | None = None, on_all_ranks: bool = True,
+    rom: Rom | str | PathLike[str],
+    measured: str | PathLike[str],
+    names: Sequence[str] = (),
+    *,
+    noise: Mapping[str, float] | None = None,
+    parameters: Parameters | None = None,
+    overrides: Overrides = (),
+    output: str | PathLike[str] | None = None,
+    plot: str | PathLike[str] | None = None,
+    on_all_ranks: bool = True,
     comm: Comm | None = None,
-) -> Result:  # fmt: skip
+) -> Result:
     """Fit parameters of the reduced model `rom` to the history in `measured` by least squares.
 
     The fit begins with the values of a run (`parameters`), and keeps to the bounds of the parameters.
@@ -121,11 +128,19 @@ def _status_of_design(found: Design) -> int:
     "that meets all constraints.",
 )  # fmt: skip
 def optimize(
-    rom: Rom | str | PathLike[str], goal: str, names: Sequence[str] = (), *, subject_to: Sequence[str] = (),
-    robust: Robust | None = None, parameters: Parameters | None = None, overrides: Overrides = (),
-    output: str | PathLike[str] | None = None, plot: str | PathLike[str] | None = None, on_all_ranks: bool = True,
+    rom: Rom | str | PathLike[str],
+    goal: str,
+    names: Sequence[str] = (),
+    *,
+    subject_to: Sequence[str] = (),
+    robust: Robust | None = None,
+    parameters: Parameters | None = None,
+    overrides: Overrides = (),
+    output: str | PathLike[str] | None = None,
+    plot: str | PathLike[str] | None = None,
+    on_all_ranks: bool = True,
     comm: Comm | None = None,
-) -> Result:  # fmt: skip
+) -> Result:
     """Find the parameters of the reduced model `rom` that meet `goal` best.
 
     `goal` is "minimise ..." or "maximise ...", a CONSTRAINT is "... <= ..." or "... >= ...": sums, products and powers

@@ -78,9 +78,12 @@ def _report(found: Differences, name: Path, said: object) -> str:
     gives="By output.",
 )  # fmt: skip
 def diff(
-    first: Result | str | PathLike[str], second: Result | str | PathLike[str], *, tolerance: float | None = None,
+    first: Result | str | PathLike[str],
+    second: Result | str | PathLike[str],
+    *,
+    tolerance: float | None = None,
     comm: Comm | None = None,
-) -> Differences:  # fmt: skip
+) -> Differences:
     """Compare the outputs of `first` and `second`: two runs over time, or two ensembles of the same samples.
 
     Runs are compared at the instants of the one that has fewer, in the time that both cover; the other is interpolated

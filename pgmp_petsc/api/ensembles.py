@@ -39,9 +39,10 @@ from pgmp_petsc.texts.ensemble_table import report as report_of_ensemble
 from pgmp_petsc.texts.ensemble_table import report_of_rare_event, report_of_shard
 
 PER_SAMPLE = Argument(
-    "With --full: ranks that share one sample, for large meshes; groups of ranks have samples of their own.", word="N",
+    "With --full: ranks that share one sample, for large meshes; groups of ranks have samples of their own.",
+    word="N",
     allowed=Range(1),
-)  # fmt: skip
+)
 NUMBER = Argument(
     "Number of samples; with `samples` all that the file has, if not given.", "-n", "N", Range(1, MOST_SAMPLES)
 )
@@ -74,11 +75,19 @@ _WITHOUT = {
     ranks_per_sample=PER_SAMPLE,
 )  # fmt: skip
 def retry_failed(
-    source: AnySource, failed: str | PathLike[str], *, sampler: str | None = None, parameters: Parameters | None = None,
-    model: str | None = None, overrides: Overrides = (), ranks_per_sample: int = 1,
-    output: str | PathLike[str] | None = None, resume: bool = False, on_all_ranks: bool = True,
+    source: AnySource,
+    failed: str | PathLike[str],
+    *,
+    sampler: str | None = None,
+    parameters: Parameters | None = None,
+    model: str | None = None,
+    overrides: Overrides = (),
+    ranks_per_sample: int = 1,
+    output: str | PathLike[str] | None = None,
+    resume: bool = False,
+    on_all_ranks: bool = True,
     comm: Comm | None = None,
-) -> Result:  # fmt: skip
+) -> Result:
     """Try the failed samples of an ensemble's file further, with smaller steps, and take the others from it.
 
     What else is given is as it was in the run that wrote the file.
@@ -115,10 +124,18 @@ def retry_failed(
     seed=SEED,
 )  # fmt: skip
 def rare_event(
-    source: AnySource, event: str, n: int, seed: int = 0, *, parameters: Parameters | None = None,
-    model: str | None = None, overrides: Overrides = (), output: str | PathLike[str] | None = None,
-    on_all_ranks: bool = True, comm: Comm | None = None,
-) -> Result:  # fmt: skip
+    source: AnySource,
+    event: str,
+    n: int,
+    seed: int = 0,
+    *,
+    parameters: Parameters | None = None,
+    model: str | None = None,
+    overrides: Overrides = (),
+    output: str | PathLike[str] | None = None,
+    on_all_ranks: bool = True,
+    comm: Comm | None = None,
+) -> Result:
     """Find the probability of a rare event with at most `n` samples."""
     from pgmp_petsc.ensemble.rare_run import event_of, run_rare_event  # a noticeable time, and few ask for one
 
@@ -212,13 +229,24 @@ def exit_status(found: Ensemble | ShardSamples | RareEvent) -> int:
     "failed are in it, with their reasons.",
 )  # fmt: skip
 def montecarlo(
-    source: AnySource, n: int | None = None, seed: int = 0, *, sampler: str | None = None,
-    samples: str | PathLike[str] | Columns | None = None, shard: Shard | None = None,
-    correct: Sequence[Correction] = (), stopping: Stopping | None = None, parameters: Parameters | None = None,
-    model: str | None = None, overrides: Overrides = (), ranks_per_sample: int = 1,
-    output: str | PathLike[str] | None = None, resume: bool = False, on_all_ranks: bool = True,
+    source: AnySource,
+    n: int | None = None,
+    seed: int = 0,
+    *,
+    sampler: str | None = None,
+    samples: str | PathLike[str] | Columns | None = None,
+    shard: Shard | None = None,
+    correct: Sequence[Correction] = (),
+    stopping: Stopping | None = None,
+    parameters: Parameters | None = None,
+    model: str | None = None,
+    overrides: Overrides = (),
+    ranks_per_sample: int = 1,
+    output: str | PathLike[str] | None = None,
+    resume: bool = False,
+    on_all_ranks: bool = True,
     comm: Comm | None = None,
-) -> Result:  # fmt: skip
+) -> Result:
     """Integrate samples of a reduced model (or with `model` of a scene) and describe their distributions.
 
     Exit status 1 if some samples failed, which are recorded with their reason while the others go on, or if a rule of
@@ -257,9 +285,12 @@ def montecarlo(
     gives="With the attributes of `results.Ensemble`.",
 )  # fmt: skip
 def merge(
-    files: Sequence[str | PathLike[str]], *, output: str | PathLike[str] | None = None, on_all_ranks: bool = True,
+    files: Sequence[str | PathLike[str]],
+    *,
+    output: str | PathLike[str] | None = None,
+    on_all_ranks: bool = True,
     comm: Comm | None = None,
-) -> Result:  # fmt: skip
+) -> Result:
     """Join all shards of an ensemble (pgmp montecarlo --shard) to the file that one run would have written.
 
     Exit status 1 if some samples failed.
@@ -305,7 +336,9 @@ def _kept(keeper: Keeper, found: object, plan: Plan, origin: Origin, scene: Scen
 @contextmanager
 def _place_of(keeper: Keeper) -> Iterator[Path]:
     """Yield where samples are kept on the way: beside their file, or in a folder of their own, which goes at the end.
-    Collective on the ranks; what is kept is the first's."""
+
+    Collective on the ranks; what is kept is the first's.
+    """
     if keeper.output is not None:
         yield keeper.output
         return

@@ -40,9 +40,14 @@ OUTPUT = Argument(
     fmi=Argument("Version of FMI of an FMU, 2 (default) or 3.", word="N", allowed=Range(min(VERSIONS), max(VERSIONS))),
 )
 def export_model(
-    rom: Rom | str | PathLike[str], output: str | PathLike[str], *, fmi: int | None = None,
-    parameters: Parameters | None = None, overrides: Overrides = (), comm: Comm | None = None,
-) -> Path:  # fmt: skip
+    rom: Rom | str | PathLike[str],
+    output: str | PathLike[str],
+    *,
+    fmi: int | None = None,
+    parameters: Parameters | None = None,
+    overrides: Overrides = (),
+    comm: Comm | None = None,
+) -> Path:
     """Write the reduced model `rom` for other programs, and return where.
 
     `output` is a folder of C99, whose name has no ending, or ``NAME.fmu``.

@@ -89,8 +89,10 @@ class Contents:
     datasets: dict[str, DataSet]  # by their names, in the file's order
 
     def summary(self) -> dict[str, Any]:
-        """Return its figures as plain data, those of ``pgmp info --json``; reads the result's own. Raises `InputError`
-        if it is no whole result of this program."""
+        """Return its figures as plain data, those of ``pgmp info --json``; reads the result's own.
+
+        Raises `InputError` if it is no whole result of this program.
+        """
         from pgmp_petsc.results import READERS
 
         about = {"file": self.path, "kind": self.kind, "program_version": self.program_version}
@@ -110,10 +112,16 @@ class Contents:
 def _contents(path: Path) -> Contents:
     with open_file(path, KINDS) as file, shapes_of(file):
         return Contents(
-            path, str(file.attrs["kind"]), str(file.attrs.get("model", "")), str(file.attrs["program_version"]),
-            int(file.attrs["format_version"]), RunRecord.read(file), Selection.found_in(file),
-            EffectSizes.found_in(file), _all_datasets(file),
-        )  # fmt: skip
+            path,
+            str(file.attrs["kind"]),
+            str(file.attrs.get("model", "")),
+            str(file.attrs["program_version"]),
+            int(file.attrs["format_version"]),
+            RunRecord.read(file),
+            Selection.found_in(file),
+            EffectSizes.found_in(file),
+            _all_datasets(file),
+        )
 
 
 def _all_datasets(file: h5py.File) -> dict[str, DataSet]:
@@ -128,8 +136,10 @@ def _all_datasets(file: h5py.File) -> dict[str, DataSet]:
 
 
 def describe(found: Contents, path: Path | None = None, said: object = (), scene: bool = False) -> str:
-    """Return the description of a result file of any kind; by one process. Raises `InputError` if what it holds does
-    not fit together."""
+    """Return the description of a result file of any kind; by one process.
+
+    Raises `InputError` if what it holds does not fit together.
+    """
     if scene:
         return found.record.scene_toml.rstrip()
     record, path = found.record, found.path
@@ -145,11 +155,13 @@ def describe(found: Contents, path: Path | None = None, said: object = (), scene
     ]
     with shapes_of(path):
         parts = [
-            [f"  {remark}" for remark in record.remarks], [] if found.selection is None else found.selection.lines(),
+            [f"  {remark}" for remark in record.remarks],
+            [] if found.selection is None else found.selection.lines(),
             [] if found.sizes is None else ["effects, chosen by their size", *found.sizes.lines()],
             ["timings", _indented(Timings(record.timings).table())] if record.timings else [],
-            ["datasets", _indented(_datasets(found))], _estimates(found),
-        ]  # fmt: skip
+            ["datasets", _indented(_datasets(found))],
+            _estimates(found),
+        ]
     return "\n".join([*lines, *(line for part in parts if part for line in ("", *part))])
 
 

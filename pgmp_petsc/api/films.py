@@ -59,10 +59,17 @@ ENDINGS = (".mp4", ".gif")
     gives="The film.",
 )  # fmt: skip
 def animate(
-    result: Result | str | PathLike[str], output: str | PathLike[str], *, mode: int | None = None,
-    at: Mapping[str, float] | None = None, field: str | None = None, scale: float | None = None,
-    seconds: float | None = None, fps: float = RATE, comm: Comm | None = None,
-) -> Path:  # fmt: skip
+    result: Result | str | PathLike[str],
+    output: str | PathLike[str],
+    *,
+    mode: int | None = None,
+    at: Mapping[str, float] | None = None,
+    field: str | None = None,
+    scale: float | None = None,
+    seconds: float | None = None,
+    fps: float = RATE,
+    comm: Comm | None = None,
+) -> Path:
     """Make a film of `result`: of a trajectory's frames or, with `mode`, of a mode of a reduced model.
 
     It is written as MP4 (-o film.mp4) or GIF (-o film.gif). One rank draws.
@@ -115,9 +122,14 @@ def _shape(file: Path, mode: int, at: Mapping[str, float], comm: Comm) -> ModeSh
 
 
 def _draw(
-    file: Path, output: Path, shape: ModeShape | None, field: str | None, scale: float | None, seconds: float | None,
+    file: Path,
+    output: Path,
+    shape: ModeShape | None,
+    field: str | None,
+    scale: float | None,
+    seconds: float | None,
     fps: float,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """Write the film and return what is to be said of it; by one process."""
     from pgmp_petsc.figures.motion import motion_of, vibration_of
     from pgmp_petsc.figures.solids import Pace, write_film  # matplotlib takes a noticeable time
@@ -154,9 +166,13 @@ def _indented(text: str) -> str:
     gives="The folder.",
 )  # fmt: skip
 def plot(
-    files: Sequence[str | PathLike[str]], output: str | PathLike[str], *, exaggerate: float = 1.0,
-    at: float | None = None, comm: Comm | None = None,
-) -> Path:  # fmt: skip
+    files: Sequence[str | PathLike[str]],
+    output: str | PathLike[str],
+    *,
+    exaggerate: float = 1.0,
+    at: float | None = None,
+    comm: Comm | None = None,
+) -> Path:
     """Draw result FILEs: what belongs together goes into one picture.
 
     Results of different scenes never share a picture: with several, the names of pictures end with those of the

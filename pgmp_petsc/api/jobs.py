@@ -73,10 +73,17 @@ def _status(done: Done) -> int:
     gives="Files, the page, and what failed although the run went on.",
 )  # fmt: skip
 def run(
-    scene: str | PathLike[str], folder: str | PathLike[str] | None = None, *, page: str | PathLike[str] | None = None,
-    n: int = 512, seed: int = 0, force: bool = False, parameters: Parameters | None = None, overrides: Overrides = (),
+    scene: str | PathLike[str],
+    folder: str | PathLike[str] | None = None,
+    *,
+    page: str | PathLike[str] | None = None,
+    n: int = 512,
+    seed: int = 0,
+    force: bool = False,
+    parameters: Parameters | None = None,
+    overrides: Overrides = (),
     comm: Comm | None = None,
-) -> Done:  # fmt: skip
+) -> Done:
     """Check `scene`, build its reduced model, simulate, compare with a better model, draw samples, and write a report.
 
     The better model is the full-order one or, where that is too dear, the component model; what it will take is

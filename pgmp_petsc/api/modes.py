@@ -34,10 +34,17 @@ from pgmp_petsc.texts.studies import report_of_tradeoff
     gives="With the attributes of `results.ModesTable`.",
 )  # fmt: skip
 def frequencies(
-    scene: Scene | str | PathLike[str], *, rom: Rom | str | PathLike[str] | None = None, angles: int | None = None,
-    parameters: Parameters | None = None, overrides: Overrides = (), ranks_per_angle: int = 1,
-    output: str | PathLike[str] | None = None, on_all_ranks: bool = True, comm: Comm | None = None,
-) -> Result:  # fmt: skip
+    scene: Scene | str | PathLike[str],
+    *,
+    rom: Rom | str | PathLike[str] | None = None,
+    angles: int | None = None,
+    parameters: Parameters | None = None,
+    overrides: Overrides = (),
+    ranks_per_angle: int = 1,
+    output: str | PathLike[str] | None = None,
+    on_all_ranks: bool = True,
+    comm: Comm | None = None,
+) -> Result:
     """Compute eigenfrequencies of `scene` over its configurations, full-order and (with `rom`) reduced."""
     comm = solving_ranks_of(comm)
     inputs = [fspath(one) for one in (scene, rom) if isinstance(one, (str, PathLike))]
@@ -59,10 +66,16 @@ def frequencies(
     gives="With the attributes of `reduction.rom.ReducedOrderModel`.",
 )
 def build(
-    scene: Scene | str | PathLike[str], *, parameters: Parameters | None = None, overrides: Overrides = (),
-    ranks_per_angle: int = 1, output: str | PathLike[str] | None = None, resume: bool = False,
-    on_all_ranks: bool = True, comm: Comm | None = None,
-) -> Rom:  # fmt: skip
+    scene: Scene | str | PathLike[str],
+    *,
+    parameters: Parameters | None = None,
+    overrides: Overrides = (),
+    ranks_per_angle: int = 1,
+    output: str | PathLike[str] | None = None,
+    resume: bool = False,
+    on_all_ranks: bool = True,
+    comm: Comm | None = None,
+) -> Rom:
     """Compute modes at the sampled configurations of `scene` and write the reduced model (ROM.h5).
 
     With reduction.tolerance, or simulation.tolerance, what `scene` does not give is chosen so that no output has a
@@ -93,10 +106,17 @@ def build(
     gives="With the attributes of `results.tradeoff.Tradeoff`.",
 )  # fmt: skip
 def tradeoff(
-    scene: Scene | str | PathLike[str], *, quick: bool = False, n: int = 10_000, parameters: Parameters | None = None,
-    overrides: Overrides = (), output: str | PathLike[str] | None = None, resume: bool = False,
-    on_all_ranks: bool = True, comm: Comm | None = None,
-) -> Result:  # fmt: skip
+    scene: Scene | str | PathLike[str],
+    *,
+    quick: bool = False,
+    n: int = 10_000,
+    parameters: Parameters | None = None,
+    overrides: Overrides = (),
+    output: str | PathLike[str] | None = None,
+    resume: bool = False,
+    on_all_ranks: bool = True,
+    comm: Comm | None = None,
+) -> Result:
     """Measure what accuracy costs in time for `scene`, and say which setting to take.
 
     Settings of the reduced model (modes, static modes, angles, interpolation, second-order terms, time step), of the

@@ -76,9 +76,19 @@ class Correction:
 
 
 def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> list[Correction]:
-    """Return better models of the ensemble's `own`, the best first; the same on all ranks. Raises `InputError` if
-    models or numbers of samples (`n_samples` of its own, None where it is to be chosen) are in no order that makes
-    sense."""
+    """Return better models, the best first; the same on all ranks.
+
+    Raises `InputError` if models or numbers are in no order that makes sense.
+
+    Parameters
+    ----------
+    wanted
+        In any order.
+    own
+        Name of the ensemble's own model.
+    n_samples
+        Number of its samples, None where it is to be chosen.
+    """
     if not wanted:
         return []
     from pgmp_petsc.ensemble.joined import FEWEST as fewest  # most ensembles are of one model
@@ -107,8 +117,17 @@ def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> l
 
 
 def better_models(wanted: Sequence[Correction], own: Model, source: object, comm: Comm) -> list[Better]:
-    """Return the models that are asked for; `source` is what messages call the origin of the ensemble's `own`.
-    Collective on `comm`. Raises `InputError` if meshes are not at hand, or a model cannot have what the scene has."""
+    """Return the models that are asked for. Collective on `comm`.
+
+    Raises `InputError` if meshes are not at hand, or a model cannot have what the scene has.
+
+    Parameters
+    ----------
+    own
+        The ensemble's own model.
+    source
+        What messages call that which it is from.
+    """
     if not wanted:
         return []
     from pgmp_petsc.ensemble.correction import Better  # as above
@@ -206,9 +225,16 @@ class Request:
 
     @classmethod
     def of(
-        cls, n: int | None, seed: int, sampler: str | None, samples: str | PathLike[str] | Columns | None,
-        shard: Shard | None, correct: Sequence[Correction], stopping: Stopping | None, model: str,
-    ) -> Request:  # fmt: skip
+        cls,
+        n: int | None,
+        seed: int,
+        sampler: str | None,
+        samples: str | PathLike[str] | Columns | None,
+        shard: Shard | None,
+        correct: Sequence[Correction],
+        stopping: Stopping | None,
+        model: str,
+    ) -> Request:
         """Return what the arguments of a call ask for; refuse what does not fit together."""
         if shard is not None:
             whole = all(isinstance(value, int) for value in (shard.number, shard.count))

@@ -31,10 +31,19 @@ if TYPE_CHECKING:
 class Result:
     """A result, the same on all ranks; attributes of its data are its own.
 
-    `kind` is one of `files.claims.KINDS`, `data` a dataclass of `pgmp_petsc.results`, or `studies.building.Built`:
-    arrays of numpy in the scene's units; None on a rank that was not given it. `comm` are the ranks that made it,
-    `directory` is the folder that paths of the scene are relative to, `path` the file that it was read from or last
-    written to, or None.
+    Parameters
+    ----------
+    kind : str
+        One of `files.claims.KINDS`.
+    data
+        A dataclass of `pgmp_petsc.results`, or `studies.building.Built`: arrays of numpy in the scene's units. None on
+        a rank that was not given it.
+    comm : mpi4py.Comm
+        The ranks that made it.
+    directory : Path
+        Folder that paths of the scene are relative to.
+    path : Path or None
+        The file that it was read from or last written to.
     """
 
     def __init__(self, kind: str, data: Any, comm: Comm, directory: Path, path: Path | None = None) -> None:
@@ -105,8 +114,12 @@ class Result:
         """Return its arrays as a dataset of xarray by name, with units and descriptions as attributes.
 
         Outputs have their own names; what else there is begins with its kind and a dot, which no name of a scene has:
-        ``parameter.r1``, ``state.theta``, ``error.crank_angle``. A result declares these names (``label``). Raises
-        `InputError` if xarray is not installed, or results of this kind have no dataset.
+        ``parameter.r1``, ``state.theta``, ``error.crank_angle``. A result declares these names (``label``).
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed, or results of this kind have no dataset.
         """
         try:
             import xarray
@@ -138,8 +151,13 @@ class Result:
         """Write the file that the command writes, on the first rank, and return its path. Collective on `comm`.
 
         A name that ends in .csv gives a table of its columns (`results.summary`), where results of its kind have some.
-        Raises `InputError` if there is another file of this name, or it cannot be made there; `RunError` if the system
-        fails to write.
+
+        Raises
+        ------
+        InputError
+            If there is another file of this name, or it cannot be made there.
+        RunError
+            If the system fails to write.
         """
 
         from pgmp_petsc.results.summary import write_result
@@ -168,7 +186,13 @@ class Rom(Result):
 
 
 class StoppedRun(RunError):
-    """A run stopped before its end; `result` is the run up to there."""
+    """A run stopped before its end.
+
+    Attributes
+    ----------
+    result : Result
+        The run up to there.
+    """
 
     def __init__(self, message: str, result: Result | None = None) -> None:
         super().__init__(message)

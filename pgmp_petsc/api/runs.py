@@ -29,9 +29,15 @@ from pgmp_petsc.texts.studies import report_of_derivatives
     gives="With the attributes of `results.Trajectory`.",
 )
 def simulate(
-    source: AnySource, parameters: Parameters | None = None, *, model: str | None = None, overrides: Overrides = (),
-    output: str | PathLike[str] | None = None, on_all_ranks: bool = True, comm: Comm | None = None,
-) -> Result:  # fmt: skip
+    source: AnySource,
+    parameters: Parameters | None = None,
+    *,
+    model: str | None = None,
+    overrides: Overrides = (),
+    output: str | PathLike[str] | None = None,
+    on_all_ranks: bool = True,
+    comm: Comm | None = None,
+) -> Result:
     """Run a reduced model, or with `model` the full-order or the component model of a scene.
 
     A run that stops before its end has exit status 1; what was computed is written.
@@ -67,10 +73,16 @@ def simulate(
     gives="With the attributes of `results.Derivatives`.",
 )  # fmt: skip
 def sensitivities(
-    rom: Rom | str | PathLike[str], names: Sequence[str] = (), *, parameters: Parameters | None = None,
-    overrides: Overrides = (), output: str | PathLike[str] | None = None, plot: str | PathLike[str] | None = None,
-    on_all_ranks: bool = True, comm: Comm | None = None,
-) -> Result:  # fmt: skip
+    rom: Rom | str | PathLike[str],
+    names: Sequence[str] = (),
+    *,
+    parameters: Parameters | None = None,
+    overrides: Overrides = (),
+    output: str | PathLike[str] | None = None,
+    plot: str | PathLike[str] | None = None,
+    on_all_ranks: bool = True,
+    comm: Comm | None = None,
+) -> Result:
     """Say what a change of each parameter does to the outputs of a run of the reduced model `rom`.
 
     Derivatives of the outputs over time, of their largest and smallest values and of the values at the end come from

@@ -43,9 +43,12 @@ def use(path: str | PathLike[str], *, comm: Comm | None = None) -> None:
 
 @interface(path=Argument("The file; paths of meshes are relative to its folder."))
 def load(
-    path: str | PathLike[str], overrides: Overrides = (), parameters: Parameters | None = None, *,
+    path: str | PathLike[str],
+    overrides: Overrides = (),
+    parameters: Parameters | None = None,
+    *,
     comm: Comm | None = None,
-) -> Scene:  # fmt: skip
+) -> Scene:
     """Return the scene of a TOML file.
 
     `overrides` are there before the scene is validated; with `parameters` nominal values stay.

@@ -76,9 +76,12 @@ class Origin:
     def prepared(
         self, comm: Comm, check: Callable[[Scene], Scene | None] = lambda scene: None, told: bool = True
     ) -> Model:
-        """Return the model, with the step of its scene. Collective on `comm`. `check` refuses scenes for reasons of the
-        caller's own, who tells their remarks where they are not `told` here; it may return another scene to take.
-        Raises `InputError` if it cannot be read, or has what its kind of model cannot have."""
+        """Return the model, with the step of its scene. Collective on `comm`.
+
+        `check` refuses scenes for reasons of the caller's own, who tells their remarks where they are not `told` here;
+        it may return another scene to take. Raises `InputError` if it cannot be read, or has what its kind of model
+        cannot have.
+        """
         rom, meshes = None, {}
         if self.model == REDUCED and isinstance(self.source, Rom):
             rom = self.source.data.rom
@@ -105,8 +108,10 @@ class Origin:
 def read_rom(
     path: Path, overrides: Sequence[str], settings: Sequence[str], comm: Comm
 ) -> tuple[Scene, ReducedOrderModel]:
-    """Read a ROM and its scene, changed where a change leaves the tables valid. Collective on `comm`. Raises
-    `InputError` if the file is not a whole ROM, or an entry is overridden that the tables were built from."""
+    """Read a ROM and its scene, changed where a change leaves the tables valid. Collective on `comm`.
+
+    Raises `InputError` if the file is not a whole ROM, or an entry is overridden that the tables were built from.
+    """
 
     def read() -> tuple[Scene, ReducedOrderModel]:
         rom = ReducedOrderModel.read(path)
@@ -119,7 +124,9 @@ def scene_of_rom(
     rom: ReducedOrderModel, directory: Path, overrides: Sequence[str], settings: Sequence[str], name: object
 ) -> Scene:
     """Return the scene of a ROM, changed where a change leaves the tables valid, with its remarks; by one process.
-    Paths are relative to `directory`; `name` is what messages call the ROM. Raises as `read_rom`."""
+
+    Paths are relative to `directory`; `name` is what messages call the ROM. Raises as `read_rom`.
+    """
     built = scene_from_toml(rom.record.scene_toml, directory)
     scene = scene_from_toml(rom.record.scene_toml, directory, overrides, settings)
     _check_tables_hold(built, scene, name)
@@ -193,8 +200,10 @@ def mesh_model(scene: Scene, meshes: Mapping[str, BodyShape], name: str, comm: C
 
 
 def settled(model: AnyModel, comm: Comm, ensemble: bool = False) -> tuple[AnyModel, str]:
-    """Return a model with the step that ``simulation.tolerance`` asks for, and what is to be said of it. As it is, and
-    nothing to say, where there is no tolerance. Collective on `comm`; raises as `settle_step`."""
+    """Return a model with the step that ``simulation.tolerance`` asks for, and what is to be said of it.
+
+    As it is, and nothing to say, where there is no tolerance. Collective on `comm`; raises as `settle_step`.
+    """
     if model.scene.simulation.tolerance is None:
         return model, ""
     from pgmp_petsc.bench.step_choice import settle_step  # its many modules take a noticeable time
@@ -238,9 +247,11 @@ class Keeper:
     plot: Path | None = None  # folder for its picture; None where there is none
 
     def result(self, data: Any, directory: Path, said: Sequence[Remark] = ()) -> Result:
-        """Return the result of what the first rank has, written where that is asked for. Collective on `comm`. Its
-        remarks are printed, except those in `said`, which were printed before. Raises `RunError` if the system fails to
-        write."""
+        """Return the result of what the first rank has, written where that is asked for. Collective on `comm`.
+
+        Its remarks are printed, except those in `said`, which were printed before. Raises `RunError` if the system
+        fails to write.
+        """
 
         def writing_the_result() -> None:
             from pgmp_petsc.results.summary import write_result  # loads h5py, which without a file nobody needs
@@ -273,11 +284,21 @@ class Keeper:
 
 @contextmanager
 def keeping(
-    kind: str, comm: Comm, output: str | PathLike[str] | None, on_all_ranks: bool,
-    inputs: Iterable[str | PathLike[str] | None] = (), plot: str | PathLike[str] | None = None,
-) -> Iterator[Keeper]:  # fmt: skip
-    """Claim the file of a result, and yield what keeps it. Collective on `comm`. Raises `InputError` if the file cannot
-    be written, may not be replaced, or is one of the `inputs`; or the folder for the picture cannot be made."""
+    kind: str,
+    comm: Comm,
+    output: str | PathLike[str] | None,
+    on_all_ranks: bool,
+    inputs: Iterable[str | PathLike[str] | None] = (),
+    plot: str | PathLike[str] | None = None,
+) -> Iterator[Keeper]:
+    """Claim the file of a result, and yield what keeps it. Collective on `comm`.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, may not be replaced, or is one of the `inputs`; or the folder for the picture
+        cannot be made.
+    """
     own, folder = (None if path is None else Path(path) for path in (output, plot))
     if folder is not None:
         on_root(comm, check_folder, folder, own)

@@ -50,8 +50,10 @@ def plugins_of(scene_toml: str) -> dict[str, str]:
 
 
 def check_plugins(needed: Mapping[str, str], file: object) -> None:
-    """Refuse a file that was made with plugins that are not in use, or were others. Raises `InputError`, naming the
-    plugin, with the cure."""
+    """Refuse a file that was made with plugins that are not in use, or were others.
+
+    Raises `InputError`, naming the plugin, with the cure.
+    """
     for name, sha256 in needed.items():
         if any(plugin.sha256 == sha256 for plugin in IN_USE.values()):
             continue

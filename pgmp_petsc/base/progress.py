@@ -45,8 +45,15 @@ _phases: list[str] = []  # what goes on, the innermost last
 
 
 class Progress:
-    """A count of work, a context manager; what :func:`progress` returns. `total` are the units of work, None where it
-    is not known before (a search ends when it ends), `initial` those that were done before."""
+    """A count of work, a context manager; what :func:`progress` returns.
+
+    Parameters
+    ----------
+    total
+        Units of work; None where it is not known before: a search ends when it ends.
+    initial
+        Units that were done before.
+    """
 
     def __init__(self, total: float | None = None, initial: int = 0) -> None:
         self._total, self._done, self._part = total, initial, 0.0
@@ -98,15 +105,28 @@ class _Watched:
 
 
 class Lines(Progress, _Watched):
-    """A count that writes a line about what it counts (`description`) to a stream now and then.
+    """A count that writes a line now and then.
 
-    What was done before (`initial`) does not tell how fast the rest goes; `clock` returns seconds since any instant.
+    Parameters
+    ----------
+    total, initial
+        As of `Progress`; what was done before does not tell how fast the others go.
+    description
+        What is counted.
+    stream
+        Where the lines go.
+    clock
+        Seconds since any instant.
     """
 
     def __init__(
-        self, total: int | None, description: str, stream: TextIO, initial: int = 0,
+        self,
+        total: int | None,
+        description: str,
+        stream: TextIO,
+        initial: int = 0,
         clock: Callable[[], float] = time.monotonic,
-    ) -> None:  # fmt: skip
+    ) -> None:
         Progress.__init__(self, total, initial)
         _Watched.__init__(self)
         self._description, self._stream, self._clock, self._initial = description, stream, clock, initial
@@ -162,9 +182,12 @@ class Lines(Progress, _Watched):
 
 
 def progress(total: int | None, description: str, comm: Comm, initial: int = 0) -> Progress:
-    """Return a count over ``total`` units of work, of which ``initial`` are done already; not collective. Where the
-    total is not known before (None), it says what is done, and not how much is left. Rank 0 shows a bar if stderr is a
-    terminal, else a line now and then; the other ranks show nothing."""
+    """Return a count over ``total`` units of work, of which ``initial`` are done already; not collective.
+
+    Where the total is not known before (None), it says what is done, and not how much is left.
+
+    Rank 0 shows a bar if stderr is a terminal, else a line now and then; the other ranks show nothing.
+    """
     if comm.rank > 0 or _quiet.get():
         return Silent()
     if not sys.stderr.isatty():
@@ -202,8 +225,12 @@ class _Bar(Progress):
 class Beat(_Watched):
     """Shows that a command goes on while nothing is counted: what it does, or waits for, and for how long.
 
-    A person sees a line that the next one takes the place of; a log has lines as seldom as those of counts. `due` is
-    when something is to be said, by the clock, s.
+    A person sees a line that the next one takes the place of; a log has lines as seldom as those of counts.
+
+    Attributes
+    ----------
+    due
+        When something is to be said, by the clock, s.
     """
 
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:

@@ -13,8 +13,15 @@ from pgmp_petsc.base.surroundings import Comm
 
 
 class Timings:
-    """Accumulates time under names, beside `seconds` that there are already; a phase may be entered any number of
-    times, and phases may nest. `clock` is wall time by default; `time.process_time` is that of this process alone."""
+    """Accumulates time under names; a phase may be entered any number of times, and phases may nest.
+
+    Parameters
+    ----------
+    seconds
+        What there is already.
+    clock
+        Wall time by default; `time.process_time` is that of this process alone.
+    """
 
     def __init__(self, seconds: Mapping[str, float] | None = None, clock: Callable[[], float] = perf_counter) -> None:
         self._seconds, self._clock = dict(seconds or {}), clock
@@ -54,8 +61,10 @@ GROUP = Path("/sys/fs/cgroup")  # where a batch system or a container says what 
 
 
 def free_share(comm: Comm) -> float | None:
-    """Return the free memory of this rank's node over the ranks of `comm` there, bytes. Collective on `comm`. None
-    where the system does not tell."""
+    """Return the free memory of this rank's node over the ranks of `comm` there, bytes. Collective on `comm`.
+
+    None where the system does not tell.
+    """
     n_ranks = 1 if comm.size == 1 else _ranks_of_node(comm)
     free = free_memory()
     return None if free is None else free / n_ranks
@@ -79,8 +88,10 @@ def free_memory() -> float | None:
 
 
 def give_back() -> None:
-    """Return to the system what this process has freed. The C library keeps it otherwise: 9 of 16 GB after a body of
-    700,000 unknowns was condensed."""
+    """Return to the system what this process has freed.
+
+    The C library keeps it otherwise: 9 of 16 GB after a body of 700,000 unknowns was condensed.
+    """
     with suppress(AttributeError):  # a C library other than GNU's
         ctypes.CDLL(None).malloc_trim(0)
 

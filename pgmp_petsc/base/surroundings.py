@@ -46,8 +46,10 @@ def open_standard_streams() -> None:
 
 
 def check_working_folder() -> None:
-    """Refuse to start in a folder that was removed: neither MPI nor PETSc starts there. Raises `InputError` if it
-    was."""
+    """Refuse to start in a folder that was removed: neither MPI nor PETSc starts there.
+
+    Raises `InputError` if it was.
+    """
     try:
         os.getcwd()
     except OSError as error:
@@ -82,7 +84,10 @@ def held_back_stderr() -> Iterator[Callable[[], str]]:
 @cache
 def check_variables() -> None:
     """Refuse environment variables that numba cannot work with, and do without a backend that matplotlib does not have;
-    once a process, before it imports either. Raises `InputError`, naming the variable."""
+    once a process, before it imports either.
+
+    Raises `InputError`, naming the variable.
+    """
     if os.environ.get("MPLBACKEND") and "matplotlib" not in sys.modules:
         _take_backend()
     given = {name: value for name, value in os.environ.items() if name.startswith("NUMBA_")}
@@ -163,8 +168,15 @@ def has_mpi() -> bool:
 
 
 def needs_petsc(what: str) -> None:
-    """Refuse what cannot be done without PETSc, where it is absent; `what` is in the plural, "eigenproblems of bodies".
-    Raises `InputError`, naming the packages that are missing; the same on all ranks."""
+    """Refuse what cannot be done without PETSc, where it is absent.
+
+    Raises `InputError`, naming the packages that are missing; the same on all ranks.
+
+    Parameters
+    ----------
+    what
+        The subject of the message, in the plural: "eigenproblems of continuum bodies".
+    """
     absent = missing()
     if absent:
         raise InputError(f"{what} need PETSc and SLEPc, and this Python has no {', '.join(absent)}; {CURE}")
@@ -190,7 +202,12 @@ def is_communicator(value: object) -> bool:
 
 def refuse_ranks() -> None:
     """Refuse to be one of several processes without mpi4py: each would do the whole work, and write the same files.
-    Raises `InputError`, whose message is empty but on the first of them."""
+
+    Raises
+    ------
+    InputError
+        Whose message is empty but on the first of them.
+    """
     started = next((int(os.environ[name]) for name in SIZES if os.environ.get(name, "").isdecimal()), 1)
     if started > 1:
         first = next((os.environ[name] for name in NUMBERS if name in os.environ), "0") == "0"
@@ -212,6 +229,11 @@ class OneRank:
 
     What several ranks alone do (messages between ranks, reductions with an operation of MPI) is not here: it is asked
     for where ``size`` is larger than 1.
+
+    Attributes
+    ----------
+    rank, size
+        0 and 1.
     """
 
     rank, size = 0, 1

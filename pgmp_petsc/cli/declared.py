@@ -177,9 +177,12 @@ class Number(click.FloatRange):
 
 
 def _refuse(
-    kind: click.IntRange | click.FloatRange, value: object, what: str, param: click.Parameter | None,
+    kind: click.IntRange | click.FloatRange,
+    value: object,
+    what: str,
+    param: click.Parameter | None,
     ctx: click.Context | None,
-) -> NoReturn:  # fmt: skip
+) -> NoReturn:
     """Refuse a word that is no number, with the range as click writes it: ``x>=2``, ``0<=x<=1``."""
     low, high = ("" if is_open else "=" for is_open in (kind.min_open, kind.max_open))
     shown = f"x>{low}{kind.min}" if kind.max is None else f"{kind.min}<{low}x<{high}{kind.max}"

@@ -69,8 +69,10 @@ class LazyGroup(click.Group):
         return list(self._lazy)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
-        """Import a command, after starting PETSc if it needs that. Raises `click.UsageError` if there is no such
-        command, or it was given options for PETSc and does not use it."""
+        """Import a command, after starting PETSc if it needs that.
+
+        Raises `click.UsageError` if there is no such command, or it was given options for PETSc and does not use it.
+        """
         if cmd_name not in self._lazy:
             raise click.UsageError(f"no command '{cmd_name}'{nearest_name(cmd_name, self._lazy)}", ctx)
         command = self._lazy[cmd_name]
@@ -158,8 +160,10 @@ def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
 
 
 def _run(arguments: list[str], session: Session) -> tuple[int, str | None]:
-    """Run the command on this rank; return its exit status and the message of its failure. An unexpected exception ends
-    all ranks at once: the others may be waiting in a collective operation."""
+    """Run the command on this rank; return its exit status and the message of its failure.
+
+    An unexpected exception ends all ranks at once: the others may be waiting in a collective operation.
+    """
     comm = session.comm
     try:
         with beating(comm, not arguments or not QUIET.isdisjoint(arguments)), _standard_output(comm) as output:
@@ -210,8 +214,10 @@ def _output_message(failure: OSError) -> str:
 
 
 def _warn(session: Session, status: int) -> None:
-    """Name options that nothing used, and what is wrong with the cache of compiled code. Collective. Where bad input
-    ended the run early, an option may not have had its turn."""
+    """Name options that nothing used, and what is wrong with the cache of compiled code. Collective.
+
+    Where bad input ended the run early, an option may not have had its turn.
+    """
     if session.petsc_started and status != InputError.exit_status:
         names = unused_options(session.petsc_options, session.comm)
         if names and session.comm.rank == 0:

@@ -58,10 +58,16 @@ def _folder_of(output: Path) -> Path:
 
 
 class CheckpointFolder:
-    """The folder of one run, beside its result `output`.
+    """The folder of one run.
 
-    `run` says what the run is, by key; checksums are not shown to the user. `growing` are numbers by key that may be
-    larger when a run is taken up: what is there is a part of it all the same.
+    Parameters
+    ----------
+    output
+        The run's result.
+    run
+        What the run is, by key; checksums are not shown to the user.
+    growing
+        Numbers by key that may be larger when a run is taken up: what is there is a part of it all the same.
     """
 
     def __init__(self, output: Path, run: Mapping[str, object], growing: Mapping[str, int] | None = None) -> None:
@@ -76,9 +82,13 @@ class CheckpointFolder:
     def open(self, resume: bool) -> tuple[Remark, ...]:
         """Start anew, or take up what is there if that is asked for. By one process.
 
-        Returns what of an older run was removed, or that there is nothing to take up. Raises `InputError` if what is
-        there belongs to another run (and is to be taken up), or is no folder of this program's; `RunError` if the
-        folder cannot be made.
+        Raises `InputError` if what is there belongs to another run (and is to be taken up), or is no folder of this
+        program's; `RunError` if the folder cannot be made.
+
+        Returns
+        -------
+        tuple of Remark
+            What of an older run was removed, or that there is nothing to take up.
         """
         remarks: tuple[Remark, ...] = ()
         found = self._label()
@@ -109,8 +119,10 @@ class CheckpointFolder:
             waiting.write_text(json.dumps({"program": PROGRAM, **self._run, **self._growing}))
 
     def put(self, name: str, arrays: Mapping[str, np.ndarray]) -> None:
-        """Store a piece; any process may, each its own names. The arrays are not to be changed any more. Raises
-        `RunError` if the system fails to write; pieces that are there stay."""
+        """Store a piece; any process may, each its own names. The arrays are not to be changed any more.
+
+        Raises `RunError` if the system fails to write; pieces that are there stay.
+        """
         target, archive = self.path / f"{name}.npz", io.BytesIO()
         np.savez(archive, **arrays)  # not into the file: zipfile complains once more when the disk is full
         content = sealed(archive.getbuffer(), KIND, 1, self._identity)
@@ -133,8 +145,10 @@ class CheckpointFolder:
         return sorted(self.path.glob(f"{pattern}.npz"))
 
     def take(self, path: Path, read: Callable[[Mapping[str, np.ndarray]], Content]) -> Content:
-        """Return what ``read`` makes of the arrays of a piece. Raises `BrokenSeal` if the piece is damaged or belongs
-        to another run."""
+        """Return what ``read`` makes of the arrays of a piece.
+
+        Raises `BrokenSeal` if the piece is damaged or belongs to another run.
+        """
         try:
             stamp, arrays = self._at_hand.get(path, ((), {}))
             if stamp and stamp == _stamp(path):
@@ -147,8 +161,15 @@ class CheckpointFolder:
             raise BrokenSeal(f"it cannot be read ({error})") from error
 
     def sound(self, read: Callable[[Path], object], pattern: str = "*") -> tuple[list[Path], tuple[Remark, ...]]:
-        """Return the pieces of names like `pattern` that `read` takes up, with `take`, and a note on each other one,
-        which is set aside: `read` raises `BrokenSeal` for it. By one process."""
+        """Return the pieces that ``read`` takes up, and a note on each other one, which is set aside. By one process.
+
+        Parameters
+        ----------
+        read
+            Reads a piece, with `take`; raises `BrokenSeal` where it is not to be taken up.
+        pattern
+            Of the pieces' names.
+        """
         taken, remarks = [], []
         for path in self.pieces(pattern):
             try:
@@ -174,8 +195,10 @@ class CheckpointFolder:
                 self.path.rmdir()
 
     def _label(self) -> dict[str, object] | None:
-        """Return what the folder's label says, None where there is no folder or nothing in it. Raises `InputError` if
-        it has no label of this program, or a damaged one."""
+        """Return what the folder's label says, None where there is no folder or nothing in it.
+
+        Raises `InputError` if it has no label of this program, or a damaged one.
+        """
         if not os.path.lexists(self.path):
             return None
         refused = f"'{self.path}' is in the way of this run's checkpoint: "
@@ -214,15 +237,27 @@ class CheckpointFolder:
 class SharedCheckpoint:
     """Finished pieces of a run that all ranks take up, whatever the number of ranks that wrote them.
 
-    Made as `CheckpointFolder`, collectively on `comm`, whose ranks may work in different directories. `readers` make a
-    mapping of a piece's name and its arrays, by a pattern of the name. Raises as `CheckpointFolder.open`, and
-    `RunError` if a rank cannot read what the first one can.
+    Collective on `comm` where it is made. Raises as `CheckpointFolder.open`, and `RunError` if a rank cannot read what
+    the first one can.
+
+    Parameters
+    ----------
+    output, run
+        As of `CheckpointFolder`; ranks may work in different directories.
+    resume
+        Whether to take up what is there.
+    readers
+        What makes a mapping of a piece's name and its arrays, by a pattern of the name.
     """
 
     def __init__(
-        self, output: Path, run: Mapping[str, object], comm: Comm, resume: bool,
+        self,
+        output: Path,
+        run: Mapping[str, object],
+        comm: Comm,
+        resume: bool,
         readers: Mapping[str, Callable[[str, Mapping[str, np.ndarray]], dict[Any, Any]]],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._world = comm
         self._folder = CheckpointFolder(on_root(comm, output.resolve), run)
 

@@ -43,10 +43,26 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 
 
 class OutputLock:
-    """The lock on one output, in a directory that exists; to be taken by one process of a job, in a ``with`` block.
+    """The lock on one output; to be taken by one process of a job, in a ``with`` block.
 
-    `named` is what the output is to the user; `held` is False where the file system has no locks. ``with`` raises
-    `InputError` if another process has the lock, `OSError` if its file cannot be written.
+    Parameters
+    ----------
+    output
+        The file that is going to be written; in a directory that exists.
+    named
+        What it is to the user, for the message; the output file where it is not given.
+
+    Attributes
+    ----------
+    held
+        False where the file system has no locks.
+
+    Raises
+    ------
+    InputError
+        From ``with``, if another process has the lock.
+    OSError
+        From ``with``, if the file of the lock cannot be written.
     """
 
     def __init__(self, output: Path, named: str = "") -> None:
@@ -172,11 +188,21 @@ _OLD_RESULT = (SIGNATURE, b"format_version", b"program_version")
 def claimed(
     comm: Comm, output: str | os.PathLike[str], kind: str, inputs: Iterable[str | os.PathLike[str] | None] = ()
 ) -> Iterator[Path]:
-    """Check an output and keep it from other jobs within the block. Collective on ``comm``, the first of which locks
-    it.
+    """Check an output and keep it from other jobs within the block. Collective on ``comm``.
 
-    Yields its full path, the same on all ranks wherever they work; a symbolic link is followed. Inputs that are None do
-    not count. Raises `InputError`, as `check_output`, and if another job is writing the output.
+    Raises `InputError`, as `check_output`, and if another job is writing the output.
+
+    Parameters
+    ----------
+    comm
+        The ranks of the run; the first holds the lock.
+    output, kind, inputs
+        As of `check_output`; inputs that are None do not count.
+
+    Yields
+    ------
+    Path
+        The output's full path, the same on all ranks wherever they work; a symbolic link is followed.
     """
     with ExitStack() as held:
 
@@ -190,9 +216,17 @@ def claimed(
 
 @contextmanager
 def locked(target: Path, named: str) -> Iterator[None]:
-    """Keep a file in a directory that exists, or what it refers to, from other jobs within the block; by one process.
-    `named` is what it is to the user, such as ``folder 'x_results'``. Raises `InputError` if another job has it, or it
-    cannot be locked."""
+    """Keep a file, or what it refers to, from other jobs within the block; by one process.
+
+    Raises `InputError` if another job has it, or it cannot be locked.
+
+    Parameters
+    ----------
+    target
+        The file, in a directory that exists.
+    named
+        What it is to the user, such as ``folder 'x_results'``.
+    """
     lock = OutputLock(target, named)
     try:
         lock.__enter__()
@@ -212,10 +246,18 @@ def check_output(
 ) -> Path:
     """Check that a result may be written, and return its full path; symbolic links are followed.
 
-    The `kind` is one of :data:`KINDS`, or of those that are no HDF5 files (``xdmf``, ``picture``, ``film``, ``report``,
-    ``fmu``, ``code``, ``table``, ``schema``, ``reference``, ``scaling``, ``beams``). Raises `InputError` if the output
-    is one of the inputs, exists and is no result of this program or one of another kind, is a directory, device or
-    pipe, has an ending of another format, or cannot be made where it is to be.
+    Raises `InputError` if the output is one of the inputs, exists and is no result of this program or one of another
+    kind, is a directory, device or pipe, has an ending of another format, or cannot be made where it is to be.
+
+    Parameters
+    ----------
+    output
+        The file to be written.
+    kind
+        One of :data:`KINDS`, or of those that are no HDF5 files (``xdmf``, ``picture``, ``film``, ``report``, ``fmu``,
+        ``code``, ``table``, ``schema``, ``reference``, ``scaling``, ``beams``).
+    inputs
+        Files that are read for it.
     """
     try:
         target = Path(os.path.realpath(output))
@@ -233,9 +275,17 @@ def check_output(
 
 
 def check_folder(folder: str | os.PathLike[str], output: str | os.PathLike[str] | None = None) -> None:
-    """Check that a folder for pictures is there, or can be made with those above it, before a run; make nothing. Raises
-    `InputError` if it is the `output` of the same command or something that is no folder, lies in such, or may not be
-    written in."""
+    """Check that a folder for pictures is there, or can be made with those above it, before a run; make nothing.
+
+    Raises `InputError` if it is the output or something that is no folder, lies in such, or may not be written in.
+
+    Parameters
+    ----------
+    folder
+        Where pictures go.
+    output
+        File that the same command writes; None where there is none.
+    """
     if output is not None and os.path.realpath(folder) == os.path.realpath(output):
         raise InputError(f"output directory '{folder}' is the output file too; give another name")
     target = Path(os.path.abspath(folder))
@@ -373,9 +423,17 @@ def first_line(error: OSError) -> str:
 def replacing(path: str | os.PathLike[str], what: str = "output file", pushed: bool = True) -> Iterator[Path]:
     """Yield another name to write to; the file takes the place of ``path`` when the block ends without an error.
 
-    To be called by one process only. What is not `pushed` to the disk before outlives its process, but perhaps not its
-    machine. Raises `RunError`, which names `what` it is, if the system fails to write (a full disk, say); an older file
-    is left as it was.
+    To be called by one process only. Raises `RunError` if the system fails to write (a full disk, say); an older file
+    under ``path`` is left as it was.
+
+    Parameters
+    ----------
+    path
+        The file to be replaced.
+    what
+        What it is, for the message.
+    pushed
+        Whether it is pushed to the disk before that. What is not outlives its process, but perhaps not its machine.
     """
     path = Path(path)
     partial = partial_path(path, os.getpid())

@@ -168,8 +168,10 @@ class RunRecord:
 
     @classmethod
     def read(cls, file: h5py.File) -> RunRecord:
-        """Read the record of a file opened with :func:`open_file`. Raises `InputError` if it was made with a plugin
-        that is not in use, or with another one of that name."""
+        """Read the record of a file opened with :func:`open_file`.
+
+        Raises `InputError` if it was made with a plugin that is not in use, or with another one of that name.
+        """
         with shapes_of(file):
             needed = json.loads(file.attrs.get("plugins", "{}"))
             needed = {str(name): str(sha256) for name, sha256 in needed.items()}
@@ -201,11 +203,20 @@ def _toml(value: object) -> str:
 def write_file(
     path: str | os.PathLike[str], kind: str, attributes: Mapping[str, Any] | None = None
 ) -> Iterator[h5py.File]:
-    """Open a new HDF5 file of one of :data:`KINDS`; it appears under ``path`` when the block ends without an error.
+    """Open a new HDF5 file for writing; it appears under ``path`` when the block ends without an error.
 
-    To be called by one process only. The block calls :meth:`RunRecord.write`; `attributes` are further ones of the
-    root. Raises `InputError` if `path` cannot be written (see :func:`~pgmp_petsc.files.claims.check_output`);
-    `RunError` if the system fails to write (a full disk, say); an older file is left as it was.
+    To be called by one process only. The block calls :meth:`RunRecord.write`. Raises `InputError` if `path` cannot be
+    written (see :func:`~pgmp_petsc.files.claims.check_output`); `RunError` if the system fails to write (a full disk,
+    say); an older file under `path` is left as it was.
+
+    Parameters
+    ----------
+    path : path-like
+        Target; an existing file of the same kind is replaced.
+    kind : str
+        One of :data:`KINDS`.
+    attributes : mapping, optional
+        Further root attributes.
     """
     if kind not in KINDS:
         raise ValueError(f"kind of file '{kind}'; allowed: {', '.join(KINDS)}")
@@ -232,8 +243,13 @@ def version_of(kind: str) -> int:
 def open_file(path: str | os.PathLike[str], kinds: str | Collection[str]) -> h5py.File:
     """Open a result file for reading, after checking that it is whole and of one of ``kinds``.
 
-    Use it in a ``with`` block, with :func:`shapes_of` around what is read. Raises `InputError` if the file is missing,
-    not HDF5, damaged, cut off, of another kind or format version, or lacks attributes.
+    Raises `InputError` if the file is missing, not HDF5, damaged, cut off, of another kind or format version, or lacks
+    attributes.
+
+    Returns
+    -------
+    h5py.File
+        Use it in a ``with`` block, with :func:`shapes_of` around what is read.
     """
     kinds = (kinds,) if isinstance(kinds, str) else tuple(kinds)
     path = Path(path)
@@ -274,8 +290,10 @@ def put(group: h5py.Group, name: str, data: Any, unit: str, description: str) ->
 
 
 def take(group: h5py.Group, name: str, n_dimensions: int, texts: bool = False) -> np.ndarray:
-    """Read a dataset of numbers, or of texts, and check its number of dimensions. Raises `ValueError` if it is missing,
-    has another number of dimensions, or holds something else; see `shapes_of`."""
+    """Read a dataset of numbers, or of texts, and check its number of dimensions.
+
+    Raises `ValueError` if it is missing, has another number of dimensions, or holds something else; see `shapes_of`.
+    """
     why = None
     if not isinstance(group, h5py.Group):  # a dataset would be searched for the name, number by number
         why = f"is missing: '{group.name}' is no group"
@@ -358,9 +376,17 @@ def csv_table(
 ) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
     """Return the names of the columns, and the rows with the numbers of their lines, read one by one.
 
-    The stream is opened with ``encoding="utf-8-sig", newline=""``; `where` is how messages name the file, `units` are
-    those of columns that have a part, by name; empty where only the scene's units are known. Raises `InputError` if
-    columns are separated otherwise, a column is in another unit, or a row has more or fewer entries.
+    Raises `InputError` if columns are separated otherwise, a column is in another unit, or a row has more or fewer
+    entries.
+
+    Parameters
+    ----------
+    stream
+        Opened with ``encoding="utf-8-sig", newline=""``.
+    where
+        How messages name the file.
+    units
+        By name, the unit of each column that has a part; empty where only the scene's units are known.
     """
     rows = csv.reader(stream, skipinitialspace=True)
     first = [name.strip() for name in next(rows, [])]

@@ -29,8 +29,10 @@ import numpy as np
 
 def identity(*values: object) -> str:
     """Return a checksum of arrays, numbers, texts, and of mappings, sequences and dataclasses of these, hexadecimal.
+
     Fields that a dataclass leaves out of comparisons are left out here too; the order of a mapping counts. Raises
-    `TypeError` if there is anything else in them."""
+    `TypeError` if there is anything else in them.
+    """
     digest = hashlib.sha256()
     for part in _parts(values):
         digest.update(part)
@@ -108,8 +110,10 @@ class Seal:
 
 
 def seal(path: Path, kind: str, format_version: int, run: str = "") -> None:
-    """Seal a finished file whose first `SIZE` bytes are free, and push it to the disk. Raises `OSError` if the system
-    fails to read or write."""
+    """Seal a finished file whose first `SIZE` bytes are free, and push it to the disk.
+
+    Raises `OSError` if the system fails to read or write.
+    """
     with open(path, "r+b") as stream:
         n_bytes = stream.seek(0, os.SEEK_END)
         unsigned = Seal(kind, format_version, run, n_bytes)
@@ -136,8 +140,11 @@ def seal_of(path: Path) -> Seal:
 
 
 def check_seal(path: Path) -> Seal:
-    """Check a file as a whole, and return what its seal says. Raises `BrokenSeal` if it has no seal, is cut off or too
-    long, or differs from its checksum; `OSError` if the system fails to read."""
+    """Check a file as a whole, and return what its seal says.
+
+    Raises `BrokenSeal` if it has no seal, is cut off or too long, or differs from its checksum; `OSError` if the system
+    fails to read.
+    """
     with open(path, "rb") as stream:
         found = Seal.unpacked(stream.read(SIZE))
         n_bytes = os.fstat(stream.fileno()).st_size

@@ -30,8 +30,10 @@ class Steps:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Make the folder and keep it from other jobs within the block; one in which nothing begins is removed. Raises
-        `InputError` if it cannot be made, holds files of somebody else, or another job works in it."""
+        """Make the folder and keep it from other jobs within the block; one in which nothing begins is removed.
+
+        Raises `InputError` if it cannot be made, holds files of somebody else, or another job works in it.
+        """
         self.make()
         try:
             with locked(self.folder / LABEL, f"folder '{self.folder}'"):
@@ -96,8 +98,10 @@ class Steps:
         return str(self._finished(name)["sha256"])
 
     def check_files(self, names: Iterable[str]) -> None:
-        """Check that the files are those that the job took or made. Raises `RunError` if another program has written
-        one of them since."""
+        """Check that the files are those that the job took or made.
+
+        Raises `RunError` if another program has written one of them since.
+        """
         for name in names:
             if not self.is_finished(name, self._finished(name)["key"]):
                 raise self._changed(name)
@@ -113,8 +117,10 @@ class Steps:
         return RunError(f"{why}; run it again, and give the other program another folder")
 
     def _read(self) -> dict[str, dict[str, Any]]:
-        """Return what is known of each file; nothing where there is no ledger, or one of another version. Raises
-        `InputError` if there is something else in its place."""
+        """Return what is known of each file; nothing where there is no ledger, or one of another version.
+
+        Raises `InputError` if there is something else in its place.
+        """
         path = self.folder / LABEL
         try:
             text = path.read_text(encoding="utf-8")

@@ -344,9 +344,13 @@ class Ensemble(Result):
         "{about}", at="energy", unit="{unit}", keys=BALANCE_WORDS, label="energy.{name}",
     )  # fmt: skip
     extremes: Mapping[str, np.ndarray] = _of_samples(
-        "{about}", unit="{unit}", words=_over_time, names=_extremes, label="{which}.{of}",
+        "{about}",
+        unit="{unit}",
+        words=_over_time,
+        names=_extremes,
+        label="{which}.{of}",
         keys={f"<name>/{which}": {"about": about} for which, about in EXTREMES.items()},
-    )  # fmt: skip
+    )
     first_passages: Mapping[str, np.ndarray] = _of_samples(
         "instant of the first passage of '{name}'; NaN where there is none", unit="s", label="first_passage.{name}"
     )

@@ -196,8 +196,13 @@ class Vertex:
 
 
 def vertex(values: np.ndarray, sign: float) -> Vertex:
-    """Return where a history of equally distant instants, shape (n_t,), has its largest value (sign 1), or its smallest
-    (-1)."""
+    """Return where a history of equally distant instants, shape (n_t,), has its largest value, or its smallest.
+
+    Parameters
+    ----------
+    sign
+        1 for the largest, -1 for the smallest.
+    """
     at = int(np.argmax(sign * values))
     if not 0 < at < len(values) - 1:
         return Vertex(at, 0.0)

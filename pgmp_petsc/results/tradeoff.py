@@ -151,8 +151,10 @@ class Tradeoff(Result):
 
     @property
     def times(self) -> Times:
-        """The times to compare: by the wall, or processor times where the machine was busy. On a quiet machine both are
-        the same, because every setting is measured by one serial process."""
+        """The times to compare: by the wall, or processor times where the machine was busy.
+
+        On a quiet machine both are the same, because every setting is measured by one serial process.
+        """
         return self.processor if self.busy else self.wall
 
     @property
@@ -229,8 +231,13 @@ class Tradeoff(Result):
 
 
 def pareto_front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Return which of n points no other one dominates: has at most their cost and error, and less of one of them. A
-    point with a number that is not finite is never on the front."""
+    """Return which points no other one dominates: has at most their cost and error, and less of one of them.
+
+    Parameters
+    ----------
+    cost, error
+        Shape (n,); a point with a number that is not finite is never on the front.
+    """
     known = np.isfinite(cost) & np.isfinite(error)
     at_most = (cost[:, None] <= cost) & (error[:, None] <= error)
     less = (cost[:, None] < cost) | (error[:, None] < error)

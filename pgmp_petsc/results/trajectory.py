@@ -177,12 +177,15 @@ class Frames(Record):
         offsets = np.cumsum([0, *counts[:-1]])
         points = np.concatenate([self.positions[body] for body in self.nodes], axis=1)
         return FrameTable(
-            self.time, np.pad(points, ((0, 0), (0, 0), (0, 3 - points.shape[-1]))),
+            self.time,
+            np.pad(points, ((0, 0), (0, 0), (0, 3 - points.shape[-1]))),
             np.concatenate([self.rotations[body] for body in self.nodes], axis=1),
             np.concatenate(list(self.nodes.values())),
             np.concatenate([self.cells[body] + offset for body, offset in zip(self.nodes, offsets)]),
-            np.repeat(np.arange(len(counts)), counts), list(self.nodes), sorted(self.rigid),
-        )  # fmt: skip
+            np.repeat(np.arange(len(counts)), counts),
+            list(self.nodes),
+            sorted(self.rigid),
+        )
 
     @classmethod
     def take(cls, group: h5py.Group, words: Any = None) -> Self:

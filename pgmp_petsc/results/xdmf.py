@@ -92,9 +92,15 @@ def _tree(file: h5py.File, heavy: str) -> tuple[ElementTree.ElementTree, int]:
 
 
 def _add_series(
-    domain: ElementTree.Element, name: str, of_frame: str, time: np.ndarray, cells: h5py.Dataset, points: h5py.Group,
-    parts: Sequence[tuple[str, str, h5py.Dataset | h5py.Group]], heavy: str,
-) -> None:  # fmt: skip
+    domain: ElementTree.Element,
+    name: str,
+    of_frame: str,
+    time: np.ndarray,
+    cells: h5py.Dataset,
+    points: h5py.Group,
+    parts: Sequence[tuple[str, str, h5py.Dataset | h5py.Group]],
+    heavy: str,
+) -> None:
     """Add a series with `parts` at nodes or in cells: one for all frames, or one for each."""
     series = ElementTree.SubElement(domain, "Grid", Name=name, GridType="Collection", CollectionType="Temporal")
     topology = {"NumberOfElements": str(len(cells)), **TOPOLOGY[str(cells.attrs.get("kind", "line"))]}
@@ -112,8 +118,11 @@ def _add_series(
 
 def _refer(parent: ElementTree.Element, dataset: h5py.Dataset, heavy: str) -> None:
     item = ElementTree.SubElement(
-        parent, "DataItem", Dimensions=" ".join(str(length) for length in dataset.shape),
+        parent,
+        "DataItem",
+        Dimensions=" ".join(str(length) for length in dataset.shape),
         NumberType="Int" if np.issubdtype(dataset.dtype, np.integer) else "Float",
-        Precision=str(dataset.dtype.itemsize), Format="HDF",
-    )  # fmt: skip
+        Precision=str(dataset.dtype.itemsize),
+        Format="HDF",
+    )
     item.text = f"{heavy}:{dataset.name}"

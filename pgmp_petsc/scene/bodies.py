@@ -79,10 +79,18 @@ class SectionEntry(Table):
     def coefficients(
         self, dimension: int, material: Material | None, nominal: Mapping[str, float], spans: Spans
     ) -> Any:
-        """Return its stiffness and inertia, a `bodies.sections.section.BeamSection`, in 2 or 3 dimensions.
+        """Return its stiffness and inertia, a `bodies.sections.section.BeamSection`.
 
-        `nominal` are the nominal values of all parameters; `spans` returns the smallest and largest values that they
-        take, where they vary.
+        Parameters
+        ----------
+        dimension
+            2 in the plane, 3 in space.
+        material
+            Where it is of one.
+        nominal
+            Nominal values of all parameters.
+        spans
+            Returns the smallest and largest values that parameters take, where they vary.
         """
         raise NotImplementedError
 

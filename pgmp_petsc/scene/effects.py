@@ -88,8 +88,10 @@ class EffectEntry(Table):
             _check(cls)
 
     def forces(self, name: str, mechanism: Any) -> Any:
-        """Return what acts in the models, an `effects.effect.Effect`, on a `mechanism.mechanism.Mechanism`. Raises
-        `InputError` if a body's mesh does not have a point that it is at."""
+        """Return what acts in the models, an `effects.effect.Effect`, on a `mechanism.mechanism.Mechanism`.
+
+        Raises `InputError` if a body's mesh does not have a point that it is at.
+        """
         raise NotImplementedError
 
     def problems(self, scene: AnyScene, name: str) -> Iterator[str]:
@@ -101,8 +103,12 @@ class EffectEntry(Table):
     ) -> Iterator[Finding]:
         """Yield what probably is not meant, or cannot be, beyond what holds for all effects of its kind.
 
-        `frequencies` are the first of flexible bodies between hinges, as far as they are known; `first` returns that of
-        the mechanism, if it can be had, Hz.
+        Parameters
+        ----------
+        frequencies
+            First frequency of flexible bodies between hinges, Hz, as far as they are known.
+        first
+            Returns the first frequency of the mechanism, Hz, if it can be had.
         """
         yield from ()
 
@@ -110,8 +116,14 @@ class EffectEntry(Table):
     def if_added(cls, scene: AnyScene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
         """Return how much it would matter in a scene that has none, as a share and in words; None if nobody can say.
 
-        The run is of the rigid mechanism, a `studies.rigid_run.RigidRun`, in which the energy `exchanged` is moved
-        around, J. Something matters from the share `tolerance` on. The share is NaN where only the words are known.
+        Parameters
+        ----------
+        run
+            Of the rigid mechanism, a `studies.rigid_run.RigidRun`.
+        exchanged
+            Energy that is moved around in it, J.
+        tolerance
+            Share from which on something matters. The share that is returned is NaN where only the words are known.
         """
         return None
 
@@ -185,8 +197,10 @@ TRIED = (1.0, 1, "ground:origin", (1.0, 0.0), (1.0, 0.0, 0.0), ("ground:origin",
 
 
 def _try_forces(cls: type[EffectEntry]) -> None:
-    """Let an effect make its forces in a mechanism that agrees to all; raises `LawMismatch`. What else goes wrong in it
-    says nothing of the effect in a scene."""
+    """Let an effect make its forces in a mechanism that agrees to all; raises `LawMismatch`.
+
+    What else goes wrong in it says nothing of the effect in a scene.
+    """
     from unittest.mock import MagicMock  # takes a noticeable time, and few commands have plugins
 
     values = {}
@@ -279,7 +293,9 @@ class OnJoint(EffectEntry):
     @classmethod
     def work(cls, rate: np.ndarray, time: np.ndarray, turns_freely: bool) -> float:
         """Return the work (J) of one unit of its strength on a joint that moves at rates (n,) at times (n,).
-        `turns_freely` is whether the joint turns about several axes, where rates have no sign."""
+
+        `turns_freely` is whether the joint turns about several axes, where rates have no sign.
+        """
         raise NotImplementedError
 
     @classmethod

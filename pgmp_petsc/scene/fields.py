@@ -120,8 +120,10 @@ def _notes(hint: Any) -> list[Any]:
 
 @cache
 def quantities_of(table: type[Table]) -> dict[str, tuple[Sign, Unit]]:
-    """Return the entries of a table that may name a parameter, with their signs and units. Raises `ValueError` if one
-    of them has no unit."""
+    """Return the entries of a table that may name a parameter, with their signs and units.
+
+    Raises `ValueError` if one of them has no unit.
+    """
     found = {}
     for name, field in table.model_fields.items():
         notes = [*field.metadata, *_notes(field.annotation)]
@@ -134,8 +136,10 @@ def quantities_of(table: type[Table]) -> dict[str, tuple[Sign, Unit]]:
 
 
 def named_numbers(table: Table, slides: bool = False) -> Iterator[tuple[str, float | str, Sign, tuple[str, ...]]]:
-    """Yield key, value, sign and units of each number of a table that may name a parameter, where it has one. `slides`
-    is whether they are of what slides; what is rigid, with an infinite stiffness, is none."""
+    """Yield key, value, sign and units of each number of a table that may name a parameter, where it has one.
+
+    `slides` is whether they are of what slides; what is rigid, with an infinite stiffness, is none.
+    """
     for key, (sign, unit) in quantities_of(type(table)).items():
         found, units = getattr(table, key), tuple(filter(None, (unit.where(slides),)))
         if isinstance(found, dict):

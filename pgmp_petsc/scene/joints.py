@@ -348,8 +348,11 @@ class JointEntry(JointTable):
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> Sequence[Any]:
         """Return what is to be zero, `mechanism.statements` about the frames a and b of its points.
 
-        `in_a` is an orthonormal triad along `axes`, in the frame of a, and `in_b` the same directions, as assembled, in
-        the frame of b, shape (d, d) each, one axis a column.
+        Parameters
+        ----------
+        in_a, in_b
+            The joint's axes, an orthonormal triad along `axes`, in the frame of a, and the same directions, as
+            assembled, in the frame of b, shape (d, d) each, one axis a column.
         """
         raise NotImplementedError
 
@@ -358,9 +361,11 @@ class JointEntry(JointTable):
         return len(self.statements(np.eye(dimension), np.eye(dimension)))
 
     def without_spin(self, axes: np.ndarray) -> str:
-        """Return the entries of a joint in its place that holds what this one leaves free between two such joints. That
-        is an idle spin of a body about the line through both, across which `axes` (3, 2) are, one a column, in the
-        frame of a. Empty where it holds that."""
+        """Return the entries of a joint in its place that holds what this one leaves free between two such joints.
+
+        That is an idle spin of a body about the line through both, across which `axes` (3, 2) are, one a column, in the
+        frame of a. Empty where it holds that.
+        """
         return ""
 
 

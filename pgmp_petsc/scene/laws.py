@@ -118,8 +118,15 @@ class Uniform(Law):
 
 
 class Discrete(Law):
-    """Values, shape (n,), with shares as their weights, in any proportion, not negative; a value may come several
-    times."""
+    """Values with shares.
+
+    Parameters
+    ----------
+    values
+        Shape (n,), each once or more often.
+    weights
+        Shape (n,), in any proportion, not negative.
+    """
 
     has_atoms = True
 
@@ -152,9 +159,14 @@ class Discrete(Law):
 
 
 class Empirical(Law):
-    """Measured values, shape (n,); see the module.
+    """Measured values; see the module.
 
     It has no atoms but for half a share at either end, where a hair's breadth of values represents them.
+
+    Parameters
+    ----------
+    values
+        Shape (n,).
     """
 
     def __init__(self, values: np.ndarray) -> None:
@@ -194,7 +206,15 @@ class Empirical(Law):
 
 
 class Mixture(Law):
-    """Shares of other laws, of scipy.stats or with its names, as their weights, in any proportion, above 0."""
+    """Shares of other laws.
+
+    Parameters
+    ----------
+    laws
+        Of scipy.stats, or with its names.
+    weights
+        Shape (n_laws,), in any proportion, above 0.
+    """
 
     def __init__(self, laws: Sequence[Any], weights: np.ndarray) -> None:
         self._laws, self._shares = tuple(laws), weights / weights.sum()

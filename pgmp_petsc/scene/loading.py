@@ -37,8 +37,10 @@ SHOWN_KEYS = 4  # of a path that is too deep
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a scene's file. Raises `InputError` if there is none, it is a directory, pipe or device, too
-    large, or no text in UTF-8."""
+    """Return the text of a scene's file.
+
+    Raises `InputError` if there is none, it is a directory, pipe or device, too large, or no text in UTF-8.
+    """
     try:
         kind = path.stat()
         if irregular(kind.st_mode):
@@ -72,8 +74,10 @@ def parse(text: str, source: str) -> dict[str, Any]:
 
 
 def check_tables(data: Mapping[str, Any]) -> None:
-    """Refuse tables that are too deep, and texts too long or with characters that are none. Raises `InputError`, naming
-    the entry."""
+    """Refuse tables that are too deep, and texts too long or with characters that are none.
+
+    Raises `InputError`, naming the entry.
+    """
     waiting: list[tuple[tuple[str | int, ...], object]] = [((), data)]
     while waiting:
         keys, value = waiting.pop()
@@ -219,11 +223,18 @@ def _finite(text: str) -> float | None:
 
 
 def load_scene(path: Path | str, overrides: Sequence[str] = (), settings: Sequence[str] = ()) -> Scene:
-    """Read and validate a scene file, whose directory paths of meshes are relative to.
+    """Read and validate a scene file.
 
-    Overrides ``dotted.key=VALUE``, with a TOML value, create or replace any entry before validation; settings
-    ``NAME=VALUE`` give a parameter's value in a single run, and its nominal value stays. Raises `InputError` if the
-    file cannot be read, is no TOML, or says what a scene may not say (one line a problem).
+    Raises `InputError` if the file cannot be read, is no TOML, or says what a scene may not say (one line a problem).
+
+    Parameters
+    ----------
+    path : Path or str
+        The TOML file; paths of meshes are relative to its directory.
+    overrides : sequence of str
+        ``dotted.key=VALUE`` with a TOML value: creates or replaces any entry before validation.
+    settings : sequence of str
+        ``NAME=VALUE``: the value of a parameter in a single run; its nominal value stays.
     """
     path = Path(path)
     return scene_from_tables(parse(read_text(path), str(path)), path.parent, overrides, settings)
@@ -239,8 +250,10 @@ def scene_from_toml(
 def scene_from_tables(
     data: dict[str, Any], directory: Path | str, overrides: Sequence[str] = (), settings: Sequence[str] = ()
 ) -> Scene:
-    """Validate a scene given as the tables of a TOML text, with paths relative to `directory`; see `load_scene`. The
-    tables are changed."""
+    """Validate a scene given as the tables of a TOML text, with paths relative to `directory`; see `load_scene`.
+
+    The tables are changed.
+    """
     directory = Path(directory)
     apply_overrides(data, overrides)
     check_tables(data)
@@ -266,8 +279,10 @@ def scene_to_toml(scene: Scene) -> str:
 
 
 def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:
-    """Put the value of each ``dotted.key=VALUE`` into `data`, creating tables on the way; later ones win. Raises
-    `InputError` if the key or the value is not TOML, or if the key leads through something that is not a table."""
+    """Put the value of each ``dotted.key=VALUE`` into `data`, creating tables on the way; later ones win.
+
+    Raises `InputError` if the key or the value is not TOML, or if the key leads through something that is not a table.
+    """
     for override in overrides:
         keys, value = _parse_override(override)
         table = data
@@ -281,8 +296,10 @@ def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:
 
 
 def apply_settings(data: dict[str, Any], settings: Sequence[str], system: UnitSystem = SI) -> None:
-    """Put the value of each ``NAME=VALUE`` into `data` as that parameter's value of the run; later ones win. Raises
-    `InputError` if there is no such parameter or the value is no finite number, which may have its unit."""
+    """Put the value of each ``NAME=VALUE`` into `data` as that parameter's value of the run; later ones win.
+
+    Raises `InputError` if there is no such parameter or the value is no finite number, which may have its unit.
+    """
     for setting in settings:
         name, equals, text = (part.strip() for part in setting.partition("="))
         if not (name and equals):
@@ -362,9 +379,17 @@ def describe_template(name: str) -> str:
 def write_template(name: str, path: Path, force: bool = False) -> list[Path]:
     """Write a template's scene to ``path`` and its meshes beside it, and return the files; by one process only.
 
-    Comments that name the scene's file take its name. Raises `InputError` if there is no such template, or the files
-    cannot be made where they are to be, or exist and are not to be replaced (`force`); `RunError` if the system fails
-    to write.
+    Raises `InputError` if there is no such template, or the files cannot be made where they are to be, or exist;
+    `RunError` if the system fails to write.
+
+    Parameters
+    ----------
+    name
+        One of `template_names`.
+    path
+        Of the scene; comments that name the scene's file take its name.
+    force
+        Whether files that are there may be replaced.
     """
     if name not in (known := template_names()):
         close = nearest_name(name, known)
@@ -406,8 +431,10 @@ def _text(name: str) -> str:
 
 
 def changed(scene: Scene, overrides: Sequence[str], settings: Sequence[str]) -> Scene:
-    """Return a scene with other entries and values of parameters; by every rank alike. Raises `InputError`. What the
-    scene does not give stays open: a tolerance may choose it."""
+    """Return a scene with other entries and values of parameters; by every rank alike. Raises `InputError`.
+
+    What the scene does not give stays open: a tolerance may choose it.
+    """
     if not overrides and not settings:
         return scene
     tables = scene.model_dump(exclude_none=True, exclude_unset=True)

@@ -69,8 +69,15 @@ def dotted_name(keys: Sequence[str | int]) -> str:
 
 
 def explain(error: ValidationError, model: type[BaseModel], units: Mapping[str, str], system: UnitSystem) -> InputError:
-    """Turn what pydantic says about tables read as a `model` into messages for the author of the scene; `units` are
-    those of parameters that were converted, to the `system`."""
+    """Turn what pydantic says about tables read as a `model` into messages for the author of the scene.
+
+    Parameters
+    ----------
+    units
+        Units of parameters that were converted.
+    system
+        Units that they were converted to.
+    """
     problems = []
     for details in error.errors(include_url=False):
         table, name, *_ = *details["loc"], "", ""
@@ -114,9 +121,11 @@ def _choice(received: object, allowed: Sequence[str], what: str = "unknown") -> 
 
 
 def _follow(model: type[BaseModel], location: Sequence[str | int]) -> tuple[list[str | int], list[Any]]:
-    """Follow pydantic's location of an error through the fields of `model`. Returns the keys in the user's own file,
-    without the types of tables that pydantic puts between them, and the types allowed at the end (none behind an
-    unknown key)."""
+    """Follow pydantic's location of an error through the fields of `model`.
+
+    Returns the keys in the user's own file, without the types of tables that pydantic puts between them,
+    and the types allowed at the end (none behind an unknown key).
+    """
     keys: list[str | int] = []
     members: list[Any] = [model]
     for key in location:

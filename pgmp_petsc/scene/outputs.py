@@ -91,9 +91,16 @@ class OutputEntry(Table):
     def reading(self, name: str, start: Any, kinematics: Any) -> Any:
         """Return what is read, a `Reading` of frames or another of `outputs.readings`.
 
-        `name` is the output's dotted one, `start` are the coordinates at the start, shape (n_theta,), rad, `kinematics`
-        is a `mechanism.kinematics.RigidKinematics`. Raises `InputError` if a body's mesh does not have a point that it
-        is at.
+        Raises `InputError` if a body's mesh does not have a point that it is at.
+
+        Parameters
+        ----------
+        name
+            Dotted name of the output, for messages.
+        start
+            Coordinates at the start, shape (n_theta,), rad.
+        kinematics
+            A `mechanism.kinematics.RigidKinematics`.
         """
         raise NotImplementedError
 

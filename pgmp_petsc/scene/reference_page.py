@@ -31,8 +31,11 @@ _KEPT = ("type", "enum", "description", "default", "minItems", "maxItems", "minL
 
 
 def editor_schema() -> dict[str, Any]:
-    """Return the schema of a scene as plain data. Every table is in ``definitions`` by the name of its model; tables of
-    the user's own names (``[bodies.NAME]``) have one entry in ``patternProperties``."""
+    """Return the schema of a scene as plain data.
+
+    Every table is in ``definitions`` by the name of its model; tables of the user's own names
+    (``[bodies.NAME]``) have one entry in ``patternProperties``.
+    """
     found = Scene.model_json_schema()
     schema = _table_schema(found)
     # the word in place of all effects, see `Scene._defaults_of_the_reduction`

@@ -106,8 +106,10 @@ def _not_free(
 def motion_problems(
     scene: AnyScene, entry: str, on_joint: Any, allowed: tuple[str, ...] = MEASURED, all_said: bool = False
 ) -> Iterator[str]:
-    """Yield a line if the motion of a joint with several is not said, or one that it has not is. With `all_said` that
-    of a joint is to be said too that has another one in the plane alone."""
+    """Yield a line if the motion of a joint with several is not said, or one that it has not is.
+
+    With `all_said` that of a joint is to be said too that has another one in the plane alone.
+    """
     joint, motion = scene.joints.get(on_joint.joint), getattr(on_joint, "motion", None)
     if joint is None or "motion" not in type(on_joint).model_fields:
         return
@@ -207,8 +209,11 @@ HARMONIC = ("amplitude", "mean")
 
 
 def parts_of(name: str, effect: EffectEntry) -> dict[str, EffectEntry]:
-    """Return the loads that an effect is made of; any other effect as it is. Several are named after the effect and
-    their parameters, ``NAME_PARAMETER``; the one of numbers has the effect's name, and so has one that is alone."""
+    """Return the loads that an effect is made of; any other effect as it is.
+
+    Several are named after the effect and their parameters, ``NAME_PARAMETER``; the one of numbers has the effect's
+    name, and so has one that is alone.
+    """
     if not isinstance(effect, OverTime) or not effect.parameters_over_time:
         return {name: effect}
     has_numbers = any(value for _, value in effect.values_over_time if not isinstance(value, str))
@@ -251,8 +256,10 @@ class Impulse:
 
 
 def impulse_of(table: Sequence[tuple[float, float]], duration: float, n_steps: int) -> Impulse:
-    """Return the impulse of a table of rows (time, value) over a run of `n_steps` equal steps. Takes time and memory by
-    the number of rows, not of steps."""
+    """Return the impulse of a table of rows (time, value) over a run of `n_steps` equal steps.
+
+    Takes time and memory by the number of rows, not of steps.
+    """
     times, values = np.array(table, dtype=float).T
     step = duration / n_steps
     inside = times[(times > 0.0) & (times < duration)]

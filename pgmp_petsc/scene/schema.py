@@ -176,7 +176,15 @@ class Scene(Table):
         return self._directory / mesh
 
     def number(self, entry: float | str, values: Mapping[str, float] | None = None) -> float:
-        """Return the number behind an entry that is a number or a parameter's name, by default that of a single run."""
+        """Return the number behind an entry that is a number or a parameter's name.
+
+        Parameters
+        ----------
+        entry : float or str
+            Such as ``scene.bodies["crank"].section.radius``.
+        values : mapping of str to float, optional
+            Value of each parameter; those of a single run (`values`) if not given.
+        """
         if isinstance(entry, str):
             return (self.values if values is None else values)[entry]
         return entry
@@ -221,9 +229,15 @@ class Scene(Table):
         context = info.context or {}
         given, raw = context.get("units", {}), context.get("raw", {})
         problems = [
-            *reference_problems(self), *correlation_problems(self), *field_problems(self), *length_problems(self),
-            *part_problems(self), *ensemble_problems(self), *unit_problems(self, given), *text_problems(self, raw),
-        ]  # fmt: skip
+            *reference_problems(self),
+            *correlation_problems(self),
+            *field_problems(self),
+            *length_problems(self),
+            *part_problems(self),
+            *ensemble_problems(self),
+            *unit_problems(self, given),
+            *text_problems(self, raw),
+        ]
         if problems:
             raise input_error(problems)
         return self

@@ -44,11 +44,15 @@ def said_system(data: Mapping[str, Any]) -> UnitSystem:
 
 
 def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, str]:
-    """Convert parameters given in other units than the scene's, in place on raw tables; return the unit each was given
-    in.
+    """Convert parameters given in other units than the scene's, in place on raw tables.
 
-    What is no number, or has an unknown unit, is left for the validation to refuse. Raises `InputError` if a number is
-    a text with another unit than the rest of its parameter.
+    Raises `InputError` if a number is a text with another unit than the rest of its parameter.
+
+    Returns
+    -------
+    dict
+        The unit that each converted parameter was given in. What is no number, or has an unknown unit, is left for the
+        validation to refuse.
     """
     parameters = data.get("parameters")
     given: dict[str, str] = {}
@@ -89,7 +93,10 @@ def label_of(unit: str, dimension: Dimension, system: UnitSystem) -> str | None:
 
 def setting_of(text: str, parameter: dict[str, Any], system: UnitSystem) -> float | None:
     """Return a value with its own unit, in those of the scene, for a raw parameter that is converted; None if it has
-    none. A parameter without a unit is given it. Raises `UnknownUnit` if it is none, or none of the parameter's."""
+    none. A parameter without a unit is given it.
+
+    Raises `UnknownUnit` if it is none, or none of the parameter's.
+    """
     value = number_of(text, (), system) if _unit_behind(text) else None
     if value is None:
         return None
@@ -103,8 +110,13 @@ def setting_of(text: str, parameter: dict[str, Any], system: UnitSystem) -> floa
 
 
 def unit_problems(scene: AnyScene, given: Mapping[str, str]) -> Iterator[str]:
-    """Yield a line for each parameter whose unit is unknown or none of what uses it, or whose uses differ; units are
-    `given` as `convert_parameters` returned them."""
+    """Yield a line for each parameter whose unit is unknown or none of what uses it, or whose uses differ.
+
+    Parameters
+    ----------
+    given : mapping of str to str
+        Units as `convert_parameters` returned them.
+    """
     uses: dict[str, list[Use]] = {name: [] for name in scene.parameters}
     for use in uses_of(scene):
         if use.parameter in uses and use.units:  # what is in a formula may have any
@@ -137,8 +149,13 @@ def _allowed(uses: list[Use]) -> set[Dimension]:
 
 
 def text_problems(scene: AnyScene, raw: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a line for each number that is a text with a unit of another motion than it is about: N/m on a hinge; the
-    scene was read from the `raw` tables."""
+    """Yield a line for each number that is a text with a unit of another motion than it is about: N/m on a hinge.
+
+    Parameters
+    ----------
+    raw
+        The tables that the scene was read from.
+    """
     system, seen = scene.system, set()
     has_any = any(re.match(QUANTITY, text) for text in _strings(raw))
     for use in (*uses_of(scene), *measured_uses(scene)) if has_any else ():

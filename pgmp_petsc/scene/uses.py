@@ -159,8 +159,10 @@ def slides(scene: AnyScene, entry: Any) -> bool:
 
 
 def motion_over(scene: AnyScene, entry: Any) -> str | None:
-    """Return the motion of a joint that an effect is over, ``turning`` or ``sliding``. None where the joint has both
-    and none is said; of the joint that it acts on it is then the one that it acts on."""
+    """Return the motion of a joint that an effect is over, ``turning`` or ``sliding``.
+
+    None where the joint has both and none is said; of the joint that it acts on it is then the one that it acts on.
+    """
     if entry.over == entry.joint and entry.over_motion is None:
         return "sliding" if slides(scene, entry) else "turning"
     joint = scene.joints.get(entry.over)

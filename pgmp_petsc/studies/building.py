@@ -74,14 +74,31 @@ class Built:
 
 
 def build(
-    scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, say: Said = lambda text: None,
-    output: Path | None = None, resume: bool = False,
-) -> Built:  # fmt: skip
-    """Build the reduced model of a scene with the mesh of every body. Collective on ``group.world``.
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    group: RankGroup,
+    say: Said = lambda text: None,
+    output: Path | None = None,
+    resume: bool = False,
+) -> Built:
+    """Build the reduced model of a scene. Collective on ``group.world``.
 
-    Ranks of the group share an eigenproblem. `say` gets the sizes of effects, and what errors are measured against,
-    before it is run. Finished parts are kept beside the file `output`, if there is one, until `Built.checkpoint` is
-    removed; `resume` takes up what is there. Raises `InputError` or `RunError` on all ranks, whichever rank met it.
+    Parameters
+    ----------
+    scene, meshes
+        The scene, and the mesh of every body.
+    group
+        Ranks that share an eigenproblem.
+    say
+        Gets the sizes of effects, and what errors are measured against, before it is run.
+    output, resume
+        The file beside which finished parts are kept until `Built.checkpoint` is removed, None to keep nothing; whether
+        to take up what is there.
+
+    Raises
+    ------
+    InputError, RunError
+        On all ranks, whichever rank met it.
     """
     comm = group.world
     on_root(comm, _check_outputs, scene, meshes)

@@ -36,8 +36,10 @@ ROUND_OFF = 1e-12  # of the largest moment of inertia
 
 
 def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
-    """Return the report of ``pgmp check``. Raises `InputError` if the mechanism cannot be closed or controlled, or
-    points are missing."""
+    """Return the report of ``pgmp check``.
+
+    Raises `InputError` if the mechanism cannot be closed or controlled, or points are missing.
+    """
     check_capabilities(scene, Purpose.CHECK, meshes)
     mechanism = Mechanism.from_scene(scene, meshes)
     for framed in (framed for body in mechanism.bodies for framed in body.to_condense):
@@ -68,9 +70,11 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
         why = f"reduction.modes = {scene.reduction.modes}: the mesh has only {n_flexible} flexible modes"
         raise InputError(f"{why}; take fewer modes or a finer mesh")
     lines = [
-        f"scene {scene.name}", *_bodies(mechanism), *_matrices(scene, meshes),
+        f"scene {scene.name}",
+        *_bodies(mechanism),
+        *_matrices(scene, meshes),
         *_joints(mechanism, null.n_redundant, kinematics.n_redundant),
-    ]  # fmt: skip
+    ]
     for coordinate in coordinates:
         kind = ("periodic" if coordinate.periodic else "limited") + (", prescribed" if coordinate.prescribed else "")
         ends = f"{coordinate.lower:.6g} to {coordinate.upper:.6g} {coordinate.unit}"

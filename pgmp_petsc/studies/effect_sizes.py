@@ -60,14 +60,23 @@ TERMS = ("gyroscopic", "geometric_stiffening", "mode_inertia")
 
 
 def estimate_effects(
-    scene: Scene, meshes: Mapping[str, BodyShape], branch: PoseBranch | None = None,
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    branch: PoseBranch | None = None,
     shapes: Mapping[str, BodyShape] | None = None,
-) -> EffectSizes:  # fmt: skip
+) -> EffectSizes:
     """Estimate the size of every available effect, on one rank.
 
-    `meshes` are of the bodies, not condensed, `shapes` the same condensed with what is of second order (`condensed`),
-    where they are at hand, `branch` the mechanism's assembly branch where it is known (see `RigidKinematics`). Raises
-    `InputError` or `RunError` if the mechanism is not sound, a body cannot be condensed, or the rigid run fails.
+    Raises `InputError` or `RunError` if the mechanism is not sound, a body cannot be condensed, or the rigid run fails.
+
+    Parameters
+    ----------
+    meshes
+        Of the bodies, not condensed.
+    branch
+        Assembly branch of the mechanism where it is known; see `RigidKinematics`.
+    shapes
+        The same bodies condensed with what is of second order (`condensed`), where they are at hand.
     """
     check_capabilities(scene, Purpose.SIZES)
     if shapes is None:
@@ -90,7 +99,9 @@ def remarks_on_sizes(
     scene: Scene, meshes: Mapping[str, BodyShape], branch: PoseBranch | None = None
 ) -> tuple[Remark, ...]:
     """Return which effects a scene leaves out although they matter, or why their sizes are not known; on one rank.
-    Parameters are those of `estimate_effects`."""
+
+    Parameters are those of `estimate_effects`.
+    """
     continuum = ", ".join(f"bodies.{name}" for name, body in scene.bodies.items() if body.continuum)
     if continuum:
         why = f"with bodies of continuum elements ({continuum}) that takes them condensed with terms of second order"
@@ -247,8 +258,10 @@ def _is_missing(scene: Scene, size: EffectSize) -> bool:
 def choose_effects(
     scene: Scene, meshes: Mapping[str, BodyShape], shapes: Mapping[str, BodyShape]
 ) -> tuple[Scene, EffectSizes]:
-    """Return the scene with the effects that matter, and the estimate that chose them; on one rank. Parameters are
-    those of `estimate_effects`. Raises `InputError` or `RunError`, as `estimate_effects`."""
+    """Return the scene with the effects that matter, and the estimate that chose them; on one rank.
+
+    Parameters are those of `estimate_effects`. Raises `InputError` or `RunError`, as `estimate_effects`.
+    """
     sizes = estimate_effects(scene, meshes, shapes=shapes)
     keeps = {kind: False for kind in TERMS} | {size.kind: size.keeps for size in sizes.sizes if size.kind in TERMS}
     kept = {size.name for size in sizes.sizes if size.name and size.keeps and size.kind not in TERMS}

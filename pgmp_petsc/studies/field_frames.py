@@ -40,8 +40,12 @@ def field_frames(
 ) -> dict[str, BodyField]:
     """Return the fields of all bodies that are seen; nothing where there are no frames.
 
-    `nodal` are frames of all nodes of the mechanism, shape (n_f, n_nodes, n_frame), see `shape_frames`; `values` the
-    fields of the models at these instants, or more.
+    Parameters
+    ----------
+    nodal
+        Frames of all nodes of the mechanism, shape (n_f, n_nodes, n_frame); see `shape_frames`.
+    values
+        The fields of the models at these instants, or more.
     """
     if not values:
         return {}
@@ -58,7 +62,9 @@ def fields_over(fields: ReducedFields, eta: np.ndarray, values: Mapping[str, flo
 
 def fields_at(model: ReducedModel, run: Trajectory, times: Sequence[float]) -> dict[str, BodyField]:
     """Return the fields at any instants (n,), s, of a run of a reduced model; between steps its coordinates are linear.
-    Raises `InputError` if the run is not of this model, an instant is outside it, or no mesh is known."""
+
+    Raises `InputError` if the run is not of this model, an instant is outside it, or no mesh is known.
+    """
     instants, tables = np.atleast_1d(np.asarray(times, dtype=float)), model.rom.tables
     n_eta = tables.n_coordinates + tables.n_modes
     columns = run.coordinates if run.modal is None else np.hstack([run.coordinates, run.modal])
@@ -86,18 +92,26 @@ def _field(field: FieldPoints, kinematics: RigidKinematics, poses: np.ndarray, v
 
 
 def body_field(
-    field: FieldPoints, positions: np.ndarray, deformation: np.ndarray, at_nodes: Mapping[str, np.ndarray],
+    field: FieldPoints,
+    positions: np.ndarray,
+    deformation: np.ndarray,
+    at_nodes: Mapping[str, np.ndarray],
     at_cells: Mapping[str, np.ndarray],
-) -> BodyField:  # fmt: skip
+) -> BodyField:
     """Return the record of a body at n instants, from positions and deformation (n_nodes, d, n), m, and quantities at
     nodes and cells, each of shape (n_nodes or n_cells, n)."""
     return BodyField(
-        kind=field.kind, nodes=field.mesh.nodes, cells=field.mesh.cells, positions=np.moveaxis(positions, 2, 0),
+        kind=field.kind,
+        nodes=field.mesh.nodes,
+        cells=field.mesh.cells,
+        positions=np.moveaxis(positions, 2, 0),
         deformation=np.moveaxis(deformation, 2, 0),
         at_nodes={quantity: table.T for quantity, table in at_nodes.items()},
-        at_cells={quantity: table.T for quantity, table in at_cells.items()}, units=field.units,
-        rigid=field.stresses is None, radius=field.radius,
-    )  # fmt: skip
+        at_cells={quantity: table.T for quantity, table in at_cells.items()},
+        units=field.units,
+        rigid=field.stresses is None,
+        radius=field.radius,
+    )
 
 
 def left_out_of_fields(seen: FieldSet) -> tuple[Remark, ...]:
@@ -109,10 +123,15 @@ def left_out_of_fields(seen: FieldSet) -> tuple[Remark, ...]:
 
 
 def shape_frames(mechanism: Mechanism, nodal: np.ndarray, time: np.ndarray) -> Frames:
-    """Return the shapes of all bodies at instants (n_f,), s.
+    """Return the shapes of all bodies.
 
-    `nodal` are frames of all nodes in the ground frame, shape (n_f, n_nodes, n_frame): ``(x, y, phi)``, m and rad, in
-    the plane, position and directors in space.
+    Parameters
+    ----------
+    nodal
+        Frames of all nodes in the ground frame, shape (n_f, n_nodes, n_frame): ``(x, y, phi)``, m and rad, in the
+        plane, position and directors in space.
+    time
+        Their instants, shape (n_f,), s.
     """
     shapes = {body.name: _shape(mechanism, body, nodal[:, body.nodes]) for body in mechanism.bodies}
     turned = _rotation_vectors if mechanism.space is SPATIAL else (lambda shape: shape[..., 2])
@@ -124,11 +143,13 @@ def _frames(
 ) -> Frames:
     """Return the frames of bodies of shapes (n_f, n_shape, d or more), m, and rotations, rad."""
     return Frames(
-        time=time, positions={name: shape[..., : mechanism.space.dimension] for name, shape in shapes.items()},
-        rotations=rotations, nodes={body.name: body.shape.nodes for body in mechanism.bodies},
+        time=time,
+        positions={name: shape[..., : mechanism.space.dimension] for name, shape in shapes.items()},
+        rotations=rotations,
+        nodes={body.name: body.shape.nodes for body in mechanism.bodies},
         cells={body.name: body.shape.cells for body in mechanism.bodies},
         rigid=frozenset(body.name for body in mechanism.bodies if not body.flexible),
-    )  # fmt: skip
+    )
 
 
 def _shape(mechanism: Mechanism, body: Body, nodal: np.ndarray) -> np.ndarray:
@@ -149,8 +170,10 @@ def _rotation_vectors(shape: np.ndarray) -> np.ndarray:
 
 
 def assembly_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> Assembly:
-    """Return where bodies, joints and named points are at the start. Raises `InputError` if the mechanism cannot be
-    assembled."""
+    """Return where bodies, joints and named points are at the start.
+
+    Raises `InputError` if the mechanism cannot be assembled.
+    """
     mechanism = Mechanism.from_scene(scene, meshes)
     kinematics = RigidKinematics(mechanism)
     theta = start_of(scene, mechanism)[0]

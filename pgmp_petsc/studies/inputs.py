@@ -21,8 +21,10 @@ from pgmp_petsc.studies.plausibility import plausibility
 def scene_and_meshes(
     source: Scene | str | PathLike[str], purpose: Purpose, overrides: Sequence[str], settings: Sequence[str], comm: Comm
 ) -> tuple[Scene, dict[str, BodyShape]]:
-    """Return a scene, of a file or of a program, with other entries, and its meshes. Collective on `comm`. Raises
-    `InputError` if it is none, or has what the purpose cannot do with it."""
+    """Return a scene, of a file or of a program, with other entries, and its meshes. Collective on `comm`.
+
+    Raises `InputError` if it is none, or has what the purpose cannot do with it.
+    """
 
     def preparing_the_scene() -> tuple[Scene, dict[str, BodyShape]]:
         is_file = isinstance(source, (str, PathLike))
@@ -32,11 +34,17 @@ def scene_and_meshes(
 
 
 def read_scene(
-    path: Path, overrides: Sequence[str], settings: Sequence[str], comm: Comm, purpose: Purpose,
-) -> tuple[Scene, dict[str, BodyShape]]:  # fmt: skip
+    path: Path,
+    overrides: Sequence[str],
+    settings: Sequence[str],
+    comm: Comm,
+    purpose: Purpose,
+) -> tuple[Scene, dict[str, BodyShape]]:
     """Read a scene, with remarks on what it says that probably is not meant, and its meshes. Collective on `comm`.
+
     Raises `InputError` if the scene or a mesh cannot be read, says what cannot be meant, or has what the purpose cannot
-    do with it."""
+    do with it.
+    """
     return scene_and_meshes(path, purpose, overrides, settings, comm)
 
 

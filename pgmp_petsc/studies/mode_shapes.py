@@ -33,8 +33,14 @@ from pgmp_petsc.studies.field_frames import body_field
 def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> ModeShape:
     """Return a mode of the reduced model without springs; by one process.
 
-    Modes are counted from 1, rigid motion left out; coordinates of the configuration are at their start where not
-    given, rad or m. Raises `InputError` if there is no such mode, or no such configuration among those of the model.
+    Raises `InputError` if there is no such mode, or no such configuration among those of the model.
+
+    Parameters
+    ----------
+    number
+        From 1, rigid motion left out.
+    at
+        Coordinates of the configuration, rad or m; where not given those at the start.
     """
     mechanism, theta = model.kinematics.mechanism, _configuration(model, at)
     frequencies, vectors = _modes(model, theta)

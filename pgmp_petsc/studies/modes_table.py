@@ -50,11 +50,23 @@ from pgmp_petsc.scene.uses import offset_directions, offset_values
 def reduced_vibrations(
     rom: ReducedOrderModel, springs: SpringStiffness, scheme: str, values: Mapping[str, float], theta: np.ndarray
 ) -> np.ndarray:
-    """Return the frequencies at configurations (n, n_theta), rad, by one process: ascending, Hz, shape (n, n_free +
-    n_delta - n_rigid), without the rigid motions that no spring resists; below zero as in `frequencies_of`.
+    """Return the frequencies at configurations (n, n_theta), rad, by one process.
 
-    `springs` is what they add, for the mechanism of `rom` with its condensed bodies, `scheme` the interpolation over
-    the samples.
+    Parameters
+    ----------
+    rom
+        The reduced model.
+    springs
+        What springs add, for the mechanism of `rom` with its condensed bodies.
+    scheme
+        Interpolation over the samples.
+    values
+        Parameter values.
+
+    Returns
+    -------
+    ndarray, shape (n, n_free + n_delta - n_rigid)
+        Ascending, without the rigid motions that no spring resists, Hz; below zero as in `frequencies_of`.
     """
     tables, kinematics = rom.tables.moving(), springs.kinematics
     mechanism, r, free = kinematics.mechanism, rom.tables.n_coordinates, springs.free
@@ -102,10 +114,19 @@ STRUCTURE = ("ground", "materials", "bodies", "joints", "coordinates")
 def tabulate_modes(
     scene: Scene, meshes: Mapping[str, LineMesh], rom: ReducedOrderModel | None, n_angles: int, group: RankGroup
 ) -> ModesTable | None:
-    """Compute the table at the scene's parameter values, on the first rank. Collective on ``group.world``.
+    """Compute the table at the scene's parameter values. Collective on ``group.world``.
 
-    `rom` is a reduced model of the same mechanism, or None for the full-order frequencies alone, `n_angles` the number
-    of configurations over the range of each coordinate.
+    Parameters
+    ----------
+    rom
+        A reduced model of the same mechanism, or None for the full-order frequencies alone.
+    n_angles
+        Number of configurations over the range of each coordinate.
+
+    Returns
+    -------
+    ModesTable or None
+        On the first rank, None elsewhere.
     """
     timings = Timings()
     with timings.phase("components"):
@@ -115,9 +136,13 @@ def tabulate_modes(
 
 
 def _tabulated(
-    scene: Scene, meshes: Mapping[str, BodyShape], rom: ReducedOrderModel | None, n_angles: int, group: RankGroup,
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    rom: ReducedOrderModel | None,
+    n_angles: int,
+    group: RankGroup,
     timings: Timings,
-) -> ModesTable | None:  # fmt: skip
+) -> ModesTable | None:
     own = np.empty((0, scene.reduction.modes))
     with (
         timings.phase("eigenproblems"),
@@ -165,9 +190,11 @@ def _tabulated(
     remarks = (*scene.remarks, *said, *_unstable(full, theta, coordinates), note(MESH_ERROR))
     return ModesTable(
         record=RunRecord(scene_to_toml(scene), scene.values, None, group.world.size, timings.as_dict(), remarks),
-        theta=theta[:, 0] if len(coordinates) == 1 else theta.T, full_hz=full, reduced_hz=reduced,
+        theta=theta[:, 0] if len(coordinates) == 1 else theta.T,
+        full_hz=full,
+        reduced_hz=reduced,
         coordinate_units={c.name: c.unit for c in coordinates},
-    )  # fmt: skip
+    )
 
 
 def springs_of(scene: Scene, kinematics: RigidKinematics) -> tuple[SpringStiffness | None, tuple[Remark, ...]]:
@@ -213,11 +240,16 @@ def _unstable(full_hz: np.ndarray, theta: np.ndarray, coordinates: Sequence[Coor
 
 
 def reduced_frequencies(
-    tables: ReducedTables, scheme: str, values: Mapping[str, float], theta: np.ndarray,
+    tables: ReducedTables,
+    scheme: str,
+    values: Mapping[str, float],
+    theta: np.ndarray,
     free: Sequence[int] | None = None,
-) -> np.ndarray:  # fmt: skip
-    """Return the frequencies of the reduced model at any configurations (n, n_theta), shape (n, n_modes), Hz. `free`
-    are the numbers of the coordinates that are not prescribed; all by default."""
+) -> np.ndarray:
+    """Return the frequencies of the reduced model at any configurations (n, n_theta), shape (n, n_modes), Hz.
+
+    `free` are the numbers of the coordinates that are not prescribed; all by default.
+    """
     at_theta = replace(
         tables,
         mass=interpolant(tables.samples, tables.mass, scheme)(theta),

@@ -29,8 +29,19 @@ from pgmp_petsc.stepping.second_order_system import State
 class FullRecord:
     """Record of a run of one sample; states are evaluated as many at once as the system is quickest with.
 
-    Collective on the communicator of the system that is integrated. `fields` makes the fields of bodies, which are kept
-    with the frames of all nodes at the steps `wanted`; `times` are the instants so far, s.
+    Parameters
+    ----------
+    model, system
+        The model, and the system that is integrated. Collective on its communicator.
+    fields
+        What makes the fields of bodies.
+    wanted
+        Steps at which the frames of all nodes and the fields are kept.
+
+    Attributes
+    ----------
+    times
+        Instants so far, s.
     """
 
     def __init__(
@@ -145,9 +156,11 @@ def balance_remarks(balance: Balance, step: float, joule: str = "J") -> Iterator
 
 
 def with_weights(balance: Balance, model: ReducedModel, start: np.ndarray) -> Balance:
-    """Add the potential energy of weights to the balance of a reduced run, which knows their work alone. It is that at
-    the start, reduced coordinates of shape (n_eta,), less the work done since: the same integral as in the residual,
-    which does not change."""
+    """Add the potential energy of weights to the balance of a reduced run, which knows their work alone.
+
+    It is that at the start, reduced coordinates of shape (n_eta,), less the work done since: the same integral as in
+    the residual, which does not change.
+    """
     effects = [effect for effect in model.effects if effect.conservative]
     if not effects:
         return balance

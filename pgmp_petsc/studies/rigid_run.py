@@ -52,10 +52,17 @@ class RigidRun:
 
 
 def run_rigid(scene: Scene, meshes: Mapping[str, BodyShape], kinematics: RigidKinematics) -> RigidRun:
-    """Integrate the scene's mechanism with all bodies rigid, on one rank; meshes are not condensed.
+    """Integrate the scene's mechanism with all bodies rigid, on one rank.
 
-    With few steps first, and once more with as many as the motion needs. The bodies of `kinematics` may deform. Raises
-    `InputError` or `RunError` if there is no static equilibrium to start from, or the run fails.
+    With few steps first, and once more with as many as the motion needs. Raises `InputError` or `RunError` if there is
+    no static equilibrium to start from, or the run fails.
+
+    Parameters
+    ----------
+    scene, meshes
+        The scene and the mesh of every body, not condensed.
+    kinematics
+        Of the mechanism, whichever of its bodies deform there.
     """
     stiff = _with_rigid_bodies(scene)
     model = FullModel(stiff, meshes, kinematics)

@@ -64,8 +64,16 @@ def simulate(model: FullModel | ReducedModel, comm: Comm) -> Trajectory | None:
 
 
 def simulate_reduced(model: ReducedModel, comm: Comm) -> Trajectory | None:
-    """Run the reduced model; one sample needs one rank, the others wait and get None. Collective on `comm`. Raises
-    `RunError` where the computation itself breaks. A run that stops before its end is a trajectory with its status."""
+    """Run the reduced model; one sample needs one rank, the others wait. Collective on `comm`.
+
+    Raises `RunError` where the computation itself breaks. A run that stops before its end is a trajectory with its
+    status.
+
+    Returns
+    -------
+    Trajectory or None
+        On the first rank, None elsewhere.
+    """
     trajectory = None
     with agreed(comm, "simulation"):
         if comm.rank == 0:
@@ -74,9 +82,12 @@ def simulate_reduced(model: ReducedModel, comm: Comm) -> Trajectory | None:
 
 
 def simulate_full(model: FullModel, comm: Comm) -> Trajectory | None:
-    """Run the full-order or the component model, distributed over ranks. Collective on `comm`; see `simulate_reduced`.
+    """Run the full-order or the component model, distributed over ranks. Collective on `comm`; see
+    `simulate_reduced`.
+
     A model with fewer than `UNKNOWNS_PER_RANK` unknowns a rank runs on fewer ranks: factorising a small matrix on
-    several takes longer than on one. The others wait."""
+    several takes longer than on one. The others wait.
+    """
     n_workers = min(comm.size, max(1, model.kinematics.mechanism.n_dofs // UNKNOWNS_PER_RANK))
     trajectory = None
     with first_ranks(comm, n_workers) as workers, agreed(comm, f"{model.title} simulation"):
@@ -98,9 +109,14 @@ class _Part:
 
     @classmethod
     def of(
-        cls, model: FullModel | ReducedModel, done: Run, attempt: Attempt, times: Sequence[float] | np.ndarray,
-        observed: np.ndarray, **recorded: Any,
-    ) -> _Part:  # fmt: skip
+        cls,
+        model: FullModel | ReducedModel,
+        done: Run,
+        attempt: Attempt,
+        times: Sequence[float] | np.ndarray,
+        observed: np.ndarray,
+        **recorded: Any,
+    ) -> _Part:
         """Take in a run with its records: arrays and lists of one entry an instant, or fewer; what the outputs are made
         of has the shape (n_observed, n_t)."""
         time = np.array(times)
@@ -193,15 +209,21 @@ def _full_on_all_ranks(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory
     balance = balance_of(part.time, recorded["energies"])
     errors, estimated = _step_errors(model, part)
     remarks = (
-        *why_stopped(model, part.run, ""), *steps,
-        *balance_remarks(balance, part.attempt.simulation.step, model.scene.system.unit("J")), *estimated,
-        *why_not_of_full_order(model), *started, *left_out_of_fields(fields.seen),
-    )  # fmt: skip
+        *why_stopped(model, part.run, ""),
+        *steps,
+        *balance_remarks(balance, part.attempt.simulation.step, model.scene.system.unit("J")),
+        *estimated,
+        *why_not_of_full_order(model),
+        *started,
+        *left_out_of_fields(fields.seen),
+    )
     return Trajectory(
-        coordinates=recorded["coordinates"], errors=errors, balance=balance,
+        coordinates=recorded["coordinates"],
+        errors=errors,
+        balance=balance,
         fields=field_frames(fields.seen, model.kinematics, frames, recorded["fields"]),
         **_described(model, part, frames, n_ranks, timings, remarks),
-    )  # fmt: skip
+    )
 
 
 def _coarser(
@@ -286,10 +308,14 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
          *remarks_of(model.scene, found)),
     )  # fmt: skip
     return Trajectory(
-        coordinates=eta[:, :n_theta], modal=eta[:, n_theta:],
-        fields=field_frames(fields.seen, model.kinematics, frames, seen), balance=with_weights(balance, model, eta[0]),
-        errors=errors, validity=found, **described,
-    )  # fmt: skip
+        coordinates=eta[:, :n_theta],
+        modal=eta[:, n_theta:],
+        fields=field_frames(fields.seen, model.kinematics, frames, seen),
+        balance=with_weights(balance, model, eta[0]),
+        errors=errors,
+        validity=found,
+        **described,
+    )
 
 
 def _progress(name: str, attempt: Attempt, comm: Comm) -> Progress:
@@ -308,9 +334,13 @@ def _span(simulation) -> tuple[float, float]:
 
 
 def _described(
-    model: FullModel | ReducedModel, part: _Part, frames: np.ndarray, n_ranks: int, timings: Timings,
+    model: FullModel | ReducedModel,
+    part: _Part,
+    frames: np.ndarray,
+    n_ranks: int,
+    timings: Timings,
     remarks: Sequence[Remark],
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Return what trajectories of both models have in common, by the names of `Trajectory`."""
     scene, instants = model.scene, part.time[part.shown]
     said = (*remarks, *model.kinematics.remarks, *scene.remarks)
@@ -342,8 +372,15 @@ LOOK_BACK = 400  # steps before a failure in which its cause is looked for
 
 
 def why_stopped(model: FullModel | ReducedModel, run: Run, reason: str) -> list[Remark]:
-    """Return why a run of one sample stopped, and what to do, `reason` being known beyond the status, with its cure;
-    nothing where it did not."""
+    """Return why a run stopped, and what to do; nothing where it did not.
+
+    Parameters
+    ----------
+    run
+        A run of one sample.
+    reason
+        What is known beyond the status, with its cure.
+    """
     status = Status(run.status[0])
     if status == Status.FINE:
         return []

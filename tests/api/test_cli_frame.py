@@ -185,8 +185,10 @@ def test_every_prefix_is_listed():
 
 @pytest.mark.parametrize(("given", "daemons", "folders"), [({}, 0, 0), ({"SLURM_JOB_ID": "1"}, 1, 1)])
 def test_a_process_alone_starts_no_daemon(tmp_path, given, daemons, folders):
-    """In a batch job it may be one of several; what it starts itself is not told that it is alone. Nor does it make a
-    folder: processes that are alone would share it, and one that ends would take it from others."""
+    """In a batch job it may be one of several; what it starts itself is not told that it is alone.
+
+    Nor does it make a folder: processes that are alone would share it, and one that ends would take it from others.
+    """
     script = (
         "import os; from pgmp_petsc.ranks.petsc import ALONE, start_mpi; size = start_mpi().size\n"
         "children = open(f'/proc/self/task/{os.getpid()}/children').read().split()\n"

@@ -255,9 +255,14 @@ def test_set_and_override_reach_every_command(folder: Path, rom: Path) -> None:
     assert one.outputs["crank_angle"][-1] == pytest.approx(other.outputs["crank_angle"][-1], rel=0.1)
     uniform = 'parameters.r1.distribution={name="uniform", loc=5e-3, scale=1e-4}'
     pgmp(
-        "montecarlo", rom, "-n", 2, "-o", paths["ensemble"],
+        "montecarlo",
+        rom,
+        "-n",
+        2,
+        "-o",
+        paths["ensemble"],
         *overridden("simulation.duration=0.01", "ensemble.bins=3", uniform),
-    )  # fmt: skip
+    )
     found = Ensemble.read(paths["ensemble"])
     assert np.all((found.parameters["r1"] >= 5e-3) & (found.parameters["r1"] <= 5.1e-3))
     assert found.statistics["crank_angle"].pdf.shape == (3,)
@@ -320,9 +325,13 @@ def test_options_for_petsc_cannot_change_what_is_computed(folder: Path, rom: Pat
 def test_scenes_without_outputs_frames_or_effects(folder: Path) -> None:
     """Nothing of these is required."""
     bare = (
-        *SMALL, "outputs={}", "effects={}", "simulation.frames=0", "simulation.duration=0.003",
+        *SMALL,
+        "outputs={}",
+        "effects={}",
+        "simulation.frames=0",
+        "simulation.duration=0.003",
         "simulation.initial.theta.velocity=1.0",
-    )  # fmt: skip
+    )
     rom = folder / "bare_rom.h5"
     pgmp("build", PAPER_SCENE, "-o", rom, *overridden(*bare))
     pgmp("simulate", rom, "-o", folder / "bare.h5")
@@ -349,9 +358,18 @@ def test_an_output_named_like_a_parameter_keeps_its_own_statistics(folder: Path,
     """Either both are told apart in the file, or such a name is refused."""
     path = folder / "named.h5"
     done = pgmp(
-        "montecarlo", rom, "-n", 4, "-o", path, "--override", "simulation.duration=0.003", "--override",
-        'outputs.r1={type="position", point="rod:tip", axis="x"}', status=None,
-    )  # fmt: skip
+        "montecarlo",
+        rom,
+        "-n",
+        4,
+        "-o",
+        path,
+        "--override",
+        "simulation.duration=0.003",
+        "--override",
+        'outputs.r1={type="position", point="rod:tip", axis="x"}',
+        status=None,
+    )
     if done.returncode == 2:
         assert "outputs.r1" in done.stderr
         return

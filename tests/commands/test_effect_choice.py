@@ -25,8 +25,13 @@ from pgmp_petsc.studies.inputs import read_scene
 FOUR_BAR = ROOT / "scenes" / "four_bar.toml"
 BEAM = ROOT / "scenes" / "spinning_beam.toml"
 QUICK = (
-    "--override", "reduction.angles=12", "--override", "reduction.modes=2", "--override", "simulation.duration=0.2",
-)  # fmt: skip
+    "--override",
+    "reduction.angles=12",
+    "--override",
+    "reduction.modes=2",
+    "--override",
+    "simulation.duration=0.2",
+)
 TINY = 'effects.tiny={type="joint_damping",joint="elbow",coefficient=1e-9}'
 
 

@@ -14,10 +14,14 @@ from pgmp_petsc.results import Derivatives, Design, Fit
 from pgmp_petsc.results.gradients import DEVIATION, PERCENT
 
 SCENE = paper_scene(
-    "reduction.modes=4", "reduction.angles=24", "simulation.duration=0.06", "simulation.step=1e-3",
-    "parameters.push={nominal=1.0, bounds=[0.5, 2.0]}", 'effects.motor.scale="push"',
+    "reduction.modes=4",
+    "reduction.angles=24",
+    "simulation.duration=0.06",
+    "simulation.step=1e-3",
+    "parameters.push={nominal=1.0, bounds=[0.5, 2.0]}",
+    'effects.motor.scale="push"',
     "effects.motor.table=[[0.0, 0.0], [0.02, 2.0], [1.0, 2.0]]",
-)  # fmt: skip
+)
 TRUE = {"r1": 6e-3, "push": 1.2}
 GOAL, KEPT = "minimise max(abs(slider_deformation))", "end(crank_angle) >= 0.01"
 ASKED = {

@@ -211,11 +211,13 @@ def test_a_budget_allots_samples_and_a_resume_keeps_them(model: ReducedModel, fo
 
 BAD = [
     ("full", "allowed are [SCENE:]MODEL[/D]=K with full, components or reduced"),
-    ("fast=20", "allowed are [SCENE:]MODEL"), ("full=0.5", "allowed are [SCENE:]MODEL"),
-    ("full/0=20", "allowed are [SCENE:]MODEL"), ("full=7", "at least 8 samples"),
+    ("fast=20", "allowed are [SCENE:]MODEL"),
+    ("full=0.5", "allowed are [SCENE:]MODEL"),
+    ("full/0=20", "allowed are [SCENE:]MODEL"),
+    ("full=7", "at least 8 samples"),
     ("reduced=20", "reduced is no better than the ensemble's own model, reduced"),
     ("full=301", "301 samples of full and 300 of reduced, which is worse"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("text", "said"), BAD)

@@ -14,9 +14,11 @@ from pgmp_petsc.results import ModesTable
 THIRD = (
     "--override",
     'bodies.hand={mesh="crank_5.msh",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
-    "--override", 'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"]}', "--override",
+    "--override",
+    'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"]}',
+    "--override",
     'coordinates.theta3={joint="wrist",range=[0.0,1.0]}',
-)  # fmt: skip
+)
 
 
 @pytest.fixture(scope="module")

@@ -25,10 +25,12 @@ UNCERTAIN = (
 UNCHECKED = "ensemble.checked_share=0.0"
 LEVEL = 2e-3
 ASKED = overridden(
-    UNCHECKED, "ensemble.extremes=true", "ensemble.bands=11",
+    UNCHECKED,
+    "ensemble.extremes=true",
+    "ensemble.bands=11",
     f'ensemble.probabilities.begun={{output="crank_angle", above={LEVEL}, when="ever"}}',
     'ensemble.probabilities.behind={output="crank_angle", below=0.0}',
-)  # fmt: skip
+)
 
 
 @pytest.fixture(scope="module")

@@ -150,8 +150,10 @@ VALUES = (
 )  # fmt: skip
 structure_changes = st.tuples(
     st.sampled_from(("remove", "replace", "group", "huge", "attribute", "no attribute", "rename")),
-    st.integers(0, 10**6), st.integers(0, 10**6), st.sampled_from(range(len(VALUES))),
-)  # fmt: skip
+    st.integers(0, 10**6),
+    st.integers(0, 10**6),
+    st.sampled_from(range(len(VALUES))),
+)
 
 
 def names_in(file: h5py.File) -> list[str]:

@@ -15,8 +15,10 @@ def history(time: np.ndarray, size: float = SIZE, late: float = LATE) -> np.ndar
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_extremes_of_a_vibration_and_their_derivatives(sign: float) -> None:
-    """``tan(omega (t - late)) = - decay / omega`` at both: later they are smaller, and nothing else. The closed form is
-    met with order 2, where an instant next to the extreme has order 1."""
+    """``tan(omega (t - late)) = - decay / omega`` at both: later they are smaller, and nothing else.
+
+    The closed form is met with order 2, where an instant next to the extreme has order 1.
+    """
     turn = (0.0 if sign > 0.0 else np.pi) - np.arctan(DECAY / OMEGA)
     exact = LATE + turn / OMEGA
     largest = history(np.array([exact]))[0]

@@ -57,8 +57,10 @@ def _with_lines(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, Body
 
 
 def first_frequency(scene: Scene, meshes: Mapping[str, BodyShape]) -> float | None:
-    """Return the first frequency of the mechanism of beams where it starts, its coordinates free as they are, Hz. None
-    where it takes more than a moment (bodies of cells, meshes that are not at hand), or cannot be had."""
+    """Return the first frequency of the mechanism of beams where it starts, its coordinates free as they are, Hz.
+
+    None where it takes more than a moment (bodies of cells, meshes that are not at hand), or cannot be had.
+    """
     from pgmp_petsc.effects import start_of
     from pgmp_petsc.mechanism.kinematics import RigidKinematics
     from pgmp_petsc.mechanism.mechanism import Mechanism

@@ -41,16 +41,29 @@ NUMBER = re.compile(r"(?<![A-Za-z_])[-+]?\d[\d.,]*(e[-+]?\d+)?")
 
 
 def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None = None) -> tuple[Remark, ...]:
-    """Return a warning for each entry that probably is not meant. Raises `InputError` if entries cannot be meant, one
-    line for each. Without the mesh of every body only straight beams are looked at, and stops of coordinates."""
+    """Return a warning for each entry that probably is not meant.
+
+    Raises `InputError` if entries cannot be meant, one line for each.
+
+    Parameters
+    ----------
+    scene : Scene
+    meshes : mapping, optional
+        Mesh of every body. Without it only straight beams are looked at, and stops of coordinates.
+    """
     first = cache(lambda: first_frequency(scene, meshes or {}))
     sizes, system = sizes_of(scene, meshes or {}), scene.system
     findings = [
-        *parameter_findings(scene), *material_findings(scene, system), *system_findings(scene),
-        *body_findings(scene, sizes, system), *matrix_findings(scene, meshes or {}, system),
-        *load_findings(scene, sizes, system, first), *motion_findings(scene, sizes, system),
-        *setting_findings(scene, sizes, first), *unused_findings(scene),
-    ]  # fmt: skip
+        *parameter_findings(scene),
+        *material_findings(scene, system),
+        *system_findings(scene),
+        *body_findings(scene, sizes, system),
+        *matrix_findings(scene, meshes or {}, system),
+        *load_findings(scene, sizes, system, first),
+        *motion_findings(scene, sizes, system),
+        *setting_findings(scene, sizes, first),
+        *unused_findings(scene),
+    ]
     if not any(finding.refused for finding in findings):  # the mechanism of a scene with sense can be put together
         findings += stop_findings(scene, meshes, max((size.length for size in sizes.values()), default=1.0))
         findings += formula_findings(scene, meshes)

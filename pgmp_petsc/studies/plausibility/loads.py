@@ -174,9 +174,11 @@ DEEPEST = 1.0  # rad, or the size of the mechanism: a stop beyond is no stop
 def stop_findings(
     scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None, size: float = 1.0
 ) -> Iterator[Finding]:
-    """Yield stops that are violated at the start. Where a stop is on another joint than that of a coordinate, the
-    mechanism is assembled, which takes its meshes. Raises `InputError` if it cannot be. The `size` is the length of the
-    longest body, m."""
+    """Yield stops that are violated at the start.
+
+    Where a stop is on another joint than that of a coordinate, the mechanism is assembled, which takes its meshes.
+    Raises `InputError` if it cannot be. The `size` is the length of the longest body, m.
+    """
     coordinates = {(c.joint, slides(scene, c)): name for name, c in scene.coordinates.items() if c.joint is not None}
     driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
     kinematics, metre = None, scene.system.unit("m")
@@ -255,9 +257,13 @@ def formula_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | 
 
 
 def _outputs_at_start(
-    scene: Scene, kinematics: RigidKinematics, names: Sequence[str], theta: np.ndarray, moving: np.ndarray,
+    scene: Scene,
+    kinematics: RigidKinematics,
+    names: Sequence[str],
+    theta: np.ndarray,
+    moving: np.ndarray,
     moment: float,
-) -> Iterator[Finding]:  # fmt: skip
+) -> Iterator[Finding]:
     """Yield outputs of other outputs that have no finite value where the rigid mechanism starts; of accelerations,
     stresses and forces it does not know, nor of deformations of a settled start."""
     outputs, unknowns = OutputSet.of(scene, kinematics, theta), Unknowns(kinematics.mechanism)
