@@ -40,6 +40,7 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.resources import give_back
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.linear_fields import incommensurate
 from pgmp_petsc.ranks.petsc import aij_matrix, times
 from pgmp_petsc.solvers.shift_invert import ShiftedFactor, check_complete, check_residuals
 
@@ -205,11 +206,8 @@ class BlockLanczos:
         return self._shift + 1.0 / nu[:n_usable], vectors
 
     def _waves(self, attempt: int) -> np.ndarray:
-        """Return incommensurate waves over the unknowns, local columns."""
-        first, last = self._mass.getOwnershipRange()
-        rows, numbers = np.arange(first, last), 1 + N_WAVES * attempt + np.arange(N_WAVES)
-        places = 1.0 + rows * (np.sqrt(5.0) / self._mass.getSize()[0])
-        return np.cos(np.outer(places, 1.0 + np.sqrt(2.0) * numbers))
+        rows, numbers = np.arange(*self._mass.getOwnershipRange()), 1 + N_WAVES * attempt + np.arange(N_WAVES)
+        return incommensurate(rows, self._mass.getSize()[0], numbers)
 
 
 Terms = Mapping[Monomial, "PETSc.Mat"]

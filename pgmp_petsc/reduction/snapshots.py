@@ -61,13 +61,12 @@ class ParameterSnapshots:
         theta: the configuration, shape (n_theta,), rad
         kept: nominal modes and static modes there, local rows, shape (n_local, n_kept)
         """
-        return [self._of_point(problem, theta, kept) for problem in self.problems]
-
-    def _of_point(self, problem: ModalProblem, theta: np.ndarray, kept: np.ndarray) -> np.ndarray:
-        modes = problem.solve(theta)
-        static = static_modes(problem, modes, self._loads.at)
-        own = np.hstack([modes.flexible, static])
-        return own @ problem.inner(own, problem.times_mass(kept))
+        found = []
+        for problem in self.problems:
+            modes = problem.solve(theta)
+            own = np.hstack([modes.flexible, static_modes(problem, modes, self._loads.at)])
+            found.append(own @ problem.inner(own, problem.times_mass(kept)))
+        return found
 
     def missed(self, snapshots: Sequence[np.ndarray], kept: np.ndarray) -> np.ndarray:
         """Return what vectors leave of the snapshots, side by side, M-orthogonal to them at the nominal parameters.
