@@ -94,7 +94,8 @@ def check_diagonal(matrix: sp.coo_matrix, kind: str, labels: np.ndarray, d: int,
     kind: ``"stiffness"`` or ``"mass"``
     labels: numbers of the nodes, shape (n_nodes,)
     received: the scene's entry and its value, with which messages begin
-    unit: that of the file in the scene's units"""
+    unit: that of the file in the scene's units
+    """
     diagonal = matrix.diagonal() / unit
     held = np.flatnonzero(np.abs(diagonal) >= PENALTY)
     if held.size:
@@ -236,7 +237,8 @@ def _bending(places: np.ndarray) -> np.ndarray:
     """Return strains that are constant, and bending, as displacement fields at places (n, d), shape (n d, n_fields).
 
     A slender body bends at the frequency of the latter: across an axis by the square of the place along it, with the
-    sections turning."""
+    sections turning.
+    """
     n, d = places.shape
     found = []
     for i in range(d):

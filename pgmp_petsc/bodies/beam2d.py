@@ -29,7 +29,8 @@ def strains(u, cos, sin, length):
 
     u: six element unknowns
     cos, sin: of psi
-    length: m"""
+    length: in m
+    """
     dx, dy, inverse = u[3] - u[0], u[4] - u[1], 1.0 / length
     return (cos * dx + sin * dy) * inverse, (cos * dy - sin * dx) * inverse, (u[5] - u[2]) * inverse
 
@@ -74,7 +75,8 @@ def fill_tangent(strain, stress, section, cos, sin, length, tangent):
     """Fill the packed Hessian (21,) of the strain energy.
 
     With damping the stiffnesses in `section` are larger by the factor ``1 + gain_v beta``, whereas the stresses are the
-    elastic ones: what a change of the directions makes of the damping forces is left out."""
+    elastic ones: what a change of the directions makes of the damping forces is left out.
+    """
     stretch, gamma, _ = strain
     normal, across, _ = stress
     axial, shear, bending = section
@@ -138,7 +140,8 @@ def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.nd
     Returns shape (n_elements, 3, n_pairs): coefficients of the strains of c.
 
     a, b: strains of both vectors of every pair, shape (n_elements, 3, n_pairs)
-    section: ``(EA, k_s GA, EI)``, shape (3,), or of every element (3, n_elements)"""
+    section: ``(EA, k_s GA, EI)``, shape (3,), or of every element (3, n_elements)
+    """
     (u_a, w_a, psi_a), (u_b, w_b, psi_b) = np.moveaxis(a, 1, 0), np.moveaxis(b, 1, 0)
     gamma_a, gamma_b = w_a - psi_a, w_b - psi_b
     eps, gamma = psi_a * gamma_b + w_a * psi_b, -(psi_a * u_b + u_a * psi_b)

@@ -61,7 +61,8 @@ def section_axes(edges: np.ndarray, orientation: np.ndarray | None) -> np.ndarra
 
     edges: from the first node to the second in the body's frame, shape (n, 3), m
     orientation: the section's second axis, or what it comes closest to at a right angle to the element, shape (3,);
-        where None the axis of the body's frame that is furthest from the element"""
+        where None the axis of the body's frame that is furthest from the element
+    """
     first = edges / np.linalg.norm(edges, axis=1)[:, None]
     wanted = np.eye(3)[np.argmin(np.abs(first), axis=1)]
     if orientation is not None:
@@ -102,7 +103,8 @@ def stretch(u, length, axes, section, work):
     u: unknowns of both nodes, shape (24,)
     length, axes: m, and T of shape (3, 3)
     section: ``(EA, GA_2, GA_3, GJ, EI_2, EI_3)``, shape (6,)
-    work: from `beam_work`; filled but for what a tangent alone needs"""
+    work: from `beam_work`; filled but for what a tangent alone needs
+    """
     for i in range(3):
         for j in range(3):
             force, moment = 0.0, 0.0
@@ -391,7 +393,8 @@ def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.nd
     Returns shape (n_elements, 9, n_pairs): coefficients of the strains of c.
 
     a, b: strains `rest_strains` of both vectors of every pair, shape (n_elements, 9, n_pairs)
-    section: ``(EA, GA_2, GA_3, GJ, EI_2, EI_3)``, shape (6,), or of every element (6, n_elements)"""
+    section: ``(EA, GA_2, GA_3, GJ, EI_2, EI_3)``, shape (6,), or of every element (6, n_elements)
+    """
     a, b = a.swapaxes(0, 1), b.swapaxes(0, 1)
     stiffness = section.reshape(6, -1, 1)
     bent = stiffness * second_order(a, b)

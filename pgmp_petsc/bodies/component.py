@@ -43,7 +43,8 @@ class Component:
     """A condensed body.
 
     moments: ``int rho u_i v_j dV`` of unit unknowns by weight, shape (d, d, n, n), i and u first; their trace is the
-        mass. Empty of rigid bodies, and of those read back from a reduced model, whose tables hold it"""
+        mass. Empty of rigid bodies, and of those read back from a reduced model, whose tables hold it
+    """
 
     frames: dict[str, int]  # name and number (from 0) of every frame
     centres: np.ndarray  # of the frames in the body's frame, shape (n_frames, d), m
@@ -142,7 +143,8 @@ def rigid_line(mesh: LineMesh, terms: Mapping[Monomial, tuple[float, ...]], axes
     shape (n_cells, 3, 3). Inertia forces would not be affine in several (`mechanism.capabilities` refuses them).
 
     A line of length L with its middle at m and the axes e has ``int rho X X^T dV = rho A L (m m^T + L^2 / 12 e_1 e_1^T)
-    + L (rho I_3 e_2 e_2^T + rho I_2 e_3 e_3^T)``."""
+    + L (rho I_3 e_2 e_2^T + rho I_2 e_3 e_3^T)``.
+    """
     lengths, middles = mesh.lengths, mesh.nodes[mesh.cells].mean(axis=1)
     ((weight, (line, *rotary)),) = terms.items()
     points = np.column_stack([middles, np.ones(len(middles))])

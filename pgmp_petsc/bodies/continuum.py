@@ -70,7 +70,8 @@ def evaluate_cells(cells, lame, modulus, beta, gain_v, places, rates, damped, fr
     places, rates: of the nodes, shape (n_a, d); rates are read where `damped`
     damped, fresh: whether the material damps, and whether tangents are wanted
     work: from `cell_work`
-    forces, tangents: results: shapes (n_a, d) and (m (m + 1) / 2,) with m = d n_a"""
+    forces, tangents: results: shapes (n_a, d) and (m (m + 1) / 2,) with m = d n_a
+    """
     f, rate, stress, viscous = work.deformation, work.rate, work.stress, work.viscous
     n_q, n_nodes, d = cells.gradients.shape
     power = modulus * 0.0

@@ -46,7 +46,8 @@ class FramedSolid:
         materials: of the scene
         mesh: of the body
         points: groups of faces that the scene names, with the entry that names each
-        profiles: what its constants are multiplied by, cell by cell"""
+        profiles: what its constants are multiplied by, cell by cell
+        """
         frames = {}
         for point, blame in points.items():
             faces = mesh.faces(point, blame)

@@ -80,7 +80,8 @@ class FieldsOnCells:
     solid: the body; its cross-section is not scaled
     cells: numbers of the cells
     places: where the nodes of each of them are in `fields`, shape (n_cells, n_cell_nodes)
-    fields: displacements of the nodes for a unit of every field, shape (n_nodes, d, n)"""
+    fields: displacements of the nodes for a unit of every field, shape (n_nodes, d, n)
+    """
 
     def __init__(self, solid: Solid, cells: np.ndarray, places: np.ndarray, fields: np.ndarray) -> None:
         self._solid, self._fields = solid, fields

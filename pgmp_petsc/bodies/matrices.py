@@ -118,7 +118,8 @@ class ThirdDerivative:
     Raises `ValueError` if the third derivative of a body is not known (`Body.third_derivative_known`).
 
     bodies: bodies of the mechanism; the strain energy of rigid ones is zero
-    rows: the range of rows (unknowns) held here"""
+    rows: the range of rows (unknowns) held here
+    """
 
     def __init__(self, bodies: Sequence[Body], rows: range) -> None:
         self._rows, n_dofs = rows, sum(body.dofs.size for body in bodies)

@@ -173,7 +173,8 @@ def expansion(
     places: middles of the cells, shape (n_cells, d), m
     volumes: of the cells, shape (n_cells,), m to the dimension of the cells
     kernel, length, smoothness: name of the kernel, correlation length (m) and smoothness; see the module
-    n_terms: number of terms, at most n_cells"""
+    n_terms: number of terms, at most n_cells
+    """
     places, volumes = np.ascontiguousarray(places, dtype=float), np.ascontiguousarray(volumes, dtype=float)
     return _expansion(places.tobytes(), volumes.tobytes(), places.shape[1], kernel, length, smoothness, n_terms)
 

@@ -156,7 +156,8 @@ class BlockPattern:
 
     cells: all cells, shape (n_cells, n_cell_nodes)
     nodes: the share: a range of node numbers
-    n_nodes: number of all nodes"""
+    n_nodes: number of all nodes
+    """
 
     def __init__(self, cells: np.ndarray, nodes: range, n_nodes: int) -> None:
         self._nodes, self._n_nodes = nodes, n_nodes

@@ -94,7 +94,8 @@ class SolidStrains:
 
         mesh: the body's
         materials: cells of each material, each of shape (n,)
-        nodes: numbers of the nodes, shape (n,)"""
+        nodes: numbers of the nodes, shape (n,)
+        """
         owner = _owners(mesh, materials)
         chosen = np.flatnonzero(np.isin(mesh.cells, nodes).any(axis=1))
         of_cells = mesh.cells[chosen]

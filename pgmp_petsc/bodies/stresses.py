@@ -293,7 +293,8 @@ def _fill_stresses(strains, material, lame, moduli, stresses):
 
     strains, stresses: shape (n_points, n_strains, n); stresses in Pa
     material, lame, moduli: the number of every point's material, Lame's constants (first, shear) of these over Young's
-        modulus, and this modulus, shape (n_materials, n), Pa"""
+        modulus, and this modulus, shape (n_materials, n), Pa
+    """
     n_points, m, n = strains.shape
     d = 2 if m == 3 else 3
     for point in range(n_points):
@@ -334,7 +335,8 @@ def principal(stresses: Points, largest: bool) -> np.ndarray:
 
     In space the three are ``p + 2 q cos(phi + 2 pi k / 3)`` with the mean p, ``6 q^2 = |S|^2`` of the deviator S and
     ``cos(3 phi) = det(S) / (2 q^3)`` (Smith 1961): of all points at once, to round-off of the largest stress but where
-    two are equal to its root."""
+    two are equal to its root.
+    """
     if stresses.shape[1] == 3:
         xx, yy, xy = np.moveaxis(stresses, 1, 0)
         reach = np.hypot(0.5 * (xx - yy), xy)

@@ -63,7 +63,8 @@ class Subspace:
     mass: symmetric, distributed by rows
     operator: linear, symmetric
     comm: the ranks of both
-    vectors, mass_vectors, images: V, M V, and the operator's images of V: local rows, shape (n_local, n)"""
+    vectors, mass_vectors, images: V, M V, and the operator's images of V: local rows, shape (n_local, n)
+    """
 
     def __init__(self, mass: PETSc.Mat, operator: Operator, comm: Comm) -> None:
         self._mass, self._operator, self.comm = mass, operator, comm
@@ -149,7 +150,8 @@ class BlockLanczos:
     inverse: ``(K - sigma M)^-1`` times local columns (n_local, k)
     shift: sigma, below all eigenvalues
     start: local columns of the first block
-    comm: ranks that share the body"""
+    comm: ranks that share the body
+    """
 
     def __init__(
         self, mass: PETSc.Mat, stiffness: PETSc.Mat, inverse: Callable[[np.ndarray], np.ndarray], shift: float,
@@ -244,7 +246,8 @@ class BodyProblem:
     places: this rank's nodes, shape (n, d), m
     comm: ranks that share the body
     memory: what the factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is
-    name: the body's, for messages"""
+    name: the body's, for messages
+    """
 
     def __init__(
         self, mass: Terms, stiffness: Terms, values: Mapping[str, float], places: np.ndarray, comm: Comm,
@@ -342,8 +345,8 @@ class BodyProblem:
 DEGREE = 3
 
 
-def polynomial_fields(places: np.ndarray, comm: Comm) -> np.ndarray:
-    """Return polynomials up to `DEGREE` in every direction, as products of Legendre's over the body's box,
+def polynomial_fields(places: np.ndarray, comm: Comm, degree: int = DEGREE) -> np.ndarray:
+    """Return polynomials up to a degree in every direction, as products of Legendre's over the body's box,
     shape (n d, n_fields). Collective on `comm`, whose ranks have different places. `places`: this rank's nodes,
     shape (n, d), m."""
     from mpi4py import MPI
@@ -353,8 +356,8 @@ def polynomial_fields(places: np.ndarray, comm: Comm) -> np.ndarray:
     comm.Allreduce(MPI.IN_PLACE, lowest, MPI.MIN)
     comm.Allreduce(MPI.IN_PLACE, highest, MPI.MAX)
     scaled = (2.0 * places - lowest - highest) / (highest - lowest)
-    along = [[legval(x, np.eye(DEGREE + 1)[k]) for k in range(DEGREE + 1)] for x in scaled.T]
-    powers = [power for power in product(range(DEGREE + 1), repeat=d) if sum(power) <= DEGREE]
+    along = [[legval(x, np.eye(degree + 1)[k]) for k in range(degree + 1)] for x in scaled.T]
+    powers = [power for power in product(range(degree + 1), repeat=d) if sum(power) <= degree]
     scalars = [np.prod([along[i][k] for i, k in enumerate(power)], axis=0) for power in powers]
     fields = np.einsum("fn,ij->nifj", np.array(scalars).reshape(len(powers), n), np.eye(d))
     return fields.reshape(n * d, -1)

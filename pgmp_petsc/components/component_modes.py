@@ -95,7 +95,8 @@ def condense(
         motion too, and the component keeps T and the mesh whatever their size. Otherwise it keeps them, for pictures,
         where they are small (`MOST_KEPT`) and there is no scaled cross-section
     large: whether what is of second order in the deformation will be asked for (`large_deformation.with_second_order`):
-        the subspace then answers the inertia forces of the rigid motion as well"""
+        the subspace then answers the inertia forces of the rigid motion as well
+    """
     timings = timings or Timings()
     d, n_nodes = solid.mesh.dimension, solid.mesh.n_nodes
     n_modes = min(n_modes, solid.n_dofs - d * (d + 1) // 2)  # a coarse mesh has no more
@@ -333,7 +334,8 @@ class SectionCoordinates:
         n_frames: number of frames, whose unknowns come first
         across: the rest of a motion beside its part along the axis, shape (n, n); need not be exact
         mass: in the coordinates at s = 1 for any parameter values, shape (n, n)
-        fields: C, shape (n, d (d + 1)), as `Component.fields`"""
+        fields: C, shape (n, d (d + 1)), as `Component.fields`
+        """
         d = {6: 2, 12: 3}[fields.shape[1]]
         turning = np.tile(np.arange(3 * (d - 1)) >= d, n_frames)
         scaling = np.concatenate([np.zeros(d, dtype=bool), np.tile(np.arange(d) > 0, d)])

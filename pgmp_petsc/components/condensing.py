@@ -89,7 +89,8 @@ def condensed(
     group: ranks that share a body
     finished: bodies that are condensed already, and where to keep others
     timings: gets this rank's wall time of the phases of `condense`
-    large: whether what is of second order in the deformation is wanted; None where the scene says so"""
+    large: whether what is of second order in the deformation is wanted; None where the scene says so
+    """
     done = dict(shapes) | dict({} if finished is None else finished.components)
     waiting = [name for name, shape in done.items() if to_condense(shape)]
     found = {}
@@ -388,7 +389,8 @@ def _moments_of_beams(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarra
 
     A point at the place ``sum_s eta_s t_s`` of a section moves with ``u + sum_s eta_s phi x t_s``: scalar fields are
     ``a + sum_s eta_s b_s`` with a linear between the nodes, and b from the rotations there; the section's moments are
-    those of 1 and of eta_s."""
+    those of 1 and of eta_s.
+    """
     mesh, n, d = body.mesh, modes.shape[1], body.mesh.nodes.shape[1]
     by_node, spins = modes.reshape(mesh.n_nodes, body.node_dofs, n), _spins(body, modes)
     shared = np.hstack([np.ones((mesh.n_nodes, 1)), mesh.nodes, *by_node[:, :d].swapaxes(0, 1)])

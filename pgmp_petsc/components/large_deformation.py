@@ -51,7 +51,8 @@ def foreshortening(
 
     third: W3 of the amplitudes times pairs of vectors (see `contraction_of`), N/m2
     stiffness, stretching: K, positive definite, and K_s, each of shape (n, n), N/m
-    n_followed: amplitudes that are followed, the first ones; c is zero in all others. None for all"""
+    n_followed: amplitudes that are followed, the first ones; c is zero in all others. None for all
+    """
     n = len(stiffness)
     share = np.linalg.solve(stiffness, stretching)
     stretched = share @ share @ (3.0 * np.eye(n) - 2.0 * share)
@@ -78,7 +79,8 @@ def with_second_order(
         `condense`
     nominal: parameter values for the foreshortening
     n_followed: free modes whose foreshortening is followed, the slowest ones; None for all
-    all_fields: whether it is wanted of all fields: that takes longest"""
+    all_fields: whether it is wanted of all fields: that takes longest
+    """
     if not solid.third_derivative_known:
         return component
     fields = FieldsOnRanks(solid, recovery, comm)
@@ -121,7 +123,8 @@ class FieldsOnRanks:
 
     solid: the body; its cross-section is not scaled
     recovery: the fields at this rank's nodes, shape (d n_nodes, n)
-    axis: the body's long axis"""
+    axis: the body's long axis
+    """
 
     def __init__(self, solid: Solid, recovery: np.ndarray, comm: Comm) -> None:
         mesh, nodes = solid.mesh, own_nodes(solid.mesh.n_nodes, comm)

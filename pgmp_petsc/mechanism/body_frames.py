@@ -72,7 +72,8 @@ class BodyGradients:
     mechanism: the mechanism that the attachments belong to
     held: the statements, or combinations of them, and their sides
     n: number of rows
-    rows, dofs: row and unknown of every entry, shape (n_entries,), none of them twice; no entry is zero everywhere"""
+    rows, dofs: row and unknown of every entry, shape (n_entries,), none of them twice; no entry is zero everywhere
+    """
 
     def __init__(
         self, mechanism: Mechanism, held: Sequence[tuple[Statement | Combination, tuple[Attachment, ...]]]

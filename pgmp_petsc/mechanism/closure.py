@@ -62,7 +62,8 @@ class LoopClosure:
     scales: what small changes of the coordinates are measured against, 1 rad or the size, shape (n_theta,)
     equations: all that its solutions depend on; what is the same has the same
     jacobian: from poses (n_bodies, n_pose, n) to d(residual)/dP, shape (n, n_constraints + n_theta, n_pose n_bodies)
-    has_redundant: whether joints and coordinates say more than poses can obey, so that a gap may be left"""
+    has_redundant: whether joints and coordinates say more than poses can obey, so that a gap may be left
+    """
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
@@ -421,7 +422,8 @@ def _solved(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
 
     Where J is square and its inverse shows that it is far from singular, the inverse is the answer. Where J has full
     column rank that is R^-1 Q^T, of which Q^T times the right-hand side stands beside R; the singular values, at ten
-    times the cost, are for the rest."""
+    times the cost, are for the rest.
+    """
     n = jacobian.shape[2]
     if jacobian.shape[1] == n:
         with suppress(np.linalg.LinAlgError):  # a pivot is zero
@@ -452,7 +454,8 @@ class ReleasedClosure:
     where j goes over as many independent ones of the released directions as there are such motions: a frame on two
     mounts in the plane has three, of the six directions that these release.
 
-    closure: the closure of the configuration, whose joints are locked"""
+    closure: the closure of the configuration, whose joints are locked
+    """
 
     def __init__(self, closure: LoopClosure) -> None:
         mechanism = closure.mechanism

@@ -45,7 +45,8 @@ class ConstraintSet:
     linear: whether all of them are linear in q
     jacobian_pattern: rows (constraints) and columns (unknowns) of the entries of C, each of shape (n_entries,)
     curvature_pattern: rows and columns of the entries of ``sum lambda d2c/dq2``, one of each symmetric pair, each
-        (n_curved,)"""
+        (n_curved,)
+    """
 
     def __init__(self, unknowns: Unknowns, kept: np.ndarray | None = None) -> None:
         mechanism, d = unknowns.mechanism, unknowns.dimension

@@ -28,7 +28,8 @@ class ConstraintJacobian:
     mechanism: the mechanism
     clamped: coordinates that are held: the statement of each is one more constraint
     pattern: a matrix with the nonzero pattern, shape (n_held + n_clamped + n_ties, n_dofs). What no constraint feels at
-        any configuration is not in it: such an unknown must not become a dependent one"""
+        any configuration is not in it: such an unknown must not become a dependent one
+    """
 
     def __init__(self, mechanism: Mechanism, clamped: Sequence[Coordinate] = ()) -> None:
         held = [part for one in mechanism.holders for part in one.holding(moving=True)]

@@ -191,7 +191,8 @@ class Continuation:
     poses: the poses there, shape (n_bodies, 3, 1)
     theta: configurations, the last coordinate fastest, shape (n, n_theta)
     poses: shape (n_bodies, 3, n)
-    shape: number of configurations along each axis"""
+    shape: number of configurations along each axis
+    """
 
     def __init__(
         self, closure: LoopClosure, axes: Sequence[np.ndarray], start: Sequence[int], poses: np.ndarray
@@ -390,7 +391,8 @@ class Walk:
 
     closure: loop closure of the mechanism
     theta: configuration where it is assembled, shape (n_theta,), rad
-    poses: its poses there, shape (n_bodies, n_pose, 1)"""
+    poses: its poses there, shape (n_bodies, n_pose, 1)
+    """
 
     def __init__(self, closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> None:
         self._closure, self._theta, self._assembled = closure, theta, poses[..., 0]

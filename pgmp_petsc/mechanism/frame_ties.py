@@ -82,7 +82,8 @@ class FrameTies:
 
     terms: the terms
     d: dimension
-    n, n_dofs: numbers of rows and of unknowns"""
+    n, n_dofs: numbers of rows and of unknowns
+    """
 
     def __init__(self, terms: Terms, d: int, n: int, n_dofs: int) -> None:
         self.terms, self.d, self.n = terms, d, n
@@ -190,7 +191,8 @@ def bent_terms(d: int, first_row: int, frame: int, amplitudes: np.ndarray, bent:
 
     first_row: the row of the tie's first component
     frame, amplitudes: the first unknown of the floating frame, and the unknowns xi, shape (n,)
-    bent: ``a``, shape (d, n, n), 1/m"""
+    bent: ``a``, shape (d, n, n), 1/m
+    """
     i, j = np.tril_indices(amplitudes.size)
     of_pairs = np.where(i == j, 0.5, 1.0) * bent[:, i, j]
     k, pair = np.nonzero(np.abs(of_pairs) > LEAST * np.max(np.abs(of_pairs), initial=0.0))

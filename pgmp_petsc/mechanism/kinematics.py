@@ -69,7 +69,8 @@ class RigidKinematics:
     coordinate: the first of them, for what takes only one
     size: a length that is typical of the mechanism, m
     n_redundant: number of constraints that follow from the others
-    branch: the assembly branch; None with more than two coordinates"""
+    branch: the assembly branch; None with more than two coordinates
+    """
 
     def __init__(self, mechanism: Mechanism, branch: PoseBranch | None = None) -> None:
         self.mechanism = mechanism
@@ -180,7 +181,8 @@ class RigidKinematics:
 
         Returns shape (n_bodies, 3, n): ``(X, Y, Phi)`` of every body: m, m, rad.
 
-        theta: coordinate values, shape (n, n_theta), rad; inside the range where a coordinate is not periodic"""
+        theta: coordinate values, shape (n, n_theta), rad; inside the range where a coordinate is not periodic
+        """
         theta = self.configurations(theta)
         if self._walk is not None:
             return self._walk.poses(theta)
@@ -205,7 +207,8 @@ class RigidKinematics:
 
         theta: configurations, shape (n, n_theta), rad
         poses: from `poses` there, shape (n_bodies, n_pose, n); not a number where they are not known, and then next to
-            them neither"""
+            them neither
+        """
         theta = self.configurations(theta)
         if (
             self._patches is None
@@ -278,7 +281,8 @@ class RigidKinematics:
     def within_reach(self, theta: np.ndarray) -> np.ndarray:
         """Return where the rigid mechanism can be placed: in the range, or a little (`REACH`) outside it.
 
-        theta: shape (..., n_theta); for one coordinate of any shape, and so is what is returned"""
+        theta: shape (..., n_theta); for one coordinate of any shape, and so is what is returned
+        """
         theta = np.asarray(theta)
         if self.n_coordinates == 1:
             return self._reaches(self.coordinate, theta)

@@ -29,7 +29,8 @@ from pgmp_petsc.scene.uses import slides
 class Coordinate:
     """An independent rigid coordinate: the value of a statement over a range.
 
-    A prescribed one follows a given motion: the flexible vectors of the reduced basis do not change it."""
+    A prescribed one follows a given motion: the flexible vectors of the reduced basis do not change it.
+    """
 
     name: str
     statement: Statement  # what it is, rad or m
@@ -179,7 +180,8 @@ class Mechanism:
         These are the statements of the joints, which are zero, combinations of what couplings couple, and in space the
         statements that make the directors of `frames` a rotation: of its bodies' poses, or of all nodes. Elastic joints
         are locked and none is off, as in the configuration; `moving` is without what they release, and about joints
-        where they are."""
+        where they are.
+        """
         held = [part for one in self.holders for part in one.holding(moving)]
         wanted = [coupling.value for coupling in self.couplings for _ in coupling.holding(moving)]
         values = np.concatenate([np.zeros(len(held) - len(wanted)), wanted])

@@ -137,7 +137,8 @@ def null_space(constraints: sp.csr_matrix) -> NullSpace:
 def _pivoted(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
     """Return R in its upper triangle (what is below it is not zero), the order of columns, and the rank.
 
-    LAPACK itself: what SciPy checks and allocates takes ten times as long as a joint's few rows."""
+    LAPACK itself: what SciPy checks and allocates takes ten times as long as a joint's few rows.
+    """
     if not matrix.shape[1]:
         return matrix, np.zeros(0, dtype=int), 0
     r, order, *_ = lapack.dgeqp3(matrix)

@@ -53,7 +53,8 @@ class PosePatches:
 
         closure: closes the loops at the points of patches
         theta: configurations, shape (n_configurations, 2)
-        n: 1 for poses alone, 6 for their derivatives too"""
+        n: 1 for poses alone, 6 for their derivatives too
+        """
         theta, patches = np.ascontiguousarray(theta), np.empty(len(theta), dtype=np.int64)
         if self._coefficients.size > LARGEST:
             self._forget()

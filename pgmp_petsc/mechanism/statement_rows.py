@@ -40,7 +40,8 @@ class StatementRows:
     jacobian_pattern: rows and unknowns of the first derivatives of terms that are not zero everywhere, each of shape
         (n_entries,). What repeats a pair is added
     curvature_pattern: rows and columns among all unknowns of the second derivatives of all rows that are not, one of
-        each symmetric pair, each of shape (n_curved,). Rows repeat a pair"""
+        each symmetric pair, each of shape (n_curved,). Rows repeat a pair
+    """
 
     def __init__(
         self,
@@ -233,7 +234,8 @@ def _evaluate(what, rows, q, rates, known, result):
     what: ``VALUES``, ``SLOPES`` or ``CURVATURES`` on the patterns of `rows`, or ``DRIFT``
     q, rates: shape (n_dofs, n_samples); the rates are for the drift
     known: what angles are nearest to, or the multipliers of the curvatures, shape (n, n_samples)
-    result: zeros, shape (n or n_entries or n_curved, n_samples)"""
+    result: zeros, shape (n or n_entries or n_curved, n_samples)
+    """
     starts, columns, unknowns = rows.entries
     curved_starts, one, other = rows.curved
     n_samples, width = q.shape[1], rows.dofs.shape[1]

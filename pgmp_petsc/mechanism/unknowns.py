@@ -23,7 +23,8 @@ class Unknowns:
     mechanism: its flexible bodies on their meshes, where they are solids in space
     bodies: the mechanism's, with internal coordinates numbered as here
     dimension: 2 or 3
-    n_dofs: number of unknowns"""
+    n_dofs: number of unknowns
+    """
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism, self._space = mechanism, mechanism.space

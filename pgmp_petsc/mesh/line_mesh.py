@@ -89,7 +89,8 @@ def read_line_mesh(path: Path | str, entry: str, dimension: int = 2) -> LineMesh
     Nodes that are on no line cell are dropped; the others keep the file's order. `entry` is the dotted name of the
     scene's entry, for the messages. Raises `InputError` if the file is missing or unreadable, holds cells that beams
     cannot use, leaves the plane z = 0 in two dimensions, has cells of zero length or twice the same cell, or is not
-    connected."""
+    connected.
+    """
     received = shortened(f'{entry} = "{path}"')
     mesh = read_mesh(Path(path), received)
     with usable(received):

@@ -231,7 +231,8 @@ def read_rows(path: Path, received: str) -> np.ndarray:
 
     Raises `InputError` if there is no such file, a line is none of the kind, or rows are missing or there twice.
 
-    Returns shape (n, 2): node and direction of every row."""
+    Returns shape (n, 2): node and direction of every row.
+    """
     check_file(path, received, "a list of rows is needed (row, node, direction)")
     found = {}
     for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
@@ -260,7 +261,8 @@ def in_order_of_nodes(
 
     `rows` are those of `read_rows`, None where there is no such list; `received` and `of_nodes` the scene's entries of
     the matrix and of the nodes, with their values. Raises `InputError` if the matrix has another size, or rows of nodes
-    that are not there, of internal nodes, or of rotations."""
+    that are not there, of internal nodes, or of rotations.
+    """
     entries, d = file.matrix.tocoo(), nodes.nodes.shape[1]
     size, wanted = entries.shape[0], d * len(nodes.nodes)
     rows = file.rows if file.rows is not None else rows

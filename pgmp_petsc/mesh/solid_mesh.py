@@ -120,7 +120,8 @@ def shape_gradients(kind: str, points: np.ndarray) -> np.ndarray:
     """Return the gradients of an element's shape functions in reference coordinates, shape (n_points, d, n_nodes).
 
     kind: str. meshio's name of the cell type
-    points: ndarray of float, shape (n_points, d). Reference coordinates"""
+    points: ndarray of float, shape (n_points, d). Reference coordinates
+    """
     return _tabulated(kind, reference_element(kind).nodes, points)[1]
 
 

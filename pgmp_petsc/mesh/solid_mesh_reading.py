@@ -172,7 +172,8 @@ def check_sets(path: Path, received: str) -> None:
     """Refuse the sets of an Abaqus file that meshio would read wrongly; do nothing for other files.
 
     path: Path. A file that meshio has read
-    received: str. The scene's entry and its value, with which messages begin"""
+    received: str. The scene's entry and its value, with which messages begin
+    """
     if path.suffix.lower() != SUFFIX:
         return
     known, bare_element_card = set(), False
@@ -203,7 +204,8 @@ def check_cells(kind: str, nodes: np.ndarray, cells: np.ndarray, received: str) 
 
     Nodes are (n_nodes, d), finite, m; cells (n_cells, n_cell_nodes) of meshio's type `kind` use every node. Messages
     begin with `received`, the scene's entry and its value, and number cells and nodes in the file's order, from zero.
-    Raises `InputError`, naming what is wrong, and where."""
+    Raises `InputError`, naming what is wrong, and where.
+    """
     check_repeated(kind, cells, received)
     check_pieces(cells, received)
     _check_shapes(kind, nodes, cells, received)
@@ -215,7 +217,8 @@ def _check_shapes(kind: str, nodes: np.ndarray, cells: np.ndarray, received: str
     Coordinates are known to `RELATIVE_TOLERANCE` times the mesh's extent. An error of this size in J changes det J by
     up to its product with the norm of J's cofactors, and below that a determinant has no certain sign. In other words,
     the smallest singular value of J, the thinnest measure of the cell, must be above the error of the coordinates,
-    whatever the size of the cell and however slender it is."""
+    whatever the size of the cell and however slender it is.
+    """
     element = reference_element(kind)
     error = RELATIVE_TOLERANCE * np.ptp(nodes, axis=0).max()
     coordinates = nodes[cells].swapaxes(1, 2)
@@ -256,7 +259,8 @@ def read_solid_mesh(path: Path | str, dimension: int, entry: str) -> SolidMesh:
     Nodes are numbered anew from one end of the body to the other, cells in the order of their lowest node. Cells of
     lower dimension serve as the faces of named groups only. `entry` is the dotted name of the scene's entry. Raises
     `InputError` if the file is missing or unreadable, has sets that meshio misreads, or `solid_mesh` refuses what it
-    holds."""
+    holds.
+    """
     received = shortened(f'{entry} = "{path}"')
     mesh = read_mesh(Path(path), received)
     with usable(received):
@@ -270,7 +274,8 @@ def solid_mesh(mesh: meshio.Mesh, dimension: int, received: str) -> SolidMesh:
 
     Raises `InputError` if the cells are not of one supported type, name nodes that are not there or leave nodes unused;
     if coordinates are not finite or, in the plane, off z = 0; if cells are repeated, inverted, without volume or in
-    several pieces; or if a named group has faces that the cells do not have."""
+    several pieces; or if a named group has faces that the cells do not have.
+    """
     return renumbered(numbered_as_filed(mesh, dimension, received))
 
 
@@ -384,7 +389,8 @@ VERSION = b"4.1"
 def complete_physical_groups(mesh: meshio.Mesh, path: Path) -> None:
     """Set the mesh's cell sets to all cells of each physical group, if `path` is a file of this format.
 
-    mesh: meshio.Mesh. What meshio has read from the file"""
+    mesh: meshio.Mesh. What meshio has read from the file
+    """
     groups = entity_groups(path)
     if not groups or "gmsh:geometrical" not in mesh.cell_data:
         return
@@ -437,7 +443,8 @@ def named_groups(mesh: meshio.Mesh, kind: str, cells: np.ndarray, received: str)
 
     Where a set of cells and a node set have the same name, the faces are those of the set of cells. `cells` are all
     cells of meshio's type `kind`, block after block, in the file's numbers of nodes. Raises `InputError` if a group has
-    cells that are no faces of the mesh, or a set of cells cannot be told."""
+    cells that are no faces of the mesh, or a set of cells cannot be told.
+    """
     own = cell_faces(kind, cells)
     face_kind = reference_element(kind).face_kind
     blocks = [np.asarray(block.data, dtype=int) for block in mesh.cells if block.type == face_kind and len(block.data)]

@@ -50,7 +50,8 @@ def procrustes(overlaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Returns rotations: orthogonal Q such that ``V Q`` is closest to B, shape (..., m, m); cosines: cosine of the
     largest angle between the two subspaces, shape (...); 1 where they agree.
 
-    overlaps: ``V^T M B``, shape (..., m, m): the new vectors V against the neighbour's basis B"""
+    overlaps: ``V^T M B``, shape (..., m, m): the new vectors V against the neighbour's basis B
+    """
     if overlaps.shape[-1] == 1:  # a sign
         return np.where(overlaps < 0.0, -1.0, 1.0), np.abs(overlaps[..., 0, 0])
     left, cosines, right = np.linalg.svd(overlaps)
@@ -73,7 +74,8 @@ def group_modes(eigenvalues: np.ndarray, overlaps: np.ndarray) -> list[np.ndarra
 
     eigenvalues: of the first n_modes vectors, ascending at every sample, shape (n, n_modes); further vectors (static
         modes) have none
-    overlaps: ``V_k^T M V_{k-1}`` from each sample to the next, shape (n', m, m)"""
+    overlaps: ``V_k^T M V_{k-1}`` from each sample to the next, shape (n', m, m)
+    """
     n_modes = eigenvalues.shape[1]
     mixing = np.max(np.abs(overlaps), axis=0, initial=0.0)
     linked = mixing > EXCHANGE
@@ -95,7 +97,8 @@ def transport(overlaps: np.ndarray, groups: Sequence[np.ndarray], start: np.ndar
 
     overlaps: ``V_k^T M V_{k-1}`` for samples 1 to n - 1, shape (n - 1, m, m)
     groups: as from `group_modes`
-    start: rotation of the first sample, block-diagonal in the groups, shape (m, m)"""
+    start: rotation of the first sample, block-diagonal in the groups, shape (m, m)
+    """
     # the polar factor of O Q with an orthogonal Q is that of O, times Q
     rotations = [start]
     for turn in _by_groups(overlaps, groups)[0]:
@@ -141,7 +144,8 @@ def close_revolution(
     rotations: as from `transport`, shape (n, m, m)
     last_overlap: ``V_0^T M V_{n-1}``, shape (m, m)
     groups: as from `group_modes`
-    beside: the closed revolution at a neighbouring value of another coordinate, if this one must go with it"""
+    beside: the closed revolution at a neighbouring value of another coordinate, if this one must go with it
+    """
     back, _ = _by_groups(last_overlap @ rotations[-1], groups)
     holonomy = rotations[0].T @ back
     closed, closures, flipped = rotations.copy(), [], []
@@ -284,7 +288,8 @@ class GridBasis:
         near enough to tell; carried around it, each of them comes back with the opposite sign. Where neighbouring lines
         turn away from each other, the group is joined with the one that it mixes with most: their common space is
         continuous. Raises `RunError` if neighbouring lines do not stay together even so; told is whether the modes
-        alone would, or how many of the first ones."""
+        alone would, or how many of the first ones.
+        """
         try:
             return cls._followed(samples, start)
         except RunError as error:

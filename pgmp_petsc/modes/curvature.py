@@ -89,7 +89,8 @@ class CurvatureProblem:
 
     problem: eigenproblem at the nominal parameters
     static_stretching: whether chi keeps its part along stiff vectors, which stretch the bodies
-    built_in: offsets, which the last vectors of a basis answer"""
+    built_in: offsets, which the last vectors of a basis answer
+    """
 
     def __init__(self, problem: ModalProblem, static_stretching: bool = False, built_in: BuiltIn | None = None) -> None:
         self._problem, self._built_in = problem, built_in
@@ -110,7 +111,8 @@ class CurvatureProblem:
         shape: the flexible vectors of the basis, local rows, shape (n_local, m), the answers to offsets last
         answered: the load that each of them answers, as from `answered_loads` and combinations of them, zero where none
             is known (joints then take of its elastic forces what they can), shape (n_local, m)
-        loose: which of them are without strain, as elastic joints allow them, shape (m,); none by default"""
+        loose: which of them are without strain, as elastic joints allow them, shape (m,); none by default
+        """
         loose = np.zeros(shape.shape[1], dtype=bool) if loose is None else loose
         problem, pairs = self._problem, np.tril_indices(shape.shape[1])
         everywhere = problem.all_rows(shape)
@@ -168,7 +170,8 @@ class CurvatureProblem:
             psi_k.K3[u] psi_k + mu.c''[psi_k, psi_k] + 2 mu_k.c''[u, psi_k] = - f.chi_kk,
 
         so that h is ``-chi_kk``, chi deflated of the rigid motion alone. Raises `RunError` if the refinement of an
-        answer does not converge."""
+        answer does not converge.
+        """
         problem, flexible = self._problem, modes.flexible
         each = (np.arange(flexible.shape[1]),) * 2
         everywhere = problem.all_rows(flexible)
@@ -227,7 +230,8 @@ class CurvatureProblem:
         inertia forces.
 
         static: static modes, local rows, shape (n_local, n_static)
-        loads: the loads that they answer, in their order, in body frames, local rows, shape (n_local, n_static)"""
+        loads: the loads that they answer, in their order, in body frames, local rows, shape (n_local, n_static)
+        """
         problem = self._problem
         inertia = modes.eigenvalues * problem.times_mass(modes.flexible)
         if not static.shape[1]:
@@ -247,7 +251,8 @@ class _TurningJoints:
     hessians: second derivatives of the joints that are not linear
     shape: psi in body frames, shape (n_dofs, m)
     pairs: numbers i and j of the vectors of every pair, shape (n_pairs,) each
-    gaps: of the offsets that the last vectors answer, if there are any"""
+    gaps: of the offsets that the last vectors answer, if there are any
+    """
 
     def __init__(
         self, jacobian: sp.csr_matrix, hessians: list[ConstraintHessian], shape: np.ndarray,
@@ -305,7 +310,8 @@ Pairs = tuple[np.ndarray, np.ndarray]
 class RotaryCurvature:
     """The directors of all nodes.
 
-    mechanism: the mechanism; bodies on meshes and condensed ones have no directors with mass"""
+    mechanism: the mechanism; bodies on meshes and condensed ones have no directors with mass
+    """
 
     def __init__(self, mechanism: Mechanism) -> None:
         self._n_dofs = mechanism.n_dofs

@@ -92,7 +92,8 @@ class ModalProblem:
     matrices: the rows that this rank has of the mechanism's matrices (`owned_rows`), where they are assembled already
     clamped: coordinates that follow given motions
     n_released, n_unstrained: numbers of motions that elastic joints allow, and of all vanishing eigenvalues: those of
-        free coordinates too"""
+        free coordinates too
+    """
 
     def __init__(
         self, kinematics: RigidKinematics, values: Mapping[str, float], n_modes: int, comm: Comm,
@@ -236,7 +237,8 @@ class ModalProblem:
 
         kept: eigenvectors at the configuration that the problem is at, local rows, shape (n_local, n_kept)
         loads: in body frames, local rows, shape (n_local, n_loads)
-        what: what is being computed, for messages"""
+        what: what is being computed, for messages
+        """
         m_kept = self.times_mass(kept)
         inverse = np.linalg.inv(self.inner(kept, m_kept))
         balanced = loads - m_kept @ (inverse @ self.inner(kept, loads))

@@ -68,7 +68,8 @@ def static_modes(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np
 
     problem: at a configuration
     modes: modes there
-    loads_at: gives the loads where the problem is, in body frames, local rows, shape (n_local, n_loads)"""
+    loads_at: gives the loads where the problem is, in body frames, local rows, shape (n_local, n_loads)
+    """
     kept, loads = modes.eigenvectors, loads_at(problem, modes)
     if not len(loads.T):
         return np.empty((len(kept), 0))
@@ -164,7 +165,8 @@ class SpringStiffness:
 
     weights: conservative effects that load the mechanism; None for the unloaded state
     dofs: unknowns of every block, the same at all configurations
-    free: numbers of the coordinates that are not prescribed"""
+    free: numbers of the coordinates that are not prescribed
+    """
 
     def __init__(
         self,
@@ -261,7 +263,8 @@ class VibrationProblem(ModalProblem):
     springs: what springs add to the stiffness; it knows kinematics and parameter values
     values, n_modes, comm: as for `ModalProblem`; `n_modes` counts all frequencies but those of rigid motions that no
         spring resists
-    n_rigid: number of these rigid motions"""
+    n_rigid: number of these rigid motions
+    """
 
     def __init__(self, springs: SpringStiffness, values: Mapping[str, float], n_modes: int, comm: Comm) -> None:
         self._springs = springs

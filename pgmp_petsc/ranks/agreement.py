@@ -38,7 +38,8 @@ def agreed(comm: Comm, activity: str) -> Iterator[None]:
     traceback, `RunError` where that rank failed with any other exception; its traceback is printed to stderr there.
 
     comm: mpi4py.Comm. The ranks that run the block
-    activity: str. What the block does, as a noun phrase ("reading the mesh"); part of the message of a `RunError`"""
+    activity: str. What the block does, as a noun phrase ("reading the mesh"); part of the message of a `RunError`
+    """
     failure: PgmpError | None = None
     try:
         yield

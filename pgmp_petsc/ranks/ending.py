@@ -133,7 +133,8 @@ def release_petsc(comm: Comm) -> None:
 
     A PETSc object that a cycle of Python references kept is only marked when the cycle is collected, and is
     destroyed with PETSc itself. Python has ended by then, and a time stepper written in Python crashes there.
-    That is so with PETSc 3.18, and was not seen with 3.26."""
+    That is so with PETSc 3.18, and was not seen with 3.26.
+    """
     # a rank whose work failed early may never have loaded PETSc
     if all(comm.allgather("petsc4py.PETSc" in sys.modules)):
         from petsc4py import PETSc
@@ -267,7 +268,8 @@ def child(
     seconds: time that it may take, by the clock and of the processor; None where its work has no bound of its own
     cwd: its working folder
     **streams: ``stdin``, ``stdout`` and ``stderr``, as of `subprocess.Popen`; nothing is read, and nothing kept, where
-        one is not given"""
+        one is not given
+    """
     given = {name: streams.get(name, subprocess.DEVNULL) for name in ("stdin", "stdout", "stderr")}
     limit = "0" if seconds is None else str(max(1, round(seconds)))
     guarded = [sys.executable, "-I", "-S", "-c", _GUARD, str(os.getpid()), limit, *map(os.fspath, command)]

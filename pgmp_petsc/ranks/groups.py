@@ -83,7 +83,8 @@ def first_ranks(comm: Comm, n: int) -> Iterator[Comm]:
     """Yield a communicator of the first n ranks, and one of the others on those. Collective on `comm`.
 
     It is freed at the end of the block, whatever happens there: freeing waits for nobody in MPI's usual
-    implementations."""
+    implementations.
+    """
     part = comm.Split(color=int(comm.rank >= n), key=comm.rank)
     try:
         yield part
@@ -110,7 +111,8 @@ def deal(comm: Comm, n_pieces: int, work: Work, take: Take) -> None:
 
     work: computes a piece, given by its number, on any rank; calls what it is given besides now and then. Its result is
         pickled
-    take: takes in number and result of a piece, on rank 0"""
+    take: takes in number and result of a piece, on rank 0
+    """
     in_hand = 2 if n_pieces >= MANY * comm.size else 1
     if comm.rank == 0:
         _First(comm, range(1 + (comm.size - 1) * in_hand, n_pieces), work, take).run(n_pieces)

@@ -75,7 +75,8 @@ def start_mpi() -> Comm:
 
     Open MPI starts a daemon and looks for networks, a third of a second, also for a process that nobody started
     together with others; it needs neither. Processes that it starts later are not told so. Raises `InputError` if
-    several processes were started together, and there is no mpi4py, or the working directory is gone."""
+    several processes were started together, and there is no mpi4py, or the working directory is gone.
+    """
     open_standard_streams()
     if "mpi4py.MPI" not in sys.modules:
         check_working_folder()
@@ -104,7 +105,8 @@ def start_petsc(arguments: Sequence[str] = (), comm: Comm | None = None) -> None
     Raises `InputError` if a word is no option, PETSc refuses one, or there is no PETSc that would take them.
 
     arguments: options; PETSc that runs already has had its own
-    comm: what PETSc takes for its world, COMM_WORLD if not given; it is used until the program ends"""
+    comm: what PETSc takes for its world, COMM_WORLD if not given; it is used until the program ends
+    """
     option_names(arguments)
     if not has_petsc():
         if arguments:

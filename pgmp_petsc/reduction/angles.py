@@ -269,7 +269,8 @@ def _unless_nothing(load: np.ndarray, size: float) -> Iterator[np.ndarray]:
 def _largest(output: StressOutput, body: Body, moves: np.ndarray, scene: Scene) -> np.ndarray:
     """Return the largest size of an output under each load, shape (n_loads,), for coordinates (n, n_dofs, n_loads).
 
-    Of what is no linear form of the stresses it is a bound of differences: von Mises' stress of these, for one."""
+    Of what is no linear form of the stresses it is a bound of differences: von Mises' stress of these, for one.
+    """
     sizes = [np.zeros(0)]
     for strains in _strains(output.points, body, moves):
         both = [np.abs(output.value(sign * strains, scene.nominal)) for sign in (1.0, -1.0)]

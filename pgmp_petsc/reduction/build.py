@@ -480,7 +480,8 @@ class Manifold:
     loads: load terms of the scene, local rows, inertial frame
     static_loads: loads whose static answers the basis holds
     static_stretching: as for `CurvatureProblem`
-    built_in: offsets, of which samples have the answers, or None"""
+    built_in: offsets, of which samples have the answers, or None
+    """
 
     def __init__(
         self, problem: ModalProblem, loads: Sequence[Load], static_loads: StaticLoads, static_stretching: bool = False,
@@ -496,7 +497,8 @@ class Manifold:
 
         theta: the configuration, shape (n_theta,), rad
         sample: what was found there
-        combination: the basis in terms of the sample's vectors, shape (n_vectors, n_delta)"""
+        combination: the basis in terms of the sample's vectors, shape (n_vectors, n_delta)
+        """
         problem = self._problem
         modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
         first, last = sample.n_modes, sample.n_modes + problem.n_released

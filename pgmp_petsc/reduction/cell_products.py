@@ -44,7 +44,8 @@ def products_of(
     theta: configurations, shape (k, n_theta), rad
     axes, table: grid of every coordinate and rows of the table, shape (n_rows, n_in, n_out)
     vectors: the first factors, shape (k, m); where there are more, they are products of pairs of these
-    derivative: number of the coordinate that the matrices are differentiated with, -1 for the matrices themselves"""
+    derivative: number of the coordinate that the matrices are differentiated with, -1 for the matrices themselves
+    """
     (_, n_in, n_out), cells = table.shape, np.empty(len(theta), dtype=np.int64)
     result = np.empty((len(theta), n_out))
     _fill_cells(theta, axes, cells)

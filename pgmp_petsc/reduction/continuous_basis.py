@@ -75,7 +75,8 @@ def join_samples(
 
     owners: number of the group that holds each sample, shape (n,)
     own: this group's samples by their number
-    samples: all configurations"""
+    samples: all configurations
+    """
     overlaps = _overlaps(group, owners, own, samples)
     shapes = {k: _all_rows(group, np.hstack([own[k].shape, own[k].built_in])) for k in sorted(own)}
     if group.roots is None:
@@ -155,7 +156,8 @@ class SampleStore:
     """Who holds which sample, and this group's own ones. All ranks keep the same books.
 
     group: groups of ranks; new configurations are dealt to them in contiguous arcs
-    samples: the configurations to begin with"""
+    samples: the configurations to begin with
+    """
 
     def __init__(self, group: RankGroup, samples: SampleGrid) -> None:
         self._group = group
@@ -254,7 +256,8 @@ class ContinuousBasis:
 
         samples: these, n_sampled of them
         curvature: chi, pairs packed, shape (n_sampled, n_dofs, n_pairs)
-        tables: at n_sampled samples"""
+        tables: at n_sampled samples
+        """
         for axis in np.flatnonzero(self.flipped.any(axis=1)):
             signs = flipping_signs(self.tables.n_modes, self.flipped[axis])
             tables = tables.over_two_turns(samples, axis, signs)
@@ -275,7 +278,8 @@ def compression_of(
     That of the samples `before` stays, for tables to be compared, unless one of its vectors vanishes between these: it
     turned up at a sample that came since. Others are then chosen, or fewer.
 
-    Raises `InputError` if the first samples' snapshots do not span so many vectors."""
+    Raises `InputError` if the first samples' snapshots do not span so many vectors.
+    """
     n_snapshots = joined.snapshots.stop - joined.n_kept
     if not n_parameter:
         return before or Compression(np.empty((n_snapshots, 0)), np.empty((len(joined.flipped), 0), dtype=bool))
@@ -325,7 +329,8 @@ def interpolation_errors(
     before, now: the round before, and this one with the new samples. A new sample is turned to the interpolated basis
         first, within the groups of the round before: more samples resolve more, so that groups can only become smaller
     theta: the new samples, shape (n_new,)
-    values: nominal parameters, which weight the terms"""
+    values: nominal parameters, which weight the terms
+    """
     old = before.tables
     rows = np.searchsorted(now.tables.samples.axes[0].theta, theta)
     guessed = interpolant(old.samples, before.projection, "spline")(theta)

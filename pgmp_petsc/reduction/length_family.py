@@ -60,7 +60,8 @@ def build_over_lengths(
     scene, meshes: the scene, with parameters that are lengths, places or ratios, and the mesh of every body at any
         lengths
     build: builds the model of a scene whose lengths are those of its run, at given configurations and with vectors from
-        given parameter values, or those that the scene asks for; collective, None on all ranks but the first"""
+        given parameter values, or those that the scene asks for; collective, None on all ranks but the first
+    """
     grid = LengthGrid.of(scene)
 
     def built(own: Scene, values: Mapping[str, float]) -> ReducedOrderModel | None:

@@ -114,7 +114,8 @@ def missed_answers_at(
 
     problem: at the nominal parameters
     static_loads: what static modes answer
-    theta, sample, combination: as of `Manifold.at`"""
+    theta, sample, combination: as of `Manifold.at`
+    """
     modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
     rigid, vectors = modes.rigid[:, modes.free], np.hstack([sample.shape, sample.built_in])
     shape, n_own = vectors @ combination, sample.shape.shape[1]

@@ -32,7 +32,8 @@ class Reconstruction:
     rom: the reduced-order model, with the projection
     scheme: interpolation over the samples
     nodes: global numbers of the nodes wanted
-    internal: whether the internal coordinates of all bodies are wanted too"""
+    internal: whether the internal coordinates of all bodies are wanted too
+    """
 
     def __init__(
         self, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str, nodes: Sequence[int],
@@ -61,7 +62,8 @@ class Reconstruction:
     def frames(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of the nodes, shape (n_nodes, 3, n), for eta of shape (n, n_eta).
 
-        In space a frame is position, directors and the rigid coordinates: shape (n_nodes, 12 + n_theta, n)."""
+        In space a frame is position, directors and the rigid coordinates: shape (n_nodes, 12 + n_theta, n).
+        """
         theta = self._theta(eta)
         return self._frames(theta, self._kinematics.poses(theta), self._displacements(eta))
 
@@ -70,7 +72,8 @@ class Reconstruction:
         (n_dofs, n_points, n), at the points (n_points, n, n_eta) of n short paths; see `mechanism.unknowns`.
 
         First and second differences from the first point of each, at which loops are closed, are those of the
-        mechanism: poses at the others are those of `RigidKinematics.near`."""
+        mechanism: poses at the others are those of `RigidKinematics.near`.
+        """
         eta = paths.reshape(-1, paths.shape[2])
         theta, middle = self._theta(eta), self._theta(paths[0])
         poses = self._kinematics.poses(middle)
@@ -111,7 +114,8 @@ class Reconstruction:
         All are exact: derivatives of poses from the kinematics, those of displacements from the cells of the tables.
 
         states: eta, its rates and, of order 2, its accelerations, each of shape (n, n_eta)
-        cells_of: other eta, next to these, from whose cells the tables are continued"""
+        cells_of: other eta, next to these, from whose cells the tables are continued
+        """
         eta = states[0]
         if order == 0 and cells_of is None:
             return [self.frames(eta)]
@@ -172,7 +176,8 @@ class Reconstruction:
 
         The latter takes directions (n, n_eta), and what it returns for these how far to go along them (n,).
         Displacements in body frames change by their exact derivative along the direction, so that no cell of the tables
-        is left; poses are those of `RigidKinematics.near`."""
+        is left; poses are those of `RigidKinematics.near`.
+        """
         theta, local = self._theta(eta), self._displacements(eta)
         poses = self._kinematics.poses(theta)
         poses_near = self._kinematics.near(theta, poses)

@@ -127,7 +127,8 @@ class ReducedOrderModel:
         """Return displacements and rotations of some unknowns in body frames, values of shape (n_factors, dofs.size).
 
         Factors are the flexible coordinates and, where the model is curved, the products of their pairs. All unknowns
-        are interpolated at once, and kept: outputs, fields and estimates of errors take each a part of them."""
+        are interpolated at once, and kept: outputs, fields and estimates of errors take each a part of them.
+        """
         if scheme not in self._displacements:
             shapes = [self.projection] if self.curvature is None else [self.projection, self.curvature]
             table = np.ascontiguousarray(np.swapaxes(np.concatenate(shapes, axis=2), 1, 2))

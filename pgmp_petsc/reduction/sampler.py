@@ -32,7 +32,8 @@ class Sample:
     The kept vectors are the eigenmodes, ascending, after them what elastic joints allow, and the static modes of the
     loads. Snapshots of every
     parameter point follow, M-orthogonal to them: candidates, of which the build takes a few combinations. Tables are of
-    all these, and last of what joints that are off build in."""
+    all these, and last of what joints that are off build in.
+    """
 
     eigenvalues: np.ndarray  # full-order eigenvalues at the nominal parameters, shape (n_modes,), (rad/s)^2
     #: mass, inertia, stiffness, load: as in `ReducedTables`, at this configuration
@@ -72,7 +73,8 @@ class Sampler:
     static_loads: loads whose static answers extend the basis
     snapshots: snapshots at other parameter values, or None
     probe: of the influence of loads on the stiffness of modes, or None
-    built_in: what joints that are off build in, or None"""
+    built_in: what joints that are off build in, or None
+    """
 
     def __init__(
         self, problem: ModalProblem, loads: Sequence[Load], static_loads: StaticLoads,
@@ -153,7 +155,8 @@ class TurnedLoads:
     """Load vectors in body frames at any configuration.
 
     problem: eigenproblem; it has the rows and the ranks
-    loads: load terms, local rows, inertial frame but for those that are constant in the frames of the bodies"""
+    loads: load terms, local rows, inertial frame but for those that are constant in the frames of the bodies
+    """
 
     def __init__(self, problem: ModalProblem, loads: Sequence[Load]) -> None:
         self._problem, self._loads = problem, loads

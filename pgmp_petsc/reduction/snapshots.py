@@ -35,7 +35,8 @@ class ParameterSnapshots:
 
     problem: eigenproblem at the nominal parameters
     loads: what static modes answer
-    points: values of all parameters at every point"""
+    points: values of all parameters at every point
+    """
 
     def __init__(self, problem: ModalProblem, loads: StaticLoads, points: Sequence[Mapping[str, float]]) -> None:
         self._problem, self._loads = problem, loads
@@ -58,7 +59,8 @@ class ParameterSnapshots:
         Returns one of the same shape for every point.
 
         theta: the configuration, shape (n_theta,), rad
-        kept: nominal modes and static modes there, local rows, shape (n_local, n_kept)"""
+        kept: nominal modes and static modes there, local rows, shape (n_local, n_kept)
+        """
         found = []
         for problem in self.problems:
             modes = problem.solve(theta)
@@ -104,7 +106,8 @@ class Compression:
         flipped: whether a snapshot changes its sign after a revolution of each coordinate, shape (n_theta,
             n_snapshots): over two of them, those that do are orthogonal to those that do not
         n_parameter: number of vectors wanted
-        fewer: whether fewer will do"""
+        fewer: whether fewer will do
+        """
         mean = np.where((flipped[:, :, None] == flipped[:, None, :]).all(axis=0), grams.mean(axis=0), 0.0)
         squares, vectors = np.linalg.eigh(mean)
         squares, vectors = squares[::-1], vectors[:, ::-1]

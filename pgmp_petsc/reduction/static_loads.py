@@ -51,7 +51,8 @@ class StaticLoads:
         Raises `InputError` if the mesh has too few degrees of freedom for the whole basis.
 
         patterns: load patterns of the effects; all are used where static modes are wanted, and those of linear springs
-            where nothing is said against them"""
+            where nothing is said against them
+        """
         wanted = patterns.wanted(reduction)
         accelerations = _independent(problem) if reduction.inertia_modes else np.zeros(0, dtype=int)
         turning = UnitForces(wanted.turning, problem.mechanism)
@@ -65,7 +66,8 @@ class StaticLoads:
         """Return the loads without those whose answers are combinations of others wherever they are tried.
 
         A guide takes up a part of the weight of a rigid body, for one: its answers along two axes are then the same
-        one."""
+        one.
+        """
         n_fixed, n_turning = self.patterns.shape[1], len(self.turning.actions)
         if not n_fixed + n_turning + self.accelerations.size:
             return self
@@ -119,7 +121,8 @@ def _accelerations(problem: ModalProblem, rigid: np.ndarray, curvature: np.ndarr
 
     ``d2 rho/d theta2``, each pair of coordinates once, those of a mechanism that moves at constant speed; and ``d rho/d
     theta`` of the prescribed coordinates. (That of a free coordinate balances the applied loads and is in their
-    answers.) Shape (n_local, n_accelerations)."""
+    answers.) Shape (n_local, n_accelerations).
+    """
     n_theta = rigid.shape[1]
     pairs = [(k, j) for k in range(n_theta) for j in range(k + 1)]
     driven = [k for k in range(n_theta) if k not in problem.free]
@@ -176,7 +179,8 @@ class InfluenceProbe:
     """Computes influences at any configuration. Collective on the problem's communicator.
 
     problem: eigenproblem at the nominal parameters; the third derivative of its bodies' strain energy is known
-    actions: local effects of the scene"""
+    actions: local effects of the scene
+    """
 
     def __init__(self, problem: ModalProblem, actions: Sequence[Action]) -> None:
         self._problem = problem
@@ -219,7 +223,8 @@ class BuiltInStress:
     communicator.
 
     problem: eigenproblem at the nominal parameters; the third derivative of its bodies' strain energy is known
-    scene, shapes: as of `BuiltIn`; the scene has the offsets"""
+    scene, shapes: as of `BuiltIn`; the scene has the offsets
+    """
 
     def __init__(self, problem: ModalProblem, scene: Scene, shapes: Mapping[str, BodyShape]) -> None:
         self._problem, self._built_in = problem, BuiltIn(problem, scene, shapes)

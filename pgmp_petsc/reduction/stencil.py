@@ -45,7 +45,8 @@ def stencil(theta, axis, rows, weights, slopes):
     """Fill the rows, weights and derivative weights for one theta.
 
     theta: coordinate, rad; inside the range if the grid is not periodic
-    rows, weights, slopes: results, shape (4,): ``A = sum weights A[rows]``, ``dA/dtheta = sum slopes A[rows]``"""
+    rows, weights, slopes: results, shape (4,): ``A = sum weights A[rows]``, ``dA/dtheta = sum slopes A[rows]``
+    """
     cell, s = locate(theta, axis)
     cell_stencil(cell, s, axis, rows, weights, slopes)
 

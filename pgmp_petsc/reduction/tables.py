@@ -238,7 +238,8 @@ class ReducedTables:
         n_unstrained), Hz.
 
         mass_weights, stiffness_weights: values of the weights, shapes (n_mass_terms,) and (n_stiffness_terms,)
-        free: numbers of the coordinates that are not prescribed, which are held; all by default"""
+        free: numbers of the coordinates that are not prescribed, which are held; all by default
+        """
         if self.n_given:
             return self.moving().frequencies_hz(mass_weights, stiffness_weights, free)
         r = self.n_coordinates
@@ -291,7 +292,8 @@ def rigid_inertia(
     In its own frame a body moves as a combination of constant vectors, so the mass that belongs to the velocities of
     all bodies is projected once.
 
-    mass: all rows of the mass terms, in body frames, shape (n_dofs, n_dofs) each"""
+    mass: all rows of the mass terms, in body frames, shape (n_dofs, n_dofs) each
+    """
     fine, mechanism = fine_grid(samples), kinematics.mechanism
     unit = np.zeros((mechanism.n_dofs, 0))
     for dofs, fields in mechanism.linear_fields:
@@ -319,7 +321,8 @@ def indefinite_between(tables: ReducedTables, scheme: str, values: Mapping[str, 
 
     tables: in the continuous basis
     scheme: interpolation over the samples
-    values, n_samples: parameter values to look at, shape (n_samples,) each"""
+    values, n_samples: parameter values to look at, shape (n_samples,) each
+    """
     samples, r = tables.samples, tables.n_coordinates
     places = PLACES if samples.n_coordinates == 1 else MIDDLE
     theta = SampleGrid(tuple(_between(axis, places) for axis in samples)).theta

@@ -62,7 +62,8 @@ class ShiftedFactor:
     comm: that of the matrices
     prefix: of the options that reach its linear solver
     memory: what the factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is
-    counts: only count eigenvalues"""
+    counts: only count eigenvalues
+    """
 
     def __init__(self, comm: PETSc.Comm, prefix: str, memory: float | None = None, counts: bool = False) -> None:
         from petsc4py import PETSc
@@ -104,7 +105,8 @@ class ShiftedFactor:
 
         a, b: symmetric matrices of one pattern
         shift: sigma
-        what: what it is for, in messages"""
+        what: what it is for, in messages
+        """
         from petsc4py import PETSc
 
         pattern, fresh = PETSc.Mat.Structure.SAME_NONZERO_PATTERN, self._matrix is None
@@ -326,33 +328,32 @@ RESIDUAL_TOLERANCE = 1e-6  # of |lambda| |B x|; the eigenvalue's own error is of
 def check_residuals(
     a: PETSc.Mat, b: PETSc.Mat, values: np.ndarray, vectors: np.ndarray, floor: float, where: str
 ) -> None:
-    """Check the residuals of ``A x = lambda B x`` for values (n,) and local rows of vectors (n_local, n); `floor` and
-    errors as of `refuse_residuals`, at a configuration."""
+    """Check residuals relative to the eigenvalue; those of zero eigenvalues to the first positive one.
+
+    Raises `RunError` if one is too large.
+
+    a, b: of ``A x = lambda B x``
+    values, vectors: shape (n,), and local rows (n_local, n)
+    floor: the first positive eigenvalue
+    where: configuration, for messages
+    """
     x, ax, bx = a.createVecRight(), a.createVecLeft(), a.createVecLeft()
-    residuals = np.empty(len(values))
     try:
-        for k, value in enumerate(values):
-            x.setArray(vectors[:, k])
+        for value, column in zip(values, vectors.T):
+            x.setArray(column)
             a.mult(x, ax)
             b.mult(x, bx)
+            scale = bx.norm() * max(abs(value), floor)
             ax.axpy(-value, bx)
-            residuals[k] = ax.norm() / bx.norm()
+            residual = ax.norm() / scale
+            if not residual < RESIDUAL_TOLERANCE:
+                raise RunError(
+                    f"eigenproblem at {where}: eigenvalue {value:.6g} has the relative residual {residual:.2g}, "
+                    f"above {RESIDUAL_TOLERANCE:g}; the mesh may be too fine for double precision"
+                )
     finally:
         for work in (x, ax, bx):
             work.destroy()
-    refuse_residuals(values, residuals, floor, f"eigenproblem at {where}")
-
-
-def refuse_residuals(values: np.ndarray, residuals: np.ndarray, floor: float, what: str) -> None:
-    """Raise `RunError` if a residual ``|A x - lambda B x| / |B x|`` is large beside the eigenvalue, or of zero
-    eigenvalues beside the first positive one, `floor`; `what` begins the message."""
-    relative = residuals / np.maximum(np.abs(values), floor)
-    wrong = np.flatnonzero(~(relative < RESIDUAL_TOLERANCE))
-    if wrong.size:
-        raise RunError(
-            f"{what}: eigenvalue {values[wrong[0]]:.6g} has the relative residual {relative[wrong[0]]:.2g}, above "
-            f"{RESIDUAL_TOLERANCE:g}; the mesh may be too fine for double precision"
-        )
 
 
 def check_complete(
@@ -365,7 +366,8 @@ def check_complete(
     count_below: number of eigenvalues below a value
     values: all that were found, ascending
     n_pairs: number of the lowest ones that are wanted
-    where, cure: configuration, and what may help, for messages"""
+    where, cure: configuration, and what may help, for messages
+    """
     # the widest relative gap at or above the last wanted pair, so that the count is not ambiguous
     candidates = np.arange(n_pairs, values.size)
     if candidates.size:
@@ -402,7 +404,8 @@ class ShiftInvertSolver:
 
     comm: that of the matrices
     shift: sigma, below all eigenvalues
-    prefix: of the options that reach this solver"""
+    prefix: of the options that reach this solver
+    """
 
     def __init__(self, comm: PETSc.Comm, shift: float, prefix: str) -> None:
         from petsc4py import PETSc
@@ -449,7 +452,8 @@ class ShiftInvertSolver:
 
         a, b: symmetric matrices of one pattern
         n_rigid, n_flexible: number of eigenvalues of A that are or may be zero, and of others to be found
-        where: configuration, for messages"""
+        where: configuration, for messages
+        """
         size, n_pairs = a.getSize()[0], n_rigid + n_flexible
         wanted = min(size, n_pairs + SPARE_PAIRS)
         eps = self._eps

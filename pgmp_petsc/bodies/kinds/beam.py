@@ -158,7 +158,8 @@ class Beam(Body):
         A is taken row by row. A section's fibres move with the second and third columns of A in the element's axes; the
         rotation with the same moment of momentum is ``((J_22 A_32 - J_33 A_23) / (J_22 + J_33), A_13, -A_12)``. For
         spins it is the rotation itself; for strain rates it gives the moments of centripetal accelerations. Where the
-        shape of the section depends on parameters, the share of J is that at the nominal values."""
+        shape of the section depends on parameters, the share of J is that at the nominal values.
+        """
         if self.planar:
             return mean
         local = np.zeros((3, 3, 3))

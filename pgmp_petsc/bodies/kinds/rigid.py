@@ -121,7 +121,8 @@ class RigidBody(Body):
         matrices then stay constant, and affine in the parameters.
 
         The point mass borrows moment of inertia, by weight: both turn as one, so that nothing changes, but a particle
-        without any would make the mass matrix singular."""
+        without any would make the mass matrix singular.
+        """
         own, lent = (self._lending_in_plane if self.component is None else self._lending_in_space)()
         mesh = self._centre(self.shape.nodes[node])
         particle = RigidBody(name, mesh, mesh, {0: dict(lumps)}, drawn=mesh)
@@ -138,7 +139,8 @@ class RigidBody(Body):
 
         With the tensor of inertia J that body has ``int rho X X^T dV = 1/2 tr(J) 1 - J``, positive definite; half its
         smallest eigenvalue is left. Of a flat body, and of terms that are no bodies by themselves, it is a small share
-        of the trace of J."""
+        of the trace of J.
+        """
         mass, lent = {}, {}
         shares = {w: float(np.linalg.eigvalsh(directors(m[3:, 3:]))[0]) for w, m in self.component.mass.items()}
         traces = {w: float(np.trace(m[3:, 3:])) for w, m in self.component.mass.items()}
