@@ -91,8 +91,13 @@ class NullSpace:
 
 
 class NullSpaces:
-    """Null spaces of Jacobians on one nonzero pattern: which constraints share unknowns is found once. `pattern`: a
-    matrix with the pattern and no entry twice, shape (n_constraints, n_dofs)."""
+    """Null spaces of Jacobians on one nonzero pattern: which constraints share unknowns is found once.
+
+    Parameters
+    ----------
+    pattern
+        A matrix with the pattern and no entry twice, shape (n_constraints, n_dofs).
+    """
 
     def __init__(self, pattern: sp.csr_matrix) -> None:
         self._n_dofs = pattern.shape[1]

@@ -195,11 +195,16 @@ class FloatingFile(Record):
         if kept is not None:
             kept = replace(kept, shapes=kept.shapes @ np.linalg.inv(self.parts)[:, -self.shapes.shape[2] :])
         return FloatingBody(
-            frames=component.frames, centres=component.centres, shapes=self.shapes,
+            frames=component.frames,
+            centres=component.centres,
+            shapes=self.shapes,
             moments=_terms(self.moments, self.moments_weights),
-            stiffness=_terms(self.stiffness, self.stiffness_weights), bent=self.bent,
-            curved=_terms(self.curved, self.curved_weights), recovery=kept, parts=self.parts,
-        )  # fmt: skip
+            stiffness=_terms(self.stiffness, self.stiffness_weights),
+            bent=self.bent,
+            curved=_terms(self.curved, self.curved_weights),
+            recovery=kept,
+            parts=self.parts,
+        )
 
 
 @dataclass(frozen=True)
@@ -271,13 +276,20 @@ class ComponentFile(Record):
             third = _terms(large.third, large.third_weights)
             large = LargeDeformation(third, _terms(large.stretching, large.stretching_weights), large.slenderness)
         found = Component(
-            frames=frames, centres=self.centres, mass=_terms(self.mass, self.mass_weights),
+            frames=frames,
+            centres=self.centres,
+            mass=_terms(self.mass, self.mass_weights),
             stiffness=_terms(self.stiffness, self.stiffness_weights),
-            moments={} if self.moments is None else _terms(self.moments, self.moments_weights), fields=self.fields,
-            probes=self.probes, n_mesh_dofs=self.n_mesh_dofs, error=self.error, centre_of_mass=self.centre_of_mass,
-            recovery=None if self.recovery is None else self.recovery.recovery, large=large,
+            moments={} if self.moments is None else _terms(self.moments, self.moments_weights),
+            fields=self.fields,
+            probes=self.probes,
+            n_mesh_dofs=self.n_mesh_dofs,
+            error=self.error,
+            centre_of_mass=self.centre_of_mass,
+            recovery=None if self.recovery is None else self.recovery.recovery,
+            large=large,
             foreshortening=self.foreshortening,
-        )  # fmt: skip
+        )
         if self.moments is None and not found.rigid and self.floating is None:
             raise ValueError("'floating' of a flexible body is missing")
         return found if self.floating is None else replace(found, floating=self.floating.floating(found))

@@ -68,19 +68,31 @@ class Sample:
 class Sampler:
     """Computes samples. Collective on the problem's communicator.
 
-    problem: eigenproblem at the nominal parameters
-    loads: load terms of the scene, local rows, inertial frame
-    static_loads: loads whose static answers extend the basis
-    snapshots: snapshots at other parameter values, or None
-    probe: of the influence of loads on the stiffness of modes, or None
-    built_in: what joints that are off build in, or None
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters.
+    loads
+        Load terms of the scene, local rows, inertial frame.
+    static_loads
+        Loads whose static answers extend the basis.
+    snapshots
+        Snapshots at other parameter values, or None.
+    probe
+        Of the influence of loads on the stiffness of modes, or None.
+    built_in
+        What joints that are off build in, or None.
     """
 
     def __init__(
-        self, problem: ModalProblem, loads: Sequence[Load], static_loads: StaticLoads,
-        snapshots: ParameterSnapshots | None = None, probe: InfluenceProbe | None = None,
+        self,
+        problem: ModalProblem,
+        loads: Sequence[Load],
+        static_loads: StaticLoads,
+        snapshots: ParameterSnapshots | None = None,
+        probe: InfluenceProbe | None = None,
         built_in: BuiltIn | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.problem = problem
         mechanism = problem.mechanism
         self._mass = _stacked([problem.matrices.mass[w] for w in mechanism.mass_weights])
@@ -92,8 +104,10 @@ class Sampler:
         self._probe, self._built_in = probe, built_in
 
     def sample(self, theta: np.ndarray, scramble: Scramble) -> Sample:
-        """Sample one configuration (n_theta,), rad. Raises `RunError` if the eigensolver fails; see
-        `ModalProblem.solve`."""
+        """Sample one configuration (n_theta,), rad.
+
+        Raises `RunError` if the eigensolver fails; see `ModalProblem.solve`.
+        """
         problem = self.problem
         modes = scramble(problem.solve(theta))
         order = np.argsort(modes.eigenvalues, kind="stable")
@@ -121,12 +135,17 @@ class Sampler:
         released = slice(problem.n_modes, problem.n_modes + problem.n_released)
         stiffness[:, released] = stiffness[:, :, released] = 0.0  # but for round-off
         return Sample(
-            eigenvalues=modes.eigenvalues, mass=_symmetric(problem.inner(basis, inertia)),
-            inertia=work.reshape(len(inertia), n_theta, n_theta, -1), stiffness=stiffness,
-            load=problem.inner(loads, basis), canonical=self._canonical(modes, kept.shape[1]), shape=shape,
-            mass_kept=problem.times_mass(kept), built_in=built_in,
+            eigenvalues=modes.eigenvalues,
+            mass=_symmetric(problem.inner(basis, inertia)),
+            inertia=work.reshape(len(inertia), n_theta, n_theta, -1),
+            stiffness=stiffness,
+            load=problem.inner(loads, basis),
+            canonical=self._canonical(modes, kept.shape[1]),
+            shape=shape,
+            mass_kept=problem.times_mass(kept),
+            built_in=built_in,
             influence=np.zeros((0, 0)) if self._probe is None else self._probe.at(modes, loads),
-        )  # fmt: skip
+        )
 
     def _canonical(self, modes: ModeSet, n_kept: int) -> np.ndarray:
         """Return the rotation that fixes the modes' signs whatever the solver made of them."""
@@ -137,8 +156,11 @@ class Sampler:
         return rotation
 
     def _incommensurate(self, n_waves: int) -> np.ndarray:
-        """Return incommensurate waves, local rows. Internal coordinates of condensed bodies have no meaning of their
-        own; the waves over the bodies' meshes have."""
+        """Return incommensurate waves, local rows: no mode shape of any mesh is orthogonal to its own one but by
+        accident.
+
+        Internal coordinates of condensed bodies have no meaning of their own; the waves over the bodies' meshes have.
+        """
         mechanism, rows = self.problem.mechanism, self.problem.rows
         waves = incommensurate(np.arange(mechanism.n_dofs), mechanism.n_dofs, np.arange(1, n_waves + 1))
         for body in mechanism.bodies:
@@ -154,8 +176,12 @@ class Sampler:
 class TurnedLoads:
     """Load vectors in body frames at any configuration.
 
-    problem: eigenproblem; it has the rows and the ranks
-    loads: load terms, local rows, inertial frame but for those that are constant in the frames of the bodies
+    Parameters
+    ----------
+    problem
+        Eigenproblem; it has the rows and the ranks.
+    loads
+        Load terms, local rows, inertial frame but for those that are constant in the frames of the bodies.
     """
 
     def __init__(self, problem: ModalProblem, loads: Sequence[Load]) -> None:
