@@ -383,8 +383,8 @@ class BodyProblem:
 DEGREE = 3
 
 
-def polynomial_fields(places: np.ndarray, comm: Comm, degree: int = DEGREE) -> np.ndarray:
-    """Return polynomials up to a degree in every direction, as products of Legendre's over the body's box.
+def polynomial_fields(places: np.ndarray, comm: Comm) -> np.ndarray:
+    """Return polynomials up to `DEGREE` in every direction, as products of Legendre's over the body's box.
 
     Collective on `comm`, whose ranks have different places.
 
@@ -404,8 +404,8 @@ def polynomial_fields(places: np.ndarray, comm: Comm, degree: int = DEGREE) -> n
     comm.Allreduce(MPI.IN_PLACE, lowest, MPI.MIN)
     comm.Allreduce(MPI.IN_PLACE, highest, MPI.MAX)
     scaled = (2.0 * places - lowest - highest) / (highest - lowest)
-    along = [[legval(x, np.eye(degree + 1)[k]) for k in range(degree + 1)] for x in scaled.T]
-    powers = [power for power in product(range(degree + 1), repeat=d) if sum(power) <= degree]
+    along = [[legval(x, np.eye(DEGREE + 1)[k]) for k in range(DEGREE + 1)] for x in scaled.T]
+    powers = [power for power in product(range(DEGREE + 1), repeat=d) if sum(power) <= DEGREE]
     scalars = [np.prod([along[i][k] for i, k in enumerate(power)], axis=0) for power in powers]
     fields = np.einsum("fn,ij->nifj", np.array(scalars).reshape(len(powers), n), np.eye(d))
     return fields.reshape(n * d, -1)

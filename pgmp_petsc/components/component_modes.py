@@ -263,7 +263,7 @@ def _condensed(
         {w: keep.T @ a @ keep for w, a in stiffness.items()},
         moments,
         constant,
-        turn.T @ subspace.inner(subspace.mass_vectors, _waves(rows, solid.n_dofs)),
+        turn.T @ subspace.inner(subspace.mass_vectors, waves),
         solid.n_dofs,
         error,
     )
