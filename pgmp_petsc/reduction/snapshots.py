@@ -214,7 +214,7 @@ def choose_points(scene: Scene, problem: ModalProblem, loads: StaticLoads, group
         chosen, current = trial, found
         missed.append(current.max())
     values = {name: np.array([candidates[k][name] for k in chosen]) for name in spanned}
-    return ParameterPoints(values, np.array(missed), scene.reduction.parameter_modes)
+    return ParameterPoints(scene.reduction.parameter_modes, np.array(missed), values)
 
 
 class _Shares:
