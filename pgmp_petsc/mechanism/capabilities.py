@@ -259,14 +259,9 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
 
     Raises `InputError`, naming the entry, the bodies or coordinates that it does not take, and the cure.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    purpose
-        What it is read for.
-    meshes
-        Of the bodies, where they are at hand: what too many coordinates would cost depends on them.
+    scene: the scene
+    purpose: what it is read for
+    meshes: of the bodies, where they are at hand: what too many coordinates would cost depends on them
     """
     n, names = len(scene.coordinates), ", ".join(scene.coordinates)
     if n > MOST_COORDINATES and purpose is Purpose.SIZES:

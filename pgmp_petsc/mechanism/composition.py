@@ -53,10 +53,8 @@ def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]
 
 
 def attachment_at(scene: Scene, bodies: Sequence[Body], address: str, entry: str) -> Attachment:
-    """Return the attachment at ``"body:point"`` or ``"ground:point"``.
-
-    Raises `InputError` if the body's mesh has no such point; `entry` is the scene entry to blame.
-    """
+    """Return the attachment at ``"body:point"`` or ``"ground:point"``. Raises `InputError` if the body's mesh has no
+    such point; `entry` is the scene entry to blame."""
     name, _, point = address.partition(":")
     if name == GROUND:
         return Attachment.on_ground_at(np.asarray(scene.ground_position(point), dtype=float))
@@ -109,12 +107,9 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
 def couplings_of(
     scene: Scene, connections: Sequence[Connection], poses: np.ndarray, known: Sequence[Statement]
 ) -> tuple[Coupling, ...]:
-    """Return the joints of a scene that couple motions of its connections, with what holds at poses (n_bodies,
-    n_pose).
-
+    """Return the joints of a scene that couple motions of its connections, with what holds at poses (n_bodies, n_pose).
     Their statements stand in the order of the scene, but for an angle that is none of those known, which is the last:
-    in space its turn follows from the others.
-    """
+    in space its turn follows from the others."""
     by_name, row = {one.name: one for one in connections}, sum(len(one.statements) for one in connections)
     n_pose, couplings = poses.shape[1], []
     for name, entry in scene.joints.items():
@@ -140,10 +135,8 @@ def couplings_of(
 
 
 def _run(scene: Scene, bodies: Sequence[Body], joint: str, first: Attachment, way: np.ndarray) -> list[Attachment]:
-    """Return the nodes of a beam along a direction (d,) through a point, which a joint rides on.
-
-    Raises `InputError` if there are none but the point, or a coordinate has the joint beyond them.
-    """
+    """Return the nodes of a beam along a direction (d,) through a point, which a joint rides on. Raises `InputError` if
+    there are none but the point, or a coordinate has the joint beyond them."""
     body = bodies[first.body]
     nodes, along = body.mesh.run(first.node - body.first_node, way)
     if nodes.size == 1:
@@ -203,11 +196,9 @@ def _held(
 
 
 def first_guess(scene: Scene, bodies: Sequence[Body]) -> np.ndarray:
-    """Return poses to start the assembly from, shape (n_bodies, n_pose); they choose the assembly branch.
-
-    A body with a `placement` takes that; the others are moved, joint by joint from the ground, so that their joint
-    point meets the one already placed, with the direction that they have in their mesh.
-    """
+    """Return poses to start the assembly from, shape (n_bodies, n_pose); they choose the assembly branch. A body with a
+    `placement` takes that; the others are moved, joint by joint from the ground, so that their joint point meets the
+    one already placed, with the direction that they have in their mesh."""
     space = space_of(scene.dimension)
     d = space.dimension
     poses = np.tile(space.identity, (len(bodies), 1))

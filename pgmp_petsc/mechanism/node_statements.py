@@ -88,25 +88,14 @@ def scratch_of(statements, m):
 def state(statements, k, y, known, second, scratch, g, h):
     """Evaluate the function of a statement in the unknowns of its two nodes.
 
-    Parameters
-    ----------
-    statements, k
-        The statements, and the number of the one that is wanted.
-    y
-        Unknowns of both nodes, anything on the ground, shape (2 m,), m = 3 in the plane or 12.
-    known
-        What an angle is nearest to, rad; in the plane angles count turns by themselves.
-    second
-        Whether h is wanted.
-    scratch
-        From `scratch_of`.
-    g, h
-        Results: first and second derivatives, shapes (2 m,) and (2 m, 2 m).
+    Returns ``f(s)``; of s itself m, 1 or rad.
 
-    Returns
-    -------
-    float
-        ``f(s)``; of s itself m, 1 or rad.
+    statements, k: the statements, and the number of the one that is wanted
+    y: unknowns of both nodes, anything on the ground, shape (2 m,), m = 3 in the plane or 12
+    known: what an angle is nearest to, rad; in the plane angles count turns by themselves
+    second: whether h is wanted
+    scratch: from `scratch_of`
+    g, h: results: first and second derivatives, shapes (2 m,) and (2 m, 2 m)
     """
     if y.size == 2 * PLANAR and _is_linear(statements, k):
         s = _linear(statements, k, y, second, g, h)
@@ -217,18 +206,11 @@ def _place(statements, k, y, z):
 def _to_unknowns(arms, z, second, gradient, hessian, half, g, h):
     """Turn derivatives in two frames into g (2 m,) and h (2 m, 2 m), those in the unknowns of their nodes.
 
-    Parameters
-    ----------
-    arms
-        Of both sides, shape (2, d), m.
-    z
-        The frames, shape (2 d (d + 1),).
-    second
-        Whether h is wanted.
-    gradient, hessian
-        Derivatives in the frames; changed here to those in the frames of the nodes.
-    half
-        Work array, shape (2 d (d + 1), 2 m).
+    arms: of both sides, shape (2, d), m
+    z: the frames, shape (2 d (d + 1),)
+    second: whether h is wanted
+    gradient, hessian: derivatives in the frames; changed here to those in the frames of the nodes
+    half: work array, shape (2 d (d + 1), 2 m)
     """
     d, n_pair, m = arms.shape[1], z.size, g.size // 2
     n = n_pair // 2

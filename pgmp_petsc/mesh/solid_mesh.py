@@ -124,12 +124,8 @@ def reference_element(kind: str) -> ReferenceElement:
 def shape_gradients(kind: str, points: np.ndarray) -> np.ndarray:
     """Return the gradients of an element's shape functions in reference coordinates, shape (n_points, d, n_nodes).
 
-    Parameters
-    ----------
-    kind : str
-        meshio's name of the cell type.
-    points : ndarray of float, shape (n_points, d)
-        Reference coordinates.
+    kind: str. meshio's name of the cell type
+    points: ndarray of float, shape (n_points, d). Reference coordinates
     """
     return _tabulated(kind, reference_element(kind).nodes, points)[1]
 
@@ -210,11 +206,8 @@ class SolidMesh(Counted):
         return self.nodes.shape[1]
 
     def faces(self, name: str, entry: str) -> np.ndarray:
-        """Return the faces of the group `name`, shape (n_faces, n_face_nodes).
-
-        Raises `InputError` if the name is unknown or holds no face; `entry` is the dotted name of the scene's entry
-        that asks.
-        """
+        """Return the faces of the group `name`, shape (n_faces, n_face_nodes). Raises `InputError` if the name is
+        unknown or holds no face; `entry` is the dotted name of the scene's entry that asks."""
         return self._named(name, entry, ("group of faces", self.groups), ("region", "cells", self.regions))
 
     def region(self, name: str, entry: str) -> np.ndarray:
@@ -248,13 +241,8 @@ def _known(names: dict[str, np.ndarray]) -> str:
 
 
 def set_numbers(rows: np.ndarray) -> np.ndarray:
-    """Number rows (n, k) so that two of them have the same number where they hold the same nodes, in any order.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        From zero without gaps, growing with the lowest node of the row.
-    """
+    """Number rows (n, k) so that two of them have the same number where they hold the same nodes, in any order. Returns
+    shape (n,): from zero without gaps, growing with the lowest node of the row."""
     rows = np.sort(rows, axis=1)
     order = np.lexsort(rows.T[::-1])  # many times faster than np.unique of rows
     is_new = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
@@ -277,11 +265,9 @@ def bounds_one_cell(faces: np.ndarray) -> np.ndarray:
 
 
 def incidence_edges(n_nodes: int, cells: np.ndarray) -> np.ndarray:
-    """Return an edge from each cell to each of its nodes, shape (2, n_edges); cell i is vertex n_nodes + i.
-
-    Two nodes of a cell are two edges apart. The graph that joins them directly says the same, but has several times as
-    many edges.
-    """
+    """Return an edge from each cell to each of its nodes, shape (2, n_edges); cell i is vertex n_nodes + i. Two nodes
+    of a cell are two edges apart. The graph that joins them directly says the same, but has several times as many
+    edges."""
     return np.array([cells.ravel(), n_nodes + np.repeat(np.arange(len(cells)), cells.shape[1])])
 
 
