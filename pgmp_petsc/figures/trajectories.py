@@ -48,7 +48,7 @@ from pgmp_petsc.figures.style import (
     styled,
     top_legend,
 )
-from pgmp_petsc.outputs.rainflow import cycles
+from pgmp_petsc.lanes.rainflow import cycles
 from pgmp_petsc.results import Derivatives, Design, Fit, Trajectory
 from pgmp_petsc.results.gradients import FittedParameter
 from pgmp_petsc.results.numbers import ROUND_OFF, plain, sizes_of

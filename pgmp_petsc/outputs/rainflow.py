@@ -1,12 +1,5 @@
 """Fatigue: cycles of an output, counted by rainflow as a run goes on, and the damage that they do.
 
-Turning points are kept on a stack whose first one is the start S of the count (ASTM E1049-85, section 5.4.4). With X
-the range between the last two and Y the one before it, as long as X >= Y: if Y begins at S, it is half a cycle and S
-moves on to its end, otherwise it is a cycle and both of its ends are dropped. What is left over are half cycles.
-The last turning point is the present value as long as it goes on in the same direction: X only grows until it turns, so
-that what is closed by then is closed at the turning point too, and the damage so far is that of the history up to now.
-It is continuous and never falls.
-
 A cycle of amplitude a and mean m does the damage 1 / N, N = N_0 (a_0 / a)^k, all together their sum (Miner 1945). With
 Goodman's line a is ``a / (1 - max(m, 0) / R)`` with the ultimate strength R: means of compression do not help. A cycle
 does 1 at most, as does one whose mean reaches R. The life is ``t / damage``, up to a run-out.
@@ -24,7 +17,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from pgmp_petsc.base.units import UnknownUnit, measure
-from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.rainflow import count
 from pgmp_petsc.outputs.readings import AnyReading, Jet, Needs, Seen
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import (
@@ -104,7 +97,7 @@ class Rainflow(OutputEntry):
     )
     run_out: Annotated[PositiveNumber | None, Unit("s")] = Field(
         None,
-        description="of a life: from which life on (s) a part counts as one that does not fail; lives are that at most",
+        description="of a life: the longest that counts (s); what lives longer does not fail",
     )
 
     @model_validator(mode="after")
@@ -232,23 +225,18 @@ class _Stacks:
         self._points, self._halves = np.zeros((n, 8)), np.zeros((n, 8))
         self._depths, self._closed = np.zeros(n, dtype=np.int64), np.zeros(n)
 
-    def take(self, values: np.ndarray, kept: np.ndarray | None = None) -> np.ndarray:
+    def take(self, values: np.ndarray) -> np.ndarray:
         """Return the damages so far, for further values, both (n_t, n); see `count`."""
         room = int(self._depths.max(initial=0)) + len(values) - self._points.shape[1]
         if room > 0:
             more = ((0, 0), (0, room + 8))
             self._points, self._halves = np.pad(self._points, more), np.pad(self._halves, more)
-        kept = np.zeros((0, 3)) if kept is None else kept
-        damages, values = np.empty(values.shape), np.ascontiguousarray(values)
+        damages = np.empty(values.shape)
         count(
-            values, self._curve, self._ultimate, self._points, self._halves, self._depths, self._closed, damages, kept
-        )
+            np.ascontiguousarray(values), self._curve, self._ultimate, self._points, self._halves, self._depths,
+            self._closed, damages, np.zeros((0, 3)),
+        )  # fmt: skip
         return damages
-
-    @property
-    def left(self) -> np.ndarray:
-        """The turning points of the first sample that are left over."""
-        return self._points[0, : self._depths[0]]
 
 
 def counted_after(
@@ -285,83 +273,3 @@ def counted_changes(
         ]  # fmt: skip
         result[output] = (sides[0] - sides[1]) / (2.0 * far)
     return result
-
-
-def cycles(history: np.ndarray) -> np.ndarray:
-    """Return the cycles of a history (n_t,), shape (n, 3): their ends, and 1 or, of half cycles, 1/2."""
-    plain = Rainflow(type="rainflow", of="", curve=Curve(exponent=1.0, reference=1.0, cycles=1.0))
-    stacks, kept = _Stacks(Counted(None, plain), {}, 1), np.zeros((history.size, 3))
-    stacks.take(history[:, None], kept)
-    left = stacks.left
-    halves = np.column_stack([left[:-1], left[1:], np.full(max(left.size - 1, 0), 0.5)])
-    return np.concatenate([kept[kept[:, 2] > 0.0], halves])
-
-
-@njit(error_model="numpy", counted=False)
-def _damage(first, second, curve, ultimate):
-    """Return the damage of a cycle between two turning points; curve of shape (n_parts, 3)."""
-    amplitude, mean = 0.5 * abs(first - second), 0.5 * (first + second)
-    if mean > 0.0:
-        if not mean < ultimate:
-            return 1.0
-        amplitude /= 1.0 - mean / ultimate
-    part = 0
-    while part + 1 < curve.shape[0] and amplitude >= curve[part + 1, 0]:
-        part += 1
-    return min((amplitude / curve[part, 0]) ** curve[part, 2] / curve[part, 1], 1.0)
-
-
-@njit(cache=True, entry=True, error_model="numpy")
-def count(values, curve, ultimate, points, halves, depths, closed, damages, kept):
-    """Count the cycles of some samples further.
-
-    Parameters
-    ----------
-    values
-        At the next instants, shape (n_t, n). From the first that is no number on a sample has no damage.
-    curve, ultimate
-        Of every sample, shapes (n, n_parts, 3) and (n,).
-    points, halves
-        Stacks of turning points, and the damage of the half cycles up to each, shape (n, most); advanced in place, as
-        are their depths and the damage of cycles that are closed, shape (n,).
-    damages
-        Takes the damages so far, shape (n_t, n).
-    kept
-        Takes the ends of cycles that are closed, and how much each counts, shape (n_t, 3); without rows it does not.
-    """
-    n_t, n = values.shape
-    for k in range(n):
-        point, half, n_kept = points[k], halves[k], 0
-        depth, total = depths[k], closed[k]
-        for t in range(n_t):
-            value = values[t, k]
-            if value != value:
-                total = math.nan
-            elif depth < 2:
-                if depth == 0 or value != point[0]:
-                    point[depth] = value
-                    depth += 1
-            elif (value - point[depth - 1]) * (point[depth - 1] - point[depth - 2]) >= 0.0:
-                point[depth - 1] = value
-            else:
-                point[depth] = value
-                depth += 1
-            while depth > 2 and abs(point[depth - 1] - point[depth - 2]) >= abs(point[depth - 2] - point[depth - 3]):
-                share = 0.5 if depth == 3 else 1.0
-                total += share * _damage(point[depth - 3], point[depth - 2], curve[k], ultimate[k])
-                if kept.shape[0]:
-                    kept[n_kept, 0], kept[n_kept, 1], kept[n_kept, 2] = point[depth - 3], point[depth - 2], share
-                    n_kept += 1
-                if depth == 3:
-                    point[0], point[1] = point[1], point[2]
-                    depth = 2
-                else:
-                    point[depth - 3] = point[depth - 1]
-                    depth -= 2
-            if depth > 1:
-                last = 0.5 * _damage(point[depth - 2], point[depth - 1], curve[k], ultimate[k])
-                half[depth - 1] = half[depth - 2] + last
-            else:
-                half[0] = 0.0
-            damages[t, k] = total + half[max(depth, 1) - 1]
-        depths[k], closed[k] = depth, total

@@ -11,7 +11,8 @@ from runs import history, read_meshes, reduced_model, samples
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.integration import run_batch
-from pgmp_petsc.outputs.rainflow import Counted, Counting, Rainflow, cycles
+from pgmp_petsc.lanes.rainflow import cycles
+from pgmp_petsc.outputs.rainflow import Counted, Counting, Rainflow
 from pgmp_petsc.studies.plausibility.check import plausibility
 
 CURVE = {"exponent": 3.0, "reference": 2.0, "cycles": 1e3}
