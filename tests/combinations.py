@@ -115,6 +115,9 @@ FEATURES = {
     "bushing": ('effects.x={{type="bushing",points=["ground:origin","{last}:tip"],reference={axes},stiffness={along},'
         "damping={along}}}",),
     "elastic joint": ("joints.{drive}.elastic={{reference={axes},stiffness={stiff},damping={along}}}",),
+    "clearance": (
+        "joints.{drive}.clearance={{radius=1e-4,stiffness=1e8,restitution=0.9,restitution_speed='strength'}}",
+    ),  # fmt: skip
     "gear": (*WHEEL, "joints.mesh={{type='gear',joints=['{drive}','sleeve'],ratio=-2.0}}"),
     "elastic gear": (
         *WHEEL, "joints.mesh={{type='gear',joints=['{drive}','sleeve'],ratio=-2.0,elastic={{stiffness='strength'}}}}",

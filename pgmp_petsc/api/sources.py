@@ -165,8 +165,12 @@ def _same_joints(built: Scene, scene: Scene) -> bool:
     """Return whether joints differ in nothing but numbers of their springs and dampers."""
 
     def structure(one: Scene) -> list[tuple]:
-        rigid = [(name, joint.model_copy(update={"elastic": None})) for name, joint in one.joints.items()]
-        return [*rigid, *(joint.elastic.structure for joint in one.joints.values() if joint.elastic is not None)]
+        keys = {name: joint.gives_way for name, joint in one.joints.items()}
+        rigid = [
+            (name, joint.model_copy(update={keys[name]: None} if keys[name] else {}))
+            for name, joint in one.joints.items()
+        ]
+        return [*rigid, *(getattr(one.joints[name], key).structure for name, key in keys.items() if key)]
 
     return structure(built) == structure(scene)
 

@@ -37,9 +37,11 @@ from pgmp_petsc.scene.bodies import Stated
 
 
 def read_assembled(scene: Scene, name: str) -> Assembled:
-    """Read a body's matrices, and check what can be checked without a factorisation: see the module. Raises
-    `InputError` if a file is missing, unreadable or of another body, or the matrices are none of a free body of
-    displacements."""
+    """Read a body's matrices, and check what can be checked without a factorisation: see the module.
+
+    Raises `InputError` if a file is missing, unreadable or of another body, or the matrices are none of a free body of
+    displacements.
+    """
     entry, given, d = f"bodies.{name}.matrices", scene.bodies[name].matrices, scene.bodies[name].dimension
     received = {
         key: shortened(f'{entry}.{key} = "{getattr(given, key)}"') for key in ("nodes", "rows", "stiffness", "mass")
@@ -90,11 +92,18 @@ def check_places(nodes: np.ndarray, received: str) -> None:
 def check_diagonal(matrix: sp.coo_matrix, kind: str, labels: np.ndarray, d: int, received: str, unit: float) -> None:
     """Refuse boundary conditions, and nodes without stiffness or mass.
 
-    matrix: in the scene's units, of shape (d n_nodes, d n_nodes)
-    kind: ``"stiffness"`` or ``"mass"``
-    labels: numbers of the nodes, shape (n_nodes,)
-    received: the scene's entry and its value, with which messages begin
-    unit: that of the file in the scene's units
+    Parameters
+    ----------
+    matrix
+        In the scene's units, of shape (d n_nodes, d n_nodes).
+    kind
+        ``"stiffness"`` or ``"mass"``.
+    labels
+        Numbers of the nodes, shape (n_nodes,).
+    received
+        The scene's entry and its value, with which messages begin.
+    unit
+        That of the file in the scene's units.
     """
     diagonal = matrix.diagonal() / unit
     held = np.flatnonzero(np.abs(diagonal) >= PENALTY)

@@ -35,8 +35,12 @@ class FaceFrame:
     def of(cls, places: np.ndarray, faces: np.ndarray, kind: str) -> FaceFrame:
         """Make the frame of faces.
 
-        places: nodes of the mesh in the body's frame, shape (n_nodes, d), m
-        faces: shape (n_faces, n_face_nodes), in the order of the faces' type `kind`
+        Parameters
+        ----------
+        places
+            Nodes of the mesh in the body's frame, shape (n_nodes, d), m.
+        faces
+            Shape (n_faces, n_face_nodes), in the order of the faces' type `kind`.
         """
         nodes, local = np.unique(faces, return_inverse=True)
         local = local.reshape(faces.shape)
@@ -57,8 +61,12 @@ class FaceFrame:
     def of_nodes(cls, places: np.ndarray, nodes: np.ndarray) -> FaceFrame:
         """Make the frame of nodes that count alike, where faces are not known: means over nodes in place of areas.
 
-        places: all nodes in the body's frame, shape (n_nodes, d), m
-        nodes: those that it follows, shape (n,)
+        Parameters
+        ----------
+        places
+            All nodes in the body's frame, shape (n_nodes, d), m.
+        nodes
+            Those that it follows, shape (n,).
         """
         weights, centre = np.full(nodes.size, 1.0 / nodes.size), places[nodes].mean(axis=0)
         arms = (places[nodes] - centre) / nodes.size
@@ -70,8 +78,10 @@ class FaceFrame:
         return float(np.sqrt(max(np.linalg.eigvalsh(self.inertia)[0], 0.0)))
 
     def functionals(self, n_nodes: int) -> sp.csr_matrix:
-        """Return what maps nodal displacements to those of the frame, its rotation at the end. Shape (3, 2 n_nodes) in
-        the plane, ``(x, y, phi)``, and (6, 3 n_nodes) in space."""
+        """Return what maps nodal displacements to those of the frame, its rotation at the end.
+
+        Shape (3, 2 n_nodes) in the plane, ``(x, y, phi)``, and (6, 3 n_nodes) in space.
+        """
         d = self.arms.shape[1]
         position = np.einsum("n,ij->inj", self.weights, np.eye(d))
         turning = np.einsum("ki,inj->knj", np.linalg.inv(self.inertia), _crossing(self.arms))

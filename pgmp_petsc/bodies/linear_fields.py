@@ -14,9 +14,16 @@ TURNS = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}
 
 
 def linear_fields(places: np.ndarray) -> np.ndarray:
-    """Return the linear displacement fields at places, shape (n d, d (d + 1)).
+    """Return the linear displacement fields at places.
 
-    places: shape (n, d), m
+    Parameters
+    ----------
+    places
+        Shape (n, d), m.
+
+    Returns
+    -------
+    ndarray, shape (n d, d (d + 1))
     """
     n, d = places.shape
     fields = np.zeros((n, d, d + d * d))

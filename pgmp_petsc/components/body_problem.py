@@ -59,10 +59,19 @@ Operator = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class Subspace:
     """An M-orthonormal basis V with ``M V`` and its images under an operator beside it. Collective on `comm`.
 
-    mass: symmetric, distributed by rows
-    operator: linear, symmetric
-    comm: the ranks of both
-    vectors, mass_vectors, images: V, M V, and the operator's images of V: local rows, shape (n_local, n)
+    Parameters
+    ----------
+    mass
+        Symmetric, distributed by rows.
+    operator
+        Linear, symmetric.
+    comm
+        The ranks of both.
+
+    Attributes
+    ----------
+    vectors, mass_vectors, images
+        V, M V, and the operator's images of V: local rows, shape (n_local, n).
     """
 
     def __init__(self, mass: PETSc.Mat, operator: Operator, comm: Comm) -> None:
@@ -145,11 +154,18 @@ N_WAVES = 4
 class BlockLanczos:
     """The lowest modes of one body. Collective on `comm`.
 
-    mass, stiffness: symmetric, of one pattern, distributed by rows
-    inverse: ``(K - sigma M)^-1`` times local columns (n_local, k)
-    shift: sigma, below all eigenvalues
-    start: local columns of the first block
-    comm: ranks that share the body
+    Parameters
+    ----------
+    mass, stiffness
+        Symmetric, of one pattern, distributed by rows.
+    inverse
+        ``(K - sigma M)^-1`` times local columns (n_local, k).
+    shift
+        sigma, below all eigenvalues.
+    start
+        Local columns of the first block.
+    comm
+        Ranks that share the body.
     """
 
     def __init__(
@@ -169,7 +185,9 @@ class BlockLanczos:
         self, n_rigid: int, n_flexible: int, count_below: Callable[[float], int], where: str
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest eigenvalues (n,), rigid ones first, and modes (n_local, n), after they passed all checks.
-        Raises `RunError` if they do not converge, a residual is too large, or eigenvalues are missing."""
+
+        Raises `RunError` if they do not converge, a residual is too large, or eigenvalues are missing.
+        """
         n_pairs = n_rigid + n_flexible
         for attempt in range(1, ATTEMPTS + 1):
             values, vectors = self._converged(n_pairs, where)
@@ -249,11 +267,18 @@ DEPENDENT_FIELDS = 1e-9  # of the largest square, for polynomials between -1 and
 class BodyProblem:
     """A free body's matrices and factor at given parameter values. Collective on `comm`.
 
-    mass, stiffness: by weight; they stay the caller's
-    places: this rank's nodes, shape (n, d), m
-    comm: ranks that share the body
-    memory: what the factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is
-    name: the body's, for messages
+    Parameters
+    ----------
+    mass, stiffness
+        By weight; they stay the caller's.
+    places
+        This rank's nodes, shape (n, d), m.
+    comm
+        Ranks that share the body.
+    memory
+        What the factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
+    name
+        The body's, for messages.
     """
 
     def __init__(
@@ -275,9 +300,11 @@ class BodyProblem:
         self._memory, self._factor, self._entry = memory, None, f"bodies.{name}"
 
     def modes(self, n_modes: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return eigenvalues (n_modes,) and elastic modes (n_local, n_modes) of the free body; after `factor`. Raises
-        `InputError` if the stiffness is not positive, or more than rigid motion is free of it; `RunError` if modes do
-        not converge or are missing."""
+        """Return eigenvalues (n_modes,) and elastic modes (n_local, n_modes) of the free body; after `factor`.
+
+        Raises `InputError` if the stiffness is not positive, or more than rigid motion is free of it; `RunError` if
+        modes do not converge or are missing.
+        """
         start = polynomial_fields(self._places, self.comm)
         lanczos = BlockLanczos(self.mass, self.stiffness, self.answers, self._shift, start, self.comm)
         try:
@@ -359,12 +386,18 @@ DEGREE = 3
 
 
 def polynomial_fields(places: np.ndarray, comm: Comm, degree: int = DEGREE) -> np.ndarray:
-    """Return polynomials up to a degree in every direction, as products of Legendre's over the body's box, shape (n d,
-    n_fields).
+    """Return polynomials up to a degree in every direction, as products of Legendre's over the body's box.
 
     Collective on `comm`, whose ranks have different places.
 
-    places: this rank's nodes, shape (n, d), m
+    Parameters
+    ----------
+    places
+        This rank's nodes, shape (n, d), m.
+
+    Returns
+    -------
+    ndarray, shape (n d, n_fields)
     """
     from mpi4py import MPI
 

@@ -86,22 +86,38 @@ def condense(
 
     Raises `RunError` if an eigenproblem fails, or the interface's answers do not settle.
 
-    Returns component: the condensed body, on all ranks; recovery: the displacements on the mesh of unit coordinates,
-    local rows, shape (n_local, n); with a scaled cross-section of unit ``T(s) y``; section: T(s); None without a
-    scaled cross-section.
-
-    frames: where joints, effects and outputs hold it, by name
-    points: parameter values that the subspace is to serve, the nominal ones first
-    n_modes: number of flexible modes that the mechanism's basis takes
-    comm: ranks that share the body
-    timings: gets the wall time of the phases assembly, modes, answers (of the frames, the growing subspace included)
-        and projection
-    memory: what a factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is
-    stressed: whether stresses are asked for: the subspace then holds the static answers to all inertia forces of rigid
+    Parameters
+    ----------
+    frames
+        Where joints, effects and outputs hold it, by name.
+    points
+        Parameter values that the subspace is to serve, the nominal ones first.
+    n_modes
+        Number of flexible modes that the mechanism's basis takes.
+    comm
+        Ranks that share the body.
+    timings
+        Gets the wall time of the phases assembly, modes, answers (of the frames, the growing subspace included) and
+        projection.
+    memory
+        What a factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
+    stressed
+        Whether stresses are asked for: the subspace then holds the static answers to all inertia forces of rigid
         motion too, and the component keeps T and the mesh whatever their size. Otherwise it keeps them, for pictures,
-        where they are small (`MOST_KEPT`) and there is no scaled cross-section
-    large: whether what is of second order in the deformation will be asked for (`large_deformation.with_second_order`):
-        the subspace then answers the inertia forces of the rigid motion as well
+        where they are small (`MOST_KEPT`) and there is no scaled cross-section.
+    large
+        Whether what is of second order in the deformation will be asked for (`large_deformation.with_second_order`):
+        the subspace then answers the inertia forces of the rigid motion as well.
+
+    Returns
+    -------
+    component
+        The condensed body, on all ranks.
+    recovery
+        The displacements on the mesh of unit coordinates, local rows, shape (n_local, n); with a scaled cross-section
+        of unit ``T(s) y``.
+    section
+        T(s); None without a scaled cross-section.
     """
     timings = timings or Timings()
     d, n_nodes = solid.mesh.dimension, solid.mesh.n_nodes
@@ -257,7 +273,9 @@ def _across_axis(
     solid: Solid, nodes: range, subspace: Subspace, mass: Terms, values: Mapping[str, float]
 ) -> np.ndarray:
     """Return what takes vectors of the subspace to the rest beside their part along the axis (`section_coordinates`).
-    The subspace is orthonormal in the mass at the parameter values."""
+
+    The subspace is orthonormal in the mass at the parameter values.
+    """
     x = solid.mesh.nodes[:, 0]
     fields = axial_fields(solid.mesh.nodes[nodes.start : nodes.stop], x.min(), x.max())
     squares = {weight: _projected(matrix, fields, subspace.comm) for weight, matrix in mass.items()}
@@ -331,8 +349,12 @@ def axial_fields(places: np.ndarray, lowest: float, highest: float) -> np.ndarra
 def axial_part(momenta: np.ndarray, squares: np.ndarray) -> np.ndarray:
     """Return what takes vectors of an orthonormal basis V to their part along the axis, shape (n, n).
 
-    momenta: ``V^T M F`` of the fields F, shape (n, n_fields)
-    squares: ``F^T M F``
+    Parameters
+    ----------
+    momenta
+        ``V^T M F`` of the fields F, shape (n, n_fields).
+    squares
+        ``F^T M F``.
     """
     values, directions = eigh(squares)
     chosen = values > DEPENDENT * values[-1]
@@ -355,11 +377,18 @@ class SectionCoordinates:
     ) -> SectionCoordinates:
         """Find T.
 
-        factor: s
-        n_frames: number of frames, whose unknowns come first
-        across: the rest of a motion beside its part along the axis, shape (n, n); need not be exact
-        mass: in the coordinates at s = 1 for any parameter values, shape (n, n)
-        fields: C, shape (n, d (d + 1)), as `Component.fields`
+        Parameters
+        ----------
+        factor
+            s.
+        n_frames
+            Number of frames, whose unknowns come first.
+        across
+            The rest of a motion beside its part along the axis, shape (n, n); need not be exact.
+        mass
+            In the coordinates at s = 1 for any parameter values, shape (n, n).
+        fields
+            C, shape (n, d (d + 1)), as `Component.fields`.
         """
         d = {6: 2, 12: 3}[fields.shape[1]]
         turning = np.tile(np.arange(3 * (d - 1)) >= d, n_frames)
@@ -402,8 +431,10 @@ class SectionCoordinates:
 
 
 def in_floating_frame(component: Component, nominal: Mapping[str, float]) -> FloatingBody:
-    """Put a flexible condensed body into a floating frame, the mean axes at the nominal parameters. It follows its
-    foreshortening where that is known."""
+    """Put a flexible condensed body into a floating frame, the mean axes at the nominal parameters.
+
+    It follows its foreshortening where that is known.
+    """
     d, modes = component.centres.shape[1], elastic_modes(component, nominal)
     rigid = component.fields @ rigid_motions(np.zeros(d))
     n_frames, n = len(component.frames), modes.shape[1]

@@ -105,7 +105,10 @@ class _Block:
 class NullSpaces:
     """Null spaces of Jacobians on one nonzero pattern: which constraints share unknowns is found once.
 
-    pattern: a matrix with the pattern and no entry twice, shape (n_constraints, n_dofs)
+    Parameters
+    ----------
+    pattern
+        A matrix with the pattern and no entry twice, shape (n_constraints, n_dofs).
     """
 
     def __init__(self, pattern: sp.csr_matrix) -> None:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, nearest_name, shortened
-from pgmp_petsc.mesh.reading import Counted
+from pgmp_petsc.mesh.reading import Counted, shown
 
 if TYPE_CHECKING:
     import skfem.element
@@ -124,8 +124,12 @@ def reference_element(kind: str) -> ReferenceElement:
 def shape_gradients(kind: str, points: np.ndarray) -> np.ndarray:
     """Return the gradients of an element's shape functions in reference coordinates, shape (n_points, d, n_nodes).
 
-    kind: str. meshio's name of the cell type
-    points: ndarray of float, shape (n_points, d). Reference coordinates
+    Parameters
+    ----------
+    kind : str
+        meshio's name of the cell type.
+    points : ndarray of float, shape (n_points, d)
+        Reference coordinates.
     """
     return _tabulated(kind, reference_element(kind).nodes, points)[1]
 
@@ -206,8 +210,11 @@ class SolidMesh(Counted):
         return self.nodes.shape[1]
 
     def faces(self, name: str, entry: str) -> np.ndarray:
-        """Return the faces of the group `name`, shape (n_faces, n_face_nodes). Raises `InputError` if the name is
-        unknown or holds no face; `entry` is the dotted name of the scene's entry that asks."""
+        """Return the faces of the group `name`, shape (n_faces, n_face_nodes).
+
+        Raises `InputError` if the name is unknown or holds no face; `entry` is the dotted name of the scene's entry
+        that asks.
+        """
         return self._named(name, entry, ("group of faces", self.groups), ("region", "cells", self.regions))
 
     def region(self, name: str, entry: str) -> np.ndarray:
@@ -241,8 +248,13 @@ def _known(names: dict[str, np.ndarray]) -> str:
 
 
 def set_numbers(rows: np.ndarray) -> np.ndarray:
-    """Number rows (n, k) so that two of them have the same number where they hold the same nodes, in any order. Returns
-    shape (n,): from zero without gaps, growing with the lowest node of the row."""
+    """Number rows (n, k) so that two of them have the same number where they hold the same nodes, in any order.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        From zero without gaps, growing with the lowest node of the row.
+    """
     rows = np.sort(rows, axis=1)
     order = np.lexsort(rows.T[::-1])  # many times faster than np.unique of rows
     is_new = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
@@ -265,9 +277,11 @@ def bounds_one_cell(faces: np.ndarray) -> np.ndarray:
 
 
 def incidence_edges(n_nodes: int, cells: np.ndarray) -> np.ndarray:
-    """Return an edge from each cell to each of its nodes, shape (2, n_edges); cell i is vertex n_nodes + i. Two nodes
-    of a cell are two edges apart. The graph that joins them directly says the same, but has several times as many
-    edges."""
+    """Return an edge from each cell to each of its nodes, shape (2, n_edges); cell i is vertex n_nodes + i.
+
+    Two nodes of a cell are two edges apart. The graph that joins them directly says the same, but has several times as
+    many edges.
+    """
     return np.array([cells.ravel(), n_nodes + np.repeat(np.arange(len(cells)), cells.shape[1])])
 
 
@@ -277,3 +291,35 @@ def undirected_graph(edges: np.ndarray, n_vertices: int) -> csr_array:
 
     rows, columns = np.hstack([edges, edges[::-1]])
     return coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(n_vertices, n_vertices)).tocsr()
+
+
+def check_repeated(kind: str, cells: np.ndarray, received: str) -> None:
+    """Refuse cells of one type that have the nodes of another one."""
+    numbers = set_numbers(cells)
+    _, first = np.unique(numbers, return_index=True)
+    again = np.setdiff1d(np.arange(len(cells)), first)
+    if again.size:
+        original = first[numbers[again[0]]]
+        raise InputError(
+            f"{received}: {again.size} of {len(cells)} cells of type {kind} repeat the nodes of another one; the first "
+            f"is cell {again[0]}, which has the nodes {shown(cells[again[0]])} of cell {original}; each cell may be "
+            "there once (MSH files before version 4 hold a cell once for every physical group it is in)"
+        )
+
+
+def check_pieces(cells: np.ndarray, received: str, filed: np.ndarray | None = None) -> None:
+    """Refuse cells that use every node and are not one piece; `filed` are the same in the file's numbers, if others."""
+    from scipy.sparse.csgraph import connected_components
+
+    n_nodes = int(cells.max()) + 1
+    graph = undirected_graph(incidence_edges(n_nodes, cells), n_nodes + len(cells))
+    n_pieces, labels = connected_components(graph, directed=False)
+    if n_pieces > 1:
+        pieces = labels[n_nodes:]
+        sizes = np.bincount(pieces)
+        aside = int(np.flatnonzero(pieces != pieces[0])[0])
+        raise InputError(
+            f"{received}: the cells form {n_pieces} separate pieces of {shown(np.sort(sizes)[::-1])} cells; the first "
+            f"that does not hang together with cell 0 is cell {aside} with the nodes {shown((cells if filed is None else filed)[aside])}; a body is "
+            "one connected piece (nodes at the same place must be merged)"
+        )

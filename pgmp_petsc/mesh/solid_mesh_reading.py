@@ -44,15 +44,17 @@ from pathlib import Path
 
 import meshio
 import numpy as np
-from scipy.sparse.csgraph import breadth_first_order, connected_components, reverse_cuthill_mckee
+from scipy.sparse.csgraph import breadth_first_order, reverse_cuthill_mckee
 
 from pgmp_petsc.base.errors import InputError, shortened
-from pgmp_petsc.mesh.reading import FARTHEST, RELATIVE_TOLERANCE, read_mesh, usable
+from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE, coordinates, read_mesh, shown, usable
 from pgmp_petsc.mesh.solid_mesh import (
     PLANE_KINDS,
     SOLID_KINDS,
     SolidMesh,
     cell_faces,
+    check_pieces,
+    check_repeated,
     incidence_edges,
     reference_element,
     set_numbers,
@@ -70,9 +72,11 @@ OTHER = "vertex"  # of elements of other types, whose cells no one asks for
 
 
 def read_abaqus_nodes(path: Path, received: str) -> tuple[meshio.Mesh, np.ndarray]:
-    """Return what a file holds, and the numbers of its nodes, shape (n_nodes,). Raises `InputError` if it has no nodes,
-    nodes of one number, or others in files that it includes; or if an element or a set names a node that is not there.
-    `received` begins messages."""
+    """Return what a file holds, and the numbers of its nodes, shape (n_nodes,).
+
+    Raises `InputError` if it has no nodes, nodes of one number, or others in files that it includes; or if an element
+    or a set names a node that is not there. `received` begins messages.
+    """
     places: dict[int, list[float]] = {}
     sets: dict[str, list[int]] = {}
     cells: dict[str, list[list[int]]] = {}
@@ -169,8 +173,12 @@ OF_SETS = ("ELEMENT", "ELSET", "NSET")  # cards that hold sets, or name one
 def check_sets(path: Path, received: str) -> None:
     """Refuse the sets of an Abaqus file that meshio would read wrongly; do nothing for other files.
 
-    path: Path. A file that meshio has read
-    received: str. The scene's entry and its value, with which messages begin
+    Parameters
+    ----------
+    path : Path
+        A file that meshio has read.
+    received : str
+        The scene's entry and its value, with which messages begin.
     """
     if path.suffix.lower() != SUFFIX:
         return
@@ -204,41 +212,9 @@ def check_cells(kind: str, nodes: np.ndarray, cells: np.ndarray, received: str) 
     begin with `received`, the scene's entry and its value, and number cells and nodes in the file's order, from zero.
     Raises `InputError`, naming what is wrong, and where.
     """
-    _check_repeated(kind, cells, received)
-    _check_pieces(len(nodes), cells, received)
+    check_repeated(kind, cells, received)
+    check_pieces(cells, received)
     _check_shapes(kind, nodes, cells, received)
-
-
-def shown(numbers: np.ndarray, most: int = 8) -> str:
-    """Return numbers as text, the first few of many: ``[3, 4, ...]``."""
-    return f"[{', '.join(str(number) for number in numbers[:most])}{', ...' if len(numbers) > most else ''}]"
-
-
-def _check_repeated(kind: str, cells: np.ndarray, received: str) -> None:
-    numbers = set_numbers(cells)
-    _, first = np.unique(numbers, return_index=True)
-    again = np.setdiff1d(np.arange(len(cells)), first)
-    if again.size:
-        original = first[numbers[again[0]]]
-        raise InputError(
-            f"{received}: {again.size} of {len(cells)} cells of type {kind} repeat the nodes of another one; the first "
-            f"is cell {again[0]}, which has the nodes {shown(cells[again[0]])} of cell {original}; each cell may be "
-            "there once (MSH files before version 4 hold a cell once for every physical group it is in)"
-        )
-
-
-def _check_pieces(n_nodes: int, cells: np.ndarray, received: str) -> None:
-    graph = undirected_graph(incidence_edges(n_nodes, cells), n_nodes + len(cells))
-    n_pieces, labels = connected_components(graph, directed=False)
-    if n_pieces > 1:
-        pieces = labels[n_nodes:]
-        sizes = np.bincount(pieces)
-        aside = int(np.flatnonzero(pieces != pieces[0])[0])
-        raise InputError(
-            f"{received}: the cells form {n_pieces} separate pieces of {shown(np.sort(sizes)[::-1])} cells; the first "
-            f"that does not hang together with cell 0 is cell {aside} with the nodes {shown(cells[aside])}; a body is "
-            "one connected piece (nodes at the same place must be merged)"
-        )
 
 
 def _check_shapes(kind: str, nodes: np.ndarray, cells: np.ndarray, received: str) -> None:
@@ -370,27 +346,6 @@ def _check_nodes(points: np.ndarray, kind: str, cells: np.ndarray, received: str
         )
 
 
-def coordinates(points: np.ndarray, dimension: int, received: str) -> np.ndarray:
-    """Return the coordinates in the plane or in space after checking that they are finite and in the plane z = 0."""
-    points = np.asarray(points, dtype=float)
-    strange = np.flatnonzero(~(np.abs(points) < FARTHEST).all(axis=1))
-    if strange.size:
-        what = f"beyond {FARTHEST:g}" if np.isfinite(points).all() else "not finite"
-        raise InputError(
-            f"{received}: {strange.size} of {len(points)} nodes have coordinates that are {what}; the first is "
-            f"node {strange[0]} at {points[strange[0]].tolist()}; finite numbers are needed"
-        )
-    off_plane = np.abs(points[:, dimension:]).max(axis=1, initial=0.0)
-    off = np.flatnonzero(off_plane > RELATIVE_TOLERANCE * np.ptp(points, axis=0).max())
-    if off.size:
-        raise InputError(
-            f"{received}: {off.size} of {len(points)} nodes are off the plane z = 0, where plane bodies lie; the first "
-            f"is node {off[0]} at {points[off[0]].tolist()}"
-        )
-    missing = np.zeros((len(points), max(0, dimension - points.shape[1])))  # files of plane points for a solid body
-    return np.hstack([points[:, :dimension], missing])
-
-
 #: Walks from one end of the mesh to the node farthest from it; more of them hardly ever find a longer way.
 N_WALKS = 3
 
@@ -410,7 +365,9 @@ def renumbered(mesh: SolidMesh) -> SolidMesh:
 def compact_order(n_nodes: int, cells: np.ndarray) -> np.ndarray:
     """Return the nodes of a connected mesh in the order of reverse Cuthill-McKee, shape (n_nodes,).
 
-    cells: ndarray of int, shape (n_cells, n_cell_nodes)
+    Parameters
+    ----------
+    cells : ndarray of int, shape (n_cells, n_cell_nodes)
     """
     edges = incidence_edges(n_nodes, cells)
     start = n_nodes + len(cells)
@@ -442,7 +399,10 @@ VERSION = b"4.1"
 def complete_physical_groups(mesh: meshio.Mesh, path: Path) -> None:
     """Set the mesh's cell sets to all cells of each physical group, if `path` is a file of this format.
 
-    mesh: meshio.Mesh. What meshio has read from the file
+    Parameters
+    ----------
+    mesh : meshio.Mesh
+        What meshio has read from the file.
     """
     groups = entity_groups(path)
     if not groups or "gmsh:geometrical" not in mesh.cell_data:
@@ -457,8 +417,10 @@ def complete_physical_groups(mesh: meshio.Mesh, path: Path) -> None:
 
 
 def entity_groups(path: Path) -> dict[tuple[int, int], np.ndarray]:
-    """Return the tags of the physical groups, without signs, by dimension and tag of the entity. Nothing is returned
-    for files of other formats, or that do not tell entities."""
+    """Return the tags of the physical groups, without signs, by dimension and tag of the entity.
+
+    Nothing is returned for files of other formats, or that do not tell entities.
+    """
     groups: dict[tuple[int, int], np.ndarray] = {}
     with path.open("rb") as file:
         if not _found(file, b"$MeshFormat"):
@@ -527,8 +489,10 @@ def named_groups(mesh: meshio.Mesh, kind: str, cells: np.ndarray, received: str)
 
 
 def _matched(own: np.ndarray, file_faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where each of the file's faces is among those of the cells (-1: nowhere), and which of these bound one. An
-    inner face, which bounds two cells, is found in the first of them."""
+    """Return where each of the file's faces is among those of the cells (-1: nowhere), and which of these bound one.
+
+    An inner face, which bounds two cells, is found in the first of them.
+    """
     numbers = set_numbers(np.concatenate([own, file_faces]))
     own_numbers, file_numbers = np.split(numbers, [len(own)])
     first = np.full(numbers.max() + 1, -1)
@@ -559,8 +523,10 @@ def _members(mesh: meshio.Mesh, received: str) -> dict[str, list[np.ndarray]]:
 
 
 def _set_members(mesh: meshio.Mesh, name: str, blocks: list, received: str) -> list[np.ndarray]:
-    """Return the numbers of a cell set's cells within each block, as far as meshio tells them. The set of an Abaqus
-    file that comes before some of the cells has fewer entries than there are blocks."""
+    """Return the numbers of a cell set's cells within each block, as far as meshio tells them.
+
+    The set of an Abaqus file that comes before some of the cells has fewer entries than there are blocks.
+    """
     try:
         members = [np.asarray([] if numbers is None else numbers, dtype=int) for numbers in blocks]
     except (TypeError, ValueError):

@@ -57,7 +57,10 @@ SUBSET = 0.2  # of all eigenvectors: for more of them QR iterations for all are 
 class DensePencil:
     """A pencil that one rank has whole; methods and attributes are those of `SparsePencil`.
 
-    mass, stiffness: shape (n_dofs, n_dofs)
+    Parameters
+    ----------
+    mass, stiffness
+        Shape (n_dofs, n_dofs).
     """
 
     def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix) -> None:
@@ -88,8 +91,10 @@ class DensePencil:
         self._null, self._factor = null, None
 
     def solve(self, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
-        """Compute the lowest eigenpairs and check their residuals; vectors are ``N psi``. Raises `RunError` if a
-        factorisation fails, or a residual is too large."""
+        """Compute the lowest eigenpairs and check their residuals; vectors are ``N psi``.
+
+        Raises `RunError` if a factorisation fails, or a residual is too large.
+        """
         what = f"eigenproblem at {where}"
         self.factor(what)
         inverse, n_pairs = self._inverse(), n_rigid + n_flexible
@@ -138,8 +143,10 @@ class DensePencil:
             )
 
     def factor(self, what: str = "factorisation") -> None:
-        """Factor ``K - sigma M`` for `shifted_answers`, without solving for eigenpairs. Raises `RunError` if it is not
-        positive definite."""
+        """Factor ``K - sigma M`` for `shifted_answers`, without solving for eigenpairs.
+
+        Raises `RunError` if it is not positive definite.
+        """
         what, outer = f"{what} with the shift {self.shift:.6g}", self._null.touched
         if self._interior is None or not np.array_equal(outer, self._interior.outer):
             self._interior = Interior.of(self._mass, self._stiffness - self.shift * self._mass, outer, what)
@@ -228,8 +235,11 @@ def _all(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _largest(matrix: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the k largest eigenvalues, ascending, and their vectors, of the lower triangle of a symmetric matrix,
-    which is overwritten. By relatively robust representations of the tridiagonal matrix; LAPACK's own driver has these
-    for all eigenvectors alone, and bisection for some, which takes half as long again."""
+    which is overwritten.
+
+    By relatively robust representations of the tridiagonal matrix; LAPACK's own driver has these for all eigenvectors
+    alone, and bisection for some, which takes half as long again.
+    """
     n = len(matrix)
     reflectors, diagonal, beside, scales, _ = lapack.dsytrd(matrix, lower=1, lwork=BLOCK * n, overwrite_a=1)
     chosen = {"select": "i", "select_range": (n - k, n - 1), "lapack_driver": "stemr"}
@@ -256,8 +266,10 @@ class Interior:
 
     @classmethod
     def of(cls, mass: np.ndarray, shifted: np.ndarray, outer: np.ndarray, what: str) -> Interior:
-        """Eliminate all unknowns but the outer ones from M and ``K - sigma M``, shapes (n_dofs, n_dofs). Raises
-        `RunError` if ``K - sigma M`` is not positive definite; `what` says of what."""
+        """Eliminate all unknowns but the outer ones from M and ``K - sigma M``, shapes (n_dofs, n_dofs).
+
+        Raises `RunError` if ``K - sigma M`` is not positive definite; `what` says of what.
+        """
         inner = np.setdiff1d(np.arange(len(mass)), outer)
         ii, io, oo = np.ix_(inner, inner), np.ix_(inner, outer), np.ix_(outer, outer)
         factor = cholesky(shifted[ii], what)
@@ -296,9 +308,17 @@ def congruent(matrix: np.ndarray, factor: np.ndarray) -> np.ndarray:
 class SparsePencil:
     """A pencil that ranks share; each has a range of rows. Collective on `comm`.
 
-    mass, stiffness: this rank's rows, shape (n_local, n_dofs)
-    comm: ranks that share the pencil
-    shift: sigma, below all eigenvalues; see `shift_to`
+    Parameters
+    ----------
+    mass, stiffness
+        This rank's rows, shape (n_local, n_dofs).
+    comm
+        Ranks that share the pencil.
+
+    Attributes
+    ----------
+    shift
+        sigma, below all eigenvalues; see `shift_to`.
     """
 
     def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix, comm: Comm) -> None:

@@ -78,8 +78,10 @@ LOCAL = ("shape", "mass_kept", "built_in")  # arrays of a sample of which every 
 
 
 class BuildCheckpoint(SharedCheckpoint):
-    """The finished part of a build from a scene and meshes; a checkpoint of others is refused. `components` are bodies
-    that are condensed already, by name."""
+    """The finished part of a build from a scene and meshes; a checkpoint of others is refused.
+
+    `components` are bodies that are condensed already, by name.
+    """
 
     def __init__(
         self, output: Path, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, resume: bool
@@ -156,15 +158,28 @@ def build_rom(
 ) -> ReducedOrderModel | None:
     """Build the reduced-order model of a scene. Collective on ``group.world``.
 
-    Returns None but on the first rank.
+    Parameters
+    ----------
+    scene
+        The scene; modes are taken at its nominal parameters.
+    meshes
+        The mesh of every body.
+    group
+        Ranks that share an eigenproblem.
+    scramble
+        Applied to every mode set as it leaves the eigensolver; lets tests spoil signs and order.
+    checkpoint
+        What is finished already, and where finished parts are kept; without a part where lengths are parameters.
 
-    Raises `InputError`, `RunError` on all ranks, whichever rank met it.
+    Returns
+    -------
+    ReducedOrderModel or None
+        The model on the first rank, None elsewhere.
 
-    scene: the scene; modes are taken at its nominal parameters
-    meshes: the mesh of every body
-    group: ranks that share an eigenproblem
-    scramble: applied to every mode set as it leaves the eigensolver; lets tests spoil signs and order
-    checkpoint: what is finished already, and where finished parts are kept; without a part where lengths are parameters
+    Raises
+    ------
+    InputError, RunError
+        On all ranks, whichever rank met it.
     """
     if not length_names(scene):
         return _condensed_and_built(scene, meshes, group, _Way(scramble, checkpoint))
@@ -324,8 +339,10 @@ class _Sampling:
     def joined(
         self, store: SampleStore, loads: Sequence[Load], acted: bool, timings: Timings
     ) -> tuple[JoinedSamples | None, ContinuousBasis | None, AngleRounds]:
-        """Compute samples, round by round, and join them; on the first rank, None elsewhere. Collective. `acted` says
-        whether there are actions, whose forces static modes answer."""
+        """Compute samples, round by round, and join them; on the first rank, None elsewhere. Collective.
+
+        `acted` says whether there are actions, whose forces static modes answer.
+        """
         scene, world, mechanism = self.scene, self.group.world, self.sampler.problem.mechanism
         joined, basis, rounds = None, None, AngleRounds(scene, mechanism, self.way.samples is None)
         first_static = self.sampler.problem.n_modes + self.sampler.problem.n_released
@@ -485,11 +502,18 @@ def _samples(scene: Scene, kinematics: RigidKinematics) -> SampleGrid:
 class Manifold:
     """Curvature at any sampled configuration. Collective on the problem's communicator.
 
-    problem: eigenproblem at the nominal parameters
-    loads: load terms of the scene, local rows, inertial frame
-    static_loads: loads whose static answers the basis holds
-    static_stretching: as for `CurvatureProblem`
-    built_in: offsets, of which samples have the answers, or None
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters.
+    loads
+        Load terms of the scene, local rows, inertial frame.
+    static_loads
+        Loads whose static answers the basis holds.
+    static_stretching
+        As for `CurvatureProblem`.
+    built_in
+        Offsets, of which samples have the answers, or None.
     """
 
     def __init__(
@@ -508,9 +532,14 @@ class Manifold:
 
         Raises `RunError` if the refinement of an answer does not converge.
 
-        theta: the configuration, shape (n_theta,), rad
-        sample: what was found there
-        combination: the basis in terms of the sample's vectors, shape (n_vectors, n_delta)
+        Parameters
+        ----------
+        theta
+            The configuration, shape (n_theta,), rad.
+        sample
+            What was found there.
+        combination
+            The basis in terms of the sample's vectors, shape (n_vectors, n_delta).
         """
         problem = self._problem
         modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])

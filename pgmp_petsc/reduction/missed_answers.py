@@ -75,7 +75,10 @@ class MissedAnswers:
 class Missed:
     """The missing part of reduced states.
 
-    found, tables, scheme: the tables of the basis, those of the model, and the interpolation over their configurations
+    Parameters
+    ----------
+    found, tables, scheme
+        The tables of the basis, those of the model, and the interpolation over their configurations.
     """
 
     def __init__(self, found: MissedAnswers, tables: ReducedTables, scheme: str) -> None:
@@ -114,9 +117,14 @@ def missed_answers_at(
 
     Raises `RunError` if the refinement of an answer does not converge.
 
-    problem: at the nominal parameters
-    static_loads: what static modes answer
-    theta, sample, combination: as of `Manifold.at`
+    Parameters
+    ----------
+    problem
+        At the nominal parameters.
+    static_loads
+        What static modes answer.
+    theta, sample, combination
+        As of `Manifold.at`.
     """
     modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
     rigid, vectors = modes.rigid[:, modes.free], np.hstack([sample.shape, sample.built_in])
@@ -154,9 +162,15 @@ def answered_terms(
     """Return the loads that modes and static modes answer at the nominal parameters, in the terms by which they change;
     their sum there is `CurvatureProblem.answered_loads`.
 
-    Returns them by weight, each of shape (n_local, n_modes + n_static).
+    Parameters
+    ----------
+    static
+        Static modes, local rows, shape (n_local, n_static).
 
-    static: static modes, local rows, shape (n_local, n_static)
+    Returns
+    -------
+    dict
+        By weight, each of shape (n_local, n_modes + n_static).
     """
     kept, given = modes.eigenvectors, static_loads.terms_at(problem, modes)
     flexible, everywhere = problem.all_rows(modes.flexible), problem.all_rows(kept)

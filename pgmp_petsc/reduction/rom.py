@@ -139,8 +139,10 @@ class ReducedOrderModel:
         return replace(whole, rows=np.ascontiguousarray(whole.rows[..., dofs]))
 
     def at_lengths(self, scene: Scene) -> ReducedOrderModel:
-        """Return the model with the lengths of a scene's run; itself where none is a parameter. Raises `InputError` if
-        the mechanism cannot be closed with these lengths."""
+        """Return the model with the lengths of a scene's run; itself where none is a parameter.
+
+        Raises `InputError` if the mechanism cannot be closed with these lengths.
+        """
         return self if self.family is None else self.family.at(scene, self)
 
     def write(self, path: str | Path, *parts: Callable[[h5py.File], None]) -> None:
@@ -174,8 +176,11 @@ class ReducedOrderModel:
 
     @classmethod
     def read(cls, path: str | Path) -> ReducedOrderModel:
-        """Read ROM.h5 (one process). Raises `InputError` if the file is missing, cut off, of another kind or version,
-        or its tables do not fit together."""
+        """Read ROM.h5 (one process).
+
+        Raises `InputError` if the file is missing, cut off, of another kind or version, or its tables do not fit
+        together.
+        """
         with open_file(path, "rom") as file, shapes_of(file, BUILD_AGAIN):
             found = RomFile.take(file)
             found.check_finite()
@@ -259,7 +264,10 @@ class LengthFamily:
         Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths. Raises `InputError` if the
         mechanism cannot be closed with these lengths.
 
-        nominal: the model at the nominal lengths, which the family belongs to
+        Parameters
+        ----------
+        nominal
+            The model at the nominal lengths, which the family belongs to.
         """
         kinematics = self.kinematics(scene, nominal, None)
         mechanism = kinematics.mechanism
@@ -295,8 +303,10 @@ class LengthFamily:
         return RigidKinematics(Mechanism.from_scene(scene, at_lengths(scene, nominal.meshes)), branch)
 
     def merged(self, nominal: ReducedOrderModel) -> ReducedOrderModel:
-        """Return the model whose terms are affine in monomials of the lengths besides all other parameters. Its tables
-        and its rigid inertia are those of any lengths; kinematics and shapes are the nominal ones."""
+        """Return the model whose terms are affine in monomials of the lengths besides all other parameters.
+
+        Its tables and its rigid inertia are those of any lengths; kinematics and shapes are the nominal ones.
+        """
         tables, grid, parts = nominal.tables, self.grid, [member.tables for member in self.members]
         weights = {name: grid.weights(getattr(tables, name)) for name in dict.fromkeys(OF_TABLES.values())}
         n_each = len(grid.points)
@@ -392,7 +402,10 @@ class Served:
 def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
     """Return the ranges of the parameters that the tables of a reduced model depend on, by name.
 
-    built: the scene that it was built from
+    Parameters
+    ----------
+    built
+        The scene that it was built from.
     """
     weights = (*rom.tables.mass_weights, *rom.tables.stiffness_weights)
     found = {}
@@ -412,14 +425,18 @@ def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
 
 
 def check_served(ranges: Mapping[str, Served], scene: Scene) -> tuple[Remark, ...]:
-    """Return warnings of values of a single run, and of distributions, outside what is served. Raises `InputError` if a
-    value, or the greater part of a distribution, is beyond what is served."""
+    """Return warnings of values of a single run, and of distributions, outside what is served.
+
+    Raises `InputError` if a value, or the greater part of a distribution, is beyond what is served.
+    """
     return tuple(warning(text) for name, served in ranges.items() for text in _of_parameter(name, served, scene))
 
 
 def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> None:
-    """Refuse samples beyond what is served; parameters as of `outside_of`. Raises `InputError`, naming the first of
-    them."""
+    """Refuse samples beyond what is served; parameters as of `outside_of`.
+
+    Raises `InputError`, naming the first of them.
+    """
     for name, served in ranges.items():
         beyond = served.beyond(values.get(name, np.zeros(0)))
         if beyond.any():
@@ -435,8 +452,12 @@ def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray]
 def outside_of(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> Iterator[Remark]:
     """Return a warning that counts samples outside what is served; nothing where all are inside.
 
-    values: of the parameters, shape (n,) each
-    where: what the samples are, before the message
+    Parameters
+    ----------
+    values
+        Of the parameters, shape (n,) each.
+    where
+        What the samples are, before the message.
     """
     known, lines = {name: served for name, served in ranges.items() if name in values}, []
     outside = {name: served.outside(values[name]) for name, served in known.items()}

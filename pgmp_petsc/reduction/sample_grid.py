@@ -128,8 +128,10 @@ class SampleGrid:
         return tuple(axis.periodic for axis in self.axes)
 
     def before(self, axis: int) -> np.ndarray:
-        """Return the number of the configuration before each one along an axis, shape (n,). Before the first one of a
-        periodic axis comes the last; before that of a limited one none, which is -1."""
+        """Return the number of the configuration before each one along an axis, shape (n,).
+
+        Before the first one of a periodic axis comes the last; before that of a limited one none, which is -1.
+        """
         before = np.roll(np.arange(self.n).reshape(self.shape), 1, axis)
         if not self.axes[axis].periodic:
             before[(slice(None),) * axis + (0,)] = -1
@@ -206,8 +208,10 @@ class LengthGrid:
         return {own.name: float(own.middle + own.half * x) for own, x in zip(self.places, places)}
 
     def shares(self, values: Mapping[str, np.ndarray | float], by: str = "") -> np.ndarray:
-        """Return L_p at values (numbers, or of shape (n,)), shape (n_p,) or (n_p, n); their sum is 1. With the name of
-        a parameter their derivatives by it, whose sum is 0."""
+        """Return L_p at values (numbers, or of shape (n,)), shape (n_p,) or (n_p, n); their sum is 1.
+
+        With the name of a parameter their derivatives by it, whose sum is 0.
+        """
         shape = np.shape(values[self.names[0]])
         found = np.ones((1, *shape)) if not by or by in self.names else np.zeros((1, *shape))
         for place in self.places:

@@ -67,12 +67,20 @@ class Sample:
 class Sampler:
     """Computes samples. Collective on the problem's communicator.
 
-    problem: eigenproblem at the nominal parameters
-    loads: load terms of the scene, local rows, inertial frame
-    static_loads: loads whose static answers extend the basis
-    snapshots: snapshots at other parameter values, or None
-    probe: of the influence of loads on the stiffness of modes, or None
-    built_in: what joints that are off build in, or None
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters.
+    loads
+        Load terms of the scene, local rows, inertial frame.
+    static_loads
+        Loads whose static answers extend the basis.
+    snapshots
+        Snapshots at other parameter values, or None.
+    probe
+        Of the influence of loads on the stiffness of modes, or None.
+    built_in
+        What joints that are off build in, or None.
     """
 
     def __init__(
@@ -95,8 +103,10 @@ class Sampler:
         self._probe, self._built_in = probe, built_in
 
     def sample(self, theta: np.ndarray, scramble: Scramble) -> Sample:
-        """Sample one configuration (n_theta,), rad. Raises `RunError` if the eigensolver fails; see
-        `ModalProblem.solve`."""
+        """Sample one configuration (n_theta,), rad.
+
+        Raises `RunError` if the eigensolver fails; see `ModalProblem.solve`.
+        """
         problem = self.problem
         modes = _ascending(scramble(problem.solve(theta)))
         loads = self._loads.at(theta)
@@ -144,8 +154,10 @@ class Sampler:
 
     def _incommensurate(self, n_waves: int) -> np.ndarray:
         """Return incommensurate waves, local rows: no mode shape of any mesh is orthogonal to its own one but by
-        accident. Internal coordinates of condensed bodies have no meaning of their own; the waves over the bodies'
-        meshes have."""
+        accident.
+
+        Internal coordinates of condensed bodies have no meaning of their own; the waves over the bodies' meshes have.
+        """
         mechanism, rows = self.problem.mechanism, self.problem.rows
         numbers = np.arange(mechanism.n_dofs)
         waves = np.cos(
@@ -164,8 +176,12 @@ class Sampler:
 class TurnedLoads:
     """Load vectors in body frames at any configuration.
 
-    problem: eigenproblem; it has the rows and the ranks
-    loads: load terms, local rows, inertial frame but for those that are constant in the frames of the bodies
+    Parameters
+    ----------
+    problem
+        Eigenproblem; it has the rows and the ranks.
+    loads
+        Load terms, local rows, inertial frame but for those that are constant in the frames of the bodies.
     """
 
     def __init__(self, problem: ModalProblem, loads: Sequence[Load]) -> None:

@@ -79,10 +79,16 @@ def mode_changes(
 ) -> ModeChanges:
     """Return the tables of changing modes.
 
-    masses: all rows of the mass terms, in body frames, shape (n_dofs, n_dofs) each
-    projection: flexible vectors in body frames, shape (n, n_dofs, n_delta), continuous
-    scheme: interpolation over the samples
-    n_given: number of the last vectors whose coordinates do not change: with theirs alone D^T M Psi counts, all of it
+    Parameters
+    ----------
+    masses
+        All rows of the mass terms, in body frames, shape (n_dofs, n_dofs) each.
+    projection
+        Flexible vectors in body frames, shape (n, n_dofs, n_delta), continuous.
+    scheme
+        Interpolation over the samples.
+    n_given
+        Number of the last vectors whose coordinates do not change: with theirs alone D^T M Psi counts, all of it.
     """
     mechanism, r = kinematics.mechanism, kinematics.n_coordinates
     over = interpolant(samples, projection, scheme)
@@ -195,8 +201,11 @@ class ReducedTables:
     def turned(self, rotations: np.ndarray) -> ReducedTables:
         """Express the flexible coordinates in another basis at every sample.
 
-        rotations: matrices Q with ``Psi_new = Psi Q``, shape (n, n_delta, n_new): orthogonal, or combinations of fewer
-            vectors
+        Parameters
+        ----------
+        rotations
+            Matrices Q with ``Psi_new = Psi Q``, shape (n, n_delta, n_new): orthogonal, or combinations of fewer
+            vectors.
         """
         whole = beside_rigid(rotations, self.n_coordinates)
         return replace(
@@ -250,11 +259,18 @@ class ReducedTables:
     def frequencies_hz(
         self, mass_weights: np.ndarray, stiffness_weights: np.ndarray, free: Sequence[int] | None = None
     ) -> np.ndarray:
-        """Return the eigenfrequencies of the reduced model at every sample, rigid motion left out, shape (n, n_delta -
-        n_unstrained), Hz.
+        """Return the eigenfrequencies of the reduced model at every sample, rigid motion left out.
 
-        mass_weights, stiffness_weights: values of the weights, shapes (n_mass_terms,) and (n_stiffness_terms,)
-        free: numbers of the coordinates that are not prescribed, which are held; all by default
+        Parameters
+        ----------
+        mass_weights, stiffness_weights
+            Values of the weights, shapes (n_mass_terms,) and (n_stiffness_terms,).
+        free
+            Numbers of the coordinates that are not prescribed, which are held; all by default.
+
+        Returns
+        -------
+        ndarray, shape (n, n_delta - n_unstrained), Hz
         """
         if self.n_given:
             return self.moving().frequencies_hz(mass_weights, stiffness_weights, free)
@@ -302,13 +318,20 @@ def fine_grid(samples: SampleGrid) -> SampleGrid:
 def rigid_inertia(
     samples: SampleGrid, mass: Mapping[Monomial, sp.csr_matrix], kinematics: RigidKinematics
 ) -> np.ndarray:
-    """Return ``(d rho/d theta_k)^T M_i (d rho/d theta_l)`` of every mass term on the fine grid, shape (n_fine,
-    n_mass_terms, n_theta (n_theta + 1) / 2): lower triangles row by row.
+    """Return ``(d rho/d theta_k)^T M_i (d rho/d theta_l)`` of every mass term on the fine grid.
 
     In its own frame a body moves as a combination of constant vectors, so the mass that belongs to the velocities of
     all bodies is projected once.
 
-    mass: all rows of the mass terms, in body frames, shape (n_dofs, n_dofs) each
+    Parameters
+    ----------
+    mass
+        All rows of the mass terms, in body frames, shape (n_dofs, n_dofs) each.
+
+    Returns
+    -------
+    ndarray, shape (n_fine, n_mass_terms, n_theta (n_theta + 1) / 2)
+        Lower triangles row by row.
     """
     fine, mechanism = fine_grid(samples), kinematics.mechanism
     unit = np.zeros((mechanism.n_dofs, 0))
@@ -333,11 +356,19 @@ SMALLEST = 1e-6  # eigenvalue of a matrix with unit diagonal
 def indefinite_between(tables: ReducedTables, scheme: str, values: Mapping[str, np.ndarray], n_samples: int) -> str:
     """Say where flexible mass or stiffness is indefinite between samples; empty where it is nowhere.
 
-    Returns which matrix, where, with which parameters, and what helps.
+    Parameters
+    ----------
+    tables
+        In the continuous basis.
+    scheme
+        Interpolation over the samples.
+    values, n_samples
+        Parameter values to look at, shape (n_samples,) each.
 
-    tables: in the continuous basis
-    scheme: interpolation over the samples
-    values, n_samples: parameter values to look at, shape (n_samples,) each
+    Returns
+    -------
+    str
+        Which matrix, where, with which parameters, and what helps.
     """
     samples, r = tables.samples, tables.n_coordinates
     places = PLACES if samples.n_coordinates == 1 else MIDDLE

@@ -467,9 +467,32 @@ def _joints(scene: AnyScene) -> Iterator[str]:
                 yield from joint.offset.problems(scene.dimension, f"joints.{name}.offset")
             if joint.elastic is not None and isinstance(joint, JointEntry):
                 yield from joint.elastic.problems(scene.dimension, f"joints.{name}.elastic")
-            if joint.elastic is not None and name in scene.effects:
-                words = f"joints.{name} is elastic, and its springs have this name; give the effect another one"
+            if joint.clearance is not None:
+                yield from _loose(scene, name, joint)
+            if joint.gives_way and name in scene.effects:
+                words = (
+                    f"joints.{name} has {joint.gives_way}, and its forces have this name; give the effect another one"
+                )
                 yield problem(f"effects.{name}", words)
+
+
+def _loose(scene: AnyScene, name: str, joint: JointEntry) -> Iterator[str]:
+    """Yield a line for what does not fit a joint with a clearance."""
+    entry = f"joints.{name}.clearance"
+    if not joint.loose:
+        able = (
+            one for one, kind in zip(JOINTS.names, JOINTS.found()) if kind.loose and scene.dimension in kind.dimensions
+        )
+        yield problem(entry, f"a joint of type {joint.type} has none; those that have are {', '.join(able)}")
+        return
+    for other in ("elastic", "offset"):
+        if getattr(joint, other) is not None:
+            words = f"a joint has {other} or clearance, not both: let a body between two joints have the other one"
+            yield problem(f"joints.{name}.{other}", words)
+    yield from joint.clearance.problems(scene, entry)
+    if joint.clearance.friction:
+        words = "friction in contact is not made yet; leave it out, or take an effect of type joint_friction"
+        yield problem(f"{entry}.friction", words, joint.clearance.friction)
 
 
 def _coordinates(scene: AnyScene) -> Iterator[str]:

@@ -78,7 +78,7 @@ def uses_of(scene: AnyScene) -> Iterator[Use]:
         yield Use(f"simulation.initial.{coordinate}.velocity", name, "any", (unit,))
     for name, joint in scene.joints.items():
         slid = isinstance(joint, CouplingEntry) and joint.shares_in(scene)[0].motion == "sliding"
-        for table in ("elastic", "offset"):
+        for table in ("elastic", "offset", "clearance"):
             yield from _of_table(f"joints.{name}.{table}", getattr(joint, table), slid)
     for name, effect in scene.effects.items():
         yield from effect.uses(f"effects.{name}", not slides(scene, effect))

@@ -171,10 +171,8 @@ def _joints(mechanism: Mechanism, n_redundant: int, n_rigid: int) -> list[str]:
     lines = [f"  joints        {names}: {mechanism.n_constraints} constraints{redundant}"]
     for connection in mechanism.connections:
         if connection.released:
-            n = counted(len(connection.released), "direction")
-            lines.append(
-                f"  elastic       {connection.name}: {n} of {len(connection.statements)} give way in the motion"
-            )
+            n, how = counted(len(connection.released), "direction"), mechanism.scene.joints[connection.name].gives_way
+            lines.append(f"  {how:12}  {connection.name}: {n} of {len(connection.statements)} give way in the motion")
     lines += [f"  elastic       {one.name}: gives way in the motion" for one in mechanism.couplings if one.elastic]
     return lines
 
