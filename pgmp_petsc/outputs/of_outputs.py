@@ -96,7 +96,7 @@ class FormulaOfOutputs(OutputEntry):
             _, used = self._declared(scene)
         except FormulaError:  # which `problems` says
             return
-        yield from (Use(f"{entry}.formula", name, "any", ()) for name in scene.parameters if name in used)
+        yield from (Use(f"{entry}.formula.{name}", name, "any", ()) for name in scene.parameters if name in used)
 
     def _declared(self, scene: Scene) -> tuple[str, set[str]]:
         names = {name: f"of_{name}" for name in (*scene.outputs, *scene.parameters) if name.isidentifier()}
