@@ -82,6 +82,8 @@ def uses_of(scene: AnyScene) -> Iterator[Use]:
             yield from _of_table(f"joints.{name}.{table}", getattr(joint, table), slid)
     for name, effect in scene.effects.items():
         yield from effect.uses(f"effects.{name}", not slides(scene, effect))
+    for name, controller in scene.controllers.items():
+        yield from controller.uses(f"controllers.{name}")
 
 
 def _of_table(entry: str, table: Any, slides: bool = False) -> Iterator[Use]:
