@@ -165,8 +165,8 @@ IN_SI = {f"{prefix}{unit}": unit for unit in _PREFIXED_UNITS for prefix in _PREF
 IN_MM = {unit: f"{unit} of SI" for unit in IN_SI.values()} | {MM.unit(unit): unit for unit in IN_SI.values()}
 IN_MM |= {f"{prefix}{unit}": unit for unit in ("N", "s", "rad", "Hz") for prefix in _PREFIXES.values()}
 NUMBER = r"(?<![\w.])[-+]?(?:\d+(?:,\d{3})*(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?"
-#: Lines that differ from run to run: how long it took, and when.
-OF_THE_RUN = re.compile(r"^\s*(?:[a-z ,]+\s+[\d.]+ s|written .*|pgmp: working.*|.*\d+ of \d+, \d+ s.*)$", re.MULTILINE)
+#: Lines that differ from run to run: how long it took, or is predicted to, and when.
+OF_THE_RUN = re.compile(r"^\s*(?:.*processor time.*|[a-z ,]+\s+[\d.]+ s|written .*|pgmp: working.*|.*\d+ of \d+, \d+ s.*)$", re.MULTILINE)
 
 
 def told(text: str, units: dict[str, str]) -> tuple[str, list[float]]:

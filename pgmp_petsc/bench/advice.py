@@ -27,12 +27,8 @@ def advise(study: Tradeoff, from_mesh: Mapping[str, float] = MappingProxyType({}
 
     A piece of advice is one line, or several: a line that begins with ``--`` holds options to paste.
 
-    Parameters
-    ----------
-    study
-        Measurements; its own advice is not looked at.
-    from_mesh
-        How far the reference is from the mesh in outputs, as far as that was measured.
+    - `study`: measurements; its own advice is not looked at.
+    - `from_mesh`: how far the reference is from the mesh in outputs, as far as that was measured.
     """
     targets, bounds = _targets(study, study.errors), _targets(study, bounds_of(study, from_mesh))
     alike: dict[tuple[Choice, ...], list[str]] = {}
@@ -97,12 +93,8 @@ class Choice:
 def cheapest(study: Tradeoff, errors: np.ndarray, threshold: float, among: np.ndarray) -> int | None:
     """Return the cheapest setting whose error is at most `threshold`, None where there is none.
 
-    Parameters
-    ----------
-    errors
-        Error of every setting, shape (n,); NaN where it failed.
-    among
-        Settings to choose from, a mask of shape (n,).
+    - `errors`: error of every setting, shape (n,); NaN where it failed.
+    - `among`: settings to choose from, a mask of shape (n,).
     """
     total = study.total_seconds(study.samples)
     good = among & (errors <= threshold) & np.isfinite(total)

@@ -501,17 +501,10 @@ DEGREES = (2, 1)
 class ResponseSurface:
     """Interpolates outputs over time between nodes in the space of the parameters.
 
-    Parameters
-    ----------
-    nodes
-        Parameter values, shape (n_nodes, n_parameters).
-    outputs
-        Outputs at the nodes, each of shape (n_t, n_nodes).
+    - `nodes`: parameter values, shape (n_nodes, n_parameters).
+    - `outputs`: outputs at the nodes, each of shape (n_t, n_nodes).
 
-    Raises
-    ------
-    ValueError
-        If there are too few nodes for any interpolation.
+    Raises `ValueError` if there are too few nodes for any interpolation.
     """
 
     def __init__(self, nodes: np.ndarray, outputs: Mapping[str, np.ndarray]) -> None:

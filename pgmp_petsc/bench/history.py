@@ -88,24 +88,15 @@ def spacing(n_steps: int) -> int:
 
 
 def run_history(
-    model: AnyModel,
-    values: Mapping[str, np.ndarray],
-    n_samples: int,
-    n_steps: int,
+    model: AnyModel, values: Mapping[str, np.ndarray], n_samples: int, n_steps: int,
     system: SecondOrderSystem | None = None,
-) -> History:
+) -> History:  # fmt: skip
     """Integrate samples on this rank, in batches as large as the model takes, or on the ranks of a given system.
 
-    Parameters
-    ----------
-    model
-        Any model of a scene.
-    values
-        Parameter values, each of shape (n_samples,).
-    n_steps
-        Equal time steps over the scene's duration.
-    system
-        The only sample on ranks that share it; made here otherwise.
+    - `model`: any model of a scene.
+    - `values`: parameter values, each of shape (n_samples,).
+    - `n_steps`: equal time steps over the scene's duration.
+    - `system`: the only sample on ranks that share it; made here otherwise.
     """
     if system is not None:
         return _integrated(model, system, n_steps)
@@ -180,12 +171,8 @@ def errors_between(found: History, exact: History, floors: np.ndarray) -> np.nda
     infinite where only `found` failed, or has no number at a tenth of the instants and more at which the exact run has
     one (a deformation is none outside a limited range); NaN where the exact run failed or has no number at any instant.
 
-    Parameters
-    ----------
-    found, exact
-        Histories of the same samples; one's number of steps divides the other's.
-    floors
-        In the outputs' units, shape (n_outputs,).
+    - `found`, `exact`: histories of the same samples; one's number of steps divides the other's.
+    - `floors`: in the outputs' units, shape (n_outputs,).
     """
     one, other = _common(found, exact)
     known = np.isfinite(other)

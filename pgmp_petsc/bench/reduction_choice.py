@@ -10,18 +10,8 @@ from typing import Any, NoReturn
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.bench import candidates
 from pgmp_petsc.bench.bench import Bench
-from pgmp_petsc.bench.candidates import (
-    ANGLES,
-    FIRST_ANGLES,
-    SCHEMES,
-    CandidatePrices,
-    Limits,
-    Rung,
-    by_distance_from_middle,
-    families_of,
-    first_passing,
-)
 from pgmp_petsc.bench.history import REDUCTION, Errors, Ledger, Trial, shares_of, shares_shifted
 from pgmp_petsc.bench.refusal import kept_text, refuse, refuse_basis
 
@@ -50,7 +40,9 @@ class ReductionChoice:
     The ledger takes what was tried; all runs have `n_steps`, and `others` are what the other parts of the error may be.
     """
 
-    def __init__(self, bench: Bench, ledger: Ledger, limits: Limits, n_steps: int, others: dict[str, float]) -> None:
+    def __init__(
+        self, bench: Bench, ledger: Ledger, limits: candidates.Limits, n_steps: int, others: dict[str, float]
+    ) -> None:
         self._bench, self._ledger, self._n_steps = bench, ledger, n_steps
         reduction = bench.scene.reduction
         self._reduction, self.tolerance = reduction, reduction.tolerance
@@ -58,15 +50,15 @@ class ReductionChoice:
         # with given angles, or those that a build adds by itself, what they leave is part of the basis's error
         self._fixed_grid = "angles" in self.given or reduction.sampling_tolerance is not None
         self._limits = limits
-        self._angles = ANGLES[limits.n_coordinates]
+        self._angles = candidates.ANGLES[limits.n_coordinates]
         given = self.given.get("interpolation")
-        self._schemes = SCHEMES[limits.n_coordinates] if given is None else (given,)
-        first = reduction.angles if self._fixed_grid else FIRST_ANGLES[limits.n_coordinates]
+        self._schemes = candidates.SCHEMES[limits.n_coordinates] if given is None else (given,)
+        first = reduction.angles if self._fixed_grid else candidates.FIRST_ANGLES[limits.n_coordinates]
         self._grid: dict[str, Any] = {"angles": first, "interpolation": self._schemes[0]}
-        self._all_families = families_of(self.given, limits)
+        self._all_families = candidates.families_of(self.given, limits)
         self._take_affordable()
         self._trials: dict[tuple[Any, ...], Trial] = {}
-        self._looked_at: list[Rung] = []  # with the present angles
+        self._looked_at: list[candidates.Rung] = []  # with the present angles
         self._worst_load, self._cut_short = "", ""
         shares = shares_of(self._fixed_grid)
         self.allowed = {part: share * self.tolerance for part, share in shares.items()} | others
@@ -85,7 +77,7 @@ class ReductionChoice:
         """Leave out candidates that cost too much at twice the present angles, which show whether these suffice."""
         n_runs = self._n_steps * self._bench.training.n_cases
         most = self._grid["angles"] * (1 if self._fixed_grid else 2)
-        self._prices = CandidatePrices.of(self._bench.mechanism, self._limits, n_runs, most)
+        self._prices = candidates.CandidatePrices.of(self._bench.mechanism, self._limits, n_runs, most)
         self._families, self._too_dear = self._prices.affordable(self._all_families, self._bench.budget)
 
     def run(self) -> Trial:
@@ -111,7 +103,7 @@ class ReductionChoice:
         """Candidates that were not tried because of their price, in words."""
         return [text for text in (self._too_dear, self._cut_short) if text]
 
-    def _is_affordable(self, rung: Rung, grid: dict[str, Any]) -> bool:
+    def _is_affordable(self, rung: candidates.Rung, grid: dict[str, Any]) -> bool:
         """Return whether a candidate was tried, or all of them together stay within the budget with it.
 
         The first one is tried whatever it takes, and a rung at fewer angles than the present ones, with which it was
@@ -128,7 +120,7 @@ class ReductionChoice:
         )
         return False
 
-    def _try(self, rung: Rung, grid: dict[str, Any]) -> Trial:
+    def _try(self, rung: candidates.Rung, grid: dict[str, Any]) -> Trial:
         """Return the trial of a candidate; one that the worst load tells to be bad is not run under the others."""
         entries = rung.entries | grid
         key = _key(entries)
@@ -149,11 +141,11 @@ class ReductionChoice:
             self._trials[key] = trial
         return self._trials[key]
 
-    def _trial(self, rung: Rung) -> Trial:
+    def _trial(self, rung: candidates.Rung) -> Trial:
         """Return the trial of a rung at the present angles."""
         return self._try(rung, self._grid)
 
-    def _error(self, rung: Rung) -> float:
+    def _error(self, rung: candidates.Rung) -> float:
         """Return what a rung leaves at the present angles, and note it; infinite where it cannot be afforded."""
         if not self._is_affordable(rung, self._grid):
             return np.inf
@@ -163,14 +155,14 @@ class ReductionChoice:
             self._ledger.add_trial("basis", OF_BASIS, trial, trial.errors, rung.cost)
         return trial.errors.largest
 
-    def _best_looked_at(self) -> Rung:
+    def _best_looked_at(self) -> candidates.Rung:
         return min(self._looked_at, key=self._error)
 
     @property
     def _finer(self) -> dict[str, Any]:
         return self._grid | {"angles": 2 * self._grid["angles"]}
 
-    def _more_angles(self, rung: Rung) -> MoreAngles:
+    def _more_angles(self, rung: candidates.Rung) -> MoreAngles:
         """Return whether a rung may be tried at twice the angles."""
         if self._fixed_grid:
             return MoreAngles.GIVEN
@@ -179,7 +171,7 @@ class ReductionChoice:
         alone = self._prices.within(rung, self._bench.budget)
         return MoreAngles.FREE if alone and self._is_affordable(rung, self._finer) else MoreAngles.DEAR
 
-    def _angles_count(self, rung: Rung) -> bool:
+    def _angles_count(self, rung: candidates.Rung) -> bool:
         """Return whether twice the angles may be tried, and change a good part of what a rung leaves."""
         if self._more_angles(rung) is not MoreAngles.FREE:
             return False
@@ -191,7 +183,7 @@ class ReductionChoice:
         self._grid, self._looked_at = self._finer, []
         self._take_affordable()
 
-    def _shift_to_basis(self, best: Rung) -> bool:
+    def _shift_to_basis(self, best: candidates.Rung) -> bool:
         """Let the basis have most of what is kept for interpolation; return whether the best rung is then good enough.
 
         What the present angles leave is in a rung's error already, and the fewest angles are sought for what remains.
@@ -201,14 +193,14 @@ class ReductionChoice:
         self.allowed.update({part: share * self.tolerance for part, share in shares_shifted().items()})
         return self._error(best) <= self.allowed["basis"]
 
-    def _apart(self, rung: Rung, grid: dict[str, Any], finer: dict[str, Any]) -> Errors:
+    def _apart(self, rung: candidates.Rung, grid: dict[str, Any], finer: dict[str, Any]) -> Errors:
         """Return how far a grid is from a finer one."""
         trial = self._try(rung, grid)
         errors = self._bench.apart(trial, self._try(rung, finer))
         self._ledger.add_trial("interpolation", (*OF_BASIS, *OF_GRID), trial, errors)
         return errors
 
-    def _cheapest_basis(self) -> Rung | None:
+    def _cheapest_basis(self) -> candidates.Rung | None:
         """Return the cheapest rung of all families that is good enough; None if there is none at the present angles.
 
         The middle rungs tell where it is to be sought: in the first family whose one is good enough; else in those
@@ -230,7 +222,7 @@ class ReductionChoice:
                 found = self._climb(cheaper, len(cheaper) - 1)
         return found
 
-    def _promising(self) -> list[list[Rung]]:
+    def _promising(self) -> list[list[candidates.Rung]]:
         """Return the families to climb, at angles of which twice as many do not better the best middle rung."""
         while True:
             middles = []
@@ -243,24 +235,24 @@ class ReductionChoice:
                 return [family for family, middle in zip(self._families, middles) if MUCH_BETTER * middle <= least]
             self._refine()
 
-    def _middle(self, family: list[Rung]) -> Rung:
+    def _middle(self, family: list[candidates.Rung]) -> candidates.Rung:
         """Return the rung of medium size, or one near it that can be built: the last mode of some meets the next one,
         whatever the angles."""
-        near = by_distance_from_middle(family)[:NEAREST]
+        near = candidates.by_distance_from_middle(family)[:NEAREST]
         tried = (rung for rung in near if self._is_affordable(rung, self._grid))
         return next((rung for rung in tried if self._trial(rung).built), near[0])
 
-    def _climb(self, family: list[Rung], start: int) -> Rung | None:
+    def _climb(self, family: list[candidates.Rung], start: int) -> candidates.Rung | None:
         """Return the rung of a family with the fewest modes that is good enough."""
         allowed = self.allowed["basis"]
 
         def stalls(before: int, now: int) -> bool:
             return self._error(family[now]) > max(STALLED * self._error(family[before]), NEAR * allowed)
 
-        found = first_passing(len(family), lambda k: self._error(family[k]) <= allowed, start, stalls)
+        found = candidates.first_passing(len(family), lambda k: self._error(family[k]) <= allowed, start, stalls)
         return None if found is None else family[found]
 
-    def _explain(self, found: Rung) -> None:
+    def _explain(self, found: candidates.Rung) -> None:
         """Say why it is this basis."""
         family = next(family for family in self._families if found in family)
         fewer = family[: family.index(found)]
@@ -280,13 +272,13 @@ class ReductionChoice:
                 modes = f"{best.entries['modes']} modes leave {left:.2g}" if np.isfinite(left) else "none could be run"
                 self._ledger.reasons[f"reduction.{key}"] = f"with {json.dumps(best.entries[key])}, {modes}"
 
-    def _last_resort(self, family: list[Rung]) -> bool:
+    def _last_resort(self, family: list[candidates.Rung]) -> bool:
         """Return whether a family is tried only where others fail: dynamic stretching, where there is static."""
         entries = family[0].entries
         static = self._limits.slender and "stretching" not in self.given
         return static and entries["second_order"] and entries["stretching"] == "dynamic"
 
-    def _refuse(self, best: Rung) -> NoReturn:
+    def _refuse(self, best: candidates.Rung) -> NoReturn:
         """Raise an error that says why the best rung that was tried is not good enough."""
         if not self._trial(best).built:
             raise RunError(self._trial(best).reason)
@@ -311,13 +303,13 @@ class ReductionChoice:
             last.append(self._limits.last_mode)
         refuse_basis(self._bench, trial, self.tolerance, self.allowed, self._ledger, last, rival)
 
-    def _look_at_finer(self, best: Rung) -> None:
+    def _look_at_finer(self, best: candidates.Rung) -> None:
         """Note what twice the angles that are given would change, where that is no matter of other entries."""
         if self._reduction.sampling_tolerance is None and self._finer["angles"] <= self._angles[-1]:
             if self._is_affordable(best, self._finer):
                 self._apart(best, self._grid, self._finer)
 
-    def _refuse_angles(self, best: Rung) -> None:
+    def _refuse_angles(self, best: candidates.Rung) -> None:
         """Refuse where the last angles that are tried still changed much of the best rung."""
         most = self._grid["angles"]
         if self._apart(best, self._grid | {"angles": most // 2}, self._grid).largest > COUNTS * self._error(best):
@@ -336,7 +328,7 @@ class ReductionChoice:
             return None
         return self._trial(others[0]) if np.isfinite(self._error(others[0])) else None
 
-    def _fewest_angles(self, rung: Rung) -> Trial:
+    def _fewest_angles(self, rung: candidates.Rung) -> Trial:
         """Return the trial with the fewest angles, of any scheme, that are not far from those of the search; what these
         leave themselves is part of the basis's error."""
         allowed, left, schemes = self.allowed["interpolation"], {}, self._schemes
@@ -349,7 +341,11 @@ class ReductionChoice:
 
         chosen, counts = self._grid, [n for n in self._angles if n < self._grid["angles"]]
         for scheme in schemes:
-            found = first_passing(len(counts), lambda k: passes(counts[k], scheme), len(counts) - 1) if counts else None
+            found = (
+                candidates.first_passing(len(counts), lambda k: passes(counts[k], scheme), len(counts) - 1)
+                if counts
+                else None
+            )
             if found is not None:
                 chosen = {"angles": counts[found], "interpolation": scheme}
                 counts = counts[:found]

@@ -119,22 +119,15 @@ class Reference:
 
 
 def component_model(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    comm: Comm,
-    n_modes: int | None = None,
+    scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm, n_modes: int | None = None,
     kinematics: RigidKinematics | None = None,
-) -> ComponentModel:
+) -> ComponentModel:  # fmt: skip
     """Return the component model of a scene. Collective on `comm`.
 
     Raises `InputError` if a body cannot be put into a floating frame, or the scene has what such bodies do not take.
 
-    Parameters
-    ----------
-    n_modes
-        Modes of the mechanism that its bodies' fields serve; ``reduction.modes`` by default.
-    kinematics
-        Of the same mechanism, where they are at hand.
+    - `n_modes`: modes of the mechanism that its bodies' fields serve; ``reduction.modes`` by default.
+    - `kinematics`: of the same mechanism, where they are at hand.
     """
     modes = scene.reduction.model_copy(update={} if n_modes is None else {"modes": n_modes})
     serving = scene.model_copy(update={"reduction": modes})
@@ -205,21 +198,13 @@ def _cure(demand: Demand) -> str:
 
 
 def distance_from_mesh(
-    reference: Reference,
-    meshes: Mapping[str, BodyShape],
-    values: Mapping[str, np.ndarray],
-    n_samples: int,
-    n_steps: int,
-    comm: Comm,
-) -> Reference:
+    reference: Reference, meshes: Mapping[str, BodyShape], values: Mapping[str, np.ndarray], n_samples: int,
+    n_steps: int, comm: Comm,
+) -> Reference:  # fmt: skip
     """Return a reference that says how far it is from the mesh. Collective on `comm`.
 
-    Parameters
-    ----------
-    values
-        Points to try, each of shape (n_samples,), the nominal ones first.
-    n_steps
-        Steps of both models over the whole run; few will do, both make the same errors with them.
+    - `values`: points to try, each of shape (n_samples,), the nominal ones first.
+    - `n_steps`: steps of both models over the whole run; few will do, both make the same errors with them.
     """
     if reference.is_mesh:
         return reference

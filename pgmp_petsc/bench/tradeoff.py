@@ -22,17 +22,9 @@ from pgmp_petsc.base.errors import InputError, RunError, note
 from pgmp_petsc.base.progress import progress, without_progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
+from pgmp_petsc.bench import candidates
 from pgmp_petsc.bench.advice import advise
 from pgmp_petsc.bench.bench import TIMED, Bench, Measured
-from pgmp_petsc.bench.candidates import (
-    Limits,
-    Sweep,
-    best_settings,
-    columns_of,
-    first_settings,
-    own_setting,
-    settings_around,
-)
 from pgmp_petsc.bench.cases import Setting, Training, held_out, own_steps
 from pgmp_petsc.bench.finished import Arrays, Finished, step_seconds
 from pgmp_petsc.bench.history import largest_errors
@@ -61,41 +53,23 @@ FRAME_FIELDS = 12  # amplitudes of a body beside its modes, for a rough price
 
 
 def measure_tradeoff(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    sweep: Sweep,
-    n_samples: int,
-    quick: bool,
-    comm: Comm,
-    finished: Finished | None = None,
-    say: Callable[[str], None] = lambda text: None,
-) -> Tradeoff | None:
+    scene: Scene, meshes: Mapping[str, BodyShape], sweep: candidates.Sweep, n_samples: int, quick: bool, comm: Comm,
+    finished: Finished | None = None, say: Callable[[str], None] = lambda text: None,
+) -> Tradeoff | None:  # fmt: skip
     """Measure errors and times of the settings of a sweep. Collective on `comm`.
 
     Raises `InputError` if the scene has no outputs, its mechanism cannot be closed, or there is no reference within the
     budget; `RunError` if the reference fails at a test value, so that there is nothing to compare with.
 
-    Parameters
-    ----------
-    scene, meshes
-        The scene, with outputs.
-    sweep
-        How many settings.
-    n_samples
-        Number of samples that the advice is for.
-    quick
-        Whether the sweep is the short one; for the record.
-    comm
-        Ranks that share the settings.
-    finished
-        What an earlier run finished, and where finished tasks are kept.
-    say
-        Gets what errors are measured against and what that is predicted to take, before it is run.
+    - `scene`, `meshes`: the scene, with outputs.
+    - `sweep`: how many settings.
+    - `n_samples`: number of samples that the advice is for.
+    - `quick`: whether the sweep is the short one; for the record.
+    - `comm`: ranks that share the settings.
+    - `finished`: what an earlier run finished, and where finished tasks are kept.
+    - `say`: gets what errors are measured against and what that is predicted to take, before it is run.
 
-    Returns
-    -------
-    Tradeoff or None
-        On the first rank, None elsewhere.
+    The first rank gets the `Tradeoff`, the others None.
     """
     if not scene.outputs:
         raise InputError(
@@ -109,10 +83,10 @@ def measure_tradeoff(
         with timings.phase("preparation"), without_progress():
             subject, reference, shared = _prepared(scene, meshes, training, sweep, comm, say)
             with agreed(comm, "preparing the study"):
-                limits = Limits.of(scene, subject.kinematics, subject.n_modes)
+                limits = candidates.Limits.of(scene, subject.kinematics, subject.n_modes)
                 lines = all(isinstance(mesh, LineMesh) for mesh in meshes.values())
                 bench = Bench(reference, training, alone(), subject, own, finished=finished, timed=shared)
-                bench.warm_up(own_setting(scene), limits.second_order)
+                bench.warm_up(candidates.own_setting(scene), limits.second_order)
                 dealer = Dealer(comm.size, _prices(subject, reference, sweep), bench.batch, sweep.repeats)
                 dealer.n_coordinates = len(scene.coordinates)
         study = _Study(scene, sweep, bench, replace(limits, refinable=lines and reference.is_mesh))
@@ -150,13 +124,9 @@ def _of_one_mechanism(scene: Scene) -> Scene:
 
 
 def _prepared(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    training: Training,
-    sweep: Sweep,
-    comm: Comm,
+    scene: Scene, meshes: Mapping[str, BodyShape], training: Training, sweep: candidates.Sweep, comm: Comm,
     say: Callable[[str], None],
-) -> tuple[Subject, Reference, dict[str, float]]:
+) -> tuple[Subject, Reference, dict[str, float]]:  # fmt: skip
     """Condense bodies and choose the reference; return the processor times of both by what they are for."""
     modes, n = scene.reduction.modes, own_steps(scene)
     factors = (1.0, *sweep.own_modes)
@@ -180,7 +150,7 @@ def _prepared(
     return subject, reference, {"reduced": condensing, "surface": preparing}
 
 
-def _prices(subject: Subject, reference: Reference, sweep: Sweep) -> Prices:
+def _prices(subject: Subject, reference: Reference, sweep: candidates.Sweep) -> Prices:
     """Return what steps of the families are predicted to take."""
     full = FullModel(subject.scene, subject.meshes, subject.kinematics)
     n = max((*sweep.component_modes, 1)) + FRAME_FIELDS
@@ -202,7 +172,7 @@ def _work(bench: Bench, dealt: Sequence[Sequence[Task]], title: str, comm: Comm)
 
 
 def _times(
-    bench: Bench, sweep: Sweep, finished: Finished | None, comm: Comm
+    bench: Bench, sweep: candidates.Sweep, finished: Finished | None, comm: Comm
 ) -> tuple[dict[Setting, np.ndarray], float]:
     """Take the times of all settings in turns; on the first rank return those of all ranks, and their wall time over
     their processor time: 1 on a quiet machine, 0 where nothing was timed. Collective on `comm`."""
@@ -232,9 +202,9 @@ class _Study:
     """Measurements so far and those that come next; used on the first rank."""
 
     scene: Scene
-    sweep: Sweep
+    sweep: candidates.Sweep
     bench: Bench
-    limits: Limits
+    limits: candidates.Limits
     _asked: list[Setting] = field(default_factory=list)
     _measured: dict[Setting, Measured] = field(default_factory=dict)
     _finest: Measured | None = None  # on the finest mesh
@@ -262,7 +232,7 @@ class _Study:
     def first(self) -> list[Setting]:
         """Return what is measured first."""
         finest = [Setting("reference", own_steps(self.scene), self.sweep.finest)] if self.limits.refinable else []
-        self._asked = first_settings(self.scene, self.sweep, self.limits)
+        self._asked = candidates.first_settings(self.scene, self.sweep, self.limits)
         return [*finest, *self._missing(1), *self._asked]
 
     def further(self) -> list[Setting]:
@@ -274,8 +244,8 @@ class _Study:
             raise RunError(f"the {self.bench.reference.model.title} reference: {self._sequences[1].failure}")
         worst = [float(np.max(self._errors(setting))) for setting in self._asked]
         n_coordinates = [self._measured[setting].n_coordinates for setting in self._asked]
-        best = best_settings(self._asked, worst, n_coordinates)
-        around = settings_around(best, self.scene, self.sweep, self.limits)
+        best = candidates.best_settings(self._asked, worst, n_coordinates)
+        around = candidates.settings_around(best, self.scene, self.sweep, self.limits)
         new = [setting for setting in around if setting not in self._measured]
         self._asked += new
         return [*self.references(), *new]
@@ -306,29 +276,20 @@ class _Study:
         settings = self._asked
         errors = np.array([self._errors(setting) for setting in settings])
         seconds = np.array([times.get(setting, np.full((3, 2), np.nan)) for setting in settings])
-        columns = columns_of(settings, self.scene)
+        columns = candidates.columns_of(settings, self.scene)
         for name, attribute in (("coordinates", "n_coordinates"), ("cosine", "cosine")):
             columns[name] = np.array([getattr(self._measured[setting], attribute) for setting in settings])
         return Tradeoff(
-            record=record,
-            units=units,
-            test_values=self.bench.training.values,
+            record=record, units=units, test_values=self.bench.training.values,
             parameter_units={name: parameter.unit or "1" for name, parameter in self.scene.parameters.items()},
-            families=tuple(setting.family for setting in settings),
-            columns=columns,
+            families=tuple(setting.family for setting in settings), columns=columns,
             flags=tuple(_flags(setting, self.scene) for setting in settings),
-            reasons=tuple(self._reason(setting, row) for setting, row in zip(settings, errors)),
-            errors=errors,
-            wall=Times(*seconds[:, :, 0].T),
-            processor=Times(*seconds[:, :, 1].T),
-            references=self._references(),
-            mesh=self._mesh_errors(len(units)),
-            batch=self.bench.batch,
-            repeats=self.sweep.repeats,
-            reference=self.bench.reference.why,
-            reference_model=self.bench.reference.model.name,
+            reasons=tuple(self._reason(setting, row) for setting, row in zip(settings, errors)), errors=errors,
+            wall=Times(*seconds[:, :, 0].T), processor=Times(*seconds[:, :, 1].T), references=self._references(),
+            mesh=self._mesh_errors(len(units)), batch=self.bench.batch, repeats=self.sweep.repeats,
+            reference=self.bench.reference.why, reference_model=self.bench.reference.model.name,
             rigid_coordinates=len(self.scene.coordinates),
-        )
+        )  # fmt: skip
 
     def _missing(self, refinement: int) -> list[Setting]:
         wanted = self._sequences[refinement].wanted(self._smallest(refinement))

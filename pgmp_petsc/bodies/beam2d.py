@@ -128,11 +128,7 @@ def undeformed_stiffness(lengths: np.ndarray, alphas: np.ndarray, section: np.nd
     cos, sin, zero, one = np.cos(alphas), np.sin(alphas), np.zeros_like(alphas), np.ones_like(alphas)
     half = lengths / 2
     gradients = np.array(  # of eps, gamma, kappa, each times the length: shape (3, 6, n_elements)
-        [
-            [-cos, -sin, zero, cos, sin, zero],
-            [sin, -cos, -half, -sin, cos, -half],
-            [zero, zero, -one, zero, zero, one],
-        ]
+        [[-cos, -sin, zero, cos, sin, zero], [sin, -cos, -half, -sin, cos, -half], [zero, zero, -one, zero, zero, one]]
     )
     return np.einsum("s,sie,sje,e->eij", section, gradients, gradients, 1 / lengths)
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -86,6 +87,24 @@ class Body(ABC):
     n_own_sections: ClassVar[int] = 0
     #: What tells modes apart whatever its internal coordinates are, shape (n_dofs, n_probes), where these mean nothing.
     probes: ClassVar[np.ndarray | None] = None
+    #: Number of internal coordinates: positions of the nodes of a mesh, or amplitudes.
+    n_internal: ClassVar[int] = 0
+    #: The global numbers of nodes that are no more than frames of what is behind them.
+    tied_nodes: ClassVar[slice] = slice(0)
+    #: Groups of faces on the mesh that the nodes follow, by name.
+    face_frames: ClassVar[Mapping[str, FaceFrame]] = MappingProxyType({})
+    #: Whether strains of second order follow from the unknowns as the frames of its nodes.
+    strains_follow_frames: ClassVar[bool] = False
+    #: See `Recovery.curved`; None where nothing of the kind is known, or needed.
+    curved_strains: ClassVar[np.ndarray | None] = None
+    #: Whether static stretching is distinguished from bending.
+    has_long_axis: ClassVar[bool] = True
+    #: The mesh or the matrices that a build condenses.
+    to_condense: ClassVar[Sequence[FramedSolid]] = ()
+    #: Whether its unknowns hold all that stresses need.
+    answered: ClassVar[bool] = True
+    #: Whether the third derivative of the strain energy is known.
+    third_derivative_known: ClassVar[bool] = True
 
     @classmethod
     @abstractmethod
@@ -132,11 +151,6 @@ class Body(ABC):
         return DOFS_PER_NODE if self.dimension == 2 else DOFS_IN_SPACE
 
     @property
-    def n_internal(self) -> int:
-        """Number of internal coordinates: positions of the nodes of a mesh, or amplitudes."""
-        return 0
-
-    @property
     def internal(self) -> slice:
         """The internal coordinates among all unknowns."""
         return slice(self.first_internal, self.first_internal + self.n_internal)
@@ -151,11 +165,6 @@ class Body(ABC):
     def own_dofs(self) -> np.ndarray:
         """The unknowns that have mass and stiffness, shape (n_own,)."""
         return self.dofs
-
-    @property
-    def tied_nodes(self) -> slice:
-        """The global numbers of nodes that are no more than frames of what is behind them."""
-        return slice(0)
 
     # what is known of it
 
@@ -174,34 +183,9 @@ class Body(ABC):
         return frames[self.nodes]
 
     @property
-    def face_frames(self) -> Mapping[str, FaceFrame]:
-        """Groups of faces on the mesh that the nodes follow, by name."""
-        return {}
-
-    @property
-    def strains_follow_frames(self) -> bool:
-        """Whether strains of second order follow from the unknowns as the frames of its nodes."""
-        return False
-
-    @property
-    def curved_strains(self) -> np.ndarray | None:
-        """See `Recovery.curved`; None where nothing of the kind is known, or needed."""
-        return None
-
-    @property
     def extent(self) -> float:
         """A length that is typical of the body: its largest extent along an axis of its frame, or nearly so, m."""
         return float(np.max(np.ptp(self.shape.nodes, axis=0)))
-
-    @property
-    def has_long_axis(self) -> bool:
-        """Whether static stretching is distinguished from bending."""
-        return True
-
-    @property
-    def to_condense(self) -> Sequence[FramedSolid]:
-        """The mesh or the matrices that a build condenses."""
-        return ()
 
     @property
     def drawn(self) -> SolidMesh | LineMesh | None:
@@ -227,11 +211,6 @@ class Body(ABC):
     def stresses(self, scene: Scene) -> BodyStresses | None:
         """Return where and how the body has stresses; None where it is not known."""
         return None
-
-    @property
-    def answered(self) -> bool:
-        """Whether its unknowns hold all that stresses need."""
-        return True
 
     @property
     def by_node(self) -> np.ndarray:
@@ -345,11 +324,6 @@ class Body(ABC):
     def director_inertia(self) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
         """Yield weights, nodes (n,) in space and the inertia of their directors (n, 3, 3), kg m2, but for `lumps`."""
         yield from ()
-
-    @property
-    def third_derivative_known(self) -> bool:
-        """Whether the third derivative of the strain energy is known."""
-        return True
 
     def third_derivative(self, rows: range, n_dofs: int) -> ThirdPart | None:
         """Return the part of some rows of it; None of a body without strain energy."""

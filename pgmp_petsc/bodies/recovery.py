@@ -22,34 +22,21 @@ from pgmp_petsc.scene import Scene
 
 
 class Beams(Protocol):
-    """A body of flexible beams as its strains and stresses see it; see `kinds.beam`."""
+    """What strains and stresses ask a body of flexible beams for; see `kinds.beam`."""
 
     name: str
     mesh: LineMesh
-    axes: np.ndarray | None  # of the elements in space, shape (n_elements, 3, 3); None in the plane
-    profiles: Profiles  # what the constants are multiplied by, element by element
+    axes: np.ndarray | None
+    profiles: Profiles
+    planar: bool
+    dimension: int
+    directions: np.ndarray
+    extent: float
 
-    @property
-    def planar(self) -> bool:
-        """Whether it is in the plane."""
+    def sections(self, kind: str) -> dict[Monomial, np.ndarray]: ...
 
-    @property
-    def dimension(self) -> int:
-        """2 in the plane, 3 in space."""
+    def stresses(self, scene: Scene) -> Any: ...
 
-    @property
-    def directions(self) -> np.ndarray:
-        """Directions of the elements in the plane, shape (n_elements,), rad."""
-
-    @property
-    def extent(self) -> float:
-        """See `Body`."""
-
-    def sections(self, kind: str) -> dict[Monomial, np.ndarray]:
-        """Return sectional coefficients of all elements by weight; see `Beam`."""
-
-    def stresses(self, scene: Scene) -> Any:
-        """See `Body`."""
 
 
 @dataclass(frozen=True, eq=False)

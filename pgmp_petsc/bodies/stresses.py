@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 
@@ -199,7 +200,6 @@ class CellStresses(BodyStresses):
 
     @property
     def law(self) -> SolidLaw:
-        """See `BodyStresses`."""
         used, plane = (self._scene.materials[material] for material, _ in self._materials), self.mesh.dimension == 2
         materials = tuple((Quantity.of(one.E), Lame.of(one.nu, plane)) for one in used)
         profiles, thickness = profiles_of(self._scene, self._name, self.mesh), self._entry.thickness if plane else None
@@ -207,23 +207,18 @@ class CellStresses(BodyStresses):
         return SolidLaw(materials, profiles.modulus, of_plane)
 
     def everywhere(self) -> SolidStrains:
-        """See `BodyStresses`."""
         return SolidStrains.at_nodes(self.mesh, self._cells, np.arange(self.mesh.n_nodes))
 
     def in_middles(self) -> SolidStrains:
-        """See `BodyStresses`."""
         return SolidStrains.in_cells(self.mesh, self._cells)
 
     def at_place(self, place: np.ndarray) -> SolidStrains | None:
-        """See `BodyStresses`."""
         return SolidStrains.at_place(self.mesh, self._cells, place)
 
     def in_group(self, name: str, entry: str) -> SolidStrains:
-        """See `BodyStresses`."""
         return SolidStrains.at_nodes(self.mesh, self._cells, np.unique(self.mesh.faces(name, entry)))
 
     def in_region(self, name: str, entry: str) -> SolidStrains:
-        """See `BodyStresses`."""
         cells = self.mesh.region(name, entry)
         points = SolidStrains.at_nodes(self.mesh, self._cells, np.unique(self.mesh.cells[cells]))
         return points.within(self._cells, cells)
@@ -238,7 +233,6 @@ class BeamStresses(BodyStresses):
 
     @property
     def law(self) -> BeamLaw:
-        """See `BodyStresses`."""
         if self._entry.material is None:
             return BeamLaw(None, None, False)
         section = self._entry.section
@@ -250,19 +244,15 @@ class BeamStresses(BodyStresses):
         return {self.mesh.point(point, entry) for point, entry in points_used(self._scene, self._name).items()}
 
     def everywhere(self) -> BeamStrains:
-        """See `BodyStresses`."""
         return BeamStrains.at_ends(self._body, self._held)
 
     def in_middles(self) -> BeamStrains:
-        """See `BodyStresses`."""
         return BeamStrains.in_middles(self._body)
 
     def at_place(self, place: np.ndarray) -> BeamStrains | None:
-        """See `BodyStresses`."""
         return BeamStrains.at_place(self._body, place, self._held)
 
     def in_group(self, name: str, entry: str) -> BeamStrains:
-        """See `BodyStresses`."""
         return BeamStrains.at_ends(self._body, self._held, np.array([self.mesh.point(name, entry)]))
 
     def in_region(self, name: str, entry: str) -> BeamStrains:
@@ -279,11 +269,9 @@ class Recovered:
 
     @property
     def drawn(self) -> SolidMesh | LineMesh | None:
-        """See `Body`."""
         return None if self.recovery is None else self.recovery.mesh
 
     def stresses(self, scene: Scene) -> BodyStresses | None:
-        """See `Body`."""
         if self.recovery is None:
             return None
         carrier = self.recovery.carrier
@@ -291,13 +279,9 @@ class Recovered:
 
     @property
     def answered(self) -> bool:
-        """See `Body`."""
         return self.recovery is None or self.recovery.answered
 
-    @property
-    def by_node(self) -> np.ndarray:
-        """See `Body`."""
-        return self.recovery.by_node
+    by_node = property(attrgetter("recovery.by_node"))
 
 
 Points = np.ndarray  # what is known at points, shape (n_points, n_components, n)

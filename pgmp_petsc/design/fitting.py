@@ -76,24 +76,13 @@ def fit(
 ) -> Fit | None:
     """Fit parameters; one rank does, the others wait. Collective on `comm`.
 
-    Parameters
-    ----------
-    asked
-        Names of the parameters; where there are none, all with a distribution.
-    noise
-        Deviation of the noise of outputs, where it is known.
+    - `asked`: names of the parameters; where there are none, all with a distribution.
+    - `noise`: deviation of the noise of outputs, where it is known.
 
-    Returns
-    -------
-    Fit or None
-        On the first rank, None elsewhere.
+    The first rank gets the `Fit`, the others None.
 
-    Raises
-    ------
-    InputError
-        If a name is unknown, or there are fewer measurements than parameters.
-    RunError
-        If a run stops before its end where the search begins; it turns back from others.
+    Raises `InputError` if a name is unknown, or there are fewer measurements than parameters; `RunError` if a run stops
+    before its end where the search begins; it turns back from others.
     """
     found = None
     with agreed(comm, "fit"):
@@ -170,13 +159,9 @@ class _Fitting:
     """One fit; `count` is called after every run."""
 
     def __init__(
-        self,
-        model: ReducedModel,
-        history: MeasuredHistory,
-        names: Sequence[str],
-        noise: Mapping[str, float],
+        self, model: ReducedModel, history: MeasuredHistory, names: Sequence[str], noise: Mapping[str, float],
         count: Callable[[], object],
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._count = count
         self._history, self._names, self._noise = history, tuple(names), noise
         self._served, self._model, scene = model, of_samples(model, names), model.scene
@@ -440,10 +425,7 @@ class _Condensed:
     With ``V c`` the values of the cubic of coefficients c at the measured instants, ``V = Q R``, and m the measurements
     ``|V c - m|^2 = |R c - Q^T m|^2 + |m|^2 - |Q^T m|^2``.
 
-    Attributes
-    ----------
-    rest
-        Sums of squares by output that no cubic takes away.
+    `rest`: sums of squares by output that no cubic takes away.
     """
 
     def __init__(self, history: MeasuredHistory, time: np.ndarray) -> None:

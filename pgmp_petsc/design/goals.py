@@ -139,10 +139,7 @@ class Constraint:
 def read_goal(text: str, outputs: Collection[str], parameters: Collection[str]) -> Goal:
     """Read a goal.
 
-    Raises
-    ------
-    InputError
-        With the position marked.
+    Raises `InputError` with the position marked.
     """
     parser = _Parser("goal", text, outputs, parameters)
     word = parser.token

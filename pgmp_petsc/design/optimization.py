@@ -52,12 +52,8 @@ def designed_parameters(scene: Scene, asked: Sequence[str]) -> tuple[str, ...]:
 def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     """Find a design. Collective on `comm`; the same on all ranks.
 
-    Raises
-    ------
-    InputError
-        If robust figures are asked for and nothing varies, or too much for the limits.
-    RunError
-        If a run stops before its end where the search begins; it turns back from others.
+    Raises `InputError` if robust figures are asked for and nothing varies, or too much for the limits; `RunError` if a
+    run stops before its end where the search begins; it turns back from others.
     """
     from scipy.optimize import minimize  # takes a noticeable time, and other commands have no use for it
 

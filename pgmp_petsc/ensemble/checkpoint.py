@@ -42,39 +42,21 @@ class Finished:
 class Checkpoint:
     """Finished batches of one ensemble; used by rank 0.
 
-    Parameters
-    ----------
-    plan
-        The ensemble.
-    scene_toml
-        The resolved scene: a checkpoint of another one is refused.
-    model
-        ``full`` or ``reduced``.
-    tables
-        Identity of what the model is made of besides the scene (see `Model`): two reduced models of the same scene may
-        differ, and so may meshes of the same name.
-    design
-        Where samples come from, in words, and the identity of the numbers (`Sampler.named`): a checkpoint of another
-        design is refused.
-    extends
-        Whether a longer run has the samples of a shorter one, so that it may take up what that left.
+    - `plan`: the ensemble.
+    - `scene_toml`: the resolved scene: a checkpoint of another one is refused.
+    - `model`: ``full`` or ``reduced``.
+    - `tables`: identity of what the model is made of besides the scene (see `Model`): two reduced models of the same
+      scene may differ, and so may meshes of the same name.
+    - `design`: where samples come from, in words, and the identity of the numbers (`Sampler.named`): a checkpoint of
+      another design is refused.
+    - `extends`: whether a longer run has the samples of a shorter one, so that it may take up what that left.
 
-    Attributes
-    ----------
-    remarks
-        What was found and not taken up.
-    run
-        What the whole ensemble is, by key; the same for all its shards.
+    - `remarks`: what was found and not taken up.
+    - `run`: what the whole ensemble is, by key; the same for all its shards.
     """
 
     def __init__(
-        self,
-        plan: Plan,
-        scene_toml: str,
-        model: str,
-        tables: str,
-        design: tuple[str, str],
-        extends: bool = True,
+        self, plan: Plan, scene_toml: str, model: str, tables: str, design: tuple[str, str], extends: bool = True
     ) -> None:
         self._plan = plan
         fixed, grows = {}, extends and plan.shard is None
@@ -265,17 +247,10 @@ class Columns(Mapping[str, np.ndarray]):
 
     The file has no name: it is gone with the last reference to it, however the run ends.
 
-    Parameters
-    ----------
-    folder
-        Where there is space for it.
-    n_samples
-        Length of every column.
+    - `folder`: where there is space for it.
+    - `n_samples`: length of every column.
 
-    Raises
-    ------
-    RunError
-        If the system fails to make it.
+    Raises `RunError` if the system fails to make it.
     """
 
     def __init__(self, folder: Path, n_samples: int) -> None:

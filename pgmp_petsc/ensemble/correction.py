@@ -43,19 +43,12 @@ def plan_of(plan: Plan, better: Better) -> Plan:
 class Levels:
     """The samples of all models, the best first, as far as they are fine in their own model and in all cheaper ones.
 
-    Parameters
-    ----------
-    columns
-        Of the samples of every model by its name, as many as each has; the best first, the ensemble's own last.
-    replicates
-        That samples belong to, (N,); None where they are independent.
+    - `columns`: of the samples of every model by its name, as many as each has; the best first, the ensemble's own
+      last.
+    - `replicates`: that samples belong to, (N,); None where they are independent.
 
-    Attributes
-    ----------
-    names
-        Of the models.
-    n_lost
-        Draws that failed in a better model, though not in the ensemble's own.
+    - `names`: of the models.
+    - `n_lost`: draws that failed in a better model, though not in the ensemble's own.
     """
 
     def __init__(self, columns: Mapping[str, Columns], replicates: np.ndarray | None = None) -> None:
@@ -127,10 +120,7 @@ def with_better(
 ) -> Ensemble:
     """Return an ensemble with the figures of the best model, and what is to be said of them.
 
-    Parameters
-    ----------
-    columns, replicates
-        As of `Levels`.
+    `columns`, `replicates`: as of `Levels`.
     """
     levels = Levels(columns, replicates)
     found = join(scene, levels)

@@ -30,18 +30,8 @@ from pgmp_petsc.ensemble.statistics import (
 )
 from pgmp_petsc.ensemble.stopping import level_of_each
 from pgmp_petsc.ensemble.watchers import band_steps
+from pgmp_petsc.estimates import own_error
 from pgmp_petsc.estimates.coarser_run import FEWEST_STEPS
-from pgmp_petsc.estimates.own_error import (
-    absence_of_estimates,
-    few_steps,
-    large_errors,
-    left_out_of_estimates,
-    of_statistics,
-    polynomials_of_lengths,
-    too_few_steps,
-    truncated_stresses,
-    why_not_of_full_order,
-)
 from pgmp_petsc.estimates.validity import remarks_of
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import comparing
@@ -134,30 +124,20 @@ def describe_ensemble(
         *_partial_bands(bands, int(chosen.sum())),
         *over_time_remarks({name: one.count for name, one in statistics.items()}, over_time, int(chosen.sum())),
         *_estimate_remarks(origin, estimates, status, peaks),
-        *of_statistics(
+        *own_error.of_statistics(
             (one for one in outputs.items() if one[0] not in constant), estimates["errors_at_end"], chosen, units,
             ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"), origin.model,
         ),
     )  # fmt: skip
     said, seed = (*scene.remarks, *remarks), None if plan.file else plan.seed
     return Ensemble(
-        model=origin.model,
-        record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
-        parameters=parameters,
-        outputs=outputs,
-        units=units,
-        status=status,
-        meanings={int(item): item.meaning for item in Status},
-        failure_time=columns["failure_time"],
-        statistics=statistics,
-        steps_divided=divisors,
-        probabilities=probabilities,
-        bands=bands,
-        sobol=sobol,
+        model=origin.model, record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
+        parameters=parameters, outputs=outputs, units=units, status=status,
+        meanings={int(item): item.meaning for item in Status}, failure_time=columns["failure_time"],
+        statistics=statistics, steps_divided=divisors, probabilities=probabilities, bands=bands, sobol=sobol,
         kept=_kept(kept, numerics["unstable_start"], scene.ensemble.band_samples) if not fine.all() else {},
-        **estimates,
-        **over_time,
-    )
+        **estimates, **over_time,
+    )  # fmt: skip
 
 
 def _kept(kept: Kept, unstable: np.ndarray, n_bands: int) -> dict[str, np.ndarray]:
@@ -166,18 +146,10 @@ def _kept(kept: Kept, unstable: np.ndarray, n_bands: int) -> dict[str, np.ndarra
 
 
 def _chance(
-    label: str,
-    event: Event,
-    origin: Origin,
-    peaks: Peaks,
-    passages: Mapping[str, np.ndarray],
-    estimates: Mapping[str, Mapping[str, np.ndarray]],
-    known: np.ndarray,
-    failed: np.ndarray,
-    replicates: np.ndarray | None,
-    level: float,
-    is_hiding: bool,
-) -> Chance:
+    label: str, event: Event, origin: Origin, peaks: Peaks, passages: Mapping[str, np.ndarray],
+    estimates: Mapping[str, Mapping[str, np.ndarray]], known: np.ndarray, failed: np.ndarray,
+    replicates: np.ndarray | None, level: float, is_hiding: bool,
+) -> Chance:  # fmt: skip
     """Return the probability of an event over samples (N,) of which it is known, and of others that failed.
 
     Its interval, at a level, hides nothing of the failed ones, so that it is given where the estimate would.
@@ -215,13 +187,11 @@ def _bands(
         of_fine = values if are_fine.all() else values[are_fine]
         n, unknown = len(of_fine), np.full(time.size, np.nan)
         found[name] = Band(
-            time=time,
-            mean=of_fine.mean(axis=0) if n else unknown,
+            time=time, mean=of_fine.mean(axis=0) if n else unknown,
             std=of_fine.std(axis=0, ddof=1) if n > 1 else unknown,
             quantiles=_each_instant(of_fine, lambda column: np.quantile(column, asked.quantiles), len(asked.quantiles)),
-            probabilities=np.array(asked.quantiles),
-            count=n,
-        )
+            probabilities=np.array(asked.quantiles), count=n,
+        )  # fmt: skip
     return found, Peaks(outputs, extremes, ends)
 
 
@@ -284,12 +254,8 @@ def over_time_remarks(
 ) -> Iterator[Remark]:
     """Return which figures over time are of a part of the samples that are fine.
 
-    Parameters
-    ----------
-    counts
-        Number of values that the statistics of each quantity are of.
-    over_time
-        Names of what is known, as in `Ensemble`: of ``extremes`` and of ``first_passages``.
+    - `counts`: number of values that the statistics of each quantity are of.
+    - `over_time`: names of what is known, as in `Ensemble`: of ``extremes`` and of ``first_passages``.
     """
     for label in over_time["first_passages"]:
         if counts[label] < n_fine:
@@ -333,7 +299,7 @@ def _estimate_remarks(
         why = f"pgmp simulate with their --set says why, sample by sample; {comparing(scene)}"
     if estimates["errors"]:
         sizes = {name: peaks.largest(name) for name in estimates["errors"]}
-        yield from large_errors(estimates["errors"], sizes, origin.units, origin.model)
+        yield from own_error.large_errors(estimates["errors"], sizes, origin.units, origin.model)
     if estimates["errors"] and (origin.model == "reduced" or n_steps >= FEWEST_STEPS):
         chosen = np.zeros(status.size, dtype=bool)
         block = block_of(scene, origin.model)
@@ -362,13 +328,16 @@ class Origin:
         """Return that of a model."""
         scene, share = model.scene, share_of(model)
         if isinstance(model, REDUCED):
-            absent = (*absence_of_estimates(scene, ensemble=True), *truncated_stresses(scene))
+            absent = (*own_error.absence_of_estimates(scene, ensemble=True), *own_error.truncated_stresses(scene))
             if share > 0.0:
-                absent += few_steps(count_steps(scene.simulation.duration, scene.simulation.step))
-                absent += left_out_of_estimates(model)
-            absent += (polynomials_of_lengths(model, share > 0.0),) if isinstance(model, LengthLanes) else ()
+                absent += own_error.few_steps(count_steps(scene.simulation.duration, scene.simulation.step))
+                absent += own_error.left_out_of_estimates(model)
+            absent += (own_error.polynomials_of_lengths(model, share > 0.0),) if isinstance(model, LengthLanes) else ()
         else:
-            absent = (*absence_of_estimates(scene, ensemble=True, of_step=True), *why_not_of_full_order(model))
+            absent = (
+                *own_error.absence_of_estimates(scene, ensemble=True, of_step=True),
+                *own_error.why_not_of_full_order(model),
+            )
             if share > 0.0:
-                absent += too_few_steps(count_steps(scene.simulation.duration, scene.simulation.step))
+                absent += own_error.too_few_steps(count_steps(scene.simulation.duration, scene.simulation.step))
         return cls(model.name, scene, dict(model.outputs.units), (*model.kinematics.remarks, *absent), share)

@@ -83,32 +83,22 @@ class _Tangents:
 
 
 def design_points(
-    evaluate: LimitState,
-    slopes: Slopes | None,
-    starts: np.ndarray,
-    most: int,
+    evaluate: LimitState, slopes: Slopes | None, starts: np.ndarray, most: int,
     others: tuple[np.ndarray, np.ndarray] | None = None,
-) -> DesignPoints | None:
+) -> DesignPoints | None:  # fmt: skip
     """Return the design points that searches from some points lead to; None where none settles.
 
     A few searches at a time, until several have found nothing new. Where a point is explained by a plane that touches g
     at a point of a search before, none begins. Those that are explained least come first.
 
-    Parameters
-    ----------
-    evaluate
-        g of points (n, d), shape (n,); NaN where it is not known.
-    slopes
-        g and its derivatives of points (n, d), shapes (n,) and (n, d), NaN where there are none; None: from
-        differences.
-    starts
-        Shape (n, d), near the border, the best first; there are as many searches as evaluations allow.
-    most
-        Evaluations at most, of g or of its derivatives.
-    others
-        Further points (m, d), from anywhere, and their g (m,), from which searches begin after those; but where few of
-        them that are in the event lie beyond planes at the design points that starts lead to, as the border bends or
-        the event is all around, none does.
+    - `evaluate`: g of points (n, d), shape (n,); NaN where it is not known.
+    - `slopes`: g and its derivatives of points (n, d), shapes (n,) and (n, d), NaN where there are none; None: from
+      differences.
+    - `starts`: shape (n, d), near the border, the best first; there are as many searches as evaluations allow.
+    - `most`: evaluations at most, of g or of its derivatives.
+    - `others`: further points (m, d), from anywhere, and their g (m,), from which searches begin after those; but where
+      few of them that are in the event lie beyond planes at the design points that starts lead to, as the border bends
+      or the event is all around, none does.
     """
     d, used, found, in_vain, is_bent = starts.shape[1], 0, [], 0, False
     cost, tangents = cost_of(d, slopes), _Tangents(d)
@@ -234,14 +224,9 @@ def bisected_design_points(inside: LimitState, starts: np.ndarray, most: int) ->
     nearest point, whose ray is the next one: it is a design point where the border is on it, too. An error of
     ``WIDE / 2^BISECTED`` of every border turns the plane by a few hundredths.
 
-    Parameters
-    ----------
-    inside
-        Of points (n, d), shape (n,): whether they are in the event.
-    starts
-        In the event, shape (n, d), the best first.
-    most
-        Evaluations at most.
+    - `inside`: of points (n, d), shape (n,): whether they are in the event.
+    - `starts`: in the event, shape (n, d), the best first.
+    - `most`: evaluations at most.
     """
     d, used, found, in_vain = starts.shape[1], 0, [], 0
     each, n_starts = d * BISECTED + 2 * FINELY, len(starts)

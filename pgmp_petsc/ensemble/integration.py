@@ -62,21 +62,12 @@ if TYPE_CHECKING:
 class Integration:
     """The samples of one model, in a checkpoint.
 
-    Parameters
-    ----------
-    model, plan, group
-        As of `run_ensemble`. Collective on ``group.world``, as are all methods but `kept`.
-    timings
-        Where the time goes.
-    phase
-        What is timed.
-    sampler
-        Where samples come from; that of the plan, unless they are another ensemble's.
+    - `model`, `plan`, `group`: as of `run_ensemble`. Collective on ``group.world``, as are all methods but `kept`.
+    - `timings`: where the time goes.
+    - `phase`: what is timed.
+    - `sampler`: where samples come from; that of the plan, unless they are another ensemble's.
 
-    Raises
-    ------
-    InputError
-        As `run_ensemble`.
+    Raises `InputError` as `run_ensemble`.
     """
 
     def __init__(
@@ -161,14 +152,9 @@ class Integration:
 
 
 def run_batch(
-    model: Model,
-    values: Mapping[str, np.ndarray],
-    first: int = 0,
-    watchers: Sequence[Watcher] = (),
-    comm: Comm | None = None,
-    pulse: Callable[[float], object] | None = None,
-    divisors: tuple[int, ...] = DIVISORS,
-) -> Batch:
+    model: Model, values: Mapping[str, np.ndarray], first: int = 0, watchers: Sequence[Watcher] = (),
+    comm: Comm | None = None, pulse: Callable[[float], object] | None = None, divisors: tuple[int, ...] = DIVISORS,
+) -> Batch:  # fmt: skip
     """Integrate samples first, first + 1, ... as one system, those that fail again with smaller steps.
 
     Values of all parameters have shape (n,). Several ranks share one sample. What the watchers find is added, NaN where
@@ -236,10 +222,7 @@ def _with_outputs(
 class Watching:
     """Follows the runs of a model's samples.
 
-    Attributes
-    ----------
-    share, block
-        Of the samples whose errors are estimated, and in what numbers (`block_of`).
+    `share`, `block`: of the samples whose errors are estimated, and in what numbers (`block_of`).
     """
 
     def __init__(self, model: Model) -> None:
@@ -264,32 +247,20 @@ class Watching:
 
 
 def run_ensemble(
-    model: Model,
-    plan: Plan,
-    group: RankGroup,
-    stop: Stop | None = None,
-    better: Sequence[Better] = (),
+    model: Model, plan: Plan, group: RankGroup, stop: Stop | None = None, better: Sequence[Better] = (),
     earlier: Earlier | None = None,
-) -> Ensemble | ShardSamples | None:
+) -> Ensemble | ShardSamples | None:  # fmt: skip
     """Integrate the samples that are missing; describe all, or keep those of a shard. Collective on ``group.world``.
 
     Groups of several ranks share one full-order sample at a time. Raises `InputError` if the checkpoint to resume
     belongs to another scene, model, seed or number of samples; `RunError` if the finished batches are not all samples,
     each once.
 
-    Parameters
-    ----------
-    stop
-        What ends the ensemble before the plan's last sample, if anything.
-    better
-        Better models, the best first, that integrate the first samples of the ensemble too.
-    earlier
-        The same ensemble, whose failed samples alone are integrated, further than in an ensemble.
+    - `stop`: what ends the ensemble before the plan's last sample, if anything.
+    - `better`: better models, the best first, that integrate the first samples of the ensemble too.
+    - `earlier`: the same ensemble, whose failed samples alone are integrated, further than in an ensemble.
 
-    Returns
-    -------
-    Ensemble, or ShardSamples of a shard, or None
-        On the first rank, None elsewhere.
+    The first rank gets the `Ensemble`, or `ShardSamples` of a shard, the others None.
     """
     timings, comm = Timings(), group.world
     own = Integration(model, plan, group, timings, "integration")

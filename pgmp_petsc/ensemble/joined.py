@@ -95,10 +95,7 @@ def calibrated(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     another function of the parameters, so that whatever follows keeps its expectation; `python -m benchmarks.joined
     coverage` measures how often intervals hold.
 
-    Parameters
-    ----------
-    values
-        As `mean_of` takes them.
+    `values`: as `mean_of` takes them.
     """
     return [values[0], *(_calibrated(values[0], other) for other in values[1:])]
 
@@ -127,19 +124,13 @@ def mean_of(
 ) -> Estimate:
     """Return the mean of the best model.
 
-    Parameters
-    ----------
-    values
-        Of every model, the best first: shapes (m_1,) to (m_k,), each the first samples of the next; m_1 at least
-        `FEWEST`.
-    replicates
-        Numbers of the independent replicates that samples belong to, shape (m_k,), each with one of the first m_1 at
-        least; None where samples are independent. The variance is then the jackknife's over replicates, each left out
-        in turn with the coefficients of the others.
-    n_curved
-        Number of models that `calibrated` has taken through a parabola: one more coefficient each.
-    part
-        That the interval as of independent samples has in that of replicates.
+    - `values`: of every model, the best first: shapes (m_1,) to (m_k,), each the first samples of the next; m_1 at
+      least `FEWEST`.
+    - `replicates`: numbers of the independent replicates that samples belong to, shape (m_k,), each with one of the
+      first m_1 at least; None where samples are independent. The variance is then the jackknife's over replicates, each
+      left out in turn with the coefficients of the others.
+    - `n_curved`: number of models that `calibrated` has taken through a parabola: one more coefficient each.
+    - `part`: that the interval as of independent samples has in that of replicates.
     """
     best, others = values[0], values[1:]
     m = np.array([value.size for value in values])
@@ -212,21 +203,14 @@ def _added(
 
 
 def deviation_of(
-    values: Sequence[np.ndarray],
-    mean: Estimate,
-    confidence: float,
-    replicates: np.ndarray | None = None,
-    n_curved: int = 0,
-    part: float = 0.0,
-) -> tuple[float, np.ndarray]:
+    values: Sequence[np.ndarray], mean: Estimate, confidence: float, replicates: np.ndarray | None = None,
+    n_curved: int = 0, part: float = 0.0,
+) -> tuple[float, np.ndarray]:  # fmt: skip
     """Return the standard deviation of the best model and its interval (2,).
 
     Both are NaN where the variance is not positive, the interval below `FEWEST_OF_DEVIATION` samples.
 
-    Parameters
-    ----------
-    values, mean, replicates, n_curved, part
-        As `mean_of` takes and gives them.
+    `values`, `mean`, `replicates`, `n_curved`, `part`: as `mean_of` takes and gives them.
     """
     n_taken = n_curved + (replicates is not None)  # of few replicates the mean takes one more degree
     centres = [mean.value, *(float(np.mean(value)) for value in values[1:])]
@@ -246,10 +230,7 @@ def deviation_of(
 def probability_of(came_true: Sequence[np.ndarray], confidence: float) -> tuple[float, np.ndarray]:
     """Return the probability of an event in the best model and its interval (2,).
 
-    Parameters
-    ----------
-    came_true
-        Of every model, bool, as `mean_of` takes values.
+    `came_true`: of every model, bool, as `mean_of` takes values.
     """
     value = float(np.mean(came_true[-1]))
     low, high = intervals.of_probability(int(came_true[-1].sum()), came_true[-1].size, confidence)
@@ -260,11 +241,7 @@ def probability_of(came_true: Sequence[np.ndarray], confidence: float) -> tuple[
         gained, of_gained = _share(better[~given], 0.0, confidence)
         ends = (low, high) if kept >= gained else (high, low)
         steps = np.array(
-            [
-                value * (of_kept - kept),
-                (1.0 - value) * (of_gained - gained),
-                (kept - gained) * (np.array(ends) - value),
-            ]
+            [value * (of_kept - kept), (1.0 - value) * (of_gained - gained), (kept - gained) * (np.array(ends) - value)]
         )
         value = kept * value + gained * (1.0 - value)
         low, high = value + np.array([-1.0, 1.0]) * np.sqrt(np.sum(steps**2, axis=0))
@@ -277,10 +254,7 @@ def probability_with_failed(
     """Return the probability of an event over the draws that are known in all models, and an interval (2,) in which
     the others are outside the event in every model at its lower end, and in it at the upper one.
 
-    Parameters
-    ----------
-    came_true, known
-        Of every model, bool, as `mean_of` takes values; draws that are not known did not come true.
+    `came_true`, `known`: of every model, bool, as `mean_of` takes values; draws that are not known did not come true.
     """
     each = [known[-1][: one.size] for one in came_true]
     for one in known[:-1]:
@@ -306,12 +280,8 @@ def allocation(costs: np.ndarray, correlations: np.ndarray) -> np.ndarray:
     are not in the order of their correlations, or a cheaper one would have fewer samples, r_i is that of the one
     before.
 
-    Parameters
-    ----------
-    costs
-        Of a sample of every model, the best first, (k,).
-    correlations
-        With the best one, (k,), that of the best itself is 1.
+    - `costs`: of a sample of every model, the best first, (k,).
+    - `correlations`: with the best one, (k,), that of the best itself is 1.
     """
     squared = np.append(np.minimum(correlations**2, 1.0 - 1e-12), 0.0)
     squared[0] = 1.0
@@ -357,17 +327,10 @@ def allot(
     Raises `InputError` if the budget does not pay for what is given; `RunError` if the outputs of the pilot's samples
     are not known, or do not vary.
 
-    Parameters
-    ----------
-    given
-        Numbers of the better models' samples that are not to be chosen, None for the others.
-    limit
-        Number of the ensemble's samples, None where it is to be chosen.
+    - `given`: numbers of the better models' samples that are not to be chosen, None for the others.
+    - `limit`: number of the ensemble's samples, None where it is to be chosen.
 
-    Returns
-    -------
-    list of int, int
-        Numbers of samples of the better models, and of the ensemble's own.
+    Returns list of int, int: numbers of samples of the better models, and of the ensemble's own.
     """
     comm, models = own.comm, (*better, own)
     kept = on_root(comm, lambda: own.checkpoint.counts)
@@ -414,18 +377,11 @@ def counts(
 ) -> np.ndarray | None:
     """Return the numbers of samples of all models, the best first, that a budget pays for; None where there are none.
 
-    Parameters
-    ----------
-    costs
-        Of a sample, s, (k,).
-    correlations
-        With the best model, (k,).
-    given
-        Numbers that are not to be chosen, None for the others.
-    budget
-        For all samples, s.
-    most
-        Samples of the cheapest model.
+    - `costs`: of a sample, s, (k,).
+    - `correlations`: with the best model, (k,).
+    - `given`: numbers that are not to be chosen, None for the others.
+    - `budget`: for all samples, s.
+    - `most`: samples of the cheapest model.
     """
     shares = allocation(costs, correlations)
     enough = FEWEST_OF_DEVIATION

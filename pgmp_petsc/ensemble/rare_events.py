@@ -55,18 +55,8 @@ from functools import cached_property
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from pgmp_petsc.ensemble import importance
 from pgmp_petsc.ensemble.design_points import DesignPoints, LimitState, Slopes, bisected_design_points, design_points
-from pgmp_petsc.ensemble.importance import (
-    CLUSTERS,
-    FEWEST,
-    OUTSIDE,
-    chosen_density,
-    cluster_means,
-    levelled,
-    lie_apart,
-    log_normal,
-    outside_of,
-)
 from pgmp_petsc.ensemble.intervals import of_probability, of_weighted, variation_of
 from pgmp_petsc.ensemble.sampling import OF_RARE, stream
 
@@ -223,11 +213,11 @@ class RareSamples:
             return False
         if not (self.design is None or self.design.is_open):
             return False
-        if OUTSIDE * found.sum() / outside_of(points[inside]) >= 1.0:
+        if importance.OUTSIDE * found.sum() / importance.outside_of(points[inside]) >= 1.0:
             return False
         if self.design is not None:
             return self.design.beta.size > 1 or self.by_levels > LEVELS_APART * found.mean()
-        return lie_apart(points[inside], found[inside], stream(0, OF_RARE, 0))
+        return importance.lie_apart(points[inside], found[inside], stream(0, OF_RARE, 0))
 
     def interval(self, confidence: float) -> np.ndarray:
         """Return a confidence interval of the probability, shape (2,) (`intervals.of_weighted`).
@@ -266,30 +256,17 @@ def level_size(n_left: int) -> int:
 
 
 def find(
-    limit_state: LimitState,
-    d: int,
-    n_samples: int,
-    seed: int,
-    slopes: Slopes | None = None,
-    has_design: bool = True,
+    limit_state: LimitState, d: int, n_samples: int, seed: int, slopes: Slopes | None = None, has_design: bool = True
 ) -> RareSamples:
     """Find and weigh the event ``g <= 0``.
 
-    Parameters
-    ----------
-    limit_state
-        g of points (n, d), shape (n,); NaN where it is not known.
-    d
-        Number of variables.
-    n_samples
-        Evaluations of g at most, with those of `slopes`; those that subset simulation leaves are weighted. At least
-        500.
-    seed
-        Of all random numbers.
-    slopes
-        g and its derivatives, for design points; None: from differences, where samples allow them.
-    has_design
-        Whether design points are looked for, which events of variables that step have none of.
+    - `limit_state`: g of points (n, d), shape (n,); NaN where it is not known.
+    - `d`: number of variables.
+    - `n_samples`: evaluations of g at most, with those of `slopes`; those that subset simulation leaves are weighted.
+      At least 500.
+    - `seed`: of all random numbers.
+    - `slopes`: g and its derivatives, for design points; None: from differences, where samples allow them.
+    - `has_design`: whether design points are looked for, which events of variables that step have none of.
     """
     chains = _Chains(limit_state, seed, d, n_samples, slopes, has_design)
     levels, directions, last = _levels(chains)
@@ -315,14 +292,9 @@ def find(
         chains.evaluate(chains.random().standard_normal((chains.left, d)))
         weights = [np.ones(chains.values[-1].size)]
     found = RareSamples(
-        tuple(levels),
-        np.concatenate(chains.points),
-        np.concatenate(chains.values),
-        np.concatenate([np.zeros(0), *weights]),
-        tuple(of_round.size for of_round in weights),
-        weighed,
-        design,
-    )
+        tuple(levels), np.concatenate(chains.points), np.concatenate(chains.values),
+        np.concatenate([np.zeros(0), *weights]), tuple(of_round.size for of_round in weights), weighed, design,
+    )  # fmt: skip
     for level in levels[::-1] if weighed > 0.0 else ():
         found = replace(found, weighed=level.threshold)
         if found.n_effective >= ENOUGH:
@@ -378,14 +350,9 @@ class _Chains:
     """Evaluates g, and keeps all points."""
 
     def __init__(
-        self,
-        limit_state: LimitState,
-        seed: int,
-        d: int,
-        n_samples: int,
-        slopes: Slopes | None = None,
+        self, limit_state: LimitState, seed: int, d: int, n_samples: int, slopes: Slopes | None = None,
         has_design: bool = True,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._limit_state, self._seed, self._d, self._n_samples = limit_state, seed, d, n_samples
         self._slopes, self._has_design = slopes, has_design
         self._from_afar: DesignPoints | None = None
@@ -535,14 +502,9 @@ class _Chains:
         return points, g, np.repeat(np.arange(n_first), copies), float(chances.mean())
 
     def weigh(
-        self,
-        points: np.ndarray,
-        g: np.ndarray,
-        families: np.ndarray,
-        entrances: np.ndarray,
-        level: float,
+        self, points: np.ndarray, g: np.ndarray, families: np.ndarray, entrances: np.ndarray, level: float,
         design: DesignPoints | None,
-    ) -> list[np.ndarray]:
+    ) -> list[np.ndarray]:  # fmt: skip
         """Evaluate all points that are left from densities that points of the event, or of a level on g, make, and
         return the weights of all rounds but one.
 
@@ -556,7 +518,7 @@ class _Chains:
             return []
         centres, first, counts = np.unique(points, axis=0, return_index=True, return_counts=True)
         alike, values = families[first], g[first]
-        known = levelled(centres, counts.astype(float), self.random())
+        known = importance.levelled(centres, counts.astype(float), self.random())
         of_chains = centres, known / known.sum(), alike, values
         sizes = np.full(ROUNDS, self.left // ROUNDS)
         sizes[-1] += self.left % ROUNDS
@@ -564,7 +526,7 @@ class _Chains:
         weights, densities, inside, g_inside = [], [], np.zeros((0, points.shape[1])), np.zeros(0)
         for size, share in zip(sizes, AT_ENTRANCES):
             random = self.random()
-            density = chosen_density(centres, known, random, alike, values)
+            density = importance.chosen_density(centres, known, random, alike, values)
             if design is not None:
                 outside = ~np.any(centres @ design.alpha.T >= design.beta, axis=1)
                 now = float(np.average(outside, weights=known))
@@ -578,11 +540,11 @@ class _Chains:
             drawn = density.draw(size, random)
             found = self.evaluate(drawn)
             within = found <= level
-            weights.append(np.exp(log_normal(drawn) - density.log(drawn)))
+            weights.append(np.exp(importance.log_normal(drawn) - density.log(drawn)))
             inside, g_inside = np.concatenate([inside, drawn[within]]), np.concatenate([g_inside, found[within]])
             if len(inside) >= ENOUGH:
                 drawn_so_far = [np.log(m) + one.log(inside) for m, one in zip(sizes, densities)]
-                own = np.exp(log_normal(inside) - np.logaddexp.reduce(drawn_so_far, axis=0))
+                own = np.exp(importance.log_normal(inside) - np.logaddexp.reduce(drawn_so_far, axis=0))
                 own *= own.sum() / np.sum(own**2)  # how many equally weighted ones they are worth
                 centres, known, alike, values = inside, own, None, g_inside
                 if own.sum() < ENOUGH:  # chains supply what is missing
@@ -637,9 +599,9 @@ def directions_of(
 
     `families` and `values`, each (m,), are as in :func:`~pgmp_petsc.ensemble.importance.chosen_density`.
     """
-    n_clusters = max(1, min(CLUSTERS[-1], len(points) // FEWEST))
+    n_clusters = max(1, min(importance.CLUSTERS[-1], len(points) // importance.FEWEST))
     weights = np.ones(len(points))
-    several, one = (cluster_means(points, weights, families, values, n, random)[0] for n in (n_clusters, 1))
+    several, one = (importance.cluster_means(points, weights, families, values, n, random)[0] for n in (n_clusters, 1))
     means = np.concatenate([one, several])
     norms = np.sqrt(np.sum(means**2, axis=1))
     return means[norms > 0.0] / norms[norms > 0.0, None]
@@ -670,14 +632,9 @@ def entrances(
 ) -> np.ndarray:
     """Return points in the event near where rays enter it, shape (n_entrances, d); of rays that do not, none.
 
-    Parameters
-    ----------
-    limit_state
-        g of points (n, d), shape (n,); all rays are followed at once.
-    directions
-        Unit vectors, shape (n, d).
-    probability
-        Of the event, as nearly as it is known.
+    - `limit_state`: g of points (n, d), shape (n,); all rays are followed at once.
+    - `directions`: unit vectors, shape (n, d).
+    - `probability`: of the event, as nearly as it is known.
     """
     far = -float(ndtri(RARER * probability))
     if len(directions):

@@ -80,10 +80,7 @@ def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: 
     Raises `InputError` if no parameter has a distribution, or there are too few samples; `RunError` if samples cannot
     be integrated at all.
 
-    Returns
-    -------
-    RareEvent or None
-        On the first rank, None elsewhere.
+    The first rank gets the `RareEvent`, the others None.
     """
     if n_samples < FEWEST:
         raise InputError(f"-n {n_samples}: with --rare at least {FEWEST} samples are needed, of which levels are made")
@@ -117,12 +114,8 @@ def text_of(event: Event) -> str:
 class _Runs:
     """Runs of points in the space of normal variables.
 
-    Attributes
-    ----------
-    names
-        Parameters that are drawn.
-    values, status, parameters
-        Of all samples so far.
+    - `names`: parameters that are drawn.
+    - `values`, `status`, `parameters`: of all samples so far.
     """
 
     def __init__(self, model: Model, event: Event, names: list[str], comm: Comm, bar) -> None:
@@ -234,41 +227,23 @@ def _result(
     if isinstance(model, REDUCED):
         said += _of_own_error(model, event, found, runs.names, parameters, value)
     return RareEvent(
-        model=model.name,
-        record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
-        event=words,
-        text=text_of(event),
-        output=event.output,
-        unit=unit,
-        confidence=confidence,
-        estimate=found.probability,
-        interval=with_failed(found, confidence),
-        variation=found.variation,
-        at_most=found.at_most,
-        n_effective=found.n_effective,
+        model=model.name, record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
+        event=words, text=text_of(event), output=event.output, unit=unit, confidence=confidence,
+        estimate=found.probability, interval=with_failed(found, confidence), variation=found.variation,
+        at_most=found.at_most, n_effective=found.n_effective,
         threshold=np.array([event.level + sign * level.threshold for level in found.levels]),
         share=np.array([level.share for level in found.levels]),
         accepted=np.array([level.accepted for level in found.levels]),
-        curve=(event.level + sign * values, probabilities),
-        names=tuple(runs.names),
-        normal=found.points,
-        value=value,
-        weight=weight,
-        most_likely=runs.most_likely(found.design),
-        asked=n_samples,
-        parameters=parameters,
+        curve=(event.level + sign * values, probabilities), names=tuple(runs.names), normal=found.points, value=value,
+        weight=weight, most_likely=runs.most_likely(found.design), asked=n_samples, parameters=parameters,
         status=status,
-    )
+    )  # fmt: skip
 
 
 def _of_own_error(
-    model: ReducedModel | LengthLanes,
-    event: Event,
-    found: RareSamples,
-    names: Sequence[str],
-    parameters: Mapping[str, np.ndarray],
-    value: np.ndarray,
-) -> tuple[Remark, ...]:
+    model: ReducedModel | LengthLanes, event: Event, found: RareSamples, names: Sequence[str],
+    parameters: Mapping[str, np.ndarray], value: np.ndarray,
+) -> tuple[Remark, ...]:  # fmt: skip
     """Return what errors of the model do to the probability: as much as if the level were off by their mean at the
     samples nearest to it.
 

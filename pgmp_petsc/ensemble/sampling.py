@@ -68,12 +68,8 @@ DOUBLE = 2.0**-53
 def first_numbers(seed: int, numbers: np.ndarray, d: int) -> np.ndarray:
     """Return the first d uniform numbers of the streams of samples, shape (n, d).
 
-    Parameters
-    ----------
-    seed
-        Not negative.
-    numbers
-        Of the samples, shape (n,), below 2^32.
+    - `seed`: not negative.
+    - `numbers`: of the samples, shape (n,), below 2^32.
     """
     words = _words(seed, np.asarray(numbers, dtype=np.uint32))
     parts = [(high.astype(np.uint64) << HALF) | low for low, high in zip(words[::2], words[1::2])]
@@ -167,12 +163,8 @@ class Design(Protocol):
 class Independent:
     """Independent random samples.
 
-    Parameters
-    ----------
-    seed
-        Of all streams.
-    d
-        Number of parameters.
+    - `seed`: of all streams.
+    - `d`: number of parameters.
     """
 
     extends = True
@@ -188,10 +180,7 @@ class Independent:
 class LatinHypercube:
     """A Latin hypercube of n samples; see `Independent`.
 
-    Raises
-    ------
-    InputError
-        If its permutations would not fit in memory.
+    Raises `InputError` if its permutations would not fit in memory.
     """
 
     extends = False
@@ -214,12 +203,8 @@ class LatinHypercube:
 class Replicates:
     """Scrambled Sobol sequences that take turns; see `Independent`.
 
-    Parameters
-    ----------
-    n_replicates
-        Number of sequences.
-    purpose
-        First key of the streams that scramble them.
+    - `n_replicates`: number of sequences.
+    - `purpose`: first key of the streams that scramble them.
     """
 
     extends = True
@@ -266,12 +251,8 @@ class Scrambled:
 
     Its numbers are multiples of 2^-30, of which half is added: 0 has no finite quantile.
 
-    Parameters
-    ----------
-    d
-        Dimensions.
-    random
-        What scrambles it.
+    - `d`: dimensions.
+    - `random`: what scrambles it.
     """
 
     def __init__(self, d: int, random: np.random.Generator) -> None:
@@ -304,24 +285,13 @@ ROUNDS_NAMED = 2  # of all replicates: one would not show whether sequences take
 class Sampler:
     """Where the samples of an ensemble come from.
 
-    Parameters
-    ----------
-    scene, plan
-        The scene, whose parameters with a distribution are drawn, and the ensemble.
+    `scene`, `plan`: the scene, whose parameters with a distribution are drawn, and the ensemble.
 
-    Attributes
-    ----------
-    names
-        Parameters that are drawn, or that a file gives, sorted.
-    kind
-        ``random``, ``latin_hypercube``, ``sobol``, ``saltelli``, or ``file``.
-    extends
-        Whether a longer run has the samples of a shorter one.
+    - `names`: parameters that are drawn, or that a file gives, sorted.
+    - `kind`: ``random``, ``latin_hypercube``, ``sobol``, ``saltelli``, or ``file``.
+    - `extends`: whether a longer run has the samples of a shorter one.
 
-    Raises
-    ------
-    InputError
-        If no parameter has a distribution, or the number of samples does not suit the design.
+    Raises `InputError` if no parameter has a distribution, or the number of samples does not suit the design.
     """
 
     def __init__(self, scene: Scene, plan: Plan) -> None:

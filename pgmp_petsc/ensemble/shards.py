@@ -34,35 +34,20 @@ def shard_of(origin: Origin, plan: Plan, checkpoint: Checkpoint, ranks: int, tim
     place = Place(plan.shard.number, plan.shard.count, plan.n_samples, first, checkpoint.run, of_file)
     seed = None if file is not None else plan.seed
     return ShardSamples(
-        origin.model,
-        RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), scene.remarks),
-        place,
-        origin.units,
-        origin.said,
-        () if file is None else file.remarks,
-        origin.checked_share,
-        checkpoint.remarks,
-        checkpoint.columns(),
-        checkpoint.bands(min(scene.ensemble.band_samples, last)),
-    )
+        origin.model, RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), scene.remarks),
+        place, origin.units, origin.said, () if file is None else file.remarks, origin.checked_share,
+        checkpoint.remarks, checkpoint.columns(), checkpoint.bands(min(scene.ensemble.band_samples, last)),
+    )  # fmt: skip
 
 
 class Shards:
     """All shards of an ensemble, in their order; in place of a checkpoint.
 
-    Parameters
-    ----------
-    paths
-        Their files.
-    shards
-        What is in them.
-    folder
-        Where there is space for their columns.
+    - `paths`: their files.
+    - `shards`: what is in them.
+    - `folder`: where there is space for their columns.
 
-    Raises
-    ------
-    InputError
-        If they are not all shards of one ensemble, each once.
+    Raises `InputError` if they are not all shards of one ensemble, each once.
     """
 
     def __init__(self, paths: Sequence[Path], shards: Sequence[ShardSamples], folder: Path) -> None:

@@ -203,12 +203,8 @@ def level_of_each(confidence: float) -> float:
 def looks(unit: int, most: int) -> Iterator[int]:
     """Yield the numbers of samples at which one looks.
 
-    Parameters
-    ----------
-    unit
-        Of which all but the last are multiples.
-    most
-        The last.
+    - `unit`: of which all but the last are multiples.
+    - `most`: the last.
     """
     n = unit
     while n < FIRST:
@@ -317,14 +313,9 @@ def stages(
 
     Collective on `comm`.
 
-    Parameters
-    ----------
-    unit, most
-        As of `looks`.
-    run
-        Integrates all samples up to a number; returns how many there were to do.
-    seen
-        Looks at these; on every rank the same.
+    - `unit`, `most`: as of `looks`.
+    - `run`: integrates all samples up to a number; returns how many there were to do.
+    - `seen`: looks at these; on every rank the same.
     """
     found: list[Seen] = []
     clock, done = Clock(stop, comm), 0
@@ -362,17 +353,13 @@ def stopping_of(stop: Stop, history: list[Seen], plan: Plan, units: dict[str, st
     else:
         why = f"the budget of {stop.budget:g} s is spent"
     return Stopping(
-        why,
-        stop.budget,
-        tuple(rule.text for rule in stop.rules),
+        why, stop.budget, tuple(rule.text for rule in stop.rules),
         tuple(units.get(rule.quantity, "1") if rule.kind in MOMENTS else "1" for rule in stop.rules),
-        np.array([rule.wanted for rule in stop.rules]),
-        np.array([rule.relative for rule in stop.rules], dtype=bool),
-        met,
-        np.array([seen.n for seen in history]),
+        np.array([rule.wanted for rule in stop.rules]), np.array([rule.relative for rule in stop.rules], dtype=bool),
+        met, np.array([seen.n for seen in history]),
         np.array([seen.estimates for seen in history]).T.reshape(len(stop.rules), len(history)),
         np.array([seen.intervals for seen in history]).transpose(1, 0, 2),
-    )
+    )  # fmt: skip
 
 
 @gathered

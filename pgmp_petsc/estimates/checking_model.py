@@ -52,12 +52,8 @@ from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, S
 class CheckingModel:
     """The model that a reduced model is checked against.
 
-    Attributes
-    ----------
-    full
-        Its equations.
-    rotations
-        Largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_delta,), rad.
+    - `full`: its equations.
+    - `rotations`: largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_delta,), rad.
     """
 
     def __init__(self, model: ReducedModel) -> None:
@@ -91,18 +87,11 @@ class CheckingModel:
     def starts(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Return what samples start with: static equilibria, or what joints that are off build in.
 
-        Parameters
-        ----------
-        values
-            Parameter values, each of shape (n,).
-        samples
-            Mask of the samples that are asked for, shape (n,).
+        - `values`: parameter values, each of shape (n,).
+        - `samples`: mask of the samples that are asked for, shape (n,).
 
-        Returns
-        -------
-        tuple of ndarray, or None
-            Unknowns and velocities, each (n_dofs, n), NaN where there is no such start; None where runs start
-            undeformed.
+        Returns tuple of ndarray, or None: unknowns and velocities, each (n_dofs, n), NaN where there is no such start;
+        None where runs start undeformed.
         """
         from_rest, full = self.full.scene.initial.equilibrium, self.full
         if not from_rest and not full.is_off:
@@ -128,29 +117,18 @@ class CheckingModel:
 class ErrorSystem(SecondOrderSystem):
     """Full-order equations about a reference motion; see `SecondOrderSystem`.
 
-    Parameters
-    ----------
-    full
-        Full-order model of the same samples, with its loads at the instants of the motion.
-    motion
-        Reference motion; its instant number k is that of the time ``k interval``.
-    interval
-        Step of the integration, s.
-    theta
-        Rigid coordinates at the start, from which turns are counted, shape (n_theta, n_samples), rad.
-    begin
-        Full-order unknowns and velocities that samples start with, each (n_dofs, n_samples), NaN for those that are
-        never advanced; None where runs start undeformed.
+    - `full`: full-order model of the same samples, with its loads at the instants of the motion.
+    - `motion`: reference motion; its instant number k is that of the time ``k interval``.
+    - `interval`: step of the integration, s.
+    - `theta`: rigid coordinates at the start, from which turns are counted, shape (n_theta, n_samples), rad.
+    - `begin`: full-order unknowns and velocities that samples start with, each (n_dofs, n_samples), NaN for those that
+      are never advanced; None where runs start undeformed.
     """
 
     def __init__(
-        self,
-        full: FullBatch,
-        motion: ReferenceMotion,
-        interval: float,
-        theta: np.ndarray,
+        self, full: FullBatch, motion: ReferenceMotion, interval: float, theta: np.ndarray,
         begin: tuple[np.ndarray, np.ndarray] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.comm = full.comm
         self.n_samples = full.n_samples
         self._full = full

@@ -86,25 +86,15 @@ class StepErrors:
 
 
 def run_coarser(
-    model: Model,
-    system: SecondOrderSystem,
-    simulation: Simulation,
-    alive: np.ndarray,
-    of: Run | None = None,
+    model: Model, system: SecondOrderSystem, simulation: Simulation, alive: np.ndarray, of: Run | None = None,
     bar: Progress | None = None,
-) -> CoarserRun:
+) -> CoarserRun:  # fmt: skip
     """Run a system again, with a coarser step. Collective on ``system.comm``.
 
-    Parameters
-    ----------
-    simulation
-        That of the run.
-    alive
-        Samples to run, shape (n_samples,).
-    of
-        The run, which says what it took; no limit where it is not given.
-    bar
-        Shows its steps.
+    - `simulation`: that of the run.
+    - `alive`: samples to run, shape (n_samples,).
+    - `of`: the run, which says what it took; no limit where it is not given.
+    - `bar`: shows its steps.
     """
     coarse = coarser(simulation)
     n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, bar)
@@ -141,12 +131,8 @@ def run_coarser(
 class OutputRecord(Observer):
     """Keeps what the outputs are made of after every step; observes a run.
 
-    Parameters
-    ----------
-    model, system
-        A model, and its system.
-    bar
-        Shows the steps.
+    - `model`, `system`: a model, and its system.
+    - `bar`: shows the steps.
     """
 
     def __init__(self, model: Model, system: SecondOrderSystem, bar: Progress | None = None) -> None:
@@ -198,12 +184,8 @@ def step_errors(
 ) -> StepErrors | None:
     """Return the errors of a run, at the instants of the coarser one; None where that did not go far enough.
 
-    Parameters
-    ----------
-    time, outputs
-        Of the run, shape (n_t,), and each of the same shape.
-    sample
-        Number of the sample in it.
+    - `time`, `outputs`: of the run, shape (n_t,), and each of the same shape.
+    - `sample`: number of the sample in it.
     """
     known = np.all([np.isfinite(values[:, sample]) for values in other.outputs.values()], axis=0)
     n = known.size if known.all() else int(np.argmin(known))
@@ -268,14 +250,9 @@ class Bands:
         """Return how far vibrations out of phase are off in every window, shape (n_windows, k), and their mean ``omega
         h``, shape (k,), of k outputs.
 
-        Parameters
-        ----------
-        fine, coarse
-            The outputs of both runs after every step of the finer one, shape (n, k).
-        ratio
-            Of their steps.
-        kinked
-            Which outputs have kinks, shape (k,).
+        - `fine`, `coarse`: the outputs of both runs after every step of the finer one, shape (n, k).
+        - `ratio`: of their steps.
+        - `kinked`: which outputs have kinks, shape (k,).
         """
         if len(fine) < 2 * self.length:
             return np.zeros((1, kinked.size)), np.full(kinked.size, np.nan)

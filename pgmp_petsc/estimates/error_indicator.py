@@ -26,20 +26,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.estimates import reference_motion
 from pgmp_petsc.estimates.checking_model import CheckingModel, ErrorSystem
-from pgmp_petsc.estimates.reference_motion import (
-    AGREED,
-    FINER,
-    UNSURE,
-    UNSURE_WITH_OTHERS,
-    ReferenceMotion,
-    Schedule,
-    differences,
-    kept_steps,
-    most_evaluations,
-    places_of,
-    schedules,
-)
 from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 from pgmp_petsc.models.model import floors_of
@@ -56,7 +44,7 @@ TOGETHER = 2**21  # unknowns of instants whose outputs are evaluated together
 
 
 UNSOLVED = "the full-order equations could not be solved about this motion"
-STOPPED = f"the reduced run with 1/{FINER} of the step, which the estimate is made from, stopped"
+STOPPED = f"the reduced run with 1/{reference_motion.FINER} of the step, which the estimate is made from, stopped"
 
 
 @dataclass(frozen=True)
@@ -74,26 +62,23 @@ class Estimate:
 class ErrorIndicator:
     """Estimates the errors of runs of one reduced model; to be made once for all of them.
 
-    Parameters
-    ----------
-    told
-        The model whose outputs runs have, where these are not the model's own.
+    `told`: the model whose outputs runs have, where these are not the model's own.
     """
 
     def __init__(self, model: ReducedModel, told: LengthLanes | None = None) -> None:
         self.model, self.told = model, told or model
         self.checking = CheckingModel(model)
         self.floors = dict(zip(model.outputs.functions, floors_of(model)))
-        self._most = most_evaluations(self.checking.full.kinematics.mechanism)
+        self._most = reference_motion.most_evaluations(self.checking.full.kinematics.mechanism)
         self._take_steps_of(model.scene.simulation)
 
     def _take_steps_of(self, simulation: Simulation) -> None:
         self.simulation = simulation
         self.n_steps = count_steps(simulation.duration, simulation.step)
         self.step = simulation.duration / self.n_steps
-        self.finer = simulation.model_copy(update={"step": self.step / FINER})
-        self.schedules = schedules(self.n_steps, simulation.duration, self._most)
-        self.kept = kept_steps([schedule.steps for schedule in self.schedules])
+        self.finer = simulation.model_copy(update={"step": self.step / reference_motion.FINER})
+        self.schedules = reference_motion.schedules(self.n_steps, simulation.duration, self._most)
+        self.kept = reference_motion.kept_steps([schedule.steps for schedule in self.schedules])
 
     def stepped(self, simulation: Simulation) -> ErrorIndicator:
         """Return the indicator of runs of the same model with other steps."""
@@ -106,12 +91,8 @@ class ErrorIndicator:
     def watch(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> WatchedRun:
         """Begin to watch a run of a batch.
 
-        Parameters
-        ----------
-        values
-            Parameter values of the whole batch, each of shape (n_batch,).
-        samples
-            Numbers of the samples within the batch whose errors are wanted, shape (n,).
+        - `values`: parameter values of the whole batch, each of shape (n_batch,).
+        - `samples`: numbers of the samples within the batch whose errors are wanted, shape (n,).
         """
         return WatchedRun(self, {name: value[samples] for name, value in values.items()}, np.asarray(samples))
 
@@ -119,16 +100,12 @@ class ErrorIndicator:
 class _FinerRun(Observer):
     """The observer of a run with smaller steps, which keeps some of its states.
 
-    Parameters
-    ----------
-    kept
-        Numbers of the steps that are kept.
-    shape
-        Of positions, velocities and accelerations: (3, n_samples, n_eta).
+    - `kept`: numbers of the steps that are kept.
+    - `shape`: of positions, velocities and accelerations: (3, n_samples, n_eta).
     """
 
     def __init__(self, kept: np.ndarray, shape: tuple[int, int, int]) -> None:
-        self._place = places_of(kept)
+        self._place = reference_motion.places_of(kept)
         self.states = np.empty((kept.size, *shape))
 
     def __call__(self, number: int, time: float, state: State) -> None:
@@ -148,8 +125,8 @@ class WatchedRun(Observer):
         self._indicator = indicator
         self._values = values
         self._samples = samples
-        told = indicator.kept[indicator.kept % FINER == 0] // FINER
-        self._place = places_of(told)
+        told = indicator.kept[indicator.kept % reference_motion.FINER == 0] // reference_motion.FINER
+        self._place = reference_motion.places_of(told)
         n_eta = indicator.model.kinematics.n_coordinates + indicator.model.terms.tables.n_modes
         self._plain = np.empty((told.size, 3, samples.size, n_eta))  # coordinates, rates, accelerations
         self._batch: tuple[np.ndarray, FullBatch] | None = None
@@ -170,10 +147,7 @@ class WatchedRun(Observer):
     def estimate(self, status: np.ndarray) -> Estimate:
         """Return the estimate once the run has ended.
 
-        Parameters
-        ----------
-        status
-            Of the whole batch, shape (n_batch,).
+        `status`: of the whole batch, shape (n_batch,).
         """
         indicator, n = self._indicator, self._samples.size
         fine = status[self._samples] == Status.FINE
@@ -196,16 +170,20 @@ class WatchedRun(Observer):
             errors = self._evaluate(schedule, chosen, states, about[chosen], begin)
             now = {name: np.max(np.abs(error), axis=0) for name, error in errors.items()}
             before = {name: values[chosen] for name, values in largest.items()}
-            between = differences(before, now, indicator.floors)
-            alike = np.all([factors <= AGREED for factors in between.values()], axis=0)
+            between = reference_motion.differences(before, now, indicator.floors)
+            alike = np.all([factors <= reference_motion.AGREED for factors in between.values()], axis=0)
             settled[chosen] = alike | ~about[chosen]
-            time = schedule.steps[schedule.told] * (indicator.step / FINER)
+            time = schedule.steps[schedule.told] * (indicator.step / reference_motion.FINER)
             for name, error in errors.items():
                 largest[name][chosen], at_end[name][chosen], apart[name][chosen] = now[name], error[-1], between[name]
             for column, sample in enumerate(chosen):
                 histories[sample] = time, {name: error[:, column] for name, error in errors.items()}
         absent, factors = {}, np.array([np.nan_to_num(apart[name], nan=np.inf) for name in names])
-        allowed = np.where((factors > UNSURE).any(axis=0), UNSURE_WITH_OTHERS, UNSURE)
+        allowed = np.where(
+            (factors > reference_motion.UNSURE).any(axis=0),
+            reference_motion.UNSURE_WITH_OTHERS,
+            reference_motion.UNSURE,
+        )
         for name in names:
             reasons = np.full(n, "", dtype=object)
             reasons[fine & ~np.isfinite(largest[name])] = UNSOLVED
@@ -235,47 +213,32 @@ class WatchedRun(Observer):
         return finer.states, fine & (run.status == Status.FINE)
 
     def _evaluate(
-        self,
-        schedule: Schedule,
-        chosen: np.ndarray,
-        states: np.ndarray,
-        about: np.ndarray,
+        self, schedule: reference_motion.Schedule, chosen: np.ndarray, states: np.ndarray, about: np.ndarray,
         begin: tuple[np.ndarray, np.ndarray] | None,
-    ) -> dict[str, np.ndarray]:
+    ) -> dict[str, np.ndarray]:  # fmt: skip
         """Return errors (n_e, n) of some samples at the ends of the run's own steps among the instants of a schedule.
 
-        Parameters
-        ----------
-        schedule, chosen
-            Instants, and numbers of the samples.
-        states
-            Of all samples, as of `_followed`.
-        about
-            Which of the chosen ones are advanced at all.
-        begin
-            As of `ErrorSystem`.
+        - `schedule`, `chosen`: instants, and numbers of the samples.
+        - `states`: of all samples, as of `_followed`.
+        - `about`: which of the chosen ones are advanced at all.
+        - `begin`: as of `ErrorSystem`.
         """
         indicator, r = self._indicator, self._indicator.model.kinematics.n_coordinates
         checking, states = indicator.checking, states[schedule.places][:, :, chosen]
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
-        full = checking.scheduled(self._batch_of(chosen, values), schedule, indicator.step / FINER)
-        motion = ReferenceMotion(
-            checking.unknowns_of,
-            full.n_dofs,
-            states,
-            r,
-            indicator.simulation.duration,
-            checking.rotations,
+        full = checking.scheduled(self._batch_of(chosen, values), schedule, indicator.step / reference_motion.FINER)
+        motion = reference_motion.ReferenceMotion(
+            checking.unknowns_of, full.n_dofs, states, r, indicator.simulation.duration, checking.rotations,
             indicator.model.terms.scale[:r],
-        )
+        )  # fmt: skip
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
-        time = schedule.steps * (indicator.step / FINER)
+        time = schedule.steps * (indicator.step / reference_motion.FINER)
         observed = _Observed(checking.full, full, values, motion, schedule, time)
         steps = {"step": schedule.interval, "duration": (len(states) - 1) * schedule.interval}
         simulation = indicator.simulation.model_copy(update={**steps, "spectral_radius": schedule.spectral_radius})
         run = integrate(system, simulation, alive=about, observer=observed, prefix=ERROR_PREFIX)
         # samples that failed stay at the start: they may be where nothing can be placed
-        plain = self._plain[self._place[schedule.steps[schedule.told] // FINER]][:, :, chosen]
+        plain = self._plain[self._place[schedule.steps[schedule.told] // reference_motion.FINER]][:, :, chosen]
         plain = np.where(about[:, None], plain, plain[:1])
         errors = self._errors(time[schedule.told], plain, observed.outputs(), values)
         # where one output cannot be evaluated, the corrected motion ran away, and the others mean nothing either
@@ -318,14 +281,9 @@ class _Observed(Observer):
     """Outputs of n corrected motions at some of the instants, evaluated for many together; observes their errors."""
 
     def __init__(
-        self,
-        model: ComponentModel,
-        batch: FullBatch,
-        values: Mapping[str, np.ndarray],
-        motion: ReferenceMotion,
-        schedule: Schedule,
-        time: np.ndarray,
-    ) -> None:
+        self, model: ComponentModel, batch: FullBatch, values: Mapping[str, np.ndarray],
+        motion: reference_motion.ReferenceMotion, schedule: reference_motion.Schedule, time: np.ndarray,
+    ) -> None:  # fmt: skip
         self._model, self._batch, self._values, self._motion = model, batch, values, motion
         self._told, self._interval, self._time = schedule.told, schedule.interval, time
         self._waiting: list[tuple[np.ndarray, ...]] = []
@@ -394,12 +352,8 @@ def indicator_of(model: ReducedModel | LengthLanes) -> ErrorIndicator | MemberIn
 class MemberIndicator:
     """Estimates the errors of runs of samples with mechanisms of their own; see `ErrorIndicator`.
 
-    Parameters
-    ----------
-    model
-        The model.
-    apart
-        Parameters of which every value makes a mechanism of its own: lengths, or by how much joints are off.
+    - `model`: the model.
+    - `apart`: parameters of which every value makes a mechanism of its own: lengths, or by how much joints are off.
     """
 
     def __init__(self, model: ReducedModel | LengthLanes, apart: Iterable[str]) -> None:

@@ -109,23 +109,15 @@ def same_case(one: RunRecord, other: RunRecord) -> bool:
 
 
 def tell_apart(
-    records: Sequence[RunRecord],
-    kinds: Sequence[str] = (),
-    files: Sequence[Path | None] = (),
+    records: Sequence[RunRecord], kinds: Sequence[str] = (), files: Sequence[Path | None] = (),
     ignored: Collection[str] = WITHOUT_EFFECT,
-) -> list[str]:
+) -> list[str]:  # fmt: skip
     """Return for each result the words that tell it from the others; empty texts where there is one result alone.
 
-    Parameters
-    ----------
-    records
-        Of the results.
-    kinds
-        What else a result is, the model say; told where it varies.
-    files
-        Where the results come from; told where nothing else differs.
-    ignored
-        Tables and entries of scenes that make no difference.
+    - `records`: of the results.
+    - `kinds`: what else a result is, the model say; told where it varies.
+    - `files`: where the results come from; told where nothing else differs.
+    - `ignored`: tables and entries of scenes that make no difference.
     """
     if len(records) < 2:
         return [""] * len(records)

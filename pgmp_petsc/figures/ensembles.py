@@ -24,26 +24,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from pgmp_petsc.base.errors import InputError, nearest_name
-from pgmp_petsc.figures import captions
+from pgmp_petsc.figures import captions, style
 from pgmp_petsc.figures.captions import tell_apart
-from pgmp_petsc.figures.style import (
-    COMPONENT_COLOUR,
-    FULL_COLOUR,
-    MODELS,
-    PALETTE,
-    QUIET,
-    REDUCED_COLOUR,
-    PlainNumbers,
-    axis_label,
-    axis_unit,
-    distinct_colours,
-    heading,
-    new_figure,
-    panel_grid,
-    span,
-    styled,
-    top_legend,
-)
 from pgmp_petsc.results import Band, Ensemble, Statistics
 from pgmp_petsc.results.statistics import RareEvent
 
@@ -52,10 +34,10 @@ LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble
 NOTE_SIZE, NOTE_LENGTH = 8.5, 42  # of the letters there, points, and for how many there is room beside the last panel
 DASHES = (0, (4, 3))
 BAND = "#F3F3F3"
-COLOURS = {"full": FULL_COLOUR, "components": COMPONENT_COLOUR, "reduced": REDUCED_COLOUR}
+COLOURS = {"full": style.FULL_COLOUR, "components": style.COMPONENT_COLOUR, "reduced": style.REDUCED_COLOUR}
 
 
-@styled
+@style.styled
 def densities(
     ensembles: Sequence[Ensemble], labels: Sequence[str] | None = None, names: Sequence[str] | None = None
 ) -> Figure:
@@ -69,20 +51,15 @@ def densities(
     peak. Raises `InputError` if the ensembles do not share one of `names`, or have no quantity in common or one has no
     sample that is fine.
 
-    Parameters
-    ----------
-    ensembles : sequence of Ensemble
-        The first is drawn as an area, the others as steps over it.
-    labels : sequence of str, optional
-        By default the model, how many of its samples are fine, and what else tells the ensembles apart.
-    names : sequence of str, optional
-        Only these quantities, in this order.
+    - `ensembles`: the first is drawn as an area, the others as steps over it.
+    - `labels`: by default the model, how many of its samples are fine, and what else tells the ensembles apart.
+    - `names`: only these quantities, in this order.
     """
     labels = labels_of(ensembles) if labels is None else labels
     names = _common(ensembles, names)
     compared = len(ensembles) == 2
     height, ratios = (4.1, (2.8, 1.0)) if compared else (3.1 + 0.3 * len(ensembles), (1.0,))
-    figure, blocks = panel_grid(len(names), COLUMNS, (3.6, height), 0.65, 5.0, ratios)
+    figure, blocks = style.panel_grid(len(names), COLUMNS, (3.6, height), 0.65, 5.0, ratios)
     colours = _colours(ensembles)
     for block, name in zip(blocks, names):
         _draw_quantity(block, ensembles, name, colours)
@@ -90,15 +67,15 @@ def densities(
         Patch(facecolor="none" if number else _tint(colour), edgecolor=colour, linewidth=1.5, label=label)
         for number, (label, colour) in enumerate(zip(labels, colours))
     ]
-    keys.append(Line2D([], [], color=QUIET, linestyle=DASHES, linewidth=1.0, label="mean"))
+    keys.append(Line2D([], [], color=style.QUIET, linestyle=DASHES, linewidth=1.0, label="mean"))
     if any(np.isfinite(ensembles[0].statistics[name].std) for name in names):
         beside = "" if len(ensembles) == 1 else " of the first"
         keys.append(Patch(facecolor=BAND, label=f"a standard deviation{beside} to both sides"))
     levels = sorted({ensemble.statistics[name].confidence for ensemble in ensembles for name in names})
     brackets = " and ".join(f"{100 * level:g} %" for level in levels)
     keys.append(Line2D([], [], linestyle="none", label=f"[ ]: {brackets} interval"))
-    what = heading("Densities of parameters and outputs at the end", ensembles[0].record)
-    top_legend(figure, keys, what, _notes(ensembles, labels))
+    what = style.heading("Densities of parameters and outputs at the end", ensembles[0].record)
+    style.top_legend(figure, keys, what, _notes(ensembles, labels))
     return figure
 
 
@@ -125,7 +102,7 @@ def _notes(ensembles: Sequence[Ensemble], labels: Sequence[str]) -> list[str]:
 def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, colours: Sequence[str]) -> None:
     """Draw the densities of one quantity and, with two of them, their difference."""
     known = [ensemble.statistics[name] for ensemble in ensembles]
-    factor, unit = axis_unit(ensembles[0].units.get(name, "1"), *(s.edges for s in known))
+    factor, unit = style.axis_unit(ensembles[0].units.get(name, "1"), *(s.edges for s in known))
     edges, heights = _densities(ensembles, name)
     edges, heights = edges * factor, [height / factor for height in heights]
     axes = block[0]
@@ -141,7 +118,7 @@ def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, 
     axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     axes.set_ylim(0.0, max(height.max() for height in heights) * 1.08)
     axes.set_title(name.replace("_", " "), pad=8.0 + LINES * LINE_POINTS * len(known))
-    axes.yaxis.set_major_formatter(PlainNumbers())
+    axes.yaxis.set_major_formatter(style.PlainNumbers())
     axes.set_ylabel("density" if unit in ("", "1") else f"density (1/{unit})")
     _write_moments(axes, known, colours, factor, unit)
     if len(block) > 1:
@@ -149,11 +126,11 @@ def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, 
         block[1].sharex(axes)
         difference = 100.0 * (heights[1] - heights[0]) / heights[0].max()
         block[1].stairs(difference, edges, baseline=0.0, fill=True, color=colours[1])
-        block[1].axhline(0.0, color=QUIET, linewidth=0.8)
+        block[1].axhline(0.0, color=style.QUIET, linewidth=0.8)
         block[1].set_ylabel("difference\n(% of peak)")
         reach = max(np.abs(block[1].get_ylim()).max(), 1.0)
         block[1].set_ylim(-1.1 * reach, 1.1 * reach)
-    block[-1].set_xlabel(axis_label(name, unit))
+    block[-1].set_xlabel(style.axis_label(name, unit))
 
 
 def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[str], factor: float, unit: str) -> None:
@@ -167,14 +144,10 @@ def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[st
         text = f"mean {mean}{shown}\n{spread}, N = {one.count}"
         longest = max(map(len, text.splitlines()))
         note = axes.annotate(
-            text.replace("-", "\N{MINUS SIGN}"),
-            xy=(0.0, 1.0),
-            xycoords="axes fraction",
-            xytext=(0.0, 5.0 + LINES * LINE_POINTS * (len(known) - 1 - number)),
-            textcoords="offset points",
-            fontsize=NOTE_SIZE * min(1.0, NOTE_LENGTH / longest),
-            color=colour,
-        )
+            text.replace("-", "\N{MINUS SIGN}"), xy=(0.0, 1.0), xycoords="axes fraction",
+            xytext=(0.0, 5.0 + LINES * LINE_POINTS * (len(known) - 1 - number)), textcoords="offset points",
+            fontsize=NOTE_SIZE * min(1.0, NOTE_LENGTH / longest), color=colour,
+        )  # fmt: skip
         # a long line must not narrow the panels
         note.set_in_layout(False)
 
@@ -231,14 +204,14 @@ def _label(ensemble: Ensemble) -> str:
     """Return the model and how many of its samples are fine."""
     n_samples, n_fine = len(ensemble.status), int(np.count_nonzero(ensemble.status == 0))
     count = f"{n_samples} samples" if n_fine == n_samples else f"{n_fine} fine of {n_samples} samples"
-    return f"{MODELS[ensemble.model]}, {count}"
+    return f"{style.MODELS[ensemble.model]}, {count}"
 
 
 def _colours(ensembles: Sequence[Ensemble]) -> list[str]:
     """Return the models' colours, or the palette's where there are several ensembles of one model."""
     models = [ensemble.model for ensemble in ensembles]
     if len(set(models)) < len(models):
-        return distinct_colours(len(models))
+        return style.distinct_colours(len(models))
     return [COLOURS[model] for model in models]
 
 
@@ -251,22 +224,22 @@ def _tint(colour: str) -> str:
 OPACITY = 0.45  # of all bands over each other, where they are darkest
 
 
-@styled
+@style.styled
 def bands(ensemble: Ensemble, label: str = "") -> Figure:
     """Draw the outputs of an ensemble over time, one panel each: mean, median, and areas between pairs of quantiles.
 
     Pairs are the lowest probability of the scene's ``ensemble.quantiles`` with the highest, and so on inwards.
     """
     shown = {name: band for name, band in ensemble.bands.items() if band.count}
-    figure = new_figure(7.2, 0.9 + 2.0 * len(shown))
+    figure = style.new_figure(7.2, 0.9 + 2.0 * len(shown))
     panels = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
     colour = COLOURS[ensemble.model]
     for axes, (name, band) in zip(panels, shown.items()):
-        factor, unit = axis_unit(ensemble.units.get(name, "1"), band.mean, band.quantiles)
+        factor, unit = style.axis_unit(ensemble.units.get(name, "1"), band.mean, band.quantiles)
         _draw(axes, band, factor, colour)
-        axes.set_ylabel(axis_label(name, unit))
+        axes.set_ylabel(style.axis_label(name, unit))
     first = next(iter(shown.values()))
-    span(panels[-1], first.time[0], first.time[-1])
+    style.span(panels[-1], first.time[0], first.time[-1])
     panels[-1].set_xlabel("time (s)")
     pairs, middle = pairs_of(first.probabilities)
     keys = [Line2D([], [], color=colour, label=f"mean of {first.count} samples")]
@@ -301,16 +274,16 @@ def pairs_of(probabilities: np.ndarray) -> tuple[list[tuple[int, int]], int | No
 
 
 HEIGHT = 0.36  # of a bar, where the distance of parameters is 1
-FIRST, TOTAL = PALETTE[0], PALETTE[4]
+FIRST, TOTAL = style.PALETTE[0], style.PALETTE[4]
 
 
-@styled
+@style.styled
 def sobol(ensemble: Ensemble, label: str = "") -> Figure:
     """Draw first and, where they are known, total indices of every output with their intervals, one panel each."""
     names = list(ensemble.sobol)
     one = ensemble.sobol[names[0]]
     size = 3.4, 0.75 + 0.42 * len(one.parameters)
-    figure, blocks = panel_grid(len(names), COLUMNS, size, 0.9, 6.4, sharex=True)
+    figure, blocks = style.panel_grid(len(names), COLUMNS, size, 0.9, 6.4, sharex=True)
     for axes, name in zip(blocks[:, 0], names):
         found = ensemble.sobol[name]
         places = np.arange(len(found.parameters))[::-1]
@@ -332,16 +305,16 @@ def sobol(ensemble: Ensemble, label: str = "") -> Figure:
     return figure
 
 
-@styled
+@style.styled
 def stopping(ensemble: Ensemble, label: str = "") -> Figure:
     """Draw half the width of every rule's interval over the number of samples, as a multiple of what was wanted."""
     found = ensemble.stopping
-    figure = new_figure(6.4, 3.6)
+    figure = style.new_figure(6.4, 3.6)
     axes = figure.subplots()
     keys = []
     for number, (text, wanted, reached) in enumerate(zip(found.rules, found.wanted, found.reached)):
         known = np.isfinite(reached)
-        colour = PALETTE[number % len(PALETTE)]
+        colour = style.PALETTE[number % len(style.PALETTE)]
         keys += axes.loglog(found.samples[known], reached[known] / wanted, "o-", color=colour, label=text, markersize=4)
     axes.axhline(1.0, color="#333333", linewidth=1.0)
     axes.set_xlabel("samples")
@@ -350,10 +323,10 @@ def stopping(ensemble: Ensemble, label: str = "") -> Figure:
     return figure
 
 
-JOINED_COLOURS = (PALETTE[0], PALETTE[4], "#333333")
+JOINED_COLOURS = (style.PALETTE[0], style.PALETTE[4], "#333333")
 
 
-@styled
+@style.styled
 def joined(ensemble: Ensemble, label: str = "") -> Figure:
     """Draw the mean of every output with its interval: of the ensemble, of the better model alone, and of all models.
 
@@ -361,14 +334,14 @@ def joined(ensemble: Ensemble, label: str = "") -> Figure:
     """
     found = ensemble.joined
     names = [name for name, one in found.corrected.items() if "mean" in one.figures]
-    figure, blocks = panel_grid(len(names), COLUMNS, (3.4, 1.7), 0.9, 6.4)
+    figure, blocks = style.panel_grid(len(names), COLUMNS, (3.4, 1.7), 0.9, 6.4)
     best, own = found.models[0], found.models[-1]
     counts = found.corrected[names[0]].counts
     rows = [f"{own}, {len(ensemble.status)}", f"{best}, {counts[0]}", "joined"]
     for axes, name in zip(blocks[:, 0], names):
         mean, of_own = found.corrected[name].figures["mean"], ensemble.statistics[name]
         ends = np.array([of_own.mean_interval, mean.alone_interval, mean.interval])
-        factor, unit = axis_unit(ensemble.units.get(name, "1"), ends[np.isfinite(ends)])
+        factor, unit = style.axis_unit(ensemble.units.get(name, "1"), ends[np.isfinite(ends)])
         values = (of_own.mean, mean.alone, mean.estimate)
         for place, (value, (low, high), colour) in enumerate(zip(values, ends, JOINED_COLOURS)):
             width = 3.0 if place == len(values) - 1 else 1.2
@@ -379,33 +352,35 @@ def joined(ensemble: Ensemble, label: str = "") -> Figure:
         axes.grid(axis="y", visible=False)
         long = np.nanmax(ends) - np.nanmin(ends) < 1e-4 * np.nanmax(np.abs(ends))  # labels of many digits
         axes.locator_params(axis="x", nbins=2 if long else 4)
-        axes.set_xlabel(axis_label(f"mean {name}".replace(".", ", "), unit))
+        axes.set_xlabel(style.axis_label(f"mean {name}".replace(".", ", "), unit))
     what = f"{best} model from few samples of it, {100 * found.confidence:g} % intervals"
     captions.headed(figure, [], what, ensemble.record, label)
     return figure
 
 
-@styled
+@style.styled
 def rare_event(found: RareEvent, label: str = "") -> Figure:
     """Draw the probability over values of the output."""
-    figure = new_figure(6.4, 4.2)
+    figure = style.new_figure(6.4, 4.2)
     axes = figure.subplots()
-    factor, unit = axis_unit(found.unit, found.value[np.isfinite(found.value)])
+    factor, unit = style.axis_unit(found.unit, found.value[np.isfinite(found.value)])
     values, probabilities = found.curve
-    keys = axes.plot(values * factor, probabilities, color=PALETTE[0], label="subset simulation")
+    keys = axes.plot(values * factor, probabilities, color=style.PALETTE[0], label="subset simulation")
     shares = np.cumprod(found.share)
-    keys += axes.plot(found.threshold * factor, shares, "o", color=PALETTE[0], label="levels", markersize=4.0)
+    keys += axes.plot(found.threshold * factor, shares, "o", color=style.PALETTE[0], label="levels", markersize=4.0)
     if found.reached and np.isfinite(found.interval).all():
         level = found.threshold[-1] * factor
         errors = np.abs(found.interval[:, None] - found.estimate)
         words = f"importance sampling, {100 * found.confidence:g} % interval"
         keys.append(
-            axes.errorbar([level], [found.estimate], yerr=errors, fmt="D", color=PALETTE[1], capsize=4.0, label=words)
+            axes.errorbar(
+                [level], [found.estimate], yerr=errors, fmt="D", color=style.PALETTE[1], capsize=4.0, label=words
+            )
         )
     if len(found.threshold):
-        axes.axvline(found.threshold[-1] * factor, color=QUIET, linewidth=0.8, linestyle=":")
+        axes.axvline(found.threshold[-1] * factor, color=style.QUIET, linewidth=0.8, linestyle=":")
     axes.set_yscale("log")
-    axes.set_xlabel(axis_label(found.output, unit))
+    axes.set_xlabel(style.axis_label(found.output, unit))
     axes.set_ylabel("probability of beyond")
     captions.headed(figure, keys, found.event.replace("_", " "), found.record, label)
     return figure

@@ -16,23 +16,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.figures import captions
+from pgmp_petsc.figures import captions, style
 from pgmp_petsc.figures.captions import OF_RUNS, WITHOUT_EFFECT, tell_apart
 from pgmp_petsc.figures.mechanism import TimeColours
-from pgmp_petsc.figures.style import (
-    CROSSES,
-    MODELS,
-    QUIET,
-    angle_ticks,
-    axis_label,
-    distinct_colours,
-    heading,
-    new_figure,
-    panel_grid,
-    scene_of,
-    styled,
-    top_legend,
-)
 from pgmp_petsc.results import ModesTable, Trajectory
 
 # About as many crosses as can be told from the line below them.
@@ -40,54 +26,46 @@ N_CROSSES = 24
 COLUMNS = 2
 
 
-@styled
+@style.styled
 def frequencies(
-    tables: Sequence[ModesTable],
-    n_modes: int = 4,
-    labels: Sequence[str] | None = None,
+    tables: Sequence[ModesTable], n_modes: int = 4, labels: Sequence[str] | None = None,
     titles: Sequence[str] | None = None,
-) -> Figure:
+) -> Figure:  # fmt: skip
     """Draw the first ``n_modes`` flexible eigenfrequencies, one panel a mode.
 
     Raises `InputError` if no table has a flexible mode.
 
-    Parameters
-    ----------
-    tables : sequence of ModesTable
-        Drawn over each other, one colour each.
-    n_modes : int
-        Number of panels; fewer where no table has as many.
-    labels : sequence of str, optional
-        Names of the tables; by default that in which they differ.
-    titles : sequence of str, optional
-        Titles of the panels; by default the number of the flexible mode.
+    - `tables`: drawn over each other, one colour each.
+    - `n_modes`: number of panels; fewer where no table has as many.
+    - `labels`: names of the tables; by default that in which they differ.
+    - `titles`: titles of the panels; by default the number of the flexible mode.
     """
     labels = labels_of(tables) if labels is None else labels
-    colours = distinct_colours(len(tables))
+    colours = style.distinct_colours(len(tables))
     n_modes = min(n_modes, max(table.full_hz.shape[1] for table in tables))
     if n_modes == 0:
         raise InputError("the tables have no flexible modes to draw: every body is rigid")
-    figure, blocks = panel_grid(n_modes, COLUMNS, (4.2, 2.45), 0.75, sharex=True)
+    figure, blocks = style.panel_grid(n_modes, COLUMNS, (4.2, 2.45), 0.75, sharex=True)
     for mode, axes in enumerate(blocks[:, 0]):
         for table, colour in zip(tables, colours):
             _draw_mode(axes, table, mode, colour)
         axes.set_title(titles[mode] if titles else f"flexible mode {mode + 1}: frequency (Hz)")
         axes.margins(y=0.12)
         theta, name, unit = _abscissa(tables[0])
-        angle_ticks(axes, theta, unit)
+        style.angle_ticks(axes, theta, unit)
         if mode >= n_modes - COLUMNS:
-            axes.set_xlabel(axis_label(name, unit))
+            axes.set_xlabel(style.axis_label(name, unit))
             axes.tick_params(labelbottom=True)
 
     several, reduced = len(tables) > 1, any(table.reduced_hz is not None for table in tables)
     keys = [Line2D([], [], color=colour, label=label) for label, colour in zip(labels, colours) if label and several]
-    line_colour = QUIET if keys else colours[0]
+    line_colour = style.QUIET if keys else colours[0]
     if reduced:
         keys.append(Line2D([], [], color=line_colour, label="full order"))
         keys.append(Line2D([], [], color=line_colour, linestyle="none", marker="x", label="reduced"))
     what = "Eigenfrequencies, full order" + (" and reduced" if reduced else "")
     notes = captions.of_records([table.record for table in tables], labels)
-    top_legend(figure, keys, heading(what, tables[0].record, "" if several else labels[0]), notes)
+    style.top_legend(figure, keys, style.heading(what, tables[0].record, "" if several else labels[0]), notes)
     return figure
 
 
@@ -103,7 +81,7 @@ def _draw_mode(axes, table: ModesTable, mode: int, colour: str) -> None:
         axes.plot(theta, table.full_hz[:, mode], color=colour)
     if table.reduced_hz is not None and mode < table.reduced_hz.shape[1]:
         step = max(1, len(theta) // N_CROSSES)
-        axes.plot(theta[::step], table.reduced_hz[::step, mode], color=colour, **CROSSES)
+        axes.plot(theta[::step], table.reduced_hz[::step, mode], color=colour, **style.CROSSES)
 
 
 def _abscissa(table: ModesTable) -> tuple[np.ndarray, str, str]:
@@ -119,7 +97,7 @@ N_LEVELS = 12
 N_SEGMENTS = 200
 
 
-@styled
+@style.styled
 def frequency_maps(table: ModesTable, n_modes: int = 4, label: str = "") -> Figure:
     """Draw the first ``n_modes`` flexible eigenfrequencies over the grid of two coordinates, one map each.
 
@@ -130,7 +108,7 @@ def frequency_maps(table: ModesTable, n_modes: int = 4, label: str = "") -> Figu
         raise InputError(f"maps of frequencies need two coordinates, the table has {len(table.coordinate_units)}")
     first, second = (np.unique(theta) for theta in table.theta)
     n_modes = min(n_modes, table.full_hz.shape[1])
-    figure, blocks = panel_grid(n_modes, COLUMNS, (4.2, 3.1), 0.5, sharex=True, sharey=True)
+    figure, blocks = style.panel_grid(n_modes, COLUMNS, (4.2, 3.1), 0.5, sharex=True, sharey=True)
     (x_name, x_unit), (y_name, y_unit) = table.coordinate_units.items()
     for mode, axes in enumerate(blocks[:, 0]):
         # the last coordinate runs fastest: rows are the first one
@@ -140,16 +118,16 @@ def frequency_maps(table: ModesTable, n_modes: int = 4, label: str = "") -> Figu
         axes.set_title(f"flexible mode {mode + 1} (Hz){_difference(table, mode)}")
         axes.grid(False)
         if mode >= n_modes - COLUMNS:
-            axes.set_xlabel(axis_label(x_name, x_unit))
+            axes.set_xlabel(style.axis_label(x_name, x_unit))
             axes.tick_params(labelbottom=True)
         if mode % COLUMNS == 0:
-            axes.set_ylabel(axis_label(y_name, y_unit))
+            axes.set_ylabel(style.axis_label(y_name, y_unit))
     what = "Eigenfrequencies, full order" + (" and reduced" if table.reduced_hz is not None else "")
     captions.headed(figure, [], what, table.record, label)
     return figure
 
 
-@styled
+@style.styled
 def coordinate_path(trajectory: Trajectory, label: str = "") -> Figure:
     """Draw the path of a run through the plane of its two coordinates, coloured by time, and their ranges in the scene.
 
@@ -157,7 +135,7 @@ def coordinate_path(trajectory: Trajectory, label: str = "") -> Figure:
     """
     if len(trajectory.coordinate_units) != 2:
         raise InputError(f"a path needs two coordinates, the run has {len(trajectory.coordinate_units)}")
-    figure = new_figure(6.4, 5.2)
+    figure = style.new_figure(6.4, 5.2)
     axes = figure.subplots()
     keys = _draw_ranges(axes, trajectory)
     n_times = len(trajectory.time)
@@ -170,26 +148,26 @@ def coordinate_path(trajectory: Trajectory, label: str = "") -> Figure:
     for number in (0, -1):
         axes.plot(*points[number], "o", color=colours.at(time[number]), markersize=7.0)
     (x_name, x_unit), (y_name, y_unit) = trajectory.coordinate_units.items()
-    axes.set_xlabel(axis_label(x_name, x_unit))
-    axes.set_ylabel(axis_label(y_name, y_unit))
+    axes.set_xlabel(style.axis_label(x_name, x_unit))
+    axes.set_ylabel(style.axis_label(y_name, y_unit))
     axes.margins(0.12)
     axes.autoscale_view()
     colours.add_bar(axes)
-    what = heading(f"Path of the coordinates, {MODELS[trajectory.model]}", trajectory.record, label)
-    top_legend(figure, keys, what, captions.of_runs([trajectory]))
+    what = style.heading(f"Path of the coordinates, {style.MODELS[trajectory.model]}", trajectory.record, label)
+    style.top_legend(figure, keys, what, captions.of_runs([trajectory]))
     return figure
 
 
 def _draw_ranges(axes: Axes, trajectory: Trajectory) -> list[Line2D]:
     """Draw the ends of the ranges that the scene gives, and return their key; a periodic coordinate has none."""
-    coordinates = scene_of(trajectory.record).get("coordinates", {})
-    style, keys = {"color": QUIET, "linewidth": 0.9, "linestyle": (0, (4, 3))}, []
+    coordinates = style.scene_of(trajectory.record).get("coordinates", {})
+    dashed, keys = {"color": style.QUIET, "linewidth": 0.9, "linestyle": (0, (4, 3))}, []
     for name, draw in zip(trajectory.coordinate_units, (axes.axvline, axes.axhline)):
         entry = coordinates.get(name, {"periodic": True})
         if not entry.get("periodic", False):
             for end in entry["range"]:
-                draw(end, **style)
-            keys = [Line2D([], [], label="ends of the ranges", **style)]
+                draw(end, **dashed)
+            keys = [Line2D([], [], label="ends of the ranges", **dashed)]
     return keys
 
 

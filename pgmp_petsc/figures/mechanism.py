@@ -26,18 +26,7 @@ from matplotlib.text import Annotation
 from matplotlib.transforms import Bbox
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.figures import captions
-from pgmp_petsc.figures.style import (
-    MODELS,
-    PALETTE,
-    QUIET,
-    axis_label,
-    axis_unit,
-    heading,
-    new_figure,
-    styled,
-    top_legend,
-)
+from pgmp_petsc.figures import captions, style
 from pgmp_petsc.results import Frames, Trajectory
 from pgmp_petsc.results.selection import Assembly
 
@@ -132,17 +121,13 @@ class Shapes:
             for node in ends(cells):
                 path = self.positions[body][:, node]
                 if len(path) > 1 and np.ptp(path, axis=0).max() < AT_REST * max(high - low):
-                    axes.plot(*path[0], marker=_GROUND, color=QUIET, markersize=size, zorder=1.5, clip_on=False)
+                    axes.plot(*path[0], marker=_GROUND, color=style.QUIET, markersize=size, zorder=1.5, clip_on=False)
 
     def draw(self, axes: Axes, number: int, colour: Sequence[float], width: float, pin: float, zorder: float) -> None:
         """Draw all bodies at one frame.
 
-        Parameters
-        ----------
-        number
-            Of the frame.
-        width, pin
-            Width of the lines and size of the markers on the bodies' ends, points.
+        - `number`: of the frame.
+        - `width`, `pin`: width of the lines and size of the markers on the bodies' ends, points.
         """
         for body, cells in self.frames.cells.items():
             points = self.draw_body(axes, body, number, colour, width, 1.6 * pin, zorder)
@@ -171,9 +156,9 @@ class Shapes:
         if len(kinds) < 2:
             return []
         bar = BAR * KEY_WIDTH
-        hollow = [Stroke(linewidth=bar, foreground=QUIET), Stroke(linewidth=HOLLOW * bar, foreground="white")]
+        hollow = [Stroke(linewidth=bar, foreground=style.QUIET), Stroke(linewidth=HOLLOW * bar, foreground="white")]
         return [
-            Line2D([], [], color=QUIET, linewidth=KEY_WIDTH, label="flexible"),
+            Line2D([], [], color=style.QUIET, linewidth=KEY_WIDTH, label="flexible"),
             Line2D([], [], path_effects=hollow, label="rigid"),
         ]
 
@@ -223,7 +208,7 @@ N_INSTANTS = 14
 WIDTH = 8.6
 
 
-@styled
+@style.styled
 def mechanism(
     trajectory: Trajectory, n_instants: int = N_INSTANTS, exaggeration: float = 1.0, label: str = ""
 ) -> Figure:
@@ -231,22 +216,16 @@ def mechanism(
 
     Raises `InputError` if the trajectory has no frames.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        With frames.
-    n_instants : int
-        Number of shapes; fewer where there are fewer frames.
-    exaggeration : float
-        Factor on each body's deformation: its nodes' distances from the undeformed body laid through the
-        body's two ends, so that the bodies stay joined. Stated in the picture if it is not 1.
-    label : str
-        What tells the run from others.
+    - `trajectory`: with frames.
+    - `n_instants`: number of shapes; fewer where there are fewer frames.
+    - `exaggeration`: factor on each body's deformation: its nodes' distances from the undeformed body laid through the
+      body's two ends, so that the bodies stay joined. Stated in the picture if it is not 1.
+    - `label`: what tells the run from others.
     """
     frames = trajectory.frames
     if frames is None or not len(frames.time):
         raise InputError("the trajectory has no frames to draw; use --override simulation.frames=100")
-    factor, unit = axis_unit(trajectory.record.system.unit("m"), *frames.positions.values())
+    factor, unit = style.axis_unit(trajectory.record.system.unit("m"), *frames.positions.values())
     shapes = Shapes.of(frames, exaggeration, factor)
     chosen = np.unique(np.linspace(0, len(frames.time) - 1, n_instants).round().astype(int))
 
@@ -254,7 +233,7 @@ def mechanism(
     # The width that labels and the colour bar leave sets the height: equal scales then fill the picture.
     height = (WIDTH - 1.6) * (high - low)[1] / (high - low)[0]
     keys = shapes.keys()
-    figure = new_figure(WIDTH, float(np.clip(height, 2.0, 8.0)) + 1.2 + (0.24 if keys else 0.0))
+    figure = style.new_figure(WIDTH, float(np.clip(height, 2.0, 8.0)) + 1.2 + (0.24 if keys else 0.0))
     axes = figure.subplots()
     colours = TimeColours.over(frames.time)
     shapes.draw_paths(axes)
@@ -265,8 +244,8 @@ def mechanism(
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
-    axes.set_xlabel(axis_label(shapes.axis_names[0], unit))
-    axes.set_ylabel(axis_label(shapes.axis_names[1], unit))
+    axes.set_xlabel(style.axis_label(shapes.axis_names[0], unit))
+    axes.set_ylabel(style.axis_label(shapes.axis_names[1], unit))
     colours.add_bar(axes)
     notes, plain, enlarged = captions.of_runs([trajectory]), shapes.not_enlarged, ""
     if exaggeration != 1.0:
@@ -277,8 +256,8 @@ def mechanism(
         if len(plain) < deformable:
             enlarged = f", deformation enlarged {exaggeration:g} times"
     instants = f"at {len(chosen)} instants" if len(chosen) > 1 else "at one instant"
-    what = f"Shape {instants}, {MODELS[trajectory.model]}{enlarged}"
-    top_legend(figure, keys, heading(what, trajectory.record, label), notes)
+    what = f"Shape {instants}, {style.MODELS[trajectory.model]}{enlarged}"
+    style.top_legend(figure, keys, style.heading(what, trajectory.record, label), notes)
     return figure
 
 
@@ -324,7 +303,7 @@ class _Hidden:
         self.lines = np.concatenate([self.lines, leader])
 
 
-@styled
+@style.styled
 def assembly(shown: Assembly) -> Figure:
     """Draw the bodies, each in its colour with its name, joints as rings with theirs, and named points.
 
@@ -332,7 +311,7 @@ def assembly(shown: Assembly) -> Figure:
     another.
     """
     frames = shown.frames
-    factor, unit = axis_unit(shown.metre, *frames.positions.values())
+    factor, unit = style.axis_unit(shown.metre, *frames.positions.values())
     shapes = Shapes.of(frames, 1.0, factor)
     low, high = shapes.limits
     view = (lambda place: place @ OBLIQUE) if shapes.oblique else (lambda place: place[:2])
@@ -342,22 +321,22 @@ def assembly(shown: Assembly) -> Figure:
     room = MARGIN * max(high - low)
     low, high = low - room, high + room
     height = float(np.clip((ASSEMBLY_WIDTH - 1.2) * (high - low)[1] / (high - low)[0], 3.4, 8.5))
-    figure = new_figure(ASSEMBLY_WIDTH, height + 0.9)
+    figure = style.new_figure(ASSEMBLY_WIDTH, height + 0.9)
     axes = figure.subplots()
     names = _draw_bodies(axes, shapes)
     for label in labels:
-        style = {"color": "#333333", "markeredgecolor": "white", "markersize": 5}
+        look = {"color": "#333333", "markeredgecolor": "white", "markersize": 5}
         if label.joints:
-            style = {"color": "white", "markeredgecolor": "#222222", "markeredgewidth": 1.6, "markersize": 9}
+            look = {"color": "white", "markeredgecolor": "#222222", "markeredgewidth": 1.6, "markersize": 9}
         ground = any(point.startswith("ground:") for point in label.points)
         if ground:
             axes.plot(*label.place, marker="^", color="#C9CED3", markersize=17, zorder=3)
-        axes.plot(*label.place, marker="o", zorder=6, **style)
+        axes.plot(*label.place, marker="o", zorder=6, **look)
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
-    axes.set_xlabel(axis_label(shapes.axis_names[0], unit))
-    axes.set_ylabel(axis_label(shapes.axis_names[1], unit))
+    axes.set_xlabel(style.axis_label(shapes.axis_names[0], unit))
+    axes.set_ylabel(style.axis_label(shapes.axis_names[1], unit))
     keys = [
         Line2D([], [], marker="o", linestyle="none", color="white", markeredgecolor="#222222", markeredgewidth=1.6,
                markersize=8, label="joint"),
@@ -366,7 +345,7 @@ def assembly(shown: Assembly) -> Figure:
         *shapes.keys(),
     ]  # fmt: skip
     notes = [f"{left_out} more names of points are left out"] if left_out else []
-    top_legend(figure, keys, f"{shown.scene.replace('_', ' ')}: assembled at {shown.configuration}", notes)
+    style.top_legend(figure, keys, f"{shown.scene.replace('_', ' ')}: assembled at {shown.configuration}", notes)
     figure.canvas.draw()
     _place_labels(axes, names, labels, shapes)
     return figure
@@ -394,7 +373,7 @@ def _draw_bodies(axes: Axes, shapes: Shapes) -> list[tuple[str, np.ndarray, str]
     """Draw the bodies; return name, middle and colour of each."""
     found = []
     for number, (body, cells) in enumerate(shapes.frames.cells.items()):
-        colour = PALETTE[number % len(PALETTE)]
+        colour = style.PALETTE[number % len(style.PALETTE)]
         points = shapes.draw_body(axes, body, 0, colour, width=4.0, square=10.0, zorder=4)
         middles = points[cells].mean(axis=1) if len(cells) else points
         middle = middles[np.argmin(np.linalg.norm(middles - points.mean(axis=0), axis=1))]
@@ -411,16 +390,16 @@ def _place_labels(
         _write(axes, place, name, {"color": colour, "weight": "bold", "fontsize": 10.0}, hidden)
     for label in sorted(labels, key=lambda label: not label.joints):
         points = [point for point in label.points if not (label.joints and point.startswith("ground:origin"))]
-        style = {"color": "#222222", "fontsize": 9.0} if label.joints else {"color": QUIET, "fontsize": 8.0}
+        look = {"color": "#222222", "fontsize": 9.0} if label.joints else {"color": style.QUIET, "fontsize": 8.0}
         text = "\n".join(filter(None, (", ".join(label.joints), "\n".join(points or label.points))))
-        _write(axes, label.place, text, style, hidden)
+        _write(axes, label.place, text, look, hidden)
 
 
-def _write(axes: Axes, place: np.ndarray, text: str, style: dict, hidden: _Hidden) -> None:
+def _write(axes: Axes, place: np.ndarray, text: str, look: dict, hidden: _Hidden) -> None:
     """Write a text beside its place, and note what it takes."""
     note = axes.annotate(
         text, place, xytext=(0, 0), textcoords="offset points", ha="center", va="center", zorder=8, linespacing=1.15,
-        arrowprops={"arrowstyle": "-", "color": "#B5BAC0", "linewidth": 0.7, "shrinkA": 0, "shrinkB": 5}, **style,
+        arrowprops={"arrowstyle": "-", "color": "#B5BAC0", "linewidth": 0.7, "shrinkA": 0, "shrinkB": 5}, **look,
     )  # fmt: skip
     best, cost = (0.0, 0.0), np.inf
     for offset in _offsets(_extent(note)):

@@ -42,12 +42,8 @@ _TRIANGLES = {
 def outer_faces(kind: str, cells: np.ndarray) -> np.ndarray:
     """Return the faces that one cell alone has, in the plane all cells, by the nodes around them, shape (n_faces, k).
 
-    Parameters
-    ----------
-    kind
-        meshio's name of the cells.
-    cells
-        Their nodes, shape (n_cells, n_a).
+    - `kind`: meshio's name of the cells.
+    - `cells`: their nodes, shape (n_cells, n_a).
     """
     shape = next(name for name in _SHAPES if kind.startswith(name))
     edges, faces = _SHAPES[shape]
@@ -76,12 +72,8 @@ def outlines(faces: np.ndarray, nodes: np.ndarray, sharp: float = 0.5) -> np.nda
     """Return the pieces of edges that show a body's shape, shape (n, 2): those of one face, and between faces whose
     normals are more than `sharp` radians apart.
 
-    Parameters
-    ----------
-    faces
-        Shape (n_faces, k).
-    nodes
-        Where their nodes are, shape (n_nodes, d).
+    - `faces`: shape (n_faces, k).
+    - `nodes`: where their nodes are, shape (n_nodes, d).
     """
     n_faces, k = faces.shape
     pieces = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
@@ -112,16 +104,10 @@ def coarsened(
     Nodes in the same cube become one, that of the largest weight among them (Rossignac and Borrel, Multi-resolution 3D
     approximations for rendering complex scenes, 1993).
 
-    Parameters
-    ----------
-    nodes
-        Shape (n_nodes, d).
-    triangles
-        Shape (n_triangles, 3).
-    weights
-        Shape (n_nodes,).
-    most
-        Nodes that are kept at most.
+    - `nodes`: shape (n_nodes, d).
+    - `triangles`: shape (n_triangles, 3).
+    - `weights`: shape (n_nodes,).
+    - `most`: nodes that are kept at most.
     """
     corners = nodes[triangles]
     sides = np.zeros((len(triangles), 2, 3))
@@ -210,14 +196,9 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
 
     Raises `InputError` if the run has no frames, or nothing of it is known in the colour.
 
-    Parameters
-    ----------
-    colour
-        One of `WORDS`.
-    scale
-        Factor on the deformation; None for one that shows it.
-    label
-        What tells the run from others.
+    - `colour`: one of `WORDS`.
+    - `scale`: factor on the deformation; None for one that shows it.
+    - `label`: what tells the run from others.
     """
     frames = run.frames
     if frames is None or not len(frames.time):
@@ -258,12 +239,8 @@ def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | 
 
     Raises `InputError` if nothing of it is known in the colour.
 
-    Parameters
-    ----------
-    colour
-        One of `WORDS`.
-    scale
-        Its largest displacement over that of a picture nobody asks another one of.
+    - `colour`: one of `WORDS`.
+    - `scale`: its largest displacement over that of a picture nobody asks another one of.
     """
     places = np.concatenate([own.positions.reshape(-1, own.positions.shape[2]) for own in shape.fields.values()])
     reach = LARGEST_SHOWN * float(np.ptp(places, axis=0).max()) * (1.0 if scale is None else scale)
@@ -294,16 +271,9 @@ def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | 
     quantity = "" if colour == "none" else f"{WORDS[colour]} over the largest"
     captions = ["size arbitrary"] * N_PHASES
     return Motion(
-        tuple(skins),
-        captions,
-        heading(what, shape.record),
-        notes,
-        quantity,
-        1.0,
-        1.0,
-        N_PHASES // 4,
+        tuple(skins), captions, heading(what, shape.record), notes, quantity, 1.0, 1.0, N_PHASES // 4,
         shape.record.system.unit("m"),
-    )
+    )  # fmt: skip
 
 
 def skin_of(name: str, own: BodyField, scale: float, values: Callable[[BodyField], np.ndarray | None]) -> Skin:

@@ -105,17 +105,10 @@ def view_of(points: np.ndarray, flat: bool) -> np.ndarray:
 class Stage:
     """Bodies in front of a camera that sees all of their motion; to be closed.
 
-    Parameters
-    ----------
-    motion
-        What is drawn.
-    width, height
-        Of the picture, in pixels.
+    - `motion`: what is drawn.
+    - `width`, `height`: of the picture, in pixels.
 
-    Attributes
-    ----------
-    metre
-        Pixels that a metre across the line of sight has.
+    `metre`: pixels that a metre across the line of sight has.
     """
 
     def __init__(self, motion: Motion, width: int, height: int) -> None:
@@ -260,16 +253,10 @@ def solids(run: Trajectory, at: float | None = None, exaggeration: float = 1.0, 
 
     Raises `InputError` if there is nothing to draw, `at` is outside the run, or there is nothing to draw with.
 
-    Parameters
-    ----------
-    run
-        With frames and fields.
-    at
-        Instant, s: the nearest frame is drawn, and named. None for that of the largest stress.
-    exaggeration
-        Factor on the deformation; stated in the picture if it is not 1.
-    label
-        What tells the run from others.
+    - `run`: with frames and fields.
+    - `at`: instant, s: the nearest frame is drawn, and named. None for that of the largest stress.
+    - `exaggeration`: factor on the deformation; stated in the picture if it is not 1.
+    - `label`: what tells the run from others.
     """
     motion = motion_of(run, "mises", exaggeration, label)
     number, why = motion.peak, ", when it is largest"
@@ -317,21 +304,12 @@ def _images(motion: Motion, numbers: np.ndarray, frame: Surround) -> Iterator[np
 class Surround:
     """Surround of the bodies: title, notes, bar of the colours, bar of the scale, and the instant.
 
-    Parameters
-    ----------
-    motion
-        What is drawn.
-    caption
-        Of the instant.
-    resolution
-        Pixels an inch.
+    - `motion`: what is drawn.
+    - `caption`: of the instant.
+    - `resolution`: pixels an inch.
 
-    Attributes
-    ----------
-    figure, axes
-        The figure, and where in it the bodies are.
-    size
-        Width and height of that place, pixels.
+    - `figure`, `axes`: the figure, and where in it the bodies are.
+    - `size`: width and height of that place, pixels.
     """
 
     def __init__(self, motion: Motion, caption: str, resolution: int = RESOLUTION) -> None:

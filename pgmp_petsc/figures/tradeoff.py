@@ -8,27 +8,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from pgmp_petsc.figures import captions
-from pgmp_petsc.figures.style import (
-    COMPONENT_COLOUR,
-    FULL_COLOUR,
-    MODELS,
-    PALETTE,
-    QUIET,
-    REDUCED_COLOUR,
-    PlainNumbers,
-    distinct_colours,
-    heading,
-    new_figure,
-    panel_grid,
-    styled,
-    top_legend,
-)
+from pgmp_petsc.figures import captions, style
 from pgmp_petsc.results import Tradeoff
 from pgmp_petsc.results.tradeoff import pareto_front
 
-SURFACE_COLOUR = PALETTE[3]
-SECOND_ORDER_COLOUR = PALETTE[2]
+SURFACE_COLOUR = style.PALETTE[3]
+SECOND_ORDER_COLOUR = style.PALETTE[2]
 COLUMNS = 3
 FLOOR = 1e-10  # %, shown for errors that are zero
 RIGHT = 0.6  # share of an axis beyond which labels are to the left of their points
@@ -40,19 +25,19 @@ KINDS = (
 CONNECTED = {"full order": "-", "full order, more cells": ":", "response surface (runs)": "-"}
 CLOSE = 1.3  # ratio of errors whose points share a label
 #: Models that have a front each, by its colour.
-FRONTS = {REDUCED_COLOUR: "reduced", COMPONENT_COLOUR: "components", FULL_COLOUR: "full"}
+FRONTS = {style.REDUCED_COLOUR: "reduced", style.COMPONENT_COLOUR: "components", style.FULL_COLOUR: "full"}
 _DASHED = {"linestyle": (0, (4, 2)), "markerfacecolor": "white"}
-_MESH = {"color": QUIET, "linestyle": (0, (5, 3)), "linewidth": 1.0, "zorder": 1}
+_MESH = {"color": style.QUIET, "linestyle": (0, (5, 3)), "linewidth": 1.0, "zorder": 1}
 
 
-@styled
+@style.styled
 def online_costs(study: Tradeoff) -> Figure:
     """Draw the error of every output against the online time of a sample, one panel an output."""
     label = f"{_clock(study)} of a sample, {study.batch} together (ms)"
     return _work_precision(study, 1e3 * study.times.batch, label, "What accuracy costs a sample")
 
 
-@styled
+@style.styled
 def total_costs(study: Tradeoff) -> Figure:
     """Draw the error of every output against the time of all samples, build included."""
     label = f"{_clock(study)} of {study.samples} samples, build included (s)"
@@ -60,19 +45,19 @@ def total_costs(study: Tradeoff) -> Figure:
     return _work_precision(study, study.total_seconds(study.samples), label, title)
 
 
-@styled
+@style.styled
 def mesh_costs(study: Tradeoff) -> Figure:
     """Draw errors and times over the meshes: of the discretisation, the full order, and one reduced setting on each."""
-    figure = new_figure(9.4, 4.4)
+    figure = style.new_figure(9.4, 4.4)
     errors, costs = figure.subplots(1, 2)
     cells, reduced = study.mesh.cells, _over_meshes(study, "reduced")
-    for column, colour in enumerate(distinct_colours(len(study.outputs))):
+    for column, colour in enumerate(style.distinct_colours(len(study.outputs))):
         _draw_known(errors, cells, 100 * study.mesh.errors[:, column], color=colour, marker="o")
         own = cells[:1] * study.columns["refinement"][reduced]
         _draw_known(errors, own, 100 * study.errors[reduced, column], color=colour, marker="o", **_DASHED)
     against = f"; of meshes against {cells[-1]} cells" if cells.size else ""
     errors.set_title(f"largest error (%){against}")
-    for family, colour, marker in (("full", FULL_COLOUR, "s"), ("reduced", REDUCED_COLOUR, "o")):
+    for family, colour, marker in (("full", style.FULL_COLOUR, "s"), ("reduced", style.REDUCED_COLOUR, "o")):
         rows = _over_meshes(study, family)
         at = cells[:1] * study.columns["refinement"][rows]
         _draw_known(costs, at, 1e3 * study.times.batch[rows], color=colour, marker=marker)
@@ -84,14 +69,14 @@ def mesh_costs(study: Tradeoff) -> Figure:
         axes.minorticks_off()
         if cells.size:
             axes.set_xlim(cells[0] / 2**0.25, cells[-1] * 2**0.25)
-        axes.yaxis.set_major_formatter(PlainNumbers())
+        axes.yaxis.set_major_formatter(style.PlainNumbers())
         axes.set_xlabel("cells of all bodies")
     for axes, keys in ((errors, _keys_of_errors(study)), (costs, _keys_of_times(study))):
         if keys:
             axes.legend(handles=keys, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=3 if len(keys) > 4 else 2)
         else:
-            axes.text(0.5, 0.5, "nothing known", transform=axes.transAxes, ha="center", color=QUIET)
-    top_legend(figure, [], heading("What meshes cost in error and time", study.record), _notes(study))
+            axes.text(0.5, 0.5, "nothing known", transform=axes.transAxes, ha="center", color=style.QUIET)
+    style.top_legend(figure, [], style.heading("What meshes cost in error and time", study.record), _notes(study))
     return figure
 
 
@@ -99,26 +84,26 @@ def _keys_of_errors(study: Tradeoff) -> list[Line2D]:
     """Return the keys of errors over meshes, of what is drawn alone."""
     of_meshes, of_reduced = study.mesh.errors > 0.0, study.errors[_over_meshes(study, "reduced")] > 0.0
     seen = of_meshes.any(axis=0) | of_reduced.any(axis=0)
-    outputs = zip(study.outputs, distinct_colours(len(study.outputs)), seen)
+    outputs = zip(study.outputs, style.distinct_colours(len(study.outputs)), seen)
     keys = [Line2D([], [], color=colour, label=name.replace("_", " ")) for name, colour, drawn in outputs if drawn]
     if of_meshes.any():
-        keys.append(Line2D([], [], color=QUIET, marker="o", label="mesh"))
+        keys.append(Line2D([], [], color=style.QUIET, marker="o", label="mesh"))
     if of_reduced.any():
-        keys.append(Line2D([], [], color=QUIET, marker="o", label="reduction on it", **_DASHED))
+        keys.append(Line2D([], [], color=style.QUIET, marker="o", label="reduction on it", **_DASHED))
     return keys
 
 
 def _keys_of_times(study: Tradeoff) -> list[Line2D]:
     """Return the keys of times over meshes, of what is drawn alone."""
-    looks = (("full", FULL_COLOUR, "s"), ("reduced", REDUCED_COLOUR, "o"))
+    looks = (("full", style.FULL_COLOUR, "s"), ("reduced", style.REDUCED_COLOUR, "o"))
     keys = [
         _key(_on_meshes(study, family), colour, marker, linestyle="-")
         for family, colour, marker in looks
         if _over_meshes(study, family).size
     ]
     if keys:
-        keys.append(Line2D([], [], color=QUIET, label=f"{study.batch} together"))
-        keys.append(Line2D([], [], color=QUIET, linestyle=":", label="one alone"))
+        keys.append(Line2D([], [], color=style.QUIET, label=f"{study.batch} together"))
+        keys.append(Line2D([], [], color=style.QUIET, linestyle=":", label="one alone"))
     return keys
 
 
@@ -131,23 +116,17 @@ def _draw_known(axes: Axes, x: np.ndarray, y: np.ndarray, **look: object) -> Non
 
 
 def _work_precision(study: Tradeoff, cost: np.ndarray, label: str, title: str) -> Figure:
-    figure, blocks = panel_grid(len(study.outputs), COLUMNS, (4.3, 4.2), 0.95, 6.0, sharex=True)
+    figure, blocks = style.panel_grid(len(study.outputs), COLUMNS, (4.3, 4.2), 0.95, 6.0, sharex=True)
     for column, axes in enumerate(blocks[:, 0]):
         _draw_output(axes, study, cost, column)
         axes.set_xlabel(label)
         axes.tick_params(labelbottom=True)
     blocks[0, 0].annotate(
-        "better",
-        (0.02, 0.02),
-        xytext=(0.09, 0.09),
-        xycoords="axes fraction",
-        textcoords="axes fraction",
-        fontsize=8.5,
-        color=QUIET,
-        arrowprops={"arrowstyle": "->", "color": QUIET, "shrinkA": 0.0},
-    )
+        "better", (0.02, 0.02), xytext=(0.09, 0.09), xycoords="axes fraction", textcoords="axes fraction", fontsize=8.5,
+        color=style.QUIET, arrowprops={"arrowstyle": "->", "color": style.QUIET, "shrinkA": 0.0},
+    )  # fmt: skip
     known = np.array([_known(study, cost, column) for column in range(len(study.outputs))]).any(axis=0)
-    top_legend(figure, _keys(study, known, cost), heading(title, study.record), _notes(study))
+    style.top_legend(figure, _keys(study, known, cost), style.heading(title, study.record), _notes(study))
     return figure
 
 
@@ -158,19 +137,19 @@ def _draw_output(axes: Axes, study: Tradeoff, cost: np.ndarray, column: int) -> 
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(PlainNumbers())
+        axis.set_major_formatter(style.PlainNumbers())
     for colour, family in FRONTS.items():
         rows = _front(study, cost, column, family)
         axes.step(cost[rows], error[rows], where="post", color=colour, linewidth=5.0, alpha=0.22, zorder=1.5)
     step = study.columns["step"]
     for rows, colour, order in (
-        (_rows(known, study, "full", own_mesh=True), FULL_COLOUR, step),
+        (_rows(known, study, "full", own_mesh=True), style.FULL_COLOUR, step),
         (_rows(known, study, "surface", own_mesh=True), SURFACE_COLOUR, study.columns["nodes"]),
     ):
         rows = rows[np.argsort(order[rows])]
         axes.plot(cost[rows], error[rows], color=colour, linewidth=0.9, zorder=2)
     rows = [row for row in _over_meshes(study, "full") if known[row]]
-    axes.plot(cost[rows], error[rows], color=FULL_COLOUR, linewidth=0.9, linestyle=":", zorder=2)
+    axes.plot(cost[rows], error[rows], color=style.FULL_COLOUR, linewidth=0.9, linestyle=":", zorder=2)
     for row in np.flatnonzero(known):
         axes.plot(cost[row], error[row], **_marker(study, row))
     _write_labels(axes, study, cost, error, known)
@@ -234,15 +213,9 @@ def _write(axes: Axes, text: str, x: float, y: float) -> None:
     place = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))[0]
     left = place > RIGHT
     note = axes.annotate(
-        text,
-        (x, y),
-        xytext=(-7 if left else 7, 4),
-        textcoords="offset points",
-        ha="right" if left else "left",
-        fontsize=8.0,
-        color=QUIET,
-        zorder=5,
-    )
+        text, (x, y), xytext=(-7 if left else 7, 4), textcoords="offset points", ha="right" if left else "left",
+        fontsize=8.0, color=style.QUIET, zorder=5,
+    )  # fmt: skip
     note.set_in_layout(False)
 
 
@@ -253,10 +226,12 @@ def _marker(study: Tradeoff, row: int) -> dict:
     if family == "surface":
         return look | {"marker": "^", "color": SURFACE_COLOUR}
     if family == "components":
-        return look | {"marker": "D", "color": COMPONENT_COLOUR, "markersize": 5.0}
+        return look | {"marker": "D", "color": style.COMPONENT_COLOUR, "markersize": 5.0}
     if family == "full":
-        return look | {"marker": "s", "color": FULL_COLOUR, "markersize": 5.0} | _hollow(at["refinement"][row] > 1)
-    colour = SECOND_ORDER_COLOUR if at["second_order"][row] else REDUCED_COLOUR
+        return (
+            look | {"marker": "s", "color": style.FULL_COLOUR, "markersize": 5.0} | _hollow(at["refinement"][row] > 1)
+        )
+    colour = SECOND_ORDER_COLOUR if at["second_order"][row] else style.REDUCED_COLOUR
     look |= {"marker": "o", "color": colour} | _hollow(not at["static_modes"][row])
     if row == 0:
         look |= {"marker": "*", "markersize": 11.0, "markeredgecolor": "black", "zorder": 4}
@@ -284,7 +259,7 @@ def _keys(study: Tradeoff, drawn: np.ndarray, cost: np.ndarray) -> list[Line2D |
     columns = range(len(study.outputs))
     for colour, family in FRONTS.items():
         if any(_front(study, cost, column, family).size for column in columns):
-            label = f"best for the time, {MODELS[family]}"
+            label = f"best for the time, {style.MODELS[family]}"
             keys.append(Line2D([], [], color=colour, linewidth=5.0, alpha=0.22, label=label))
     if any(_has_mesh_error(study, column) for column in columns):
         keys.append(Line2D([], [], label="error of the mesh itself", **_MESH))

@@ -24,27 +24,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.figures import captions
+from pgmp_petsc.figures import captions, style
 from pgmp_petsc.figures.captions import same_case, tell_apart
-from pgmp_petsc.figures.style import (
-    CROSSES,
-    FULL_COLOUR,
-    MODELS,
-    PALETTE,
-    QUIET,
-    REDUCED_COLOUR,
-    PlainNumbers,
-    axis_label,
-    axis_unit,
-    distinct_colours,
-    heading,
-    new_figure,
-    panel_grid,
-    quantity,
-    span,
-    styled,
-    top_legend,
-)
 from pgmp_petsc.results import Derivatives, Design, Fit, Trajectory
 from pgmp_petsc.results.gradients import FittedParameter
 from pgmp_petsc.results.numbers import ROUND_OFF, plain, sizes_of
@@ -68,7 +49,7 @@ class Comparison:
     @property
     def kind(self) -> str:
         """The models that are there, in words."""
-        return " and ".join(MODELS[run.model] for run in self.runs)
+        return " and ".join(style.MODELS[run.model] for run in self.runs)
 
     @property
     def same_steps(self) -> bool:
@@ -97,7 +78,7 @@ class Comparison:
         """The part of the run that is compared, in words."""
         if self.is_whole:
             return "over the run"
-        stopped = [MODELS[run.model] for run in self.runs if run.time[-1] <= self.covered * (1.0 + 1e-9)]
+        stopped = [style.MODELS[run.model] for run in self.runs if run.time[-1] <= self.covered * (1.0 + 1e-9)]
         runs = f"{' and '.join(stopped)} run{'s' if len(stopped) > 1 else ''}"
         return f"over the first {self.covered:.4g} s of {self.planned:.4g} s, where the {runs} stopped"
 
@@ -127,7 +108,7 @@ def paired(runs: Sequence[Trajectory]) -> list[Comparison]:
     That is the full-order model, and the component model where no run is full-order. Several runs share one of it where
     there are not as many.
     """
-    best = min((run.model for run in runs), key=tuple(MODELS).index, default="full")
+    best = min((run.model for run in runs), key=tuple(style.MODELS).index, default="full")
     best = "components" if best == "reduced" else best
     full = [run for run in runs if run.model == best]
     left, comparisons = list(full), []
@@ -142,7 +123,7 @@ def paired(runs: Sequence[Trajectory]) -> list[Comparison]:
     return comparisons + [Comparison(run, None) for run in left]
 
 
-@styled
+@style.styled
 def trajectories(
     comparisons: Sequence[Comparison], outputs: Sequence[str] | None = None, labels: Sequence[str] | None = None
 ) -> Figure:
@@ -152,14 +133,9 @@ def trajectories(
     full-order run that several reduced ones share is grey. A square ends a run that ended before its scene. Raises
     `InputError` if the runs have no output in common.
 
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        One colour each.
-    outputs : sequence of str, optional
-        By default all that every run has.
-    labels : sequence of str, optional
-        By default that in which the runs differ.
+    - `comparisons`: one colour each.
+    - `outputs`: by default all that every run has.
+    - `labels`: by default that in which the runs differ.
     """
     runs = [run for comparison in comparisons for run in comparison.runs]
     if outputs is None:
@@ -171,14 +147,14 @@ def trajectories(
     with_errors = any(comparison.error_percent(name) for comparison in comparisons for name in outputs)
 
     height, ratios = (4.1, (2.1, 1.0)) if with_errors else (2.9, (1.0,))
-    figure, blocks = panel_grid(len(outputs), COLUMNS, (3.7, height), 0.65, 5.0, ratios)
+    figure, blocks = style.panel_grid(len(outputs), COLUMNS, (3.7, height), 0.65, 5.0, ratios)
     for block, output in zip(blocks, outputs):
         _draw_output(block, comparisons, output)
     notes = captions.of_runs(*_labelled_runs(comparisons, labels))
     kinds = {comparison.kind for comparison in comparisons}
     what = f"Outputs over time, {kinds.pop() if len(kinds) == 1 else 'full order and reduced'}"
     alone = labels[0] if len(comparisons) == 1 else ""
-    top_legend(figure, _keys(comparisons, labels), heading(what, runs[0].record, alone), notes)
+    style.top_legend(figure, _keys(comparisons, labels), style.heading(what, runs[0].record, alone), notes)
     return figure
 
 
@@ -187,7 +163,7 @@ def _labelled_runs(comparisons: Sequence[Comparison], labels: Sequence[str]) -> 
     shared, names = _shared(comparisons), {}
     for comparison, label in zip(comparisons, labels):
         for run in comparison.runs:
-            model = MODELS[run.model] if len(comparison.runs) == 2 else ""
+            model = style.MODELS[run.model] if len(comparison.runs) == 2 else ""
             names[id(run)] = run, ", ".join(filter(None, (model, "" if id(run) in shared else label)))
     return [run for run, _ in names.values()], [name for _, name in names.values()]
 
@@ -203,13 +179,13 @@ def labels_of(comparisons: Sequence[Comparison], files: Mapping[int, Path] | Non
 def _draw_output(block: np.ndarray, comparisons: Sequence[Comparison], output: str) -> None:
     """Draw one output, and below it its error where there is one."""
     runs = [run for comparison in comparisons for run in comparison.runs]
-    factor, unit = axis_unit(runs[0].units.get(output, "1"), *(run.outputs[output] for run in runs))
+    factor, unit = style.axis_unit(runs[0].units.get(output, "1"), *(run.outputs[output] for run in runs))
     axes, drawn = block[0], set()
     shared = _shared(comparisons)
-    for comparison, colour in zip(comparisons, distinct_colours(len(comparisons))):
+    for comparison, colour in zip(comparisons, style.distinct_colours(len(comparisons))):
         line, crosses = comparison.runs[0], comparison.reduced if comparison.full is not None else None
         if id(line) not in drawn:
-            look = {"color": FULL_COLOUR if id(line) in shared else colour}
+            look = {"color": style.FULL_COLOUR if id(line) in shared else colour}
             axes.plot(line.time, line.outputs[output] * factor, **look)
             drawn.add(id(line))
         for run in filter(captions.ended_early, comparison.runs):
@@ -223,43 +199,45 @@ def _draw_output(block: np.ndarray, comparisons: Sequence[Comparison], output: s
             axes.fill_between(line.time, *band, color=colour, alpha=0.25, linewidth=0.0)
         if crosses is not None:
             step = max(1, len(crosses.time) // N_CROSSES)
-            axes.plot(crosses.time[::step], crosses.outputs[output][::step] * factor, color=colour, **CROSSES)
-    axes.set_title(axis_label(output, unit))
+            axes.plot(crosses.time[::step], crosses.outputs[output][::step] * factor, color=colour, **style.CROSSES)
+    axes.set_title(style.axis_label(output, unit))
     if len(block) > 1:
         axes.tick_params(labelbottom=False)
         block[1].sharex(axes)
         _draw_errors(block[1], comparisons, output)
-    span(axes, min(run.time[0] for run in runs), max(captions.planned_end(run) for run in runs))
+    style.span(axes, min(run.time[0] for run in runs), max(captions.planned_end(run) for run in runs))
     block[-1].set_xlabel("time (s)")
 
 
 def _draw_errors(axes: Axes, comparisons: Sequence[Comparison], output: str) -> None:
     """Draw the errors of one output and write their largest value above them."""
     largest = []
-    for comparison, colour in zip(comparisons, distinct_colours(len(comparisons))):
+    for comparison, colour in zip(comparisons, style.distinct_colours(len(comparisons))):
         error = comparison.error_percent(output)
         if error is not None:
             axes.plot(*error, color=colour, linewidth=1.1)
             largest.append(float(np.max(error[1])))
     axes.set_ylim(bottom=0.0)
-    axes.yaxis.set_major_formatter(PlainNumbers())
+    axes.yaxis.set_major_formatter(style.PlainNumbers())
     axes.set_ylabel("error (%)")
     if largest:
-        axes.set_title(f"at most {plain(max(largest))} % of the full-order maximum", fontsize=8.5, color=QUIET, pad=4.0)
+        axes.set_title(
+            f"at most {plain(max(largest))} % of the full-order maximum", fontsize=8.5, color=style.QUIET, pad=4.0
+        )
     else:
         unknown = "not known: no full-order values, all are zero, or a run did no step"
-        axes.set_title(unknown, fontsize=8.5, color=QUIET, pad=4.0)
+        axes.set_title(unknown, fontsize=8.5, color=style.QUIET, pad=4.0)
 
 
 def _keys(comparisons: Sequence[Comparison], labels: Sequence[str]) -> list[Artist]:
     """Return the keys: a colour for each label, then what lines, crosses and bands are."""
-    colours = distinct_colours(len(comparisons))
+    colours = style.distinct_colours(len(comparisons))
     keys: list[Artist] = []
     if len(comparisons) > 1:
         keys = [Line2D([], [], color=colour, label=label) for label, colour in zip(labels, colours) if label]
-    plain = QUIET if keys else colours[0]
+    plain = style.QUIET if keys else colours[0]
     if any(len(comparison.runs) == 2 for comparison in comparisons):
-        keys.append(Line2D([], [], color=FULL_COLOUR if _shared(comparisons) else plain, label="full order"))
+        keys.append(Line2D([], [], color=style.FULL_COLOUR if _shared(comparisons) else plain, label="full order"))
         keys.append(Line2D([], [], color=plain, linestyle="none", marker="x", label="reduced"))
     if any(comparison.runs[0].errors is not None for comparison in comparisons):
         keys.append(Patch(color=plain, alpha=0.25, linewidth=0.0, label="estimated error"))
@@ -279,7 +257,7 @@ WIDTH = 8.6
 DECADES = 6
 
 
-@styled
+@style.styled
 def energies(trajectory: Trajectory, label: str = "") -> Figure:
     """Draw the energies of a run over time, the work of each effect, and the residual of their balance.
 
@@ -296,26 +274,26 @@ def energies(trajectory: Trajectory, label: str = "") -> Figure:
     groups = {title: curves for title, curves in groups.items() if curves}
     # an inch for a panel, and what its keys need
     heights = [max(1.1, 0.4 + 0.17 * len(curves)) for curves in groups.values()] + [1.1]
-    figure = new_figure(WIDTH, sum(heights) + 0.4 * len(heights) + 0.7)
+    figure = style.new_figure(WIDTH, sum(heights) + 0.4 * len(heights) + 0.7)
     panels = figure.subplots(len(heights), sharex=True, squeeze=False, gridspec_kw={"height_ratios": heights})[:, 0]
     for axes, (title, curves) in zip(panels, groups.items()):
         _draw_curves(axes, trajectory.time, curves, title, joule)
     _draw_residual(panels[-1], trajectory.time, balance.residual, balance.exchanged, joule)
-    span(panels[-1], trajectory.time[0], captions.planned_end(trajectory))
+    style.span(panels[-1], trajectory.time[0], captions.planned_end(trajectory))
     panels[-1].set_xlabel("time (s)")
     figure.align_ylabels(panels)
-    what = heading(f"Balance of energy, {MODELS[trajectory.model]}", trajectory.record, label)
-    top_legend(figure, [], what, captions.of_runs([trajectory]))
+    what = style.heading(f"Balance of energy, {style.MODELS[trajectory.model]}", trajectory.record, label)
+    style.top_legend(figure, [], what, captions.of_runs([trajectory]))
     return figure
 
 
 def _draw_curves(axes: Axes, time: np.ndarray, curves: Mapping[str, np.ndarray], title: str, joule: str) -> None:
     """Draw energies in one unit, with their keys on the right where there are several."""
-    factor, unit = axis_unit(joule, *curves.values())
+    factor, unit = style.axis_unit(joule, *curves.values())
     for number, (name, values) in enumerate(curves.items()):
         # beyond the palette, its colours come again as dashes
-        dashes = "-" if number < len(PALETTE) else (0, (4, 2))
-        colour, label = PALETTE[number % len(PALETTE)], name.replace("_", " ")
+        dashes = "-" if number < len(style.PALETTE) else (0, (4, 2))
+        colour, label = style.PALETTE[number % len(style.PALETTE)], name.replace("_", " ")
         axes.plot(time, values * factor, color=colour, linestyle=dashes, label=label)
     axes.set_title(f"{title} ({unit})")
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), labelspacing=0.3)
@@ -325,72 +303,72 @@ def _draw_residual(axes: Axes, time: np.ndarray, residual: np.ndarray, exchanged
     """Draw the residual as a share of the energy exchanged; at the start it is zero."""
     share = np.abs(residual[1:]) / (exchanged or 1.0)
     largest = share.max(initial=0.0)
-    axes.plot(time[1:], share, color=QUIET, linewidth=1.0)
+    axes.plot(time[1:], share, color=style.QUIET, linewidth=1.0)
     if largest > 0.0:
         axes.set_yscale("log")
         axes.set_ylim(10.0**-DECADES * largest, 3.0 * largest)
-    factor, unit = axis_unit(joule, np.array([exchanged]))
+    factor, unit = style.axis_unit(joule, np.array([exchanged]))
     axes.set_title(f"residual, as a share of the {exchanged * factor:.3g} {unit} exchanged: at most {largest:.1e}")
 
 
-@styled
+@style.styled
 def design(found: Design, label: str = "") -> Figure:
     """Draw the goal of the designs that were tried, and below it every output at the start and of the design."""
     n = len(found.designed)
-    figure = new_figure(7.2, 1.0 + 1.8 * (1 + n))
+    figure = style.new_figure(7.2, 1.0 + 1.8 * (1 + n))
     panels = figure.subplots(1 + n, 1, squeeze=False)[:, 0]
-    panels[0].plot(np.arange(1, 1 + len(found.goals)), found.goals, color=PALETTE[0], marker=".")
+    panels[0].plot(np.arange(1, 1 + len(found.goals)), found.goals, color=style.PALETTE[0], marker=".")
     panels[0].set_xlabel("design that was tried")
     panels[0].set_ylabel("goal")
     for axes, (name, values) in zip(panels[1:], found.designed.items()):
-        factor, unit = axis_unit(found.units.get(name, "1"), values, found.begun[name])
-        axes.plot(found.time, factor * found.begun[name], color=QUIET, linestyle=":")
-        axes.plot(found.time, factor * values, color=REDUCED_COLOUR)
-        axes.set_ylabel(axis_label(name, unit))
-        span(axes, found.time[0], found.time[-1])
+        factor, unit = style.axis_unit(found.units.get(name, "1"), values, found.begun[name])
+        axes.plot(found.time, factor * found.begun[name], color=style.QUIET, linestyle=":")
+        axes.plot(found.time, factor * values, color=style.REDUCED_COLOUR)
+        axes.set_ylabel(style.axis_label(name, unit))
+        style.span(axes, found.time[0], found.time[-1])
     panels[-1].set_xlabel("time (s)")
     begun, ended = (
-        ", ".join(quantity(p.name, value, p.unit) for p, value in zip(found.parameters, row))
+        ", ".join(style.quantity(p.name, value, p.unit) for p, value in zip(found.parameters, row))
         for row in zip(*((p.start, p.value) for p in found.parameters))
     )
     keys = [
-        Line2D([], [], color=QUIET, linestyle=":", label=f"at the start, {begun}"),
-        Line2D([], [], color=REDUCED_COLOUR, label=f"design, {ended}"),
+        Line2D([], [], color=style.QUIET, linestyle=":", label=f"at the start, {begun}"),
+        Line2D([], [], color=style.REDUCED_COLOUR, label=f"design, {ended}"),
     ]
     captions.headed(figure, keys, f"Design, {found.goal}", found.record, label)
     return figure
 
 
-MEASURED = PALETTE[0]
+MEASURED = style.PALETTE[0]
 
 
-@styled
+@style.styled
 def fit(found: Fit, label: str = "") -> Figure:
     """Draw every output over time (left), and what is left of it (right), a row each."""
-    figure = new_figure(8.6, 1.0 + 1.9 * len(found.outputs))
+    figure = style.new_figure(8.6, 1.0 + 1.9 * len(found.outputs))
     panels = figure.subplots(len(found.outputs), 2, sharex=True, squeeze=False)
     dots = {"linestyle": "", "marker": ".", "markersize": 3.0, "color": MEASURED}
     for (left, right), (name, output) in zip(panels, found.outputs.items()):
-        factor, unit = axis_unit(output.unit, output.measured, output.fitted)
+        factor, unit = style.axis_unit(output.unit, output.measured, output.fitted)
         left.plot(found.time, factor * output.measured, **dots)
-        left.plot(found.time, factor * output.begun, color=QUIET, linestyle=":")
-        left.plot(found.time, factor * output.fitted, color=REDUCED_COLOUR)
-        left.set_ylabel(axis_label(name, unit))
+        left.plot(found.time, factor * output.begun, color=style.QUIET, linestyle=":")
+        left.plot(found.time, factor * output.fitted, color=style.REDUCED_COLOUR)
+        left.set_ylabel(style.axis_label(name, unit))
         rest = output.measured - output.fitted
-        factor, unit = axis_unit(output.unit, rest)
+        factor, unit = style.axis_unit(output.unit, rest)
         right.plot(found.time, factor * rest, **dots)
         for side in (-2.0, 2.0):
-            right.axhline(factor * side * output.noise, color=QUIET, linewidth=0.8, linestyle="--")
-        right.set_ylabel(axis_label("left", unit))
+            right.axhline(factor * side * output.noise, color=style.QUIET, linewidth=0.8, linestyle="--")
+        right.set_ylabel(style.axis_label("left", unit))
     for axes in panels[-1]:
-        span(axes, found.time[0], found.time[-1])
+        style.span(axes, found.time[0], found.time[-1])
         axes.set_xlabel("time (s)")
     values = ", ".join(_with_error(p) for p in found.parameters)
     keys = [
         Line2D([], [], label="measured", **dots),
-        Line2D([], [], color=QUIET, linestyle=":", label="begun with"),
-        Line2D([], [], color=REDUCED_COLOUR, label=f"fitted, {values}"),
-        Line2D([], [], color=QUIET, linewidth=0.8, linestyle="--", label="two deviations of the noise"),
+        Line2D([], [], color=style.QUIET, linestyle=":", label="begun with"),
+        Line2D([], [], color=style.REDUCED_COLOUR, label=f"fitted, {values}"),
+        Line2D([], [], color=style.QUIET, linewidth=0.8, linestyle="--", label="two deviations of the noise"),
     ]
     captions.headed(figure, keys, "Fit", found.record, label)
     return figure
@@ -398,7 +376,7 @@ def fit(found: Fit, label: str = "") -> Figure:
 
 def _with_error(parameter: FittedParameter) -> str:
     """Return ``r1 = 6.001 ± 0.005 mm``."""
-    factor, unit = axis_unit(parameter.unit, np.array([parameter.estimate]))
+    factor, unit = style.axis_unit(parameter.unit, np.array([parameter.estimate]))
     shown = f"{parameter.name} = {factor * parameter.estimate:.4g}"
     if not np.isfinite(parameter.error):
         return f"{shown}, not identifiable"
@@ -406,28 +384,28 @@ def _with_error(parameter: FittedParameter) -> str:
     return shown if unit in ("", "1") else f"{shown} {unit}"
 
 
-@styled
+@style.styled
 def sensitivities(found: Derivatives, label: str = "") -> Figure:
     """Draw every output (left) and what a change of each parameter does to it (right), a row each."""
-    figure = new_figure(8.6, 0.9 + 1.9 * len(found.outputs))
+    figure = style.new_figure(8.6, 0.9 + 1.9 * len(found.outputs))
     panels = figure.subplots(len(found.outputs), 2, sharex=True, squeeze=False)
-    colours = distinct_colours(len(found.parameters))
+    colours = style.distinct_colours(len(found.parameters))
     for (left, right), (output, values) in zip(panels, found.outputs.items()):
         unit = found.units.get(output, "1")
-        factor, shown = axis_unit(unit, values)
-        left.plot(found.time, factor * values, color=QUIET)
-        left.set_ylabel(axis_label(output, shown))
+        factor, shown = style.axis_unit(unit, values)
+        left.plot(found.time, factor * values, color=style.QUIET)
+        left.set_ylabel(style.axis_label(output, shown))
         effects = [found.derivatives[output][name] * change for name, (change, _) in found.changes.items()]
-        factor, shown = axis_unit(unit, *effects)
+        factor, shown = style.axis_unit(unit, *effects)
         for effect, colour in zip(effects, colours):
             right.plot(found.time, factor * effect, color=colour)
-        right.set_ylabel(axis_label("change", shown))
+        right.set_ylabel(style.axis_label("change", shown))
     for axes in panels[-1]:
-        span(axes, found.time[0], found.time[-1])
+        style.span(axes, found.time[0], found.time[-1])
         axes.set_xlabel("time (s)")
     keys = []
     for (name, (change, what)), colour in zip(found.changes.items(), colours):
-        text = quantity(name, change, found.units.get(name, "1")).replace(" = ", " + ")
+        text = style.quantity(name, change, found.units.get(name, "1")).replace(" = ", " + ")
         keys.append(Line2D([], [], color=colour, label=f"{text}, {what}"))
     captions.headed(figure, keys, "Sensitivities, to first order", found.record, label)
     return figure

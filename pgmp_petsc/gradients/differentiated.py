@@ -81,26 +81,18 @@ class DifferentiatedRun:
 
 
 def differentiate(
-    model: ReducedModel | LengthLanes,
-    values: Mapping[str, float],
-    names: Sequence[str],
+    model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str],
     pulse: Callable[[int], object] = lambda n_steps: None,
-) -> DifferentiatedRun:
+) -> DifferentiatedRun:  # fmt: skip
     """Run one sample, and differentiate its outputs with some parameters.
 
     Raises `InputError` if the scene has no outputs, there is no static equilibrium to start from, or an end stop is
     grazed; `RunError` if the run stops before its end, with smaller steps too.
 
-    Parameters
-    ----------
-    model
-        The model of samples in which these parameters vary (`models.of_samples`).
-    values
-        Value of every parameter of the scene.
-    names
-        Parameters to differentiate with.
-    pulse
-        Called with the number of steps that have been taken since the last call.
+    - `model`: the model of samples in which these parameters vary (`models.of_samples`).
+    - `values`: value of every parameter of the scene.
+    - `names`: parameters to differentiate with.
+    - `pulse`: called with the number of steps that have been taken since the last call.
     """
     for name, entry in model.scene.outputs.items():
         if "multipliers" in entry.reads:
@@ -142,12 +134,9 @@ def differentiate(
 
 
 def _propagated(
-    model: ReducedModel | LengthLanes,
-    linearisation: Linearisation,
-    contacts: Contacts,
-    times: np.ndarray,
+    model: ReducedModel | LengthLanes, linearisation: Linearisation, contacts: Contacts, times: np.ndarray,
     states: State,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Return the derivatives of the reduced coordinates, their rates and their accelerations over the run, shape (3,
     n_t, n_parameters, n_eta)."""
     n_t, n = states.q.shape
@@ -197,20 +186,12 @@ def _require_finite(
 def propagate(by_q, by_v, by_a, by_parameters, scheme, step, prescribed, moment, result):
     """Take the sensitivities through steps.
 
-    Parameters
-    ----------
-    by_q, by_v, by_a, by_parameters
-        At the ends of the steps, see `linearisation.Linearised`.
-    scheme
-        ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)`` of the step.
-    step
-        s.
-    prescribed
-        Whether a coordinate is given, shape (n_eta,): it stays what it is in the beginning.
-    moment
-        S_q, S_v, S_a and S_A at the beginning, shape (4, n_parameters, n_eta); advanced in place.
-    result
-        S_q, S_v and S_a at the ends of the steps, shape (3, n_t, n_parameters, n_eta).
+    - `by_q`, `by_v`, `by_a`, `by_parameters`: at the ends of the steps, see `linearisation.Linearised`.
+    - `scheme`: ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)`` of the step.
+    - `step`: s.
+    - `prescribed`: whether a coordinate is given, shape (n_eta,): it stays what it is in the beginning.
+    - `moment`: s_q, S_v, S_a and S_A at the beginning, shape (4, n_parameters, n_eta); advanced in place.
+    - `result`: s_q, S_v and S_a at the ends of the steps, shape (3, n_t, n_parameters, n_eta).
     """
     alpha_m, alpha_f, beta, gamma, gain_v, gain_a = scheme
     n_t, n_parameters, n = by_parameters.shape
@@ -253,10 +234,7 @@ DIFFERENCE = 1e-3  # of second differences of fourth order: rounding and truncat
 def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Linearisation, start: State) -> np.ndarray:
     """Return S_q, S_v, S_a and S_A of a sample at time zero, shape (4, n_parameters, n_eta).
 
-    Parameters
-    ----------
-    start
-        State at the start, arrays of shape (1, n_eta).
+    `start`: state at the start, arrays of shape (1, n_eta).
     """
     n_parameters, n = len(linearisation.names), start.q.shape[1]
     moment = np.zeros((4, n_parameters, n))
@@ -299,12 +277,9 @@ def _solved(matrix: np.ndarray, rows: np.ndarray, free: np.ndarray) -> np.ndarra
 
 
 def _held(
-    model: ReducedModel | LengthLanes,
-    eta: np.ndarray,
-    at_rest: Linearised,
-    linearisation: Linearisation,
+    model: ReducedModel | LengthLanes, eta: np.ndarray, at_rest: Linearised, linearisation: Linearisation,
     given: np.ndarray,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Return S_q of coordinates (n_parameters, n_eta) whose joints' angles are held, at eta (1, n_eta); `given` has
     that of coordinates that say how far joints are off."""
     angles = [member.joint_angles for member in model.members]
@@ -358,14 +333,10 @@ OF_STRESSES = 1e-5
 class ObservedChanges:
     """The outputs of one run and their derivatives.
 
-    Parameters
-    ----------
-    model
-        The reduced model.
-    values
-        Value of every parameter.
-    times, states
-        Instants of the run (n_t,), s, and reduced coordinates, rates and accelerations there, shapes (n_t, n_eta).
+    - `model`: the reduced model.
+    - `values`: value of every parameter.
+    - `times`, `states`: instants of the run (n_t,), s, and reduced coordinates, rates and accelerations there, shapes
+      (n_t, n_eta).
     """
 
     def __init__(

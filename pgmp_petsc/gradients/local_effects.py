@@ -52,10 +52,7 @@ class Edge:
 class LocalDerivatives:
     """Derivatives of the local effects of one sample.
 
-    Parameters
-    ----------
-    model, values, names
-        As of `Linearisation`.
+    `model`, `values`, `names`: as of `Linearisation`.
     """
 
     def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str]) -> None:

@@ -71,6 +71,8 @@ class LoopClosure:
         What small changes of the coordinates are measured against, 1 rad or the size, shape (n_theta,).
     equations
         All that its solutions depend on; what is the same has the same.
+    jacobian
+        From poses (n_bodies, n_pose, n) to d(residual)/dP, shape (n, n_constraints + n_theta, n_pose n_bodies).
     has_redundant
         Whether joints and coordinates say more than poses can obey, so that a gap may be left.
     """
@@ -89,7 +91,7 @@ class LoopClosure:
         sides = [tuple(side.on_pose() for side in pair) for _, pair in parts]
         statements = [part for part, _ in parts]
         self._rows = StatementRows(statements, sides, self.pose_dofs, mechanism.space.dimension)
-        self._jacobian_at = _jacobian_of(self._rows, self.n_pose * len(mechanism.bodies))
+        self.jacobian = _jacobian_of(self._rows, self.n_pose * len(mechanism.bodies))
         self._wanted = np.concatenate([wanted, np.zeros(self.n_coordinates)])
         periodic = [c.periodic for c in mechanism.coordinates]
         counted = len(mechanism.bodies), mechanism.n_constraints, len(mechanism.couplings)
@@ -119,18 +121,10 @@ class LoopClosure:
         wanted[self.n_constraints :] = theta.T
         return self._rows.values(_unknowns(poses), wanted) - wanted
 
-    def jacobian(self, poses: np.ndarray) -> np.ndarray:
-        """Return d(residual)/dP, shape (n, n_constraints + n_theta, n_pose n_bodies)."""
-        return self._jacobian_at(poses)
-
-    def scaled(self, jacobian: np.ndarray) -> np.ndarray:
-        """Return J (n, n_rows, n_pose n_bodies) with lengths scaled by the size, so that singular values do not depend
-        on the unit."""
-        return self.scaled_by(jacobian, self._scale[: jacobian.shape[1]])
-
-    def scaled_by(self, jacobian: np.ndarray, scale: np.ndarray) -> np.ndarray:
-        """Return a Jacobian (..., n_rows, n_pose n_bodies) with its rows divided by a scale (n_rows,), and lengths of
-        poses in units of the size."""
+    def scaled(self, jacobian: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
+        """Return J (..., n_rows, n_pose n_bodies) with lengths in units of the size, those of rows by a scale (n_rows,)
+        of their own if it is given: singular values then do not depend on the unit."""
+        scale = self._scale[: jacobian.shape[1]] if scale is None else scale
         return jacobian * self._units / scale[:, None]
 
     def rates(self, poses: np.ndarray, jacobian: np.ndarray | None = None) -> np.ndarray:
@@ -517,7 +511,7 @@ class ReleasedClosure:
     def _independent(self, jacobian: np.ndarray) -> np.ndarray:
         """Return all rows that are held, and of the released ones as many as are independent of these, the first ones
         that are."""
-        scaled = self._closure.scaled_by(jacobian, self._scale)
+        scaled = self._closure.scaled(jacobian, self._scale)
         values, right = np.linalg.svd(scaled[: self._n_held])[1:]
         rank = int(np.sum(values > RELEASED_TOLERANCE * values[0]))
         free, chosen = right[rank:].T, list(range(self._n_held))

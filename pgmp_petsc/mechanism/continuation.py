@@ -87,12 +87,7 @@ class PoseBranch:
 
     @classmethod
     def _tabulated(
-        cls,
-        closure: LoopClosure,
-        axes: Sequence[np.ndarray],
-        poses: np.ndarray,
-        winding: np.ndarray,
-        n_redundant: int,
+        cls, closure: LoopClosure, axes: Sequence[np.ndarray], poses: np.ndarray, winding: np.ndarray, n_redundant: int
     ) -> PoseBranch:
         """Tabulate poses (n_bodies, n_pose, n)."""
         theta = _grid(axes)

@@ -22,133 +22,92 @@ import numpy as np
 from pgmp_petsc.mechanism.statements import Statement
 
 
-class Space:
-    """Space that mechanisms move in."""
+class Plane:
+    """The plane; `Spatial` has the same of space."""
 
-    dimension: int  # 2 or 3
-    n_pose: int  # numbers of a pose: 3 or 12
-    n_dofs: int  # displacements and rotations of a node: 3 or 6
-    n_tied: int  # numbers of a pose that depend on others: 0 or 6
-    identity: np.ndarray  # the pose of a body at rest in the ground's frame, shape (n_pose,)
+    dimension = 2
+    n_pose = 3  # numbers of a pose; 12 in space
+    n_dofs = 3  # displacements and rotations of a node; 6 in space
+    n_tied = 0  # numbers of a pose that depend on others; 6 in space
+    identity = np.zeros(3)  # the pose of a body at rest in the ground's frame, shape (n_pose,)
 
     def units(self, size: float) -> np.ndarray:
         """Return what the numbers of a pose are measured in, shape (n_pose,): the size for lengths, 1 for
         directions."""
+        return np.array([size, size, 1.0])
 
     def turns(self, step: np.ndarray) -> np.ndarray:
         """Return how far bodies turn, about, with a step of poses (n_bodies, n_pose, n), shape (n_bodies, n), rad."""
+        return np.abs(step[:, 2])
 
     def angle(self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0) -> np.ndarray:
         """Return the angle between frames of shape (n_pose or more, ...), rad: in the plane frames count turns, in
         space it is nearest to `turned`."""
-
-    def winding(self, change: np.ndarray) -> np.ndarray:
-        """Return the whole turns in a change of poses (n_bodies, n_pose), shape (n_bodies,), that poses count."""
-
-    def turned(self, poses: np.ndarray, turns: np.ndarray) -> np.ndarray:
-        """Return poses (n_bodies, n_pose, n) with whole turns (n_bodies, n) added."""
-
-    def rotation(self, pose: np.ndarray) -> np.ndarray:
-        """Return the matrix (n_dofs, n_dofs) that turns displacements of nodes from the body's frame."""
-
-    def to_body(self, pose: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-        """Turn vectors (d, n) into the frame of a body at poses (n_pose, n)."""
-
-    def frame_gradient(self, pose: np.ndarray) -> np.ndarray:
-        """Return the change of a frame with its displacement in the body's frame, shape (n_pose, n_dofs)."""
-
-    def tangent(self, poses: np.ndarray) -> np.ndarray:
-        """Return rigid displacements of bodies as changes of their poses (n_bodies, n_pose, n), orthonormal where these
-        are rigid, shape (n, n_bodies, n_pose, n_dofs); of spaces whose poses depend on one another."""
-
-    def frame_curvature(self, pose: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-        """Return the second derivatives (n, n_dofs, n_dofs) of what has the slopes (n, n_pose) in a frame and is linear
-        in it; rotations in space are rotation vectors."""
-
-    def natural(self, frame: np.ndarray) -> np.ndarray:
-        """Return position and directors (d (d + 1), ...) of a frame (n_pose or more, ...), as `statements` take it."""
-
-    def natural_gradient(self, pose: np.ndarray, arm: np.ndarray) -> np.ndarray:
-        """Return the change of position and directors of a point at an arm (d,) of a node with the node's displacement
-        in the body's frame, shape (d (d + 1), n_dofs)."""
-
-    def place(self, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Return the frames (n, n_pose, ...) of points (n, d) of a rigid body at a pose (n_pose, ...)."""
-
-    def velocity_field(self, pose: np.ndarray, rates: np.ndarray) -> np.ndarray:
-        """Return the coefficients (d + d^2, k, ...) of velocities for poses (n_pose, ...) and rates (n_pose, k,
-        ...)."""
-
-    def acceleration_field(self, pose: np.ndarray, rates: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
-        """Return the coefficients (d + d^2, k, k, ...) of accelerations for second derivatives of the pose (n_pose, k,
-        k, ...)."""
-
-
-class Plane(Space):
-    """The plane; see `Space`."""
-
-    dimension, n_pose, n_dofs, n_tied = 2, 3, 3, 0
-    identity = np.zeros(3)
-
-    def units(self, size: float) -> np.ndarray:
-        return np.array([size, size, 1.0])
-
-    def turns(self, step: np.ndarray) -> np.ndarray:
-        return np.abs(step[:, 2])
-
-    def angle(self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0) -> np.ndarray:
         return b[2] - a[2]
 
     def winding(self, change: np.ndarray) -> np.ndarray:
+        """Return the whole turns in a change of poses (n_bodies, n_pose), shape (n_bodies,), that poses count."""
         return np.rint(change[:, 2] / (2 * np.pi))
 
     def turned(self, poses: np.ndarray, turns: np.ndarray) -> np.ndarray:
+        """Return poses (n_bodies, n_pose, n) with whole turns (n_bodies, n) added."""
         poses[:, 2] += 2 * np.pi * turns
         return poses
 
     def rotation(self, pose: np.ndarray) -> np.ndarray:
-        """Return the rotation of ``(u_x, u_y, phi)``."""
+        """Return the matrix (n_dofs, n_dofs) that turns displacements of nodes, ``(u_x, u_y, phi)``, from the body's
+        frame. In space `frame_gradient` is another one: the change of a frame with its displacement in the body's
+        frame, shape (n_pose, n_dofs)."""
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
         return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
     frame_gradient = rotation
 
     def frame_curvature(self, pose: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        """Return the second derivatives (n, n_dofs, n_dofs) of what has the slopes (n, n_pose) in a frame and is linear
+        in it; rotations in space are rotation vectors."""
         return np.zeros((len(slopes), 3, 3))
 
     def to_body(self, pose: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+        """Turn vectors (d, n) into the frame of a body at poses (n_pose, n)."""
         return rotate(-pose[2], vectors)
 
     def natural(self, frame: np.ndarray) -> np.ndarray:
+        """Return position and directors (d (d + 1), ...) of a frame (n_pose or more, ...), as `statements` take it."""
         cos, sin = np.cos(frame[2]), np.sin(frame[2])
         return np.array([frame[0], frame[1], cos, sin, -sin, cos])
 
     def natural_gradient(self, pose: np.ndarray, arm: np.ndarray) -> np.ndarray:
-        """Return ``dp = R (u + phi J arm)``, ``d(d_k) = phi J d_k``, J a right angle's rotation."""
+        """Return the change of position and directors of a point at an arm (d,) of a node with the node's displacement
+        in the body's frame, shape (d (d + 1), n_dofs): ``dp = R (u + phi J arm)``, ``d(d_k) = phi J d_k``, J a right
+        angle's rotation."""
         turn, gradient = self.rotation(pose)[:2, :2], np.zeros((6, 3))
         gradient[:2, :2], gradient[:2, 2] = turn, turn @ [-arm[1], arm[0]]
         gradient[2:4, 2], gradient[4:6, 2] = turn[:, 1], -turn[:, 0]
         return gradient
 
     def place(self, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Return the frames (n, n_pose, ...) of points (n, d) of a rigid body at a pose (n_pose, ...)."""
         frames = np.empty((len(points), *pose.shape))
         frames[:, :2] = pose[:2] + np.moveaxis(rotate(pose[2][..., None], points.T), -1, 0)
         frames[:, 2] = pose[2]
         return frames
 
     def velocity_field(self, pose: np.ndarray, rates: np.ndarray) -> np.ndarray:
-        """Return ``R^T r'`` and ``phi' J``, J a right angle's rotation."""
+        """Return the coefficients (d + d^2, k, ...) of velocities for poses (n_pose, ...) and rates (n_pose, k,
+        ...): ``R^T r'`` and ``phi' J``, J a right angle's rotation."""
         zero = np.zeros_like(rates[2])
         return np.array([*rotate(-pose[2], rates[:2]), zero, -rates[2], rates[2], zero])
 
     def acceleration_field(self, pose: np.ndarray, rates: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
-        """Return ``R^T r''`` and ``phi'' J - phi' phi' 1``."""
+        """Return the coefficients (d + d^2, k, k, ...) of accelerations for second derivatives of the pose (n_pose, k,
+        k, ...): ``R^T r''`` and ``phi'' J - phi' phi' 1``."""
         spin, centripetal = curvatures[2], rates[2][:, None] * rates[2]
         return np.array([*rotate(-pose[2], curvatures[:2]), -centripetal, -spin, spin, -centripetal])
 
 
-class Spatial(Space):
-    """Space; see `Space`."""
+class Spatial:
+    """Space; what is not said here is said of `Plane`."""
 
     dimension, n_pose, n_dofs, n_tied = 3, 12, 6, 6
     identity = np.concatenate([np.zeros(3), np.eye(3).ravel()])
@@ -185,7 +144,8 @@ class Spatial(Space):
         return gradient
 
     def tangent(self, poses: np.ndarray) -> np.ndarray:
-        """Return the unit vectors for positions and, for directors, the turns ``e_i x d_k`` over the root of two."""
+        """Return rigid displacements of bodies as changes of their poses (n_bodies, n_pose, n), orthonormal, shape (n,
+        n_bodies, n_pose, n_dofs): unit vectors for positions, and ``e_i x d_k`` over the root of two for directors."""
         n_bodies, _, n = poses.shape
         found = np.zeros((n, n_bodies, 12, 6))
         found[:, :, :3, :3] = np.eye(3)
@@ -264,6 +224,7 @@ def turning_of_second_order(columns: np.ndarray) -> np.ndarray:
     return 0.5 * (columns + np.swapaxes(columns, -1, -2)) - trace * np.eye(3)
 
 
+Space = Plane | Spatial
 PLANE, SPATIAL = Plane(), Spatial()
 
 

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, nearest_name, shortened
-from pgmp_petsc.mesh.reading import FARTHEST, RELATIVE_TOLERANCE, Counted, read_mesh, usable
+from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE, Counted, coordinates, read_mesh, usable
+from pgmp_petsc.mesh.solid_mesh import check_pieces, check_repeated
 
 if TYPE_CHECKING:
     import meshio
@@ -97,7 +98,7 @@ def read_line_mesh(path: Path | str, entry: str, dimension: int = 2) -> LineMesh
     with usable(received):
         all_cells = _line_cells(mesh, received, dimension)
         used, cells = np.unique(all_cells, return_inverse=True)
-        nodes = _places(mesh.points, used, received, dimension)
+        nodes = coordinates(mesh.points[used], dimension, received, used)
         line_mesh = LineMesh(nodes, cells.reshape(-1, 2), *_named_points(mesh, used))
         _check_cells(line_mesh, all_cells, received)
     return line_mesh
@@ -123,29 +124,6 @@ def _line_cells(mesh: meshio.Mesh, received: str, dimension: int) -> np.ndarray:
     return cells
 
 
-def _places(file_points: np.ndarray, used: np.ndarray, received: str, dimension: int) -> np.ndarray:
-    """Return the used nodes after checking that all are finite and, in two dimensions, in the plane z = 0."""
-    points = file_points[used]
-    finite = (np.abs(points) < FARTHEST).all(axis=1)
-    if not finite.all():
-        where = int(np.flatnonzero(~finite)[0])
-        raise InputError(
-            f"{received}: node {used[where]} has the coordinates {points[where].tolist()}; finite numbers "
-            f"below {FARTHEST:g} are needed"
-        )
-    if dimension == 3:
-        places = np.zeros((len(points), 3))
-        places[:, : points.shape[1]] = points
-        return places
-    out_of_plane = np.abs(points[:, 2:]).max(axis=1, initial=0.0)
-    if (out_of_plane > RELATIVE_TOLERANCE * np.ptp(points, axis=0).max()).any():
-        where = int(np.argmax(out_of_plane))
-        raise InputError(
-            f"{received}: node {used[where]} at {points[where].tolist()} is off the plane z = 0, where mechanisms move"
-        )
-    return np.array(points[:, :2], dtype=float)
-
-
 def _named_points(mesh: meshio.Mesh, used: np.ndarray) -> tuple[dict[str, int], dict[str, int]]:
     """Return the names of single nodes, and for every other named group how many of its nodes are used."""
     groups: dict[str, np.ndarray] = {name: np.asarray(nodes, dtype=int) for name, nodes in mesh.point_sets.items()}
@@ -165,32 +143,16 @@ def _named_points(mesh: meshio.Mesh, used: np.ndarray) -> tuple[dict[str, int], 
     return points, unusable
 
 
-def _check_cells(mesh: LineMesh, file_cells: np.ndarray, received: str) -> None:
-    """Refuse cells of zero length, repeated cells and several pieces; messages use the file's numbers."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    extent = np.ptp(mesh.nodes, axis=0).max()
-    zero = np.flatnonzero(mesh.lengths <= RELATIVE_TOLERANCE * extent)
+def _check_cells(mesh: LineMesh, filed: np.ndarray, received: str) -> None:
+    """Refuse cells of zero length, repeated cells and several pieces; messages have the file's numbers, `filed`."""
+    zero = np.flatnonzero(mesh.lengths <= RELATIVE_TOLERANCE * np.ptp(mesh.nodes, axis=0).max())
     if zero.size:
         raise InputError(
-            f"{received}: line cell {zero[0]} between the nodes {file_cells[zero[0]].tolist()} has zero "
-            "length; a positive length is needed"
+            f"{received}: line cell {zero[0]} between the nodes {filed[zero[0]].tolist()} has zero length; a positive "
+            "length is needed"
         )
-    unique, first, counts = np.unique(np.sort(mesh.cells), axis=0, return_index=True, return_counts=True)
-    if len(unique) < mesh.n_cells:
-        twice = first[np.argmax(counts)]
-        raise InputError(
-            f"{received}: there is more than one line cell between the nodes "
-            f"{file_cells[twice].tolist()}; each may be there once"
-        )
-    graph = coo_array((np.ones(mesh.n_cells), tuple(mesh.cells.T)), shape=(mesh.n_nodes, mesh.n_nodes))
-    n_pieces, _ = connected_components(graph, directed=False)
-    if n_pieces > 1:
-        raise InputError(
-            f"{received}: the line cells form {n_pieces} separate pieces; a body is one connected piece "
-            "(nodes at the same place must be merged)"
-        )
+    check_repeated("line", filed, received)
+    check_pieces(mesh.cells, received, filed)
 
 
 def straight_beam(length: float, n_cells: int, start: float = 0.0, dimension: int = 2) -> LineMesh:

@@ -37,15 +37,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError, shortened
-from pgmp_petsc.mesh.reading import MAX_REASON, check_file, read_mesh, usable
+from pgmp_petsc.mesh.reading import MAX_REASON, check_file, coordinates, read_mesh, usable
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.mesh.solid_mesh_reading import (
-    KINDS,
-    complete_physical_groups,
-    coordinates,
-    numbered_as_filed,
-    read_abaqus_nodes,
-)
+from pgmp_petsc.mesh.solid_mesh_reading import KINDS, complete_physical_groups, numbered_as_filed, read_abaqus_nodes
 
 ZIP, MATRIX_MARKET, NASTRAN = b"PK\x03\x04", b"%%matrixmarket", "DMIG"
 COMMENTS = ("**", "%", "#")

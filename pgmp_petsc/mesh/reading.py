@@ -10,11 +10,12 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from pgmp_petsc.base.errors import InputError, PgmpError, irregular
 
 if TYPE_CHECKING:
     import meshio
-    import numpy as np
 
 #: Formats whose readers came to an end on 300 files each with bytes changed, deleted, repeated or cut off. Others of
 #: meshio loop for ever on such files (Nastran, OFF, PLY): they are read by a process of their own, with a time limit.
@@ -133,3 +134,31 @@ def check_file(path: Path, received: str, needed: str) -> None:
         raise InputError(f"{received}: cannot be read ({reason}); {needed}") from error
     if irregular(mode):
         raise InputError(f"{received}: this is {irregular(mode)}; {needed}")
+
+
+def coordinates(points: np.ndarray, dimension: int, received: str, numbers: np.ndarray | None = None) -> np.ndarray:
+    """Return the coordinates in the plane or in space after checking that they are finite and in the plane z = 0;
+    `numbers` are those of the nodes in the file, where they are not in its order."""
+    points = np.asarray(points, dtype=float)
+    numbers = np.arange(len(points)) if numbers is None else numbers
+    strange = np.flatnonzero(~(np.abs(points) < FARTHEST).all(axis=1))
+    if strange.size:
+        what = f"beyond {FARTHEST:g}" if np.isfinite(points).all() else "not finite"
+        raise InputError(
+            f"{received}: {strange.size} of {len(points)} nodes have coordinates that are {what}; the first is "
+            f"node {numbers[strange[0]]} at {points[strange[0]].tolist()}; finite numbers are needed"
+        )
+    off_plane = np.abs(points[:, dimension:]).max(axis=1, initial=0.0)
+    off = np.flatnonzero(off_plane > RELATIVE_TOLERANCE * np.ptp(points, axis=0).max())
+    if off.size:
+        raise InputError(
+            f"{received}: {off.size} of {len(points)} nodes are off the plane z = 0, where plane bodies lie; the first "
+            f"is node {numbers[off[0]]} at {points[off[0]].tolist()}"
+        )
+    missing = np.zeros((len(points), max(0, dimension - points.shape[1])))  # files of plane points for a solid body
+    return np.hstack([points[:, :dimension], missing])
+
+
+def shown(numbers: np.ndarray, most: int = 8) -> str:
+    """Return numbers as text, the first few of many: ``[3, 4, ...]``."""
+    return f"[{', '.join(str(number) for number in numbers[:most])}{', ...' if len(numbers) > most else ''}]"

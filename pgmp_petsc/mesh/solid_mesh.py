@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, nearest_name, shortened
-from pgmp_petsc.mesh.reading import Counted
+from pgmp_petsc.mesh.reading import Counted, shown
 
 if TYPE_CHECKING:
     import skfem.element
@@ -291,3 +291,35 @@ def undirected_graph(edges: np.ndarray, n_vertices: int) -> csr_array:
 
     rows, columns = np.hstack([edges, edges[::-1]])
     return coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(n_vertices, n_vertices)).tocsr()
+
+
+def check_repeated(kind: str, cells: np.ndarray, received: str) -> None:
+    """Refuse cells of one type that have the nodes of another one."""
+    numbers = set_numbers(cells)
+    _, first = np.unique(numbers, return_index=True)
+    again = np.setdiff1d(np.arange(len(cells)), first)
+    if again.size:
+        original = first[numbers[again[0]]]
+        raise InputError(
+            f"{received}: {again.size} of {len(cells)} cells of type {kind} repeat the nodes of another one; the first "
+            f"is cell {again[0]}, which has the nodes {shown(cells[again[0]])} of cell {original}; each cell may be "
+            "there once (MSH files before version 4 hold a cell once for every physical group it is in)"
+        )
+
+
+def check_pieces(cells: np.ndarray, received: str, filed: np.ndarray | None = None) -> None:
+    """Refuse cells that use every node and are not one piece; `filed` are the same in the file's numbers, if others."""
+    from scipy.sparse.csgraph import connected_components
+
+    n_nodes = int(cells.max()) + 1
+    graph = undirected_graph(incidence_edges(n_nodes, cells), n_nodes + len(cells))
+    n_pieces, labels = connected_components(graph, directed=False)
+    if n_pieces > 1:
+        pieces = labels[n_nodes:]
+        sizes = np.bincount(pieces)
+        aside = int(np.flatnonzero(pieces != pieces[0])[0])
+        raise InputError(
+            f"{received}: the cells form {n_pieces} separate pieces of {shown(np.sort(sizes)[::-1])} cells; the first "
+            f"that does not hang together with cell 0 is cell {aside} with the nodes {shown((cells if filed is None else filed)[aside])}; a body is "
+            "one connected piece (nodes at the same place must be merged)"
+        )

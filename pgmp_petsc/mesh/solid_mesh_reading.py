@@ -44,15 +44,17 @@ from pathlib import Path
 
 import meshio
 import numpy as np
-from scipy.sparse.csgraph import breadth_first_order, connected_components, reverse_cuthill_mckee
+from scipy.sparse.csgraph import breadth_first_order, reverse_cuthill_mckee
 
 from pgmp_petsc.base.errors import InputError, shortened
-from pgmp_petsc.mesh.reading import FARTHEST, RELATIVE_TOLERANCE, read_mesh, usable
+from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE, coordinates, read_mesh, shown, usable
 from pgmp_petsc.mesh.solid_mesh import (
     PLANE_KINDS,
     SOLID_KINDS,
     SolidMesh,
     cell_faces,
+    check_pieces,
+    check_repeated,
     incidence_edges,
     reference_element,
     set_numbers,
@@ -210,41 +212,9 @@ def check_cells(kind: str, nodes: np.ndarray, cells: np.ndarray, received: str) 
     begin with `received`, the scene's entry and its value, and number cells and nodes in the file's order, from zero.
     Raises `InputError`, naming what is wrong, and where.
     """
-    _check_repeated(kind, cells, received)
-    _check_pieces(len(nodes), cells, received)
+    check_repeated(kind, cells, received)
+    check_pieces(cells, received)
     _check_shapes(kind, nodes, cells, received)
-
-
-def shown(numbers: np.ndarray, most: int = 8) -> str:
-    """Return numbers as text, the first few of many: ``[3, 4, ...]``."""
-    return f"[{', '.join(str(number) for number in numbers[:most])}{', ...' if len(numbers) > most else ''}]"
-
-
-def _check_repeated(kind: str, cells: np.ndarray, received: str) -> None:
-    numbers = set_numbers(cells)
-    _, first = np.unique(numbers, return_index=True)
-    again = np.setdiff1d(np.arange(len(cells)), first)
-    if again.size:
-        original = first[numbers[again[0]]]
-        raise InputError(
-            f"{received}: {again.size} of {len(cells)} cells of type {kind} repeat the nodes of another one; the first "
-            f"is cell {again[0]}, which has the nodes {shown(cells[again[0]])} of cell {original}; each cell may be "
-            "there once (MSH files before version 4 hold a cell once for every physical group it is in)"
-        )
-
-
-def _check_pieces(n_nodes: int, cells: np.ndarray, received: str) -> None:
-    graph = undirected_graph(incidence_edges(n_nodes, cells), n_nodes + len(cells))
-    n_pieces, labels = connected_components(graph, directed=False)
-    if n_pieces > 1:
-        pieces = labels[n_nodes:]
-        sizes = np.bincount(pieces)
-        aside = int(np.flatnonzero(pieces != pieces[0])[0])
-        raise InputError(
-            f"{received}: the cells form {n_pieces} separate pieces of {shown(np.sort(sizes)[::-1])} cells; the first "
-            f"that does not hang together with cell 0 is cell {aside} with the nodes {shown(cells[aside])}; a body is "
-            "one connected piece (nodes at the same place must be merged)"
-        )
 
 
 def _check_shapes(kind: str, nodes: np.ndarray, cells: np.ndarray, received: str) -> None:
@@ -374,27 +344,6 @@ def _check_nodes(points: np.ndarray, kind: str, cells: np.ndarray, received: str
             f"{kind}; the first is node {unused[0]} at {points[unused[0]].tolist()}, counted from 0; each node must be "
             "in a cell (gmsh leaves out centres of arcs and other points if only physical groups are saved)"
         )
-
-
-def coordinates(points: np.ndarray, dimension: int, received: str) -> np.ndarray:
-    """Return the coordinates in the plane or in space after checking that they are finite and in the plane z = 0."""
-    points = np.asarray(points, dtype=float)
-    strange = np.flatnonzero(~(np.abs(points) < FARTHEST).all(axis=1))
-    if strange.size:
-        what = f"beyond {FARTHEST:g}" if np.isfinite(points).all() else "not finite"
-        raise InputError(
-            f"{received}: {strange.size} of {len(points)} nodes have coordinates that are {what}; the first is "
-            f"node {strange[0]} at {points[strange[0]].tolist()}; finite numbers are needed"
-        )
-    off_plane = np.abs(points[:, dimension:]).max(axis=1, initial=0.0)
-    off = np.flatnonzero(off_plane > RELATIVE_TOLERANCE * np.ptp(points, axis=0).max())
-    if off.size:
-        raise InputError(
-            f"{received}: {off.size} of {len(points)} nodes are off the plane z = 0, where plane bodies lie; the first "
-            f"is node {off[0]} at {points[off[0]].tolist()}"
-        )
-    missing = np.zeros((len(points), max(0, dimension - points.shape[1])))  # files of plane points for a solid body
-    return np.hstack([points[:, :dimension], missing])
 
 
 #: Walks from one end of the mesh to the node farthest from it; more of them hardly ever find a longer way.

@@ -49,12 +49,7 @@ from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.angles import AngleRounds
 from pgmp_petsc.reduction.cell_products import SecondOrderTables, symmetric, unpacked
-from pgmp_petsc.reduction.continuous_basis import (
-    ContinuousBasis,
-    JoinedSamples,
-    SampleStore,
-    compression_of,
-)
+from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, JoinedSamples, SampleStore, compression_of
 from pgmp_petsc.reduction.interpolation import samples_for
 from pgmp_petsc.reduction.joint_gaps import JointGaps, gap_answers_at, rows_of
 from pgmp_petsc.reduction.length_family import build_over_lengths

@@ -45,8 +45,7 @@ def test_what_is_zero_is_measured_by_its_floor() -> None:
 
 
 @pytest.mark.parametrize(
-    ("of_found", "of_exact", "expected"),
-    [(2, 0, np.inf), (0, 2, np.nan), (2, 2, np.nan), (0, 0, 0.0)],
+    ("of_found", "of_exact", "expected"), [(2, 0, np.inf), (0, 2, np.nan), (2, 2, np.nan), (0, 0, 0.0)]
 )
 def test_failures(of_found: int, of_exact: int, expected: float) -> None:
     """A failure of the candidate alone is an infinite error; a case without a reference does not count."""

@@ -92,10 +92,7 @@ def test_students_copula_has_the_margins_and_extremes_that_come_together() -> No
     n, r, freedom = 40_000, 0.5, 3.0
     asked = "correlation.r1={E=0.5}", 'ensemble.copula="student"', "ensemble.copula_freedom=3.0"
     found = draw(scene(*asked), 3, 0, n)
-    shares = {
-        "r1": stats.norm(5.6e-3, 0.56e-3).cdf(found["r1"]),
-        "E": stats.lognorm(0.2, scale=2.1e11).cdf(found["E"]),
-    }
+    shares = {"r1": stats.norm(5.6e-3, 0.56e-3).cdf(found["r1"]), "E": stats.lognorm(0.2, scale=2.1e11).cdf(found["E"])}
     for name, share in shares.items():
         assert stats.kstest(share, "uniform").pvalue > 1e-3, name
     kendall = stats.kendalltau(found["r1"][:4000], found["E"][:4000]).statistic

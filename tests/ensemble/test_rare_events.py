@@ -9,31 +9,8 @@ from scipy.stats import binom, chi2, multivariate_normal, norm
 from benchmarks.limit_states import limit_states
 from pgmp_petsc.api.ensembles import choose
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.ensemble import importance, rare_events
 from pgmp_petsc.ensemble.design_points import design_points
-from pgmp_petsc.ensemble.importance import (
-    CLUSTERS,
-    KernelDensity,
-    Mixture,
-    _halves,
-    _root,
-    _shrunk_mean,
-    _slope,
-    chosen_density,
-    levelled,
-    lie_apart,
-    log_normal,
-)
-from pgmp_petsc.ensemble.rare_events import (
-    LimitState,
-    RareSamples,
-    _Chains,
-    apart,
-    directions_of,
-    entrances,
-    find,
-    most_rays,
-    unlike,
-)
 from pgmp_petsc.ensemble.rare_run import event_of, rare_remarks
 from scenes import slider_crank
 
@@ -43,11 +20,11 @@ ONE_IN_TEN_THOUSAND = float(norm.isf(1e-4))
 OUTPUT = 'outputs.push={type="deformation", point="rod:tip", axis="x"}'
 
 
-def plane(d: int, distance: float) -> LimitState:
+def plane(d: int, distance: float) -> rare_events.LimitState:
     return lambda u: distance - u.sum(axis=1) / np.sqrt(d)
 
 
-def bowl(d: int, bend: float) -> tuple[LimitState, float]:
+def bowl(d: int, bend: float) -> tuple[rare_events.LimitState, float]:
     """Return ``3 - u_1 + bend/2 sum_2^d u_i^2`` and its probability, by quadrature over the chi-squared law of the
     sum."""
     chance = quad(lambda s: norm.sf(3.0 + 0.5 * bend * s) * chi2.pdf(s, d - 1), 0.0, 80.0, points=[1, 5, 20], limit=200)
@@ -69,7 +46,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_a_probability_of_1e_4_is_known_within_20_percent_from_5000_samples(case: str) -> None:
     d, limit_state, exact = CASES[case]
-    found = [find(limit_state, d, 5000, seed) for seed in range(5)]
+    found = [rare_events.find(limit_state, d, 5000, seed) for seed in range(5)]
     estimates = np.array([one.probability for one in found]) / exact
     assert all(one.limit_state.size <= 5000 for one in found)
     assert np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.2
@@ -82,8 +59,8 @@ def both_sides(u: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("limit_state", [plane(2, float(norm.isf(ONE_IN_A_THOUSAND))), both_sides])
-def test_the_estimated_variation_is_that_of_repeated_runs(limit_state: LimitState) -> None:
-    found = [find(limit_state, 2, 1000, seed) for seed in range(30)]
+def test_the_estimated_variation_is_that_of_repeated_runs(limit_state: rare_events.LimitState) -> None:
+    found = [rare_events.find(limit_state, 2, 1000, seed) for seed in range(30)]
     spread = np.std([one.probability for one in found], ddof=1) / ONE_IN_A_THOUSAND
     # the deviation of 30 values is known to 13 %, three times that
     assert np.sqrt(np.mean([one.variation**2 for one in found])) == pytest.approx(spread, rel=0.39)
@@ -95,7 +72,7 @@ def test_the_estimated_variation_is_that_of_repeated_runs(limit_state: LimitStat
 
 
 def test_rounds_but_the_first_make_the_probability() -> None:
-    found = find(plane(2, 3.0), 2, 1001, 4)
+    found = rare_events.find(plane(2, 3.0), 2, 1001, 4)
     n_levels = 1001 - sum(found.rounds) - min(found.rounds)
     assert len(found.rounds) == 3 and found.weights.size == sum(found.rounds)
     in_event = found.limit_state[-found.weights.size :] <= 0.0
@@ -111,21 +88,21 @@ def test_rounds_but_the_first_make_the_probability() -> None:
 
 
 def test_an_event_that_is_not_rare_is_weighed_as_well() -> None:
-    found = find(plane(2, 0.5), 2, 1000, 3)
+    found = rare_events.find(plane(2, 0.5), 2, 1000, 3)
     assert abs(found.probability - norm.sf(0.5)) < 4.0 * found.variation * found.probability
     assert len(found.levels) == 1 and found.interval(0.95)[1] <= 1.0
 
 
 def test_an_impossible_event_is_bounded_with_all_runs() -> None:
     for limit_state in (lambda u: np.ones(len(u)), lambda u: 1.0 + np.abs(u[:, 0])):
-        found = find(limit_state, 2, 1000, 1)
+        found = rare_events.find(limit_state, 2, 1000, 1)
         assert not found.reached and np.isnan(found.probability) and found.limit_state.size <= 1000
         low, high = found.interval(0.95)
         assert low == 0.0 < high < 0.04  # of 125 samples at least, none of which is in it
         said = rare_remarks(found, np.zeros(1000), True)
         assert f"at most {high:.3g} (95 %)" in said[0].text and said[0].kind == "warning"
-    assert not find(lambda u: np.full(len(u), np.nan), 2, 1000, 1).limit_state.size > 700
-    nothing = RareSamples((), np.zeros((2, 1)), np.full(2, np.nan), np.zeros(0), ())
+    assert not rare_events.find(lambda u: np.full(len(u), np.nan), 2, 1000, 1).limit_state.size > 700
+    nothing = rare_events.RareSamples((), np.zeros((2, 1)), np.full(2, np.nan), np.zeros(0), ())
     said = rare_remarks(nothing, np.ones(2), True)[0].text
     assert "not reached by 0 levels of subset simulation: it is rarer" in said
 
@@ -140,7 +117,7 @@ def test_events_beyond_outputs_that_are_constant_nearly_everywhere_are_found(kin
         "plateau": lambda u: np.minimum(beyond(u), 1.0),
         "stairs": lambda u: np.ceil(beyond(u) / 1.5),
     }[kind]
-    found = [find(limit_state, d, 5000, seed) for seed in range(4)]
+    found = [rare_events.find(limit_state, d, 5000, seed) for seed in range(4)]
     assert all(one.limit_state.size <= 5000 for one in found)
     # of the stairs in 10 variables 94 of 100; others are bounded
     found = [one for one in found if one.reached]
@@ -155,7 +132,10 @@ def test_events_beyond_outputs_that_are_constant_nearly_everywhere_are_found(kin
 def test_an_event_that_nothing_leads_to_is_counted_by_plain_samples() -> None:
     """Of a thin slab near the origin samples from farther out find less than plain ones."""
     exact = float(np.diff(norm.cdf([0.5, 0.508]))[0])
-    found = [find(lambda u: np.where(np.abs(u[:, 0] - 0.504) < 0.004, -1.0, 1.0), 3, 3000, seed) for seed in range(5)]
+    found = [
+        rare_events.find(lambda u: np.where(np.abs(u[:, 0] - 0.504) < 0.004, -1.0, 1.0), 3, 3000, seed)
+        for seed in range(5)
+    ]
     ends = np.array([one.interval(0.95) for one in found])
     assert np.sum((ends[:, 0] <= exact) & (exact <= ends[:, 1])) >= 4
     assert all(one.limit_state.size > 2990 for one in found)
@@ -169,7 +149,7 @@ def test_one_in_a_thousand_million_is_known_from_5000_samples() -> None:
     """Levels of 620 samples each came to an end at 1e-6, whatever their number in all."""
     exact = 1e-9
     for d, limit_state in ((2, plane(2, float(norm.isf(exact)))), (50, plane(50, float(norm.isf(exact))))):
-        found = [find(limit_state, d, 5000, seed) for seed in range(3)]
+        found = [rare_events.find(limit_state, d, 5000, seed) for seed in range(3)]
         estimates = np.array([one.probability for one in found]) / exact
         # measured 8 and 12 %
         assert np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.3 and all(one.limit_state.size <= 5000 for one in found)
@@ -179,7 +159,7 @@ def test_an_event_that_is_worth_nothing_is_bounded() -> None:
     """An indicator in 50 variables whose values step, so that it has no design points: few samples weigh all."""
     beyond = plane(50, float(norm.isf(1e-6)))
     event = lambda u: np.where(beyond(u) <= 0.0, -1.0, 1.0)  # noqa: E731
-    found = [find(event, 50, 5000, seed, has_design=False) for seed in range(2)]
+    found = [rare_events.find(event, 50, 5000, seed, has_design=False) for seed in range(2)]
     weak = [one for one in found if one.is_weak]
     assert weak and all(one.interval(0.95)[0] == 0.0 < 1e-6 < one.interval(0.95)[1] < 0.01 for one in weak)
     said = rare_remarks(weak[0], np.zeros(5000), True)[0].text
@@ -192,7 +172,7 @@ def test_the_border_of_an_indicator_in_50_variables_is_found_by_bisection() -> N
     for parts in (1, 2):
         b = norm.isf(1e-9 / parts)
         along = (lambda u: u @ turned[:, 0]) if parts == 1 else (lambda u: np.abs(u @ turned[:, 0]))
-        found = [find(lambda u: np.where(along(u) >= b, -1.0, 1.0), 50, 8000, seed) for seed in range(2)]
+        found = [rare_events.find(lambda u: np.where(along(u) >= b, -1.0, 1.0), 50, 8000, seed) for seed in range(2)]
         for one in (each for each in found if each.reached):
             np.testing.assert_allclose(one.design.beta, b, atol=0.35)
             assert abs(one.probability / 1e-9 - 1.0) < 4.0 * max(one.variation, 0.05)
@@ -204,7 +184,7 @@ def test_all_of_twenty_parts_are_found_and_more_than_can_be_are_not_decided() ->
     turned = np.linalg.qr(np.random.default_rng(4).standard_normal((20, 20)))[0]
     for d, n_samples in ((10, 5000), (20, 3000)):
         b = float(norm.isf(-0.5 * np.expm1(np.log1p(-1e-9) / d)))
-        one = find(lambda u: b - np.abs(u @ turned[:d, :d] if d == 20 else u).max(axis=1), d, n_samples, 11)
+        one = rare_events.find(lambda u: b - np.abs(u @ turned[:d, :d] if d == 20 else u).max(axis=1), d, n_samples, 11)
         low, high = one.interval(0.95)
         assert low < 1e-9 < high
         if d == 10:
@@ -251,10 +231,10 @@ def test_design_points_are_the_nearest_ones_of_the_border(exact: bool) -> None:
 
 
 def test_both_design_points_of_two_sides_are_found_and_what_has_no_slope_has_none() -> None:
-    found = find(both_sides, 2, 2000, 1).design
+    found = rare_events.find(both_sides, 2, 2000, 1).design
     np.testing.assert_allclose(found.beta, norm.isf(0.5e-3), rtol=1e-3)
     assert sorted(np.sign(found.points[:, 0])) == [-1.0, 1.0]
-    stepping = find(lambda u: np.where(both_sides(u) <= 0.0, -1.0, 1.0), 2, 2000, 1, has_design=False)
+    stepping = rare_events.find(lambda u: np.where(both_sides(u) <= 0.0, -1.0, 1.0), 2, 2000, 1, has_design=False)
     assert stepping.design is None
 
 
@@ -265,9 +245,9 @@ def test_slopes_that_are_given_count_as_samples_and_differences_stand_in_where_t
         asked.append(len(u))
         return plane(3, 4.0)(u), np.full(u.shape, -1.0 / np.sqrt(3.0))
 
-    found = find(plane(3, 4.0), 3, 1000, 1, slopes)
+    found = rare_events.find(plane(3, 4.0), 3, 1000, 1, slopes)
     assert found.design.is_exact and asked and found.limit_state.size + sum(asked) == 1000
-    without = find(plane(3, 4.0), 3, 1000, 1, lambda u: (np.full(len(u), np.nan), np.full(u.shape, np.nan)))
+    without = rare_events.find(plane(3, 4.0), 3, 1000, 1, lambda u: (np.full(len(u), np.nan), np.full(u.shape, np.nan)))
     assert not without.design.is_exact and without.design.beta[0] == pytest.approx(4.0, rel=1e-3)
 
 
@@ -281,7 +261,7 @@ def test_what_a_shift_of_the_border_makes_of_a_probability_is_known(chance: floa
         (lambda u: np.exp(beta) - np.exp(u[:, 0]), lambda p: np.exp(beta) - np.exp(norm.isf(p))),
     )
     for limit_state, shift in cases:
-        found = [find(limit_state, 6, 1500, seed) for seed in range(3)]
+        found = [rare_events.find(limit_state, 6, 1500, seed) for seed in range(3)]
         for times in (0.5, 1.2, 2.0):
             said = np.mean([np.log(one.factor_of(shift(times * chance))) for one in found])
             # hazards that rise or fall beyond the border: 4 to 15 %, and 5 % of three runs
@@ -289,19 +269,19 @@ def test_what_a_shift_of_the_border_makes_of_a_probability_is_known(chance: floa
 
 
 def test_a_shift_that_no_sample_knows_of_changes_nothing() -> None:
-    steps = find(lambda u: np.where(plane(2, 3.0)(u) <= 0.0, -0.5, 0.5), 2, 1500, 1)
+    steps = rare_events.find(lambda u: np.where(plane(2, 3.0)(u) <= 0.0, -0.5, 0.5), 2, 1500, 1)
     assert steps.factor_of(0.2) == steps.factor_of(-0.2) == 1.0
-    assert find(plane(2, 3.0), 2, 1500, 1).factor_of(1e9) == pytest.approx(np.exp(20.0))
+    assert rare_events.find(plane(2, 3.0), 2, 1500, 1).factor_of(1e9) == pytest.approx(np.exp(20.0))
 
 
 @pytest.mark.parametrize(("d", "n"), [(2, 500), (5, 500), (10, 600), (20, 1000)])
 def test_few_samples_for_many_parameters_end_with_a_bound(d: int, n: int) -> None:
     """From a design point beyond the last level more samples were taken than were left."""
     for seed in range(3):
-        one = find(plane(d, float(norm.isf(1e-9))), d, n, seed)
+        one = rare_events.find(plane(d, float(norm.isf(1e-9))), d, n, seed)
         low, high = one.interval(0.95)
         assert one.limit_state.size <= n and low < 1e-9 < high
-    assert not _Chains(plane(2, 3.0), 1, 2, 7).weigh(
+    assert not rare_events._Chains(plane(2, 3.0), 1, 2, 7).weigh(
         np.ones((3, 2)), np.ones(3), np.arange(3), np.ones((0, 2)), 0.0, None
     )
 
@@ -310,12 +290,12 @@ def test_failed_samples_count_as_not_in_the_event_and_bound_it() -> None:
     def limit_state(u: np.ndarray) -> np.ndarray:
         return np.where(u[:, 1] > 0.5, np.nan, plane(2, 3.5)(u))
 
-    found = find(limit_state, 2, 3000, 2)
+    found = rare_events.find(limit_state, 2, 3000, 2)
     assert np.isnan(found.limit_state).any() and found.probability < norm.sf(3.5) < found.at_most
 
 
 def test_the_curve_of_the_levels_falls_along_the_true_one() -> None:
-    found = find(plane(1, ONE_IN_TEN_THOUSAND), 1, 5000, 1)
+    found = rare_events.find(plane(1, ONE_IN_TEN_THOUSAND), 1, 5000, 1)
     values, probabilities = found.curve()
     assert np.all(np.diff(values) <= 0.0) and probabilities[0] == 1.0
     # each level of 500 samples adds 13 % (0.3 / sqrt(500) / 0.1), chains somewhat more
@@ -324,7 +304,7 @@ def test_the_curve_of_the_levels_falls_along_the_true_one() -> None:
 
 
 def test_densities_have_mass_one_and_draw_what_they_say() -> None:
-    density = KernelDensity(np.array([[-2.0], [3.0]]), np.array([0.3, 0.7]), np.array([0.8, 1.0]))
+    density = importance.KernelDensity(np.array([[-2.0], [3.0]]), np.array([0.3, 0.7]), np.array([0.8, 1.0]))
     x = np.linspace(-12.0, 12.0, 4001)
     values = np.exp(density.log(x[:, None]))
     assert trapezoid(values, x) == pytest.approx(1.0, abs=1e-9)
@@ -335,7 +315,9 @@ def test_densities_have_mass_one_and_draw_what_they_say() -> None:
 
 def test_kernels_with_covariances_have_their_density_and_draw_by_it() -> None:
     root = np.array([[1.5, 0.4], [0.4, 0.9]])
-    density = KernelDensity(np.array([[2.0, 1.0], [-4.0, 0.0]]), np.array([0.6, 0.4]), np.ones(2), root[None])
+    density = importance.KernelDensity(
+        np.array([[2.0, 1.0], [-4.0, 0.0]]), np.array([0.6, 0.4]), np.ones(2), root[None]
+    )
     both = multivariate_normal([2.0, 1.0], root @ root), multivariate_normal([-4.0, 0.0], np.eye(2))
     points = np.random.default_rng(1).normal(0.0, 3.0, (50, 2))
     exact = 0.6 * both[0].pdf(points) + 0.4 * both[1].pdf(points)
@@ -351,23 +333,23 @@ def test_spread_is_believed_as_far_as_it_is_no_noise() -> None:
     random = np.random.default_rng(3)
     steps = random.standard_normal((400, 5))
     # of normal points nothing is left of the noise but round the target
-    variances = np.linalg.eigvalsh(_root(steps, np.ones(400), np.arange(400))) ** 2
+    variances = np.linalg.eigvalsh(importance._root(steps, np.ones(400), np.arange(400))) ** 2
     assert np.all(np.abs(variances - 1.0) < 0.2)  # deviations of 400 points: sqrt(2 / 400) = 0.07
     steps[:, 1:] *= 2.0
-    variances = np.linalg.eigvalsh(_root(steps, np.ones(400), np.arange(400))) ** 2
+    variances = np.linalg.eigvalsh(importance._root(steps, np.ones(400), np.arange(400))) ** 2
     np.testing.assert_allclose(variances, [1.0, 4.0, 4.0, 4.0, 4.0], rtol=0.3)
     # 400 points of 10 families know next to nothing of 5 variables
     families = np.repeat(np.arange(10), 40)
     alike = np.repeat(random.standard_normal((10, 5)) * [4.0, 1.0, 1.0, 1.0, 1.0], 40, axis=0)
-    spread = np.ptp(np.linalg.eigvalsh(_root(alike, np.ones(400), families)))
-    assert spread < np.ptp(np.linalg.eigvalsh(_root(alike, np.ones(400), np.arange(400))))
-    np.testing.assert_array_equal(_root(steps[:0], np.ones(0), np.arange(0)), np.eye(5))
+    spread = np.ptp(np.linalg.eigvalsh(importance._root(alike, np.ones(400), families)))
+    assert spread < np.ptp(np.linalg.eigvalsh(importance._root(alike, np.ones(400), np.arange(400))))
+    np.testing.assert_array_equal(importance._root(steps[:0], np.ones(0), np.arange(0)), np.eye(5))
 
 
 def test_a_border_that_bends_towards_the_origin_is_known_at_1e_9() -> None:
     """Its event spreads wider than a standard normal density; with kernels of that width 42 of 50 intervals held."""
     name, d, limit_state = next(one for one in limit_states(1e-9) if one[0] == "paraboloid, bend -0.1")
-    found = [one for one in (find(limit_state, d, 5000, seed) for seed in range(5)) if one.reached]
+    found = [one for one in (rare_events.find(limit_state, d, 5000, seed) for seed in range(5)) if one.reached]
     estimates = np.array([one.probability for one in found]) / 1e-9
     # measured 17 to 23 %
     assert len(found) >= 4 and np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.45
@@ -380,7 +362,7 @@ def test_all_design_points_of_a_series_in_10_variables_are_found_at_1e_9() -> No
     name, d, limit_state = next(one for one in limit_states(1e-9) if one[:2] == ("series of four", 10))
     turned = np.linalg.qr(np.random.default_rng(7).standard_normal((d, d)))[0]
     for some in (limit_state, lambda u: limit_state(u @ turned)):
-        found = [find(some, d, 5000, seed) for seed in range(3)]
+        found = [rare_events.find(some, d, 5000, seed) for seed in range(3)]
         assert all(one.design.beta.size == 4 for one in found)
 
 
@@ -392,9 +374,9 @@ def test_the_chosen_density_wastes_little_on_a_plane_and_on_a_ring() -> None:
     ring = (radius + random.exponential(0.25, 400))[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     events = ((beyond, lambda u: u[:, 0] > ONE_IN_TEN_THOUSAND), (ring, lambda u: np.hypot(*u.T) > radius))
     for points, inside in events:
-        density = chosen_density(points, np.ones(400), random)
+        density = importance.chosen_density(points, np.ones(400), random)
         drawn = density.draw(4000, random)
-        weights = np.where(inside(drawn), np.exp(log_normal(drawn) - density.log(drawn)), 0.0)
+        weights = np.where(inside(drawn), np.exp(importance.log_normal(drawn) - density.log(drawn)), 0.0)
         assert weights.mean() == pytest.approx(1e-4, rel=4.0 * weights.std() / weights.mean() / np.sqrt(4000))
         # a normal density about the nearest point of a plane has 1.9 (square root of sqrt(2 pi) 3.7 / 2 - 1)
         assert weights.std() / weights.mean() < 4.0
@@ -406,18 +388,18 @@ def test_outside_of_a_ball_is_drawn_from_where_it_is_all_of_the_event() -> None:
     radii = np.sqrt(chi2.isf(chance * (1.0 - random.random(400)), d))
     directions = random.standard_normal((400, d))
     points = radii[:, None] * directions / np.linalg.norm(directions, axis=1)[:, None]
-    density = chosen_density(points, np.ones(400), random)
+    density = importance.chosen_density(points, np.ones(400), random)
     assert density.share == pytest.approx(0.8) and density.outside >= chance
     drawn = density.draw(4000, random)
     within = np.sum(drawn**2, axis=1) >= chi2.isf(chance, d)
-    weights = np.where(within, np.exp(log_normal(drawn) - density.log(drawn)), 0.0)
+    weights = np.where(within, np.exp(importance.log_normal(drawn) - density.log(drawn)), 0.0)
     assert weights.mean() == pytest.approx(chance, rel=4.0 * weights.std() / weights.mean() / np.sqrt(4000))
     assert weights.max() <= 1.0000001 * density.outside / density.share and weights.std() < weights.mean()
 
 
 def test_two_sides_in_20_variables_are_known_and_their_variation_too() -> None:
     """With means as they come, and clusters as large as chains left them, errors were 39 % and 22 % were said."""
-    found = [find(lambda u: norm.isf(0.5e-4) - np.abs(u[:, 0]), 20, 5000, seed) for seed in range(5)]
+    found = [rare_events.find(lambda u: norm.isf(0.5e-4) - np.abs(u[:, 0]), 20, 5000, seed) for seed in range(5)]
     estimates = np.array([one.probability for one in found]) / 1e-4
     # measured 2 % with either said; a side that is missed is half
     assert np.median(np.abs(estimates - 1.0)) < 0.12
@@ -427,7 +409,7 @@ def test_two_sides_in_20_variables_are_known_and_their_variation_too() -> None:
 def test_families_are_not_torn_apart_and_both_halves_have_some() -> None:
     random = np.random.default_rng(7)
     for families in (np.repeat(np.arange(9), 5), np.repeat([3, 8], [90, 4]), np.arange(7), np.full(6, 4)):
-        (make, test), (other, back) = _halves(families, random)
+        (make, test), (other, back) = importance._halves(families, random)
         np.testing.assert_array_equal(np.sort([*make, *test]), np.arange(families.size))
         np.testing.assert_array_equal(make, back)
         np.testing.assert_array_equal(test, other)
@@ -439,9 +421,9 @@ def test_means_are_shrunk_by_what_their_families_leave_open() -> None:
     points = np.tile([4.0, 0.2, -0.3], (10, 1))
     # of five families of two each the squared error is 1 / 5
     unknown = np.zeros(10)
-    found = _shrunk_mean(points, np.ones(10), np.repeat(np.arange(5), 2), unknown)
+    found = importance._shrunk_mean(points, np.ones(10), np.repeat(np.arange(5), 2), unknown)
     np.testing.assert_allclose(found, [4.0 * (1.0 - 2.0 / 5.0 / 16.0), 0.0, 0.0], rtol=1e-12)
-    alone = _shrunk_mean(points, np.ones(10), np.zeros(10, dtype=int), unknown)
+    alone = importance._shrunk_mean(points, np.ones(10), np.zeros(10, dtype=int), unknown)
     np.testing.assert_allclose(alone, [4.0 * (1.0 - 2.0 / 16.0), 0.0, 0.0], rtol=1e-12)
 
 
@@ -450,13 +432,13 @@ def test_of_a_plane_border_the_slope_tells_the_mean_and_of_a_round_one_it_does_n
     normal = np.full(d, 1.0 / np.sqrt(d))
     points = random.standard_normal((70, d))
     points += np.outer(4.0 + random.exponential(0.25, 70) - points @ normal, normal)
-    found = _shrunk_mean(points, np.ones(70), np.arange(70), 4.0 - points @ normal)
+    found = importance._shrunk_mean(points, np.ones(70), np.arange(70), 4.0 - points @ normal)
     # without the slope the mean is off by sqrt(d / 70) = 0.5; what passes for signal beside it is 0.2 to 0.3 of that
     along = found @ normal
     assert along == pytest.approx(np.mean(points @ normal), rel=1e-6)
-    unknown = _shrunk_mean(points, np.ones(70), np.arange(70), np.zeros(70))
+    unknown = importance._shrunk_mean(points, np.ones(70), np.arange(70), np.zeros(70))
     assert np.linalg.norm(found - along * normal) < 0.8 * np.linalg.norm(unknown - unknown @ normal * normal)
-    np.testing.assert_allclose(_slope(points, 4.0 - points @ normal), -normal, atol=1e-6)
+    np.testing.assert_allclose(importance._slope(points, 4.0 - points @ normal), -normal, atol=1e-6)
     around = random.standard_normal((200, 2))
     for some, values in (
         (around, 3.0 - np.hypot(*around.T)),  # bent, not straight
@@ -464,7 +446,7 @@ def test_of_a_plane_border_the_slope_tells_the_mean_and_of_a_round_one_it_does_n
         (np.ones((70, d)), np.arange(70.0)),  # one point
         (points, np.ones(70)),  # level
     ):
-        np.testing.assert_array_equal(_slope(some, values), np.zeros(some.shape[1]))
+        np.testing.assert_array_equal(importance._slope(some, values), np.zeros(some.shape[1]))
 
 
 def test_rays_enter_an_event_near_its_border_or_not_at_all() -> None:
@@ -477,7 +459,7 @@ def test_rays_enter_an_event_near_its_border_or_not_at_all() -> None:
     slanted = np.array([0.79, np.sqrt(1.0 - 0.79**2)])
     rays = np.array([[1.0, 0.0], [-1.0, 0.0], slanted, [0.0, 1.0], [0.0, -1.0]])
     # one of six is followed, none in the direction of another
-    found = entrances(limit_state, np.concatenate([rays[:3], 10 * [rays[3]], 5 * [rays[4]]]), 1e-4)
+    found = rare_events.entrances(limit_state, np.concatenate([rays[:3], 10 * [rays[3]], 5 * [rays[4]]]), 1e-4)
     distances = norm.isf(1e-4) * np.array([1.0, 1.0, 1.0 / 0.79])
     # bisection leaves a 32nd of the way to where a plane has a thousandth of the probability
     off = np.linalg.norm(found, axis=1) - distances
@@ -485,34 +467,36 @@ def test_rays_enter_an_event_near_its_border_or_not_at_all() -> None:
     np.testing.assert_allclose(found / np.linalg.norm(found, axis=1)[:, None], rays[:3], rtol=1e-12)
     assert evaluated == [18, 3, 3, 3, 3, 3]
     # a level that is farther than a part of a thousandth is left
-    assert entrances(plane(2, 5.5), np.eye(2), 1e-4).shape == (0, 2)
-    assert entrances(limit_state, np.zeros((0, 2)), 1e-4).shape == (0, 2) and len(evaluated) == 6
+    assert rare_events.entrances(plane(2, 5.5), np.eye(2), 1e-4).shape == (0, 2)
+    assert rare_events.entrances(limit_state, np.zeros((0, 2)), 1e-4).shape == (0, 2) and len(evaluated) == 6
 
 
 def test_rays_alike_are_followed_once_and_no_more_than_samples_allow() -> None:
     angles = np.radians([0.0, 20.0, 90.0, 100.0, 180.0])
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
-    assert unlike(directions) == [0, 2, 4] and unlike(directions[:0]) == []
-    assert unlike(directions, 0.95) == [0, 1, 2, 4]
-    assert [most_rays(n) for n in (2000, 100, 10)] == [125, 6, 0]  # a sixteenth of those that are left
-    np.testing.assert_array_equal(apart(2.0 * directions, 5.0 * directions[1:2]), 2.0 * directions[2:])
+    assert rare_events.unlike(directions) == [0, 2, 4] and rare_events.unlike(directions[:0]) == []
+    assert rare_events.unlike(directions, 0.95) == [0, 1, 2, 4]
+    assert [rare_events.most_rays(n) for n in (2000, 100, 10)] == [125, 6, 0]  # a sixteenth of those that are left
+    np.testing.assert_array_equal(rare_events.apart(2.0 * directions, 5.0 * directions[1:2]), 2.0 * directions[2:])
 
 
 def test_directions_are_those_of_the_parts_of_an_event() -> None:
     random = np.random.default_rng(10)
     points = random.standard_normal((600, 10))
     points[np.arange(600), np.arange(600) % 4] = 3.0 + random.exponential(0.3, 600)
-    found = directions_of(points, np.arange(600), 3.0 - points[:, :4].max(axis=1), random)
+    found = rare_events.directions_of(points, np.arange(600), 3.0 - points[:, :4].max(axis=1), random)
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0, rtol=1e-12)
     assert np.all(found[:, :4].max(axis=0) > 0.8)
     # the mean of points all around is shrunk to nothing
-    assert directions_of(np.array([[1.0, 0.0], [-1.0, 0.0]] * 4), np.arange(8), np.zeros(8), random).shape == (0, 2)
+    assert rare_events.directions_of(
+        np.array([[1.0, 0.0], [-1.0, 0.0]] * 4), np.arange(8), np.zeros(8), random
+    ).shape == (0, 2)
 
 
 def test_all_parts_of_a_series_in_10_variables_have_their_shares() -> None:
     """Chains alone lost one of the four in a quarter of the runs, and left another to a few heavy samples."""
     for seed in range(2):
-        found = find(lambda u: norm.isf(2.5e-6) - u[:, :4].max(axis=1), 10, 5000, seed)
+        found = rare_events.find(lambda u: norm.isf(2.5e-6) - u[:, :4].max(axis=1), 10, 5000, seed)
         part = found.points[-found.weights.size :, :4].argmax(axis=1)
         shares = np.bincount(part, weights=found.contributions, minlength=4) / found.contributions.sum()
         # a quarter each, known to about a fifth of that
@@ -523,10 +507,10 @@ def test_a_small_cluster_counts_as_much_as_others() -> None:
     random = np.random.default_rng(8)
     points = random.standard_normal((400, 6))
     points[:, 0] += np.where(np.arange(400) < 8, -20.0, 4.0)
-    weights = levelled(points, np.ones(400), random)
-    assert weights.sum() == pytest.approx(CLUSTERS[-1])  # of each cluster 1
+    weights = importance.levelled(points, np.ones(400), random)
+    assert weights.sum() == pytest.approx(importance.CLUSTERS[-1])  # of each cluster 1
     assert weights[:8].sum() >= 1.0 - 1e-9
-    np.testing.assert_array_equal(levelled(points[:9], np.full(9, 2.0), random), np.full(9, 1.0 / 9.0))
+    np.testing.assert_array_equal(importance.levelled(points[:9], np.full(9, 2.0), random), np.full(9, 1.0 / 9.0))
 
 
 def test_parts_that_lie_apart_are_told_from_one_that_does_not() -> None:
@@ -534,30 +518,30 @@ def test_parts_that_lie_apart_are_told_from_one_that_does_not() -> None:
     for d in (4, 20):
         part = random.standard_normal((600, d))
         part[:, 0] = 4.0 + random.exponential(0.25, 600)
-        assert not lie_apart(part, np.ones(600), random)
+        assert not importance.lie_apart(part, np.ones(600), random)
         two, four = part.copy(), part.copy()
         two[::5, 0] *= -1.0
         for k in range(1, 4):
             four[k::4, [0, k]] = four[k::4, [k, 0]]
-        assert lie_apart(two, np.ones(600), random) and lie_apart(four, np.ones(600), random)
-    assert not lie_apart(part[:19], np.ones(19), random)
+        assert importance.lie_apart(two, np.ones(600), random) and importance.lie_apart(four, np.ones(600), random)
+    assert not importance.lie_apart(part[:19], np.ones(19), random)
 
 
 def test_events_in_parts_that_nothing_has_looked_for_are_warned_of() -> None:
     series = norm.isf(2.5e-5)
-    lost = find(lambda u: series - u[:, :4].max(axis=1), 10, 3000, 1, has_design=False)
+    lost = rare_events.find(lambda u: series - u[:, :4].max(axis=1), 10, 3000, 1, has_design=False)
     assert lost.may_have_lost_parts and lost.reached
     assert any("parts that lie apart" in one.text for one in rare_remarks(lost, np.zeros(3000), True))
     # in two variables samples from farther out have looked; of one part there is no sign that there are more
-    assert not find(both_sides, 2, 2000, 1).may_have_lost_parts
-    assert not find(plane(12, ONE_IN_TEN_THOUSAND), 12, 3000, 1).may_have_lost_parts
-    nothing = RareSamples((), np.zeros((2, 1)), np.array([1.0, 2.0]), np.array([0.1, 0.1]), (2,))
+    assert not rare_events.find(both_sides, 2, 2000, 1).may_have_lost_parts
+    assert not rare_events.find(plane(12, ONE_IN_TEN_THOUSAND), 12, 3000, 1).may_have_lost_parts
+    nothing = rare_events.RareSamples((), np.zeros((2, 1)), np.array([1.0, 2.0]), np.array([0.1, 0.1]), (2,))
     assert not nothing.may_have_lost_parts
 
 
 def test_mixtures_have_mass_one_and_draw_what_they_say() -> None:
-    kernels = KernelDensity(np.array([[-3.0], [4.0]]), np.array([0.6, 0.4]), np.array([1.0, 0.8]))
-    mixture = Mixture(kernels, float(2.0 * norm.sf(2.0)), 0.3)
+    kernels = importance.KernelDensity(np.array([[-3.0], [4.0]]), np.array([0.6, 0.4]), np.array([1.0, 0.8]))
+    mixture = importance.Mixture(kernels, float(2.0 * norm.sf(2.0)), 0.3)
     assert mixture.with_kernels(np.zeros((0, 1)), 0.5) is mixture
     mixture = mixture.with_kernels(np.array([[5.0], [-6.0]]), 0.25)
     np.testing.assert_allclose(mixture.kernels.shares, [0.45, 0.3, 0.125, 0.125])
@@ -572,13 +556,13 @@ def test_mixtures_have_mass_one_and_draw_what_they_say() -> None:
 
 
 def test_the_same_seed_gives_the_same_samples() -> None:
-    one, other, another = (find(plane(3, 3.0), 3, 800, seed) for seed in (5, 5, 6))
+    one, other, another = (rare_events.find(plane(3, 3.0), 3, 800, seed) for seed in (5, 5, 6))
     np.testing.assert_array_equal(one.points, other.points)
     assert one.probability == other.probability != another.probability
 
 
 def test_no_samples_are_worth_nothing() -> None:
-    nothing = RareSamples((), np.zeros((2, 1)), np.array([1.0, 2.0]), np.array([0.1, 0.1]), (2,))
+    nothing = rare_events.RareSamples((), np.zeros((2, 1)), np.array([1.0, 2.0]), np.array([0.1, 0.1]), (2,))
     assert nothing.probability == 0.0 and nothing.n_effective == 0.0 and np.isnan(nothing.variation)
 
 

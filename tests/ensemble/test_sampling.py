@@ -24,10 +24,7 @@ from pgmp_petsc.scene.parameters import Distribution, Parameter
 from scenes import slider_crank
 
 NORMAL = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=0.56e-3}'
-YOUNG = (
-    'parameters.E={nominal=2.1e11, distribution={name="lognorm", s=0.05, scale=2.1e11}}',
-    'materials.steel.E="E"',
-)
+YOUNG = ('parameters.E={nominal=2.1e11, distribution={name="lognorm", s=0.05, scale=2.1e11}}', 'materials.steel.E="E"')
 FIXED = "parameters.rho={nominal=7800.0}"
 
 

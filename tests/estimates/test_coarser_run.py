@@ -8,16 +8,7 @@ from conftest import ROOT
 from mpi4py import MPI
 from runs import PAPER_SCENE, full_model
 
-from pgmp_petsc.estimates.coarser_run import (
-    FEWEST,
-    FEWEST_STEPS,
-    ROUGH,
-    TIMES,
-    CoarserRun,
-    OutputRecord,
-    amplification,
-    step_errors,
-)
+from pgmp_petsc.estimates import coarser_run
 from pgmp_petsc.estimates.own_error import step_remarks, too_few_steps
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
@@ -36,30 +27,30 @@ RADIUS = 0.8  # spectral radius of the scene
 def test_without_numerical_damping_the_scheme_is_the_trapezoidal_rule() -> None:
     """Whose vibrations turn by 2 atan(omega h / 2) in a step (Hughes 2000, section 9.1)."""
     turns = np.array([0.01, 0.5, 2.0, 30.0])
-    rates = amplification(1.0, turns)
+    rates = coarser_run.amplification(1.0, turns)
     np.testing.assert_allclose(rates.imag, 2.0 * np.arctan(0.5 * turns), rtol=1e-9)
     np.testing.assert_allclose(rates.real, 0.0, atol=1e-12)
 
 
 def test_numerical_damping_is_that_of_the_spectral_radius_at_infinite_frequency() -> None:
-    assert amplification(RADIUS, np.array([1e6])).real[0] == pytest.approx(np.log(RADIUS), rel=1e-2)
+    assert coarser_run.amplification(RADIUS, np.array([1e6])).real[0] == pytest.approx(np.log(RADIUS), rel=1e-2)
 
 
-def runs(omega: float, amplitude: float = 1.0, reach: int = N_STEPS // TIMES) -> tuple:
+def runs(omega: float, amplitude: float = 1.0, reach: int = N_STEPS // coarser_run.TIMES) -> tuple:
     """Return time, outputs, the exact output, and the coarser run: a slow rise with a vibration on it."""
-    time, at = STEP * np.arange(N_STEPS + 1), TIMES * STEP * np.arange(N_STEPS // TIMES + 1)
+    time, at = STEP * np.arange(N_STEPS + 1), coarser_run.TIMES * STEP * np.arange(N_STEPS // coarser_run.TIMES + 1)
 
     def as_computed(times: np.ndarray, step: float) -> np.ndarray:
-        rate = amplification(RADIUS, np.array([omega * step]))[0] / step
+        rate = coarser_run.amplification(RADIUS, np.array([omega * step]))[0] / step
         return amplitude * np.real(np.exp(rate * times))
 
-    values, coarse = time + as_computed(time, STEP), at + as_computed(at, TIMES * STEP)
+    values, coarse = time + as_computed(time, STEP), at + as_computed(at, coarser_run.TIMES * STEP)
     fine, status, failure = reach == at.size - 1, np.zeros(1, dtype=int), np.full(1, np.nan)
     if not fine:
         status[0], failure[0] = Status.NOT_CONVERGED, at[reach + 1]
         coarse[reach + 1 :] = np.nan
-    return time, {"x": values}, time + amplitude * np.cos(omega * time), CoarserRun(
-        TIMES * STEP, at, {"x": coarse[:, None]}, status, failure, np.zeros(1), np.full(1, np.inf)
+    return time, {"x": values}, time + amplitude * np.cos(omega * time), coarser_run.CoarserRun(
+        coarser_run.TIMES * STEP, at, {"x": coarse[:, None]}, status, failure, np.zeros(1), np.full(1, np.inf)
     )  # fmt: skip
 
 
@@ -68,7 +59,7 @@ def runs(omega: float, amplitude: float = 1.0, reach: int = N_STEPS // TIMES) ->
 def test_resolved_or_lost_a_vibration_is_estimated_within_a_factor_of_three(omega: float, amplitude: float) -> None:
     """From 600 steps a period, with an error of 1e-5, to 8, where the run and the coarser one have lost its phase."""
     time, outputs, exact, other = runs(omega, amplitude)
-    found = step_errors(load_scene(PAPER_SCENE), time, outputs, other)
+    found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, other)
     true = np.abs(outputs["x"] - exact).max()
     assert 1 / 3 < np.abs(found.outputs["x"]).max() / true < 3
     np.testing.assert_array_equal(found.time, other.time)
@@ -79,7 +70,7 @@ def test_resolved_or_lost_a_vibration_is_estimated_within_a_factor_of_three(omeg
 
 def test_an_estimate_ends_where_the_coarser_run_does() -> None:
     time, outputs, _, other = runs(30.0, reach=60)
-    found = step_errors(load_scene(PAPER_SCENE), time, outputs, other)
+    found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, other)
     assert found.time[-1] == pytest.approx(0.3) and np.isfinite(found.outputs["x"]).all()
     said = [remark.text for remark in step_remarks(_Model(), time, outputs, other, found)]
     assert len(said) == 1 and said[0].startswith("errors of the time step were estimated up to 0.3 s of 1 s: ")
@@ -87,8 +78,8 @@ def test_an_estimate_ends_where_the_coarser_run_does() -> None:
 
 
 def test_too_little_tells_nothing() -> None:
-    time, outputs, _, other = runs(30.0, reach=FEWEST - 1)
-    assert step_errors(load_scene(PAPER_SCENE), time, outputs, other) is None
+    time, outputs, _, other = runs(30.0, reach=coarser_run.FEWEST - 1)
+    assert coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, other) is None
     said = [remark.text for remark in step_remarks(_Model(), time, outputs, other, None)]
     assert len(said) == 1 and said[0].startswith("errors of the time step were not estimated: ")
     assert "--override simulation.step=0.0005" in said[0]
@@ -96,11 +87,14 @@ def test_too_little_tells_nothing() -> None:
 
 def test_too_few_steps_are_said_with_their_number() -> None:
     """Of a run of one step fewer than ten of the coarser one take."""
-    time, outputs, _, other = runs(30.0, reach=FEWEST - 1)
-    few = {name: values[:FEWEST_STEPS] for name, values in outputs.items()}
-    (said,) = step_remarks(_Model(), time[:FEWEST_STEPS], few, other, None)
-    assert f"the run has {FEWEST_STEPS - 1} steps, the estimate needs {FEWEST_STEPS} or more" in said.text
-    assert not too_few_steps(FEWEST_STEPS)
+    time, outputs, _, other = runs(30.0, reach=coarser_run.FEWEST - 1)
+    few = {name: values[: coarser_run.FEWEST_STEPS] for name, values in outputs.items()}
+    (said,) = step_remarks(_Model(), time[: coarser_run.FEWEST_STEPS], few, other, None)
+    assert (
+        f"the run has {coarser_run.FEWEST_STEPS - 1} steps, the estimate needs {coarser_run.FEWEST_STEPS} or more"
+        in said.text
+    )
+    assert not too_few_steps(coarser_run.FEWEST_STEPS)
 
 
 def test_friction_or_stops_beside_a_lost_vibration_make_it_unsure() -> None:
@@ -108,7 +102,7 @@ def test_friction_or_stops_beside_a_lost_vibration_make_it_unsure() -> None:
     scene = load_scene(
         PAPER_SCENE, ['effects.brake={type="joint_friction", joint="crank_hinge", limit=0.01, speed=0.1}']
     )
-    found = step_errors(scene, time, outputs, other)
+    found = coarser_run.step_errors(scene, time, outputs, other)
     assert found.unsure.startswith("friction or stops act with vibrations")
     said = [remark.text for remark in step_remarks(_Model(), time, outputs, other, found)]
     assert any(text.startswith("estimated errors of the time step are unsure") for text in said)
@@ -117,7 +111,7 @@ def test_friction_or_stops_beside_a_lost_vibration_make_it_unsure() -> None:
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"shortest": np.full(1, 9.0 * TIMES * STEP)}, "a contact with a stop lasts 0.045 s"),
+        ({"shortest": np.full(1, 9.0 * coarser_run.TIMES * STEP)}, "a contact with a stop lasts 0.045 s"),
         ({"divided": np.full(1, 0.25)}, "25 % of the coarser steps failed"),
     ],
 )
@@ -125,24 +119,25 @@ def test_brief_contacts_and_steps_that_failed_make_it_unsure(changes: dict, why:
     """A contact of fewer than ten coarser steps, and what the coarser run took with the steps of the run itself."""
     time, outputs, _, other = runs(10.0)
     sure, found = (
-        step_errors(load_scene(PAPER_SCENE), time, outputs, run) for run in (other, replace(other, **changes))
+        coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, run)
+        for run in (other, replace(other, **changes))
     )
     assert not sure.unsure and found.unsure.startswith(why)
-    order = ROUGH * (1.0 - changes.get("divided", np.zeros(1))[0])
+    order = coarser_run.ROUGH * (1.0 - changes.get("divided", np.zeros(1))[0])
     # where no vibration is lost, the difference counts by the order alone
-    np.testing.assert_allclose(found.outputs["x"] * order, sure.outputs["x"] * (TIMES**2 - 1.0), rtol=1e-12)
+    np.testing.assert_allclose(found.outputs["x"] * order, sure.outputs["x"] * (coarser_run.TIMES**2 - 1.0), rtol=1e-12)
 
 
 def test_contacts_of_many_steps_are_resolved() -> None:
     time, outputs, _, other = runs(10.0)
-    assert not step_errors(
-        load_scene(PAPER_SCENE), time, outputs, replace(other, shortest=np.full(1, 11.0 * TIMES * STEP))
+    assert not coarser_run.step_errors(
+        load_scene(PAPER_SCENE), time, outputs, replace(other, shortest=np.full(1, 11.0 * coarser_run.TIMES * STEP))
     ).unsure
 
 
 def test_what_is_unsure_is_a_note_where_it_is_small() -> None:
     time, outputs, _, other = runs(10.0, amplitude=1e-6)
-    found = step_errors(load_scene(PAPER_SCENE), time, outputs, replace(other, shortest=np.full(1, STEP)))
+    found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, replace(other, shortest=np.full(1, STEP)))
     (said,) = step_remarks(_Model(), time, outputs, other, found)
     assert said.kind == "note" and "are unsure" in said.text
 
@@ -159,7 +154,7 @@ def test_a_step_that_fails_is_taken_in_parts(monkeypatch: pytest.MonkeyPatch) ->
     model, alive, take = FullModel(scene, meshes), np.ones(1, dtype=bool), AlphaStep.take
 
     def angle(system: SecondOrderSystem, n_steps: int, parts: int) -> np.ndarray:
-        record = OutputRecord(model, system)
+        record = coarser_run.OutputRecord(model, system)
         stepper = GeneralisedAlpha(system, RADIUS, 0.2, n_steps, alive, np.array([0, n_steps]), record, None, parts)
         stepper.advance()
         assert stepper.status[0] == Status.FINE and stepper.n_divided[0] == (n_steps if parts > 1 else 0)
@@ -172,7 +167,7 @@ def test_a_step_that_fails_is_taken_in_parts(monkeypatch: pytest.MonkeyPatch) ->
     with model.single(scene.values, MPI.COMM_SELF) as system:
         fine, coarse = angle(system, 200, 1), angle(system, 40, 1)
         monkeypatch.setattr(AlphaStep, "take", failing)
-        divided = angle(system, 40, TIMES)
+        divided = angle(system, 40, coarser_run.TIMES)
     # measured: a twentieth
     assert np.abs(divided - fine).max() < 0.1 * np.abs(coarse - fine).max()
 

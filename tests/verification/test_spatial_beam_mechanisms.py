@@ -23,6 +23,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.beam3d import at_rest, natural_mass
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.estimates.validity import BodyStrains, half_height
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.scene import Scene, scene_from_toml
@@ -214,7 +215,7 @@ WRONG = {
     f'bodies.rod={{mesh="0.3:1.0:5", element="beam2d", material="steel", {SQUARE}}}':
         r'bodies\.rod\.element = "beam2d": in the plane, but crank \(beam3d\) in space; all bodies are',
     "bodies.crank.flexible=false":
-        r"bodies\.crank\.flexible = false: .* its mass has the factors r1\^2, r1\^4; give the section without",
+        r"bodies\.crank\.flexible = false, of a mass with the factors r1\^2, r1\^4: .*; give the section without",
 }  # fmt: skip
 
 
@@ -222,6 +223,7 @@ WRONG = {
 def test_a_wrong_entry_is_refused_by_name(override: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         made = slider_crank_of_beams(override)
+        check_capabilities(made, Purpose.FULL)
         Mechanism.from_scene(made, lines_of(made))
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 import scipy.sparse as sp
@@ -46,12 +47,10 @@ class Beam(Body):
 
     @classmethod
     def takes(cls, entry: BodyEntry, shape: object) -> bool:
-        """See `Body`."""
         return isinstance(shape, LineMesh) and entry.flexible
 
     @classmethod
     def of(cls, scene: Scene, name: str, shape: LineMesh) -> Beam:
-        """See `Body`."""
         section, profiles = BeamSection.of(scene, name), profiles_of(scene, name, shape)
         if scene.dimension == 2:
             return cls(name, shape, shape, section=section, profiles=profiles)
@@ -63,19 +62,14 @@ class Beam(Body):
         """Whether it is in the plane."""
         return self.axes is None
 
-    @property
-    def strains_follow_frames(self) -> bool:
-        """See `Body`."""
-        return self.planar
+    strains_follow_frames = property(attrgetter("planar"))
 
     @property
     def n_own_sections(self) -> int:
-        """See `Body`."""
         return len(self.mesh.cells) if self.profiles else 0
 
     @property
     def step_seconds(self) -> float:
-        """See `Body`."""
         return NODE_SECONDS[self.dimension] * self.n_nodes
 
     @property
@@ -95,22 +89,18 @@ class Beam(Body):
         return self.directions if self.planar else self.axes
 
     def stresses(self, scene: Scene) -> BeamStresses:
-        """See `Body`."""
         return BeamStresses(scene, self)
 
     @property
     def by_node(self) -> np.ndarray:
-        """See `Body`."""
         return self.displacements(np.eye(self.dofs.size))
 
     def displacements(self, y: np.ndarray) -> np.ndarray:
-        """See `Body`."""
         return y.reshape(self.n_nodes, self.node_dofs, -1)
 
     # matrices
 
     def blocks(self, kernel: str) -> Sequence[Beam]:
-        """See `Body`."""
         return (self,) if kernel == f"beam{self.dimension}d" else ()
 
     def sections(self, kind: str) -> dict[Monomial, np.ndarray]:
@@ -121,7 +111,6 @@ class Beam(Body):
         return self.profiles.of(kind).over(terms, np.arange(n))
 
     def own_weights(self, kind: str) -> set[Monomial]:
-        """See `Body`."""
         return self.profiles.of(kind).weights(set(self.section.terms(kind)))
 
     def _translating_weights(self) -> set[Monomial]:
@@ -129,7 +118,6 @@ class Beam(Body):
         return self.profiles.mass.weights(own)
 
     def entries(self, kind: str, rows: range) -> Iterator[Entries]:
-        """See `Body`."""
         chosen = self.touching(rows)
         dofs, values = element_dofs(self.elements[chosen], self.node_dofs), self.of_elements(kind, chosen)
         row, column = np.repeat(dofs, dofs.shape[1], axis=1), np.tile(dofs, (1, dofs.shape[1]))
@@ -186,7 +174,6 @@ class Beam(Body):
         return found / shares[:, None, None]
 
     def moments(self) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
-        """See `Body`."""
         dofs, lengths = element_dofs(self.mesh.cells, self.node_dofs), self.mesh.lengths
         if self.planar:
             gradient = np.zeros((2, 2, 6))  # of the places of both nodes
@@ -205,14 +192,12 @@ class Beam(Body):
             yield weight, dofs, moments
 
     def director_inertia(self) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
-        """See `Body`."""
         for weight, coefficients in self.sections("mass").items():
             density = np.einsum("eis,es,ejs->eij", self.axes[:, :, 1:], coefficients[:, [2, 1]], self.axes[:, :, 1:])
             for nodes in self.mesh.cells.T:
                 yield weight, nodes, 0.5 * self.mesh.lengths[:, None, None] * density
 
     def third_derivative(self, rows: range, n_dofs: int) -> ThirdPart:
-        """See `Body`."""
         return _Third(self, rows, n_dofs)
 
 
@@ -242,7 +227,6 @@ class _Third(ThirdPart):
             yield forces.reshape(self._strains.shape[0], pairs[0].size)
 
     def add(self, forces: np.ndarray, total: np.ndarray) -> None:
-        """See `ThirdPart`."""
         total += self._on_rows @ forces
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from pgmp_petsc.bodies.body import Body, Entries, ThirdPart, dense_entries, fram
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.floating import PAIR_SECONDS, FloatingBody
 from pgmp_petsc.bodies.kinds.rigid import STEP_SECONDS
-from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.stresses import Recovered
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.scene import Scene
@@ -32,12 +32,10 @@ class CondensedBody(Recovered, Body):
 
     @classmethod
     def takes(cls, entry: BodyEntry, shape: object) -> bool:
-        """See `Body`."""
         return isinstance(shape, Component) and not shape.rigid
 
     @classmethod
     def of(cls, scene: Scene, name: str, shape: Component) -> CondensedBody:
-        """See `Body`."""
         return cls.of_component(name, shape)
 
     @classmethod
@@ -46,66 +44,45 @@ class CondensedBody(Recovered, Body):
         mesh = frame_mesh(component.centres, component.frames)
         return cls(name, mesh, mesh, component=component)
 
-    @property
-    def n_internal(self) -> int:
-        """See `Body`."""
-        return self.component.n_internal
-
-    @property
-    def extent(self) -> float:
-        """See `Body`."""
-        return self.component.extent
+    n_internal = property(attrgetter("component.n_internal"))
+    extent = property(attrgetter("component.extent"))
 
     @property
     def has_long_axis(self) -> bool:
-        """See `Body`."""
         return self.component.large is None or self.component.large.slender
 
-    @property
-    def probes(self) -> np.ndarray:
-        """See `Body`."""
-        return self.component.probes
+    probes = property(attrgetter("component.probes"))
 
     @property
     def step_seconds(self) -> float:
         """See `Body`; only reduced models have it."""
         return STEP_SECONDS
 
-    @property
-    def recovery(self) -> Recovery | None:
-        """See `Recovered`."""
-        return self.component.recovery
+    recovery = property(attrgetter("component.recovery"))
 
     @property
     def curved_strains(self) -> np.ndarray | None:
-        """See `Body`."""
         return None if self.recovery is None else self.recovery.curved
 
     def own_weights(self, kind: str) -> set[Monomial]:
-        """See `Body`."""
         return set(self.component.terms(kind))
 
     def entries(self, kind: str, rows: range) -> Iterator[Entries]:
-        """See `Body`."""
         yield dense_entries(self.dofs, self.component.terms(kind))
         yield from super().entries(kind, rows)
 
     def linear_fields(self) -> np.ndarray:
-        """See `Body`."""
         return self.component.fields
 
     def moments(self) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
-        """See `Body`."""
         for weight, moments in self.component.moments.items():
             yield weight, np.arange(self.dofs.size)[None], moments[None]
 
     @property
     def third_derivative_known(self) -> bool:
-        """See `Body`."""
         return self.component.large is not None
 
     def third_derivative(self, rows: range, n_dofs: int) -> ThirdPart:
-        """See `Body`."""
         return _Third(self, rows)
 
 
@@ -130,7 +107,6 @@ class _Third(ThirdPart):
             yield np.einsum("iap,ap->ip", half[:, :, pairs[1]], own[:, pairs[0]], optimize=True)
 
     def add(self, forces: np.ndarray, total: np.ndarray) -> None:
-        """See `ThirdPart`."""
         total[self._places] += forces
 
 
@@ -142,59 +118,36 @@ class BodyInFloatingFrame(Recovered, Body):
 
     @classmethod
     def takes(cls, entry: BodyEntry, shape: object) -> bool:
-        """See `Body`."""
         return isinstance(shape, FloatingBody)
 
     @classmethod
     def of(cls, scene: Scene, name: str, shape: FloatingBody) -> BodyInFloatingFrame:
-        """See `Body`."""
         frames, origin = frame_mesh(shape.centres, shape.frames), np.zeros((1, shape.centres.shape[1]))
         mesh = LineMesh(np.concatenate([shape.centres, origin]), frames.cells, dict(shape.frames))
         return cls(name, mesh, mesh, floating=shape)
 
-    @property
-    def n_amplitudes(self) -> int:
-        """See `Body`."""
-        return self.floating.n
-
-    @property
-    def n_internal(self) -> int:
-        """See `Body`."""
-        return self.floating.n
+    n_amplitudes = property(attrgetter("floating.n"))
+    n_internal = property(attrgetter("floating.n"))
 
     @property
     def tied_nodes(self) -> slice:
-        """See `Body`."""
         return slice(self.nodes.start, self.nodes.stop - 1)
 
-    @property
-    def extent(self) -> float:
-        """See `Body`."""
-        return self.floating.extent
+    extent = property(attrgetter("floating.extent"))
 
     @property
     def step_seconds(self) -> float:
-        """See `Body`."""
         return PAIR_SECONDS * self.floating.n**2
 
-    @property
-    def recovery(self) -> Recovery | None:
-        """See `Recovered`."""
-        return self.floating.recovery
+    recovery = property(attrgetter("floating.recovery"))
 
     def in_frame(self, vectors: np.ndarray, n_frame_dofs: int) -> np.ndarray:
-        """See `Body`."""
         return np.concatenate([vectors[:, :n_frame_dofs], self.floating.parts @ vectors], axis=1)
 
-    @property
-    def third_derivative_known(self) -> bool:
-        """See `Body`."""
-        return False
+    third_derivative_known = False
 
     def blocks(self, kernel: str) -> Sequence[FloatingBody]:
-        """See `Body`."""
         return (self.floating,) if kernel == "floating" else ()
 
     def own_weights(self, kind: str) -> set[Monomial]:
-        """See `Body`."""
         return set(self.floating.moments if kind == "mass" else self.floating.stiffness)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
 from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body, Entries, frame_mesh
-from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
 from pgmp_petsc.bodies.shape import ContinuumShape
 from pgmp_petsc.bodies.solid import Solid
@@ -30,12 +30,10 @@ class BodyOnMesh(Body):
 
     @classmethod
     def takes(cls, entry: BodyEntry, shape: object) -> bool:
-        """See `Body`."""
         return isinstance(shape, ContinuumShape) and entry.flexible
 
     @classmethod
     def of(cls, scene: Scene, name: str, shape: ContinuumShape) -> BodyOnMesh:
-        """See `Body`."""
         return cls.framing(framed_solid(scene, name, shape).at(scene.values))
 
     @classmethod
@@ -45,89 +43,60 @@ class BodyOnMesh(Body):
         mesh = frame_mesh(centres, {point: number for number, point in enumerate(framed.frames)})
         return cls(framed.solid.name, mesh, mesh, framed=framed)
 
-    @property
-    def n_internal(self) -> int:
-        """See `Body`."""
-        return self.framed.solid.n_dofs
+    n_internal = property(attrgetter("framed.solid.n_dofs"))
 
     @property
     def own_dofs(self) -> np.ndarray:
-        """See `Body`."""
         return self.dofs[self.node_dofs * self.n_nodes :]
 
-    @property
-    def tied_nodes(self) -> slice:
-        """See `Body`."""
-        return self.nodes
-
-    @property
-    def points(self) -> np.ndarray:
-        """See `Body`."""
-        return self.framed.solid.mesh.nodes
+    tied_nodes = property(attrgetter("nodes"))
+    points = property(attrgetter("framed.solid.mesh.nodes"))
 
     def moving_nodes(self, q: np.ndarray, frames: np.ndarray) -> np.ndarray:
-        """See `Body`."""
         return self.at_points(q)
 
-    @property
-    def face_frames(self) -> Mapping[str, FaceFrame]:
-        """See `Body`."""
-        return self.framed.frames
+    face_frames = property(attrgetter("framed.frames"))
 
     @property
     def extent(self) -> float:
-        """See `Body`."""
         return float(np.max(np.ptp(self.points, axis=0)))
 
     @property
     def to_condense(self) -> Sequence[FramedSolid]:
-        """See `Body`."""
         return (self.framed,)
 
     @property
     def drawn(self) -> SolidMesh | None:
-        """See `Body`."""
         return self.framed.solid.mesh if isinstance(self.framed.solid, Solid) else None
 
     @property
     def size(self) -> tuple[int, int]:
-        """See `Body`."""
         mesh = self.framed.solid.mesh
         return mesh.n_nodes, mesh.n_cells
 
     def described(self, system: UnitSystem) -> str:
-        """See `Body`."""
         return f"{len(self.points)} nodes, {self.framed.solid.described(system)}"
 
     @property
     def step_seconds(self) -> float:
-        """See `Body`."""
         return UNKNOWN_SECONDS[self.dimension] * self.n_internal
 
     def stresses(self, scene: Scene) -> CellStresses | None:
-        """See `Body`."""
         return None if self.drawn is None else CellStresses(scene, self.name, self.drawn)
 
-    @property
-    def third_derivative_known(self) -> bool:
-        """See `Body`."""
-        return False
+    third_derivative_known = False
 
     def blocks(self, kernel: str) -> Sequence[Solid]:
-        """See `Body`."""
         return (self.framed.solid,) if kernel == "cells" else ()
 
     def own_weights(self, kind: str) -> set[Monomial]:
-        """See `Body`."""
         return self.framed.solid.weights(kind)
 
     def condensed_weights(self, kind: str) -> set[Monomial]:
-        """See `Body`."""
         lumped = self._lumped_weights if kind == "mass" else set()
         return lumped | self.framed.condensed_weights(kind)
 
     def entries(self, kind: str, rows: range) -> Iterator[Entries]:
-        """See `Body`."""
         solid, d, first = self.framed.solid, self.dimension, self.first_internal
         start, stop = (min(max(row - first, 0), solid.n_dofs) for row in (rows.start, rows.stop))
         nodes = range(start // d, -(-stop // d))

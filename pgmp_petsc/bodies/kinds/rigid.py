@@ -38,7 +38,6 @@ class RigidBody(Body):
 
     @classmethod
     def takes(cls, entry: BodyEntry, shape: BodyShape) -> bool:
-        """See `Body`."""
         return shape.rigid if isinstance(shape, Component) else not (entry.flexible or isinstance(shape, FloatingBody))
 
     @classmethod
@@ -94,7 +93,6 @@ class RigidBody(Body):
 
     @property
     def extent(self) -> float:
-        """See `Body`."""
         if self.length is not None:
             return self.length
         if self.component is not None:
@@ -104,14 +102,10 @@ class RigidBody(Body):
             float(np.sqrt(12.0 * lump.inertia / lump.mass)) for lump in self.lumps[0].values() if lump.mass
         )
 
-    @property
-    def step_seconds(self) -> float:
-        """See `Body`."""
-        return STEP_SECONDS
+    step_seconds = STEP_SECONDS
 
     @property
     def probes(self) -> np.ndarray | None:
-        """See `Body`."""
         return None if self.component is None else self.component.probes
 
     @property
@@ -161,20 +155,17 @@ class RigidBody(Body):
         return replace(self, component=replace(self.component, mass=mass)), lent
 
     def own_weights(self, kind: str) -> set[Monomial]:
-        """See `Body`."""
         return set(self._mass) if kind == "mass" else set()
 
     def _translating_weights(self) -> set[Monomial]:
         return {weight for weight, matrix in self._mass.items() if matrix[0, 0]}
 
     def entries(self, kind: str, rows: range) -> Iterator[Entries]:
-        """See `Body`."""
         if self.component is not None:
             yield dense_entries(self.dofs, self.component.terms(kind))
         yield from super().entries(kind, rows)
 
     def node_masses(self) -> Iterator[tuple[int, dict[Monomial, tuple[float, np.ndarray]]]]:
-        """See `Body`."""
         yield from super().node_masses()
         if self.component is not None:
             yield 0, {w: (float(np.trace(m[:3, :3])) / 3.0, m[3:, 3:]) for w, m in self._mass.items()}
@@ -184,11 +175,9 @@ class RigidBody(Body):
         return super().linear_fields() if self.component is None else self.component.fields
 
     def lost_momenta(self) -> Mapping[Monomial, np.ndarray]:
-        """See `Body`."""
         return {} if self.component is None else self.component.lost_momenta
 
     def moments(self) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
-        """See `Body`."""
         for weight, matrix in self._mass.items():
             moments = of_directors(directors(matrix[3:, 3:])[None])
             for i in range(3):
@@ -197,6 +186,5 @@ class RigidBody(Body):
             yield weight, np.arange(self.dofs.size)[None], moments
 
     def director_inertia(self) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
-        """See `Body`."""
         for weight, matrix in self._mass.items():
             yield weight, np.array([0]), directors(matrix[3:, 3:])[None]

@@ -59,16 +59,13 @@ class HollowRectangle(ShapedSection):
 
     @property
     def reach(self) -> tuple[Quantity, Quantity]:
-        """See `SectionEntry.reach`."""
         return 0.5 * Quantity.of(self.height), 0.5 * Quantity.of(self.width)
 
     def area(self) -> AffineSum:
-        """See `ShapedSection`."""
         (b, h), (b_i, h_i) = self._rectangles()
         return b * h - b_i * h_i
 
     def inertia(self) -> tuple[AffineSum, AffineSum]:
-        """See `ShapedSection`."""
         (b, h), (b_i, h_i) = self._rectangles()
         return (h * b**3 - h_i * b_i**3) * (1 / 12), (b * h**3 - b_i * h_i**3) * (1 / 12)
 

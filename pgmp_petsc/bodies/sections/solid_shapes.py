@@ -47,23 +47,18 @@ class Circle(ShapedSection):
 
     @property
     def reach(self) -> tuple[Quantity, Quantity]:
-        """See `SectionEntry.reach`."""
         return (Quantity.of(self.radius),) * 2
 
     def area(self) -> AffineSum:
-        """See `ShapedSection`."""
         return math.pi * AffineSum.of(self.radius) ** 2
 
     def inertia(self) -> tuple[AffineSum, AffineSum]:
-        """See `ShapedSection`."""
         return (math.pi / 4 * AffineSum.of(self.radius) ** 4,) * 2
 
     def sheared(self, nu: float, nominal: Mapping[str, float], spans: Spans) -> tuple[AffineSum, AffineSum]:
-        """See `ShapedSection`."""
         return (6 * (1 + nu) / (7 + 6 * nu) * self.area(),) * 2
 
     def torsion(self, nominal: Mapping[str, float], spans: Spans) -> AffineSum:
-        """See `ShapedSection`."""
         return 2.0 * self.inertia()[0]
 
 
@@ -82,20 +77,16 @@ class Rectangle(ShapedSection):
 
     @property
     def reach(self) -> tuple[Quantity, Quantity]:
-        """See `SectionEntry.reach`."""
         return 0.5 * Quantity.of(self.height), 0.5 * Quantity.of(self.width)
 
     def area(self) -> AffineSum:
-        """See `ShapedSection`."""
         return AffineSum.of(self.width) * AffineSum.of(self.height)
 
     def inertia(self) -> tuple[AffineSum, AffineSum]:
-        """See `ShapedSection`."""
         width, height = AffineSum.of(self.width), AffineSum.of(self.height)
         return height * width**3 * (1 / 12), width * height**3 * (1 / 12)
 
     def sheared(self, nu: float, nominal: Mapping[str, float], spans: Spans) -> tuple[AffineSum, AffineSum]:
-        """See `ShapedSection`."""
         return (10 * (1 + nu) / (12 + 11 * nu) * self.area(),) * 2
 
     def torsion(self, nominal: Mapping[str, float], spans: Spans) -> AffineSum:
