@@ -64,7 +64,6 @@ ACTING_LAW = Acting(
     "controlled",
     ("force", "stiffness", "damping"),
     force="amplitude + force - stiffness * s - damping * rate",
-    left_out="it is a controller's force, and modes are those of the mechanism without control",
 )
 
 

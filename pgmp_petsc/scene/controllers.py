@@ -32,7 +32,7 @@ from pgmp_petsc.scene.uses import Use
 WHOLE = 1e-6  # of a step, that a sample time may be off a whole number of them
 
 
-class Reference(Table):
+class Setpoint(Table):
     """What a measure is to be: a number, or over time."""
 
     constant: NumberOrParameter | None = Field(
@@ -44,10 +44,10 @@ class Reference(Table):
     @model_validator(mode="before")
     @classmethod
     def _number(cls, given: Any) -> Any:
-        return given if isinstance(given, (dict, Reference)) else {"constant": given}
+        return given if isinstance(given, (dict, Setpoint)) else {"constant": given}
 
     @model_validator(mode="after")
-    def _one(self) -> Reference:
+    def _one(self) -> Setpoint:
         exactly_one(self, "constant", "table", "harmonic")
         values = [value for _, value in self.table or ()]
         values += [self.harmonic.amplitude, self.harmonic.mean] if self.harmonic else []
@@ -68,8 +68,8 @@ class ControllerEntry(Table):
     it does (`law`, `constants`)."""
 
     measures: str = Field(description="name of the output that it measures")
-    reference: Reference = Field(
-        Reference(constant=0.0),
+    reference: Setpoint = Field(
+        Setpoint(constant=0.0),
         description="what the measure is to be: a number, a parameter's name, or { table } or { harmonic } over time",
     )
     joint: str = Field(description="name of the joint that its torque or force acts on")
