@@ -96,7 +96,7 @@ def _by_tolerance(scene: Scene) -> Iterator[str]:
 
 
 def _elastic(scene: Scene) -> Iterator[str]:
-    return (f"joints.{name}.elastic" for name, joint in scene.joints.items() if joint.elastic is not None)
+    return (f"joints.{name}.{joint.gives_way}" for name, joint in scene.joints.items() if joint.gives_way)
 
 
 def _off(scene: Scene) -> Iterator[str]:

@@ -13,7 +13,7 @@ from pgmp_petsc.bodies.body import Body, LumpedMass, body_of, joined
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import Connection, Coupling, ridden, share_position, triad, weld
-from pgmp_petsc.mechanism.releases import parted
+from pgmp_petsc.mechanism.releases import loosened, parted
 from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Statement
@@ -87,13 +87,16 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
         rows = slice(row, row + len(statements))
         turning = in_a, in_b if space is SPATIAL else in_a
         entry = scene.joints.get(name)  # none of welds
-        elastic, offset = (None, None) if entry is None else (entry.elastic, entry.offset)
+        elastic, offset, loose = (None,) * 3 if entry is None else (entry.elastic, entry.offset, entry.clearance)
         held, released, moved = statements, (), sides[0]
         riding = entry is not None and entry.rides and not sides[0].on_ground and bodies[sides[0].body].flexible
         if elastic is not None:
             first, second = (0.0 if s.on_ground else poses[s.body, -1] for s in sides)
             rest = second - first if space is not SPATIAL else 0.0
             held, released = parted(statements, (in_a, in_b), turn, rest, elastic, f"joints.{name}.elastic")
+        if loose is not None:
+            _refuse_room(scene, bodies, name, sides)
+            held, released = loosened(statements, in_a, entry.loose)
         if offset is not None:
             place, turned = _off(scene, offset)
             moved = replace(moved, point=moved.point + place, arm=moved.arm + (0.0 if moved.on_ground else place))
@@ -160,6 +163,16 @@ def _run(scene: Scene, bodies: Sequence[Body], joint: str, first: Attachment, wa
 def _within(interval: tuple[float, float], along: np.ndarray) -> bool:
     spare = ROUNDED * (along[-1] - along[0])
     return along[0] - spare <= interval[0] and interval[1] <= along[-1] + spare
+
+
+def _refuse_room(scene: Scene, bodies: Sequence[Body], name: str, sides: Sequence[Attachment]) -> None:
+    """Refuse a joint whose pin has more room than one of its bodies is long."""
+    radius = scene.number(scene.joints[name].clearance.radius)
+    for body in (bodies[side.body] for side in sides if not side.on_ground):
+        size = float(np.linalg.norm(np.ptp(body.shape.nodes, axis=0)))
+        if 0.0 < size <= radius:
+            words = f"is larger than {body.name}, which is {size:.4g} {scene.system.unit('m')} long"
+            raise InputError(problem(f"joints.{name}.clearance.radius", words, radius))
 
 
 def _off(scene: Scene, offset: Offset) -> tuple[np.ndarray, np.ndarray]:

@@ -142,7 +142,7 @@ def function_at(statements, k, s):
     if last > first:
         begin = spans[first, 0]
         period = spans[last - 1, 1] - begin
-        within = s - period * np.floor((s - begin) / period)
+        within = s - period * np.floor((s - begin) / period) if period > 0.0 else s
         while last - first > 1:
             middle = (first + last) // 2
             if within >= spans[middle, 0]:

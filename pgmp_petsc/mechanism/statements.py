@@ -47,12 +47,17 @@ class Function:
     """A function f of a statement s: a factor times s, or times a cubic spline of s that closes on itself.
 
     On piece k, from ``x = breaks[k]`` on, the spline is ``sum_j coefficients[k, j] (s - x)^j``, of s within the period
-    that the breaks span.
+    that the breaks span; with a period of 0 it is one polynomial, of any s.
     """
 
     factor: float = 1.0
     breaks: np.ndarray = field(default_factory=lambda: np.zeros(0))  # shape (n + 1,), rad; none where it is linear
     coefficients: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))  # shape (n, 4)
+
+    @classmethod
+    def square(cls) -> Function:
+        """Return the square of s."""
+        return cls(1.0, np.zeros(2), np.array([[0.0, 0.0, 1.0, 0.0]]))
 
     @classmethod
     def through(cls, factor: float, table: Sequence[tuple[float, float]]) -> Function:
