@@ -15,6 +15,7 @@ from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.models.measures import Measures
 from pgmp_petsc.models.model import require_lengths, search_of, velocities_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
 from pgmp_petsc.outputs.outputs import OutputSet
@@ -80,6 +81,7 @@ class ReducedModel:
         self.start = start_of(scene, mechanism)
         self._check_start(rom.tables.samples)
         self.outputs = OutputSet.of(scene, self.kinematics, self.start[0])
+        self.measures = Measures(scene, self.kinematics, self.start[0]) if scene.controllers else None
         damping = ReducedDamping.of(self.effects, self.kinematics, rom)
         self.terms = ReducedTerms.of(
             rom.tables, rom.rigid_inertia, self.kinematics, rom.projection, scheme, damping, scene.gyroscopic
@@ -247,6 +249,13 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
         unloaded = [Unloaded(effect.name) for effect in model.effects]
         alone = ReducedSystem(model.terms, unloaded, values, start, n_samples, actions=springs, given=given)
         system.begin_at(*_in_balance(ReducedStatics(alone, angles), angles.scales, start, n_samples))
+    if model.measures is not None:
+        reconstruction = Reconstruction(
+            model.kinematics, model.rom, model.scene.reduction.interpolation, model.measures.nodes
+        )
+        system.control(
+            model.measures.controls(lambda s: reconstruction.jets((s.q, s.v), 1), values, n_samples, system.put_forces)
+        )
     if model.scene.initial.equilibrium:
         free = model.scene.initial.coordinates == "free"
         statics = ReducedStatics(system, None if free else angles)
