@@ -154,6 +154,9 @@ def _check_tables_hold(built: Scene, scene: Scene, name: object) -> None:
         free = {entry: getattr(effect, entry) for entry in effect.changeable}
         if type(then[key]) is not type(effect) or then[key].model_copy(update=free) != effect:
             _refuse(f"effects.{key}", name)
+    acting = [{k: (c.joint, c.motion) for k, c in one.controllers.items()} for one in (built, scene)]
+    if acting[0] != acting[1]:
+        _refuse("controllers", name)
     if built.parameters.keys() != scene.parameters.keys():
         _refuse("parameters", name)
     for key, parameter in scene.parameters.items():
@@ -179,7 +182,8 @@ def _refuse(entry: str, name: object) -> None:
     raise InputError(
         f"--override {entry}: the tables of '{name}' were built from this entry; override it in pgmp build instead. "
         "With a reduced model, simulation, initial, ensemble, outputs, distributions and bounds of parameters, their "
-        "correlation, and the numbers of loads, joints' forces, elastic joints and motions may be changed"
+        "correlation, the numbers of loads, joints' forces, elastic joints and motions, and controllers but for their "
+        "joints may be changed"
     )
 
 
@@ -223,21 +227,15 @@ def directory_of(source: AnySource) -> Path:
 
 def _check_model(source: object, name: str | None) -> None:
     """Refuse models that a source does not have."""
+    known, is_file = " and ".join(f"'{model}'" for model in PURPOSES), isinstance(source, (str, PathLike))
+    allowed, why = PURPOSES, f"of a scene there are {known}; for the reduced one give what pgmp.build(scene) returns"
     if isinstance(source, Rom):
-        if name not in (None, REDUCED):
-            raise InputError(
-                f"model = {name!r}: a reduced model is given; give its scene, such as pgmp.simulate(rom.scene, "
-                "model='full')"
-            )
-        return
-    known = " and ".join(f"'{model}'" for model in PURPOSES)
-    if isinstance(source, (str, PathLike)):
-        if name not in (None, REDUCED, *PURPOSES):
-            raise InputError(f"model = {name!r}: allowed are 'reduced' of the file of one, {known} of a scene's")
-    elif name not in PURPOSES:
-        raise InputError(
-            f"model = {name!r}: of a scene there are {known}; for the reduced one give what pgmp.build(scene) returns"
-        )
+        allowed = (None, REDUCED)
+        why = "a reduced model is given; give its scene, such as pgmp.simulate(rom.scene, model='full')"
+    elif is_file:
+        allowed, why = (None, REDUCED, *PURPOSES), f"allowed are 'reduced' of the file of one, {known} of a scene's"
+    if name not in allowed:
+        raise InputError(f"model = {name!r}: {why}")
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,12 @@ impact, from v to -e v. So ``a = c v`` and the restitution e are tied, whatever 
 
     (1 + e) a = log((1 + a) / (1 - e a)).
 
-The formula ``c = 3 (1 - e^2) / (4 v)`` of Lankarani and Nikravesh (1990) agrees with it as e goes to 1 alone, where both
-are ``3 (1 - e) / (2 v)``, and leaves more speed than was asked for elsewhere. `RESTITUTION` is the polynomial ``e a / (1
-- e)`` of e, within 6e-5 of e. As c is constant, slower impacts are more elastic than that at the speed that e is of.
+The formula ``c = 3 (1 - e^2) / (4 v)`` of Lankarani and Nikravesh (1990) agrees with it only as e goes to 1, where
+both are ``3 (1 - e) / (2 v)``, and leaves more speed than was asked for elsewhere. `RESTITUTION` is the polynomial
+``e a / (1 - e)`` of e, within 6e-5 of e. As c is constant, slower impacts are more elastic than that which e is of.
 
-Friction is ``friction N tanh(v_t / friction_speed)`` against the speed v_t of the pin's middle across e: the joint knows
-no radius of the pin, and takes it for one that is small. What turning in the joint rubs is an effect of type
+Friction is ``friction N tanh(v_t / friction_speed)`` against the speed v_t of the pin's middle across e: the joint
+knows no radius of the pin, and takes it for one that is small. What turning in the joint rubs is an effect of type
 joint_friction. It acts along ``w = e_1 de_2 - e_2 de_1``, whose rate is |e| v_t and which is smooth in the middle too.
 """
 

@@ -42,6 +42,7 @@ several models, ``y = sum_p L_p(l) y_p``, their derivative is ``sum_p L_p dy_p +
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
@@ -52,6 +53,7 @@ from pgmp_petsc.gradients.linearisation import Linearisation, Linearised, factor
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.models.reduced_statics import JointAngles
+from pgmp_petsc.outputs.rainflow import counted_after, counted_changes
 from pgmp_petsc.scene.uses import offset_directions, velocity_names
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, StateRecord, integrate, integrate_with_smaller_steps
 from pgmp_petsc.stepping.second_order_system import Scheme, State
@@ -98,6 +100,9 @@ def differentiate(
         if "multipliers" in entry.reads:
             why = "derivatives of forces in joints, which take those of accelerations, are not known"
             raise InputError(f"outputs.{name} ({entry.type}): {why}; leave it out, or compare runs (--set)")
+    for name in model.scene.controllers:
+        why = "derivatives of runs with controllers are not known"
+        raise InputError(f"controllers.{name}: {why}; compare runs (--set), or take samples (pgmp montecarlo)")
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
     of_sample = {name: np.array([value]) for name, value in values.items()}
@@ -125,6 +130,9 @@ def differentiate(
         observed = ObservedChanges(model, values, times, states)
         outputs = observed.outputs
         by_name = {name: observed.of(name, changes[:, :, number]) for number, name in enumerate(names)}
+    counts = model.outputs.counts
+    by_name = {name: counted_changes(counts, times, outputs, found, values, name) for name, found in by_name.items()}
+    outputs = counted_after(counts, times, outputs, values)
     derivatives = {output: {name: by_name[name][output] for name in names} for output in outputs}
     _require_finite(outputs, derivatives, times)
     return DifferentiatedRun(times, outputs, derivatives, states.q, changes[0], attempt.divisor, tuple(contacts.found))
@@ -253,10 +261,17 @@ def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Lin
         moment[0][:, list(model.motions)] = 0.0
     elif given:
         still = replace(start, v=np.zeros_like(start.v), a=np.zeros_like(start.a))
-        at_rest, bent = linearisation.at(time, still, loaded=False), free.copy()
-        bent[: model.kinematics.n_coordinates] = False
-        pushed = at_rest.by_parameters[0] + moment[0] @ at_rest.by_q[0].T
-        moment[0][:, bent] = -_solved(at_rest.by_q[0], pushed, bent)
+        alone, bent = copy(model), free.copy()
+        alone.actions = model.actions.of_joints(model.kinematics.mechanism)
+        at_rest = Linearisation(alone, linearisation.values, linearisation.names).at(time, still, loaded=False)
+        if alone.actions.actions:
+            _require_rest(model)
+            moment[0] = _held(model, start.q, at_rest, linearisation, moment[0])
+            moment[0][:, list(model.motions)] = 0.0
+        else:
+            bent[: model.kinematics.n_coordinates] = False
+            pushed = at_rest.by_parameters[0] + moment[0] @ at_rest.by_q[0].T
+            moment[0][:, bent] = -_solved(at_rest.by_q[0], pushed, bent)
     named = velocity_names(model.scene)
     for k, coordinate in enumerate(model.kinematics.coordinates):
         for row, name in zip(moment[1], linearisation.names):
@@ -266,6 +281,18 @@ def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Lin
     moment[2][:, free] = -_solved(now.by_a[0], pushed, free)
     moment[3] = moment[2]
     return moment
+
+
+def _require_rest(model: ReducedModel | LengthLanes) -> None:
+    """Refuse a start that moves, where springs of elastic joints are in balance with joints that are off."""
+    named = velocity_names(model.scene)
+    for name, rate in zip(model.scene.coordinates, model.start[1]):
+        if rate or name in named:
+            raise InputError(
+                f"simulation.initial.{name}.velocity = {named.get(name, f'{rate:.6g}')}: joints are off beside elastic "
+                "ones, and derivatives of how their balance moves with the start are not known; let the run "
+                "begin at rest, or compare runs (--set)"
+            )
 
 
 def _solved(matrix: np.ndarray, rows: np.ndarray, free: np.ndarray) -> np.ndarray:

@@ -216,8 +216,8 @@ def following(axis: np.ndarray) -> Statement:
 
 
 def sweeping(u: np.ndarray, v: np.ndarray) -> Statement:
-    """Return a pull across the way from a to b in the plane of directions u and v (d,) in a, times that way: its rate is
-    twice the area that b sweeps in a second."""
+    """Return a pull across the way from a to b in the plane of directions u and v (d,) in a, times that way: its rate
+    is twice the area that b sweeps in a second."""
     return _statement(SWEEPING, u=u, v=v)
 
 

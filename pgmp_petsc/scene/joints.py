@@ -203,9 +203,7 @@ class Offset(Table):
         def of(value: float | str) -> float:
             return sizes.get(value, 0.0) if isinstance(value, str) else sizes.get(None, 0.0) * value
 
-        return self.model_copy(
-            update={key: tuple(of(value) for value in getattr(self, key)) for key in ("place", "turn")}
-        )
+        return self.model_copy(update={"place": tuple(map(of, self.place)), "turn": tuple(map(of, self.turn))})
 
     def problems(self, dimension: int, entry: str) -> Iterator[str]:
         """Yield a line if it has nothing, or not as many numbers as directions or turns."""
@@ -330,7 +328,7 @@ class JointEntry(JointTable):
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         found = handler(schema)
-        where = " and ".join({2: "in the plane", 3: "in space"}[d] for d in cls.dimensions)
+        where = " and ".join(WHERE[d] for d in cls.dimensions)
         free = f"; {' and '.join(cls.motions)} can be acted on and measured" if {*cls.motions} & {*MEASURED} else ""
         free += f", in the plane {' and '.join(cls.also_in_plane)} too" if cls.also_in_plane else ""
         of = handler.resolve_ref_schema(found)
@@ -437,15 +435,13 @@ class CouplingEntry(JointTable):
 
     def with_numbers(self, values: Mapping[str, float]) -> Self:
         """Return the coupling with numbers in place of parameters, by their names."""
-        numbers = {}
-        for key in quantities_of(type(self)):
-            given = getattr(self, key)
+
+        def number(given: Any) -> Any:
             if isinstance(given, dict):
-                numbers[key] = {name: values.get(one, one) for name, one in given.items()}
-            else:
-                found = tuple(values.get(one, one) for one in (given if isinstance(given, tuple) else (given,)))
-                numbers[key] = found if isinstance(given, tuple) else found[0]
-        return self.model_copy(update=numbers)
+                return {name: number(one) for name, one in given.items()}
+            return tuple(map(number, given)) if isinstance(given, tuple) else values.get(given, given)
+
+        return self.model_copy(update={key: number(getattr(self, key)) for key in quantities_of(type(self))})
 
     def shares_in(self, scene: AnyScene) -> list[Share]:
         """Return what is added in a scene whose joints it has."""
@@ -470,11 +466,9 @@ class CouplingEntry(JointTable):
                 words = f"{share.joint} is {joint.type}, which turns and slides; couple it by a gear, a rack or a screw"
                 yield problem(entry, words, share.joint)
             elif share.motion not in free:
-                needed = (
-                    f"a joint that has the motion {share.motion}" if share.motion else "a joint that turns or slides"
-                )
+                needed = f"has the motion {share.motion}" if share.motion else "turns or slides"
                 moves = f"this one is {joint.type}" + (f", which has {' and '.join(free)}" if free else "")
-                yield problem(entry, f"{needed} is needed; {moves}", share.joint)
+                yield problem(entry, f"a joint that {needed} is needed; {moves}", share.joint)
         if scene.dimension == 3:
             yield from self._turns_unknown(scene, name, found)
         moved = [(share.joint, share.motion) for share in found]
@@ -488,11 +482,11 @@ class CouplingEntry(JointTable):
         turning = [share for share in found if share.motion == "turning" and not share.table]
         loose = [share for share in turning if share.joint not in known]
         if len(loose) > 1:
-            words = (
-                "in space turns are counted from the coordinates: all but one of the joints that turn must be those of "
-                f"coordinates; couple each of these with one: {', '.join(share.joint for share in loose)}"
+            why = (
+                "in space turns are counted from the coordinates: all but one of the joints that turn must be those of"
             )
-            yield problem(f"joints.{name}.{loose[0].entry}", words)
+            cure = f"couple each of these with one: {', '.join(share.joint for share in loose)}"
+            yield problem(f"joints.{name}.{loose[0].entry}", f"{why} coordinates; {cure}")
 
 
 #: A table of ``[joints]``.
