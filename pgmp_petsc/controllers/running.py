@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.controllers.acting import has_slopes
 from pgmp_petsc.controllers.law import MEASURED, ControlLaw, respond
 from pgmp_petsc.effects.time_function import TimeFunction, amplitude_of
@@ -97,7 +98,7 @@ class Controls:
             every = {**scene.values, **values}
             limits = dict(zip(("lower", "upper"), entry.limits or (-np.inf, np.inf)))
             p = np.empty((n_samples, len(law.parameters) + 2))
-            for column, value in zip(p.T, [*(entry.constants()[name] for name in law.parameters), *limits.values()]):
+            for column, value in zip(p.T, [*(entry.parameters()[name] for name in law.parameters), *limits.values()]):
                 column[:] = every[value] if isinstance(value, str) else value
             if entry.reference.changes:
                 reference = amplitude_of(entry.reference)
@@ -129,6 +130,12 @@ class Controls:
             one.respond()
             z, change, auxiliary, force = one.parts(state.beside)
             z[:], change[:], auxiliary[:], force[:] = one.z, one.rates, one.rates, one.force[:, :1]
+            if not np.isfinite(one.force[:, 0]).any():
+                name = self.names[self._each.index(one)]
+                raise InputError(
+                    f"controllers.{name}: its force or the rates of its states are not finite at the start, where the "
+                    f"measure is {one.x[0, 1]:g}, its rate {one.x[0, 2]:g} and t = 0"
+                )
         self._kept.clear()
         self._keep(0.0, state, np.ones(self._n_samples, dtype=bool))
 
