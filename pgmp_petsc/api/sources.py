@@ -25,7 +25,7 @@ from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.reduction.rom import ReducedOrderModel, check_served, served_ranges
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.studies.inputs import scene_and_meshes
+from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.plausibility import plausibility
 
 Named = str | PathLike[str]
@@ -89,7 +89,7 @@ class Origin:
         elif self.model == REDUCED:
             scene, rom = read_rom(Path(self.source), self.overrides, self.settings, comm)
         else:
-            scene, meshes = scene_and_meshes(self.source, PURPOSES[self.model], self.overrides, self.settings, comm)
+            scene, meshes = read_scene(self.source, self.overrides, self.settings, comm, PURPOSES[self.model])
         with agreed(comm, "looking at the scene"):
             scene = check(scene) or scene
         tell_remarks(comm, scene.remarks if told else ())
