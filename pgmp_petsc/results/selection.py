@@ -1,5 +1,5 @@
-"""What was chosen for a scene, and why, parts of a reduced model's file: effects by their sizes, entries for tolerances.
-The assembled mechanism at the start, which a picture of a scene needs."""
+"""What was chosen for a scene, and why, parts of a reduced model's file: effects by their sizes, entries for
+tolerances. The assembled mechanism at the start, which a picture of a scene needs."""
 
 from __future__ import annotations
 
