@@ -181,7 +181,12 @@ def check_mass(body: Assembled, received: str) -> None:
 def check_free(body: Assembled, received: str) -> None:
     """Refuse a body in several pieces, and one whose rigid motions have stiffness, counted."""
     stiffness, mass, d = body.matrix("stiffness"), body.matrix("mass"), body.dimension
-    n_pieces, piece = connected_components(_by_nodes(stiffness, d), directed=False)
+    entries = stiffness.tocoo()
+    tied = entries.data != 0.0
+    pairs = entries.row[tied] // d, entries.col[tied] // d
+    n_pieces, piece = connected_components(
+        sp.coo_matrix((np.ones(tied.sum()), pairs), shape=(body.n_nodes,) * 2).tocsr(), directed=False
+    )
     if n_pieces > 1:
         aside = body.labels[np.flatnonzero(piece != piece[0])[0]]
         raise InputError(
@@ -235,15 +240,6 @@ def check_stated(found: MassProperties, stated: Stated, entry: str, system: Unit
                 f"{shown} {units}, which differs by more than {entry}.within = {stated.within:g} of "
                 f"{'the radius of gyration' if key == 'centre' else 'it'}; check units, and the frame of the nodes"
             )
-
-
-def _by_nodes(matrix: sp.csr_matrix, d: int) -> sp.csr_matrix:
-    """Return which nodes have an entry in common, other than 0."""
-    entries = matrix.tocoo()
-    chosen = entries.data != 0.0
-    pairs = (entries.row[chosen] // d, entries.col[chosen] // d)
-    n = matrix.shape[0] // d
-    return sp.coo_matrix((np.ones(chosen.sum()), pairs), shape=(n, n)).tocsr()
 
 
 def _bending(places: np.ndarray) -> np.ndarray:

@@ -46,7 +46,8 @@ class FaceFrame:
         local = local.reshape(faces.shape)
         rule = reference_element(kind).mass
         corners = places[faces]
-        areas = _areas(np.einsum("qja,eai->eqij", rule.gradients, corners)) * rule.weights
+        tangents = np.einsum("qja,eai->eqij", rule.gradients, corners)
+        areas = np.sqrt(np.linalg.det(np.einsum("eqik,eqil->eqkl", tangents, tangents))) * rule.weights
         points = np.einsum("qa,eai->eqi", rule.values, corners)
         area = areas.sum()
         centre = np.einsum("eq,eqi->i", areas, points) / area
@@ -94,12 +95,6 @@ class FaceFrame:
 def _inertia(second: np.ndarray) -> np.ndarray:
     """Return H / A from the mean of ``X' X^T``."""
     return np.trace(second) * np.eye(3) - second if len(second) == 3 else np.array([[np.trace(second)]])
-
-
-def _areas(tangents: np.ndarray) -> np.ndarray:
-    """Return the size of faces spanned by tangents (n_e, n_q, d, d - 1), shape (n_e, n_q)."""
-    metric = np.einsum("eqik,eqil->eqkl", tangents, tangents)
-    return np.sqrt(np.linalg.det(metric))
 
 
 def _crossing(arms: np.ndarray) -> np.ndarray:

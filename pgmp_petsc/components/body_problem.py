@@ -40,6 +40,7 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.resources import give_back
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.linear_fields import incommensurate
 from pgmp_petsc.ranks.petsc import aij_matrix, times
 from pgmp_petsc.solvers.shift_invert import ShiftedFactor, check_complete, check_residuals
 
@@ -228,11 +229,8 @@ class BlockLanczos:
         return self._shift + 1.0 / nu[:n_usable], vectors
 
     def _waves(self, attempt: int) -> np.ndarray:
-        """Return incommensurate waves over the unknowns, local columns."""
-        first, last = self._mass.getOwnershipRange()
-        rows, numbers = np.arange(first, last), 1 + N_WAVES * attempt + np.arange(N_WAVES)
-        places = 1.0 + rows * (np.sqrt(5.0) / self._mass.getSize()[0])
-        return np.cos(np.outer(places, 1.0 + np.sqrt(2.0) * numbers))
+        rows, numbers = np.arange(*self._mass.getOwnershipRange()), 1 + N_WAVES * attempt + np.arange(N_WAVES)
+        return incommensurate(rows, self._mass.getSize()[0], numbers)
 
 
 Terms = Mapping[Monomial, "PETSc.Mat"]
@@ -385,8 +383,8 @@ class BodyProblem:
 DEGREE = 3
 
 
-def polynomial_fields(places: np.ndarray, comm: Comm, degree: int = DEGREE) -> np.ndarray:
-    """Return polynomials up to a degree in every direction, as products of Legendre's over the body's box.
+def polynomial_fields(places: np.ndarray, comm: Comm) -> np.ndarray:
+    """Return polynomials up to `DEGREE` in every direction, as products of Legendre's over the body's box.
 
     Collective on `comm`, whose ranks have different places.
 
@@ -406,8 +404,8 @@ def polynomial_fields(places: np.ndarray, comm: Comm, degree: int = DEGREE) -> n
     comm.Allreduce(MPI.IN_PLACE, lowest, MPI.MIN)
     comm.Allreduce(MPI.IN_PLACE, highest, MPI.MAX)
     scaled = (2.0 * places - lowest - highest) / (highest - lowest)
-    along = [[legval(x, np.eye(degree + 1)[k]) for k in range(degree + 1)] for x in scaled.T]
-    powers = [power for power in product(range(degree + 1), repeat=d) if sum(power) <= degree]
+    along = [[legval(x, np.eye(DEGREE + 1)[k]) for k in range(DEGREE + 1)] for x in scaled.T]
+    powers = [power for power in product(range(DEGREE + 1), repeat=d) if sum(power) <= DEGREE]
     scalars = [np.prod([along[i][k] for i, k in enumerate(power)], axis=0) for power in powers]
     fields = np.einsum("fn,ij->nifj", np.array(scalars).reshape(len(powers), n), np.eye(d))
     return fields.reshape(n * d, -1)

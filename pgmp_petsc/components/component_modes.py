@@ -55,7 +55,7 @@ from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.floating import FloatingBody, second_moments
-from pgmp_petsc.bodies.linear_fields import linear_fields, rigid_motions
+from pgmp_petsc.bodies.linear_fields import incommensurate, linear_fields, rigid_motions
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.body_problem import BodyProblem, Operator, Subspace, Terms, petsc_terms
@@ -255,6 +255,7 @@ def _condensed(
         turn = turn @ section.at(values)
     keep = _without_rigid(d, constant, weighted_sum_dense(mass, values))
     rows = d * nodes.start + np.arange(d * len(nodes))
+    waves = incommensurate(rows, solid.n_dofs, np.arange(1, N_PROBES + 1))
     component = Component(
         {name: number for number, name in enumerate(frames)},
         np.array([frame.centre for frame in frames.values()]),
@@ -262,7 +263,7 @@ def _condensed(
         {w: keep.T @ a @ keep for w, a in stiffness.items()},
         moments,
         constant,
-        turn.T @ subspace.inner(subspace.mass_vectors, _waves(rows, solid.n_dofs)),
+        turn.T @ subspace.inner(subspace.mass_vectors, waves),
         solid.n_dofs,
         error,
     )
@@ -327,11 +328,6 @@ def _frame_shapes(stiffness: np.ndarray, frame_of: np.ndarray) -> np.ndarray:
     saddle = np.block([[stiffness, scale * frame_of.T], [scale * frame_of, np.zeros((n_frame, n_frame))]])
     right = np.vstack([np.zeros((n, n_frame)), scale * np.eye(n_frame)])
     return np.linalg.solve(saddle, right)[:n]
-
-
-def _waves(rows: np.ndarray, n: int) -> np.ndarray:
-    """Return incommensurate waves over the unknowns: no mode shape is orthogonal to its own one but by accident."""
-    return np.cos(np.outer(1.0 + rows * (np.sqrt(5.0) / n), 1.0 + np.sqrt(2.0) * np.arange(1, N_PROBES + 1)))
 
 
 DEGREE = 24  # of polynomials along the axis, for modes with up to half as many waves

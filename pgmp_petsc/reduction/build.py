@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import TypeVar
 
 import h5py
 import numpy as np
@@ -72,6 +73,7 @@ from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.references import stressed_bodies
 from pgmp_petsc.scene.uses import length_names
 
+OverSamples = TypeVar("OverSamples", MissedAnswers, JointGaps)
 FORMAT = 8
 INTERVAL = 10.0  # s
 LOCAL = ("shape", "mass_kept", "built_in")  # arrays of a sample of which every rank of a group has its own rows
@@ -275,7 +277,7 @@ def _built(
         *spring_remarks(effects, scene.reduction),
         *_doubts(float(joined.cosines.min()), n_redundant, indefinite),
         *rounds.remarks(store.samples, basis),
-        *_on_vectors(scene.reduction.parameter_modes, n_parameter),
+        *_few_vectors(scene.reduction.parameter_modes, n_parameter),
     )
     return ReducedOrderModel(
         tables=tables,
@@ -316,15 +318,13 @@ def _doubts(cosine: float, n_redundant: int, indefinite: str) -> Iterator[Remark
         yield note(f"{n_redundant} redundant constraints were dropped: others say the same")
 
 
-@gathered
-def _on_vectors(asked: int, found: int) -> Iterator[Remark]:
+def _few_vectors(asked: int, found: int) -> tuple[Remark, ...]:
     """Return what is said where there are fewer vectors of other parameter values than asked for."""
-    if found == asked:
-        return
-    yield warning(
+    said = warning(
         f"reduction.parameter_modes: {found} vectors in place of {asked}: no more are independent at every angle, "
         "as others vanish between those that were sampled first; outputs at other parameter values may be served less"
     )
+    return () if found == asked else (said,)
 
 
 @dataclass(frozen=True)
@@ -421,11 +421,7 @@ class _Sampling:
             return None
         answers = np.array([columns[dofs].T for columns, _, _ in gathered])
         found = MissedAnswers(gathered[0][1], dofs, np.array([forces for _, _, forces in gathered]), answers)
-        samples = store.samples
-        for axis in np.flatnonzero(basis.flipped.any(axis=1)):
-            found = found.over_two_turns(samples, axis, flipping_signs(basis.tables.n_modes, basis.flipped[axis]))
-            samples = samples.over_two_turns(axis)
-        return found
+        return _over_turns(found, store.samples, basis)
 
     def gaps(
         self, store: SampleStore, basis: ContinuousBasis | None, loads: Sequence[Load], rows: np.ndarray
@@ -442,11 +438,7 @@ class _Sampling:
         if gathered is None or basis is None:
             return None
         shapes, *tables = (np.array(parts) for parts in zip(*gathered))
-        found, samples = JointGaps(rows, *tables, shapes), store.samples
-        for axis in np.flatnonzero(basis.flipped.any(axis=1)):
-            found = found.over_two_turns(samples, axis, flipping_signs(basis.tables.n_modes, basis.flipped[axis]))
-            samples = samples.over_two_turns(axis)
-        return found
+        return _over_turns(JointGaps(rows, *tables, shapes), store.samples, basis)
 
     def _at_samples(
         self,
@@ -470,6 +462,14 @@ class _Sampling:
         if basis is None:
             return None
         return [item for _, item in sorted((k, item) for part in parts for k, item in part.items())]
+
+
+def _over_turns(found: OverSamples, samples: SampleGrid, basis: ContinuousBasis) -> OverSamples:
+    """Return tables of one turn over the turns of a basis."""
+    for axis in np.flatnonzero(basis.flipped.any(axis=1)):
+        found = found.over_two_turns(samples, axis, flipping_signs(basis.tables.n_modes, basis.flipped[axis]))
+        samples = samples.over_two_turns(axis)
+    return found
 
 
 def _probe(problem: ModalProblem, actions: tuple[Action, ...]) -> InfluenceProbe | None:

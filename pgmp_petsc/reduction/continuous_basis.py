@@ -151,7 +151,9 @@ def _overlaps(
                 continue
             else:
                 whole = None if group.roots is None else group.roots.recv(source=int(giver), tag=here)
-                rows = _own_rows(group, own[here], group.comm.bcast(whole))
+                counts = group.comm.allgather(len(own[here].shape))
+                first = sum(counts[: group.comm.rank])
+                rows = group.comm.bcast(whole)[first : first + len(own[here].shape)]
             product = own[here].mass_kept.T @ rows
             overlaps[here][axis] = product if group.comm.size == 1 else group.comm.allreduce(product)
     return overlaps
@@ -163,12 +165,6 @@ def _all_rows(group: RankGroup, rows: np.ndarray) -> np.ndarray | None:
         return rows
     parts = group.comm.gather(rows)
     return None if parts is None else np.concatenate(parts)
-
-
-def _own_rows(group: RankGroup, sample: Sample, whole: np.ndarray) -> np.ndarray:
-    counts = group.comm.allgather(len(sample.shape))
-    first = sum(counts[: group.comm.rank])
-    return whole[first : first + len(sample.shape)]
 
 
 class SampleStore:

@@ -168,7 +168,8 @@ def _fit(samples: Samples, table: np.ndarray, scheme: str, fine: int) -> tuple[A
             part = _spectral_on_fine_grid(samples, part, fine)
         elif not samples.is_uniform:
             part = _spline_on_fine_grid(samples, part, fine)
-        axis, part = _as_splines(samples, part)
+        axis = _axis(samples, len(part), B_SPLINE)
+        part = _periodic_coefficients(part) if samples.periodic else _coefficients(part)
         if found is None:
             found = np.empty((len(part), columns.shape[1]))
         found[:, first : first + COLUMNS] = part
@@ -185,12 +186,6 @@ def samples_for(scheme: str, lower: float, upper: float, n: int, periodic: bool)
     if scheme == "spectral" and not periodic:
         return Samples.chebyshev(lower, upper, n)
     return Samples.uniform(lower, upper, n, periodic)
-
-
-def _as_splines(samples: Samples, uniform: np.ndarray) -> tuple[Axis, np.ndarray]:
-    """Return grid and coefficients of the cubic spline through values at uniform points over the samples' range."""
-    coefficients = _periodic_coefficients(uniform) if samples.periodic else _coefficients(uniform)
-    return _axis(samples, len(uniform), B_SPLINE), coefficients
 
 
 def _periodic_coefficients(values: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -43,12 +43,9 @@ from pgmp_petsc.reduction.rom_file import (
     BranchFile,
     GapsFile,
     LengthsFile,
-    MissedFile,
     ModelFile,
-    PointsFile,
     RomFile,
     SecondOrderFile,
-    StiffnessChangesFile,
 )
 from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints
 from pgmp_petsc.reduction.tables import ModeChanges, ReducedTables, StiffnessChanges, rigid_inertia
@@ -152,7 +149,7 @@ class ReducedOrderModel:
 
     def _fields(self) -> dict[str, Any]:
         """Return all but the record and the family as a file has it."""
-        tables, missed, changes, second_order = self.tables, self.missed, self.stiffness_changes, None
+        tables, second_order = self.tables, None
         weights = {name: getattr(tables, name) for name in ("mass_weights", "stiffness_weights", "load_weights")}
         if tables.second_order is not None:
             second_order = SecondOrderFile(**vars(tables.second_order), **vars(tables.changes), **weights)
@@ -167,10 +164,10 @@ class ReducedOrderModel:
             "rigid": self.rigid_inertia,
             "second_order": second_order,
             "kinematics": BranchFile.of(self.branch),
-            "stiffness_changes": None if changes is None else StiffnessChangesFile(**vars(changes)),
-            "missed": None if missed is None else MissedFile(**vars(missed)),
+            "stiffness_changes": self.stiffness_changes,
+            "missed": self.missed,
             "joint_gaps": None if self.gaps is None else GapsFile(**vars(self.gaps)),
-            "parameter_points": PointsFile(**vars(self.points)) if self.points.values else None,
+            "parameter_points": self.points if self.points.values else None,
             "mesh": {name: BodyFile.of(shape) for name, shape in self.meshes.items()},
         }
 
@@ -194,12 +191,7 @@ class ReducedOrderModel:
     @classmethod
     def _of(cls, found: ModelFile, record: RunRecord) -> ReducedOrderModel:
         """Return the model that a file has."""
-        second, changes, missed, gaps, points = (
-            None if one is None else {item.name: getattr(one, item.name) for item in fields(one)}
-            for one in (
-                found.second_order, found.stiffness_changes, found.missed, found.joint_gaps, found.parameter_points
-            )
-        )  # fmt: skip
+        second, gaps = found.second_order, found.joint_gaps
         tables = ReducedTables(
             samples=found.samples,
             mass_weights=found.mass_weights,
@@ -211,8 +203,8 @@ class ReducedOrderModel:
             stiffness=found.stiffness,
             load=found.load,
             n_given=found.n_given,
-            second_order=second and SecondOrderTables(**{name: second[name] for name in CURVED}),
-            changes=second and ModeChanges(second["gyroscopic"], second["spread"]),
+            second_order=second and SecondOrderTables(*(getattr(second, name) for name in CURVED)),
+            changes=second and ModeChanges(second.gyroscopic, second.spread),
         )
         return cls(
             tables=tables,
@@ -220,10 +212,10 @@ class ReducedOrderModel:
             rigid_inertia=found.rigid,
             meshes={name: body.shape for name, body in found.mesh.items()},
             record=record,
-            points=ParameterPoints.none() if points is None else ParameterPoints(**points),
-            stiffness_changes=changes and StiffnessChanges(**changes),
-            missed=missed and MissedAnswers(**missed),
-            gaps=gaps and JointGaps(**gaps),
+            points=found.parameter_points or ParameterPoints.none(),
+            stiffness_changes=found.stiffness_changes,
+            missed=found.missed,
+            gaps=gaps and JointGaps(**vars(gaps)),
             **{name: getattr(found, name) for name in OWN},
         )
 

@@ -20,6 +20,7 @@ from itertools import product
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, Place
+from pgmp_petsc.declare.records import Record, array, attribute
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_names, length_range
 
@@ -153,13 +154,16 @@ class SampleGrid:
 
 
 @dataclass(frozen=True)
-class ParameterPoints:
-    """The points of a greedy choice."""
+class ParameterPoints(Record):
+    """Parameter points whose modes the basis takes up, by a greedy choice."""
 
-    values: dict[str, np.ndarray]  # values of the parameters, shape (n_points,) each
-    #: largest share of the energy norm that the basis misses at any candidate: before, and with each further point
-    missed: np.ndarray
-    n_vectors: int  # number of vectors that the basis takes from them
+    n_vectors: int = attribute("@n_vectors", about="vectors that the basis takes from them")
+    missed: np.ndarray = array(
+        "basis",
+        gaps=True,
+        about="share of the energy missed at the worst parameters tried: at first, with each point more",
+    )
+    values: dict[str, np.ndarray] = array("point", unit="SI", about="value of '{name}' at every point", ordered=True)
 
     @property
     def points(self) -> list[dict[str, float]]:
@@ -170,7 +174,7 @@ class ParameterPoints:
     @classmethod
     def none(cls) -> ParameterPoints:
         """Return no points."""
-        return cls({}, np.ones(1), 0)
+        return cls(0, np.ones(1), {})
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.sparse as sp
 
+from pgmp_petsc.bodies.linear_fields import incommensurate
 from pgmp_petsc.effects import Load
 from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.modes.built_in import BuiltIn
@@ -108,7 +109,9 @@ class Sampler:
         Raises `RunError` if the eigensolver fails; see `ModalProblem.solve`.
         """
         problem = self.problem
-        modes = _ascending(scramble(problem.solve(theta)))
+        modes = scramble(problem.solve(theta))
+        order = np.argsort(modes.eigenvalues, kind="stable")
+        modes = replace(modes, eigenvalues=modes.eigenvalues[order], flexible=modes.flexible[:, order])
         loads = self._loads.at(theta)
         static = static_modes(problem, modes, self._static_loads.at)
         shape = kept = np.hstack([modes.kept, static])
@@ -159,10 +162,7 @@ class Sampler:
         Internal coordinates of condensed bodies have no meaning of their own; the waves over the bodies' meshes have.
         """
         mechanism, rows = self.problem.mechanism, self.problem.rows
-        numbers = np.arange(mechanism.n_dofs)
-        waves = np.cos(
-            np.outer(1.0 + numbers * (np.sqrt(5.0) / mechanism.n_dofs), 1.0 + np.sqrt(2.0) * np.arange(1, n_waves + 1))
-        )
+        waves = incommensurate(np.arange(mechanism.n_dofs), mechanism.n_dofs, np.arange(1, n_waves + 1))
         for body in mechanism.bodies:
             if body.probes is not None:
                 waves[body.dofs] = body.probes[:, np.arange(n_waves) % body.probes.shape[1]]
@@ -213,8 +213,3 @@ def _stacked(terms: Sequence[sp.csr_matrix]) -> sp.csr_matrix | np.ndarray:
 def _symmetric(matrices: np.ndarray) -> np.ndarray:
     """Return the symmetric parts of matrices (n, k, k)."""
     return 0.5 * (matrices + np.swapaxes(matrices, 1, 2))
-
-
-def _ascending(modes: ModeSet) -> ModeSet:
-    order = np.argsort(modes.eigenvalues, kind="stable")
-    return replace(modes, eigenvalues=modes.eigenvalues[order], flexible=modes.flexible[:, order])

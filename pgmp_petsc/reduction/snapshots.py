@@ -73,13 +73,12 @@ class ParameterSnapshots:
         list of ndarray
             One of the same shape for every point.
         """
-        return [self._of_point(problem, theta, kept) for problem in self.problems]
-
-    def _of_point(self, problem: ModalProblem, theta: np.ndarray, kept: np.ndarray) -> np.ndarray:
-        modes = problem.solve(theta)
-        static = static_modes(problem, modes, self._loads.at)
-        own = np.hstack([modes.flexible, static])
-        return own @ problem.inner(own, problem.times_mass(kept))
+        found = []
+        for problem in self.problems:
+            modes = problem.solve(theta)
+            own = np.hstack([modes.flexible, static_modes(problem, modes, self._loads.at)])
+            found.append(own @ problem.inner(own, problem.times_mass(kept)))
+        return found
 
     def missed(self, snapshots: Sequence[np.ndarray], kept: np.ndarray) -> np.ndarray:
         """Return what vectors leave of the snapshots, side by side, M-orthogonal to them at the nominal parameters.
@@ -215,7 +214,7 @@ def choose_points(scene: Scene, problem: ModalProblem, loads: StaticLoads, group
         chosen, current = trial, found
         missed.append(current.max())
     values = {name: np.array([candidates[k][name] for k in chosen]) for name in spanned}
-    return ParameterPoints(values, np.array(missed), scene.reduction.parameter_modes)
+    return ParameterPoints(scene.reduction.parameter_modes, np.array(missed), values)
 
 
 class _Shares:

@@ -46,16 +46,32 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
 from pgmp_petsc.bodies.matrices import inertia_moments
+from pgmp_petsc.declare.records import Record, array, attribute
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.cell_products import SecondOrderTables, congruent
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
+
+WEIGHT_FREE = "SI, weight taken out"
+WEIGHTS = (
+    lambda weights: tuple(str(weight) for weight in weights),
+    lambda texts: tuple(Monomial.parse(str(text)) for text in texts),
+)
+Weights = tuple[Monomial, ...]
+
+
+def weights_of(table: str, size: str, **how: Any) -> Any:
+    """Declare the monomials of the terms of a table; ``also``: of the tables beside it."""
+    also = tuple(f"{other}@weights" for other in how.pop("also", ()))
+    about = "monomial of parameters that each term is multiplied with"
+    return attribute(f"{table}@weights", size, code=WEIGHTS, also=also, about=about, **how)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,11 +147,17 @@ def _turned(bodies: list, felt: list[np.ndarray | None], turns: list[np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class StiffnessChanges:
-    """Influences of all loads on the stiffness of the modes at the samples."""
+class StiffnessChanges(Record):
+    """Influences of all loads on the stiffness of the modes at the samples, modes in ascending order at each."""
 
-    influence: np.ndarray  # shape (n, n_modes, n_columns), modes in ascending order at every sample
-    stiffness: np.ndarray  # ``psi_k.K_t psi_k`` of every stiffness term, shape (n, n_stiffness_terms, n_modes)
+    influence: np.ndarray = array(
+        "configuration", "mode of the order", "load", unit="SI", gaps=True,
+        about="change of the modes' stiffness by unit loads and motions",
+    )  # fmt: skip
+    stiffness: np.ndarray = array(
+        "configuration", "stiffness term", "mode of the order", unit=WEIGHT_FREE, gaps=True,
+        about="psi_k.K_i psi_k of the modes",
+    )  # fmt: skip
 
     def over_two_turns(self, samples: SampleGrid, axes: Sequence[int]) -> StiffnessChanges:
         """Append a second revolution of some coordinates, on which the influences are the same."""

@@ -352,38 +352,38 @@ RESIDUAL_TOLERANCE = 1e-6  # of |lambda| |B x|; the eigenvalue's own error is of
 def check_residuals(
     a: PETSc.Mat, b: PETSc.Mat, values: np.ndarray, vectors: np.ndarray, floor: float, where: str
 ) -> None:
-    """Check residuals relative to the eigenvalue; those of zero eigenvalues to the first positive one.
+    """Check the residuals of ``A x = lambda B x`` for values (n,) and local rows of vectors (n_local, n).
 
-    Raises `RunError` if one is too large.
-
-    Parameters
-    ----------
-    a, b
-        Of ``A x = lambda B x``.
-    values, vectors
-        Shape (n,), and local rows (n_local, n).
-    floor
-        The first positive eigenvalue.
-    where
-        Configuration, for messages.
+    `floor` and errors are those of `refuse_residuals`; `where` is the configuration, for messages.
     """
     x, ax, bx = a.createVecRight(), a.createVecLeft(), a.createVecLeft()
+    residuals = np.empty(len(values))
     try:
-        for value, column in zip(values, vectors.T):
-            x.setArray(column)
+        for k, value in enumerate(values):
+            x.setArray(vectors[:, k])
             a.mult(x, ax)
             b.mult(x, bx)
-            scale = bx.norm() * max(abs(value), floor)
             ax.axpy(-value, bx)
-            residual = ax.norm() / scale
-            if not residual < RESIDUAL_TOLERANCE:
-                raise RunError(
-                    f"eigenproblem at {where}: eigenvalue {value:.6g} has the relative residual {residual:.2g}, "
-                    f"above {RESIDUAL_TOLERANCE:g}; the mesh may be too fine for double precision"
-                )
+            residuals[k] = ax.norm() / bx.norm()
     finally:
         for work in (x, ax, bx):
             work.destroy()
+    refuse_residuals(values, residuals, floor, f"eigenproblem at {where}")
+
+
+def refuse_residuals(values: np.ndarray, residuals: np.ndarray, floor: float, what: str) -> None:
+    """Refuse residuals ``|A x - lambda B x| / |B x|`` that are large beside the eigenvalues.
+
+    Those of zero eigenvalues are compared with the first positive one, `floor`. Raises `RunError`, beginning with
+    `what`.
+    """
+    relative = residuals / np.maximum(np.abs(values), floor)
+    wrong = np.flatnonzero(~(relative < RESIDUAL_TOLERANCE))
+    if wrong.size:
+        raise RunError(
+            f"{what}: eigenvalue {values[wrong[0]]:.6g} has the relative residual {relative[wrong[0]]:.2g}, above "
+            f"{RESIDUAL_TOLERANCE:g}; the mesh may be too fine for double precision"
+        )
 
 
 def check_complete(

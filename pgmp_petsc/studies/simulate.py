@@ -34,6 +34,7 @@ from pgmp_petsc.estimates.validity import Validity, remarks_of
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.mechanism import words_of
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, first_ranks
 from pgmp_petsc.reduced.energy import least_stiffness
@@ -121,7 +122,7 @@ class _Part:
         of has the shape (n_observed, n_t)."""
         time = np.array(times)
         with np.errstate(all="ignore"):
-            outputs = model.outputs.evaluate(observed)
+            outputs = cls._outputs(model, time, observed)
         known = [observed, *outputs.values()]
         known += [values.T for values in recorded.values() if isinstance(values, np.ndarray)]
         finite = np.all([np.isfinite(values.reshape(-1, time.size)).all(axis=0) for values in known], axis=0)
@@ -136,8 +137,13 @@ class _Part:
         kept = max(1, kept)
         recorded = {name: values[:kept] for name, values in recorded.items()}
         if kept < time.size:
-            outputs = model.outputs.evaluate(observed[..., :kept])
+            outputs = cls._outputs(model, time[:kept], observed[..., :kept])
         return cls(done, attempt, time[:kept], outputs, recorded)
+
+    @staticmethod
+    def _outputs(model: FullModel | ReducedModel, time: np.ndarray, observed: np.ndarray) -> dict[str, np.ndarray]:
+        found = model.outputs.evaluate(observed)
+        return counted_after(model.outputs.counts, time, found, model.scene.values)
 
     @property
     def reach(self) -> float:

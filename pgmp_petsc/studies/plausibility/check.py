@@ -137,6 +137,8 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) 
             yield doubt(where, f"{position / (2 * math.pi):.3g} turns; is it in degrees? {IN_RAD}", position)
     yield from _tables(scene)
     yield from _without_effect(scene)
+    for name, output in scene.outputs.items():
+        yield from output.doubts(scene, name)
     if not scene.outputs:
         yield doubt("outputs", "none: a run reports nothing, and an ensemble has no statistics; add [outputs.NAME]")
 
