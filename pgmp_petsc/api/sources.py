@@ -82,10 +82,9 @@ class Origin:
         it may return another scene to take. Raises `InputError` if it cannot be read, or has what its kind of model
         cannot have.
         """
-        rom, meshes = None, {}
         if self.model == REDUCED and isinstance(self.source, Rom):
             rom = self.source.data.rom
-            scene = on_root(comm, self._scene_of, rom)
+            scene = on_root(comm, scene_of_rom, rom, self.directory, self.overrides, self.settings, self.name)
         elif self.model == REDUCED:
             scene, rom = read_rom(Path(self.source), self.overrides, self.settings, comm)
         else:
@@ -93,16 +92,16 @@ class Origin:
         with agreed(comm, "looking at the scene"):
             scene = check(scene) or scene
         tell_remarks(comm, scene.remarks if told else ())
-        return reduced_model(scene, rom, comm) if rom is not None else mesh_model(scene, meshes, self.model, comm)
+        if self.model != REDUCED:
+            return mesh_model(scene, meshes, self.model, comm)
+        with agreed(comm, "preparing the reduced model"):
+            return ReducedModel(scene, rom)
 
     def settled(self, comm: Comm, check: Callable[[Scene], None] = lambda scene: None, many: bool = False) -> Model:
         """Return the model with the step that its tolerance asks for, of one run or of many. Collective on `comm`."""
         model, remark = settled(self.prepared(comm, check), comm, many)
         tell(comm, remark)
         return model
-
-    def _scene_of(self, rom: object) -> Scene:
-        return scene_of_rom(rom, self.directory, self.overrides, self.settings, self.name)
 
 
 def read_rom(
@@ -181,12 +180,6 @@ def _refuse(entry: str, name: object) -> None:
         "With a reduced model, simulation, initial, ensemble, outputs, distributions and bounds of parameters, their "
         "correlation, and the numbers of loads, joints' forces, elastic joints and motions may be changed"
     )
-
-
-def reduced_model(scene: Scene, rom: ReducedOrderModel, comm: Comm) -> ReducedModel:
-    """Return the reduced model of a scene. Collective on `comm`."""
-    with agreed(comm, "preparing the reduced model"):
-        return ReducedModel(scene, rom)
 
 
 def mesh_model(scene: Scene, meshes: Mapping[str, BodyShape], name: str, comm: Comm) -> Model:
