@@ -40,7 +40,6 @@ from pgmp_petsc.reduction.joint_gaps import JointGaps
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
 from pgmp_petsc.reduction.rom_file import (
     BodyFile,
-    BranchFile,
     GapsFile,
     LengthsFile,
     ModelFile,
@@ -163,7 +162,7 @@ class ReducedOrderModel:
             **weights,
             "rigid": self.rigid_inertia,
             "second_order": second_order,
-            "kinematics": BranchFile.of(self.branch),
+            "kinematics": self.branch,
             "stiffness_changes": self.stiffness_changes,
             "missed": self.missed,
             "joint_gaps": None if self.gaps is None else GapsFile(**vars(self.gaps)),
@@ -208,7 +207,7 @@ class ReducedOrderModel:
         )
         return cls(
             tables=tables,
-            branch=found.kinematics.branch,
+            branch=found.kinematics,
             rigid_inertia=found.rigid,
             meshes={name: body.shape for name, body in found.mesh.items()},
             record=record,
