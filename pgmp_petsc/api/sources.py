@@ -154,6 +154,9 @@ def _check_tables_hold(built: Scene, scene: Scene, name: object) -> None:
         free = {entry: getattr(effect, entry) for entry in effect.changeable}
         if type(then[key]) is not type(effect) or then[key].model_copy(update=free) != effect:
             _refuse(f"effects.{key}", name)
+    acting = [{k: (c.joint, c.motion) for k, c in one.controllers.items()} for one in (built, scene)]
+    if acting[0] != acting[1]:
+        _refuse("controllers", name)
     if built.parameters.keys() != scene.parameters.keys():
         _refuse("parameters", name)
     for key, parameter in scene.parameters.items():
@@ -179,7 +182,8 @@ def _refuse(entry: str, name: object) -> None:
     raise InputError(
         f"--override {entry}: the tables of '{name}' were built from this entry; override it in pgmp build instead. "
         "With a reduced model, simulation, initial, ensemble, outputs, distributions and bounds of parameters, their "
-        "correlation, and the numbers of loads, joints' forces, elastic joints and motions may be changed"
+        "correlation, the numbers of loads, joints' forces, elastic joints and motions, and controllers but for their "
+        "joints may be changed"
     )
 
 

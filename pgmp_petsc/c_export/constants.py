@@ -389,6 +389,8 @@ def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:
         yield "coordinates", f"a model in C has one or two rigid coordinates, not {len(scene.coordinates)}"
     if scene.fields:
         yield f"fields.{next(iter(scene.fields))}", "a model in C has no random fields"
+    if scene.controllers:
+        yield f"controllers.{next(iter(scene.controllers))}", "a model in C has no controllers"
     if scene.initial.equilibrium:
         yield "initial.equilibrium", "a model in C starts undeformed"
     if scene.simulation.tolerance is not None:

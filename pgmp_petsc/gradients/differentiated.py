@@ -99,6 +99,9 @@ def differentiate(
         if "multipliers" in entry.reads:
             why = "derivatives of forces in joints, which take those of accelerations, are not known"
             raise InputError(f"outputs.{name} ({entry.type}): {why}; leave it out, or compare runs (--set)")
+    for name in model.scene.controllers:
+        why = "derivatives of runs with controllers are not known"
+        raise InputError(f"controllers.{name}: {why}; compare runs (--set), or take samples (pgmp montecarlo)")
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
     of_sample = {name: np.array([value]) for name, value in values.items()}

@@ -89,6 +89,12 @@ def _lengths(scene: Scene) -> Iterator[str]:
             yield f'{use.entry} = "{use.parameter}"'
 
 
+def _by_tolerance(scene: Scene) -> Iterator[str]:
+    yield from _given("simulation.tolerance", scene.simulation.tolerance)
+    yield from _given("reduction.tolerance", scene.reduction.tolerance)
+    yield from _automatic(scene)
+
+
 def _elastic(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.{joint.gives_way}" for name, joint in scene.joints.items() if joint.gives_way)
 
@@ -122,6 +128,10 @@ def _of_second_order(scene: Scene) -> Iterator[str]:
 
 def _forces(scene: Scene) -> Iterator[str]:
     return (f"outputs.{n} ({one.type})" for n, one in scene.outputs.items() if "multipliers" in one.reads)
+
+
+def _controllers(scene: Scene) -> Iterator[str]:
+    return (f"controllers.{name} ({one.type})" for name, one in scene.controllers.items())
 
 
 def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
@@ -194,6 +204,41 @@ FEATURES = (
         OF_THE_REDUCTION,
         why_not="models at several lengths have no forces in joints",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
+    ),
+    Feature(
+        "controllers with lengths, places and ratios",
+        _with(_lengths, _controllers),
+        OF_THE_REDUCTION,
+        why_not="models at several lengths have no controllers",
+        cure="give it a number (--override), or take pgmp simulate SCENE --full",
+    ),
+    Feature(
+        "controllers beside forces in joints",
+        _with(_forces, _controllers),
+        OF_THE_REDUCTION,
+        why_not="forces in joints of reduced models do not know those of controllers",
+        cure="leave the output out, or take pgmp simulate SCENE --full",
+    ),
+    Feature(
+        "controllers with a choice by a tolerance",
+        _with(_by_tolerance, _controllers),
+        EVERYWHERE - {Purpose.MODES},
+        why_not="what is chosen hangs on errors that are not known with controllers",
+        cure="give the numbers themselves",
+    ),
+    Feature(
+        "sizes of effects with controllers",
+        _controllers,
+        frozenset({Purpose.SIZES}),
+        why_not="sizes of effects are those without control",
+        cure="take pgmp check without --effects",
+    ),
+    Feature(
+        "trade-off with controllers",
+        _controllers,
+        frozenset({Purpose.TRADEOFF}),
+        why_not="runs are compared without control",
+        cure="compare pgmp simulate SCENE --full with reduced runs",
     ),
     Feature(
         "elastic joints that are off themselves",

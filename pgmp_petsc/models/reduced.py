@@ -13,6 +13,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.effects import actions_of, effects_of, motions_of, start_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.models.measures import Measures
 from pgmp_petsc.models.model import require_lengths, search_of, velocities_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
 from pgmp_petsc.outputs.outputs import OutputSet
@@ -78,6 +79,7 @@ class ReducedModel:
         self.start = start_of(scene, mechanism)
         self._check_start(rom.tables.samples)
         self.outputs = OutputSet.of(scene, self.kinematics, self.start[0])
+        self.measures = Measures(scene, self.kinematics, self.start[0]) if scene.controllers else None
         damping = ReducedDamping.of(self.effects, self.kinematics, rom)
         self.terms = ReducedTerms.of(
             rom.tables, rom.rigid_inertia, self.kinematics, rom.projection, scheme, damping, scene.gyroscopic
@@ -210,6 +212,13 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
     own = model.scene.values | dict(values)
     given = offset_values(model.scene, own, n_samples)
     system = ReducedSystem(model.terms, model.effects, values, start, n_samples, model.motions, model.actions, given)
+    if model.measures is not None:
+        reconstruction = Reconstruction(
+            model.kinematics, model.rom, model.scene.reduction.interpolation, model.measures.nodes
+        )
+        system.control(
+            model.measures.controls(lambda s: reconstruction.jets((s.q, s.v), 1), values, n_samples, system.put_forces)
+        )
     if model.scene.initial.equilibrium:
         free = model.scene.initial.coordinates == "free"
         statics = ReducedStatics(system, None if free else angles)

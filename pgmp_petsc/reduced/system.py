@@ -15,6 +15,8 @@ import numpy as np
 
 from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.controllers.acting import ACTING_LAW
+from pgmp_petsc.controllers.running import Controls
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
 from pgmp_petsc.full.part_reference import Reference
@@ -258,9 +260,18 @@ class ReducedSystem(SecondOrderSystem):
         self._strengths = ReducedStrengths(
             self._load_effects, self._actions.actions, motions, self.tables.n_coordinates
         )
+        self.controlled = [k for k, action in enumerate(self._actions.actions) if action.law is ACTING_LAW]
         self.n_events = self._memory.depths.shape[1]
         searched = (self._load_effects, self._actions.actions, motions) if self.n_events else ((), (), {})
         self._functions = functions_of_time(*searched, self.tables.n_coordinates)
+
+    def control(self, controls: Controls) -> None:
+        """Let controllers act."""
+        self.beside = controls
+
+    def put_forces(self, forces: np.ndarray) -> None:
+        """Take forces of controllers, with their stiffness and damping, (n_controllers, n_samples, 3)."""
+        self._equations.local.actions.parameters[self.controlled, :, :3] = forces
 
     @property
     def n_eta(self) -> int:
@@ -293,14 +304,19 @@ class ReducedSystem(SecondOrderSystem):
         else:
             q[:] = self.settled.unknowns.T
         state = State(q, v, np.zeros_like(q), np.zeros(0))
-        # accelerations enter linearly: with stiffness negligible in the matrix, a correction solves M a = -r
-        trial = state.copy()
-        only_mass = Scheme(0.0, 0.0, 0.0, 0.0, gain_v=0.0, gain_a=LARGE)
-        everyone = np.ones(self.n_samples, dtype=bool)
-        self.correct(0.0, trial, only_mass, everyone, fresh=True)
-        state.a = trial.a
-        self._strengths.prescribe(0.0, state, everyone)
+        if self.beside is not None:
+            self.beside.start(state)
+        self.accelerate(0.0, state, np.ones(self.n_samples, dtype=bool))
         return state if self.settled is None else self.settled.at_rest(state, len(self._motions))
+
+    def accelerate(self, time: float, state: State, samples: np.ndarray) -> None:
+        """Give samples their accelerations; see `SecondOrderSystem`."""
+        # they enter linearly: with stiffness negligible in the matrix, a correction solves M a = -r
+        trial = state.copy()
+        trial.a[:] = 0.0
+        self.correct(time, trial, Scheme(0.0, 0.0, 0.0, 0.0, gain_v=0.0, gain_a=LARGE), samples, fresh=True)
+        state.a[samples] = trial.a[samples]
+        self._strengths.prescribe(time, state, samples)
 
     def _answer_offsets(self, q: np.ndarray) -> None:
         """Give the flexible coordinates of q what they add to the static answer to offsets, without loads, in place:
@@ -569,6 +585,9 @@ class ReducedSystem(SecondOrderSystem):
         found = np.zeros((times.size, self.n_samples, 3, len(actions)))
         if found.size:
             given = amplitudes_over(actions, times)[:, None] if amplitudes is None else amplitudes
+            if self.beside is not None:
+                given = np.repeat(given, self.n_samples // given.shape[1], axis=1)
+                given[:, :, self.controlled] += self.beside.forces(times)
             act_on(
                 *self._passed, self._lanes.packed_over(given), np.ascontiguousarray(trail), lanes, gain_v,
                 np.bool_(with_tangent), found,
