@@ -93,10 +93,8 @@ def run_history(
 ) -> History:  # fmt: skip
     """Integrate samples on this rank, in batches as large as the model takes, or on the ranks of a given system.
 
-    - `model`: any model of a scene.
-    - `values`: parameter values, each of shape (n_samples,).
-    - `n_steps`: equal time steps over the scene's duration.
-    - `system`: the only sample on ranks that share it; made here otherwise.
+    Values of parameters have shape (n_samples,), time steps are equal over the scene's duration; `system` is the only
+    sample on ranks that share it.
     """
     if system is not None:
         return _integrated(model, system, n_steps)
@@ -115,7 +113,10 @@ def run_history(
 def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> History:
     """Integrate a system and evaluate the outputs at the kept instants."""
     every, kept, times, of_joints, n_samples = spacing(n_steps), [], [], [], system.n_samples
-    reduced, measures = isinstance(model, ReducedModel), _limited(model)
+    reduced, kinematics = isinstance(model, ReducedModel), model.kinematics
+    # what measures coordinates with a limited range; a reduced model watches its own itself
+    limited = () if reduced else [c for c in kinematics.coordinates if not c.periodic]
+    measures = [(c, Reading.of_coordinate(c, kinematics)) for c in limited]
     nodes = sorted(set().union(*(angle.nodes for _, angle in measures)))
 
     def record(step: int, time: float, state: State) -> None:
@@ -144,15 +145,6 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> His
     return History(n_steps, every, outputs, run.status, inside, run.failure_time)
 
 
-def _limited(model: AnyModel) -> list[tuple[Coordinate, Reading]]:
-    """Return the coordinates with a limited range, and what measures them; none of a reduced model, which watches its
-    range itself."""
-    kinematics = model.kinematics
-    if isinstance(model, ReducedModel):
-        return []
-    return [(c, Reading.of_coordinate(c, kinematics)) for c in kinematics.coordinates if not c.periodic]
-
-
 def _inside(measured: Sequence[tuple[Coordinate, np.ndarray]], n_samples: int) -> np.ndarray:
     """Return which samples stayed in the ranges of their coordinates, of angles of shape (n_kept, n_samples)."""
     result = np.ones(n_samples, dtype=bool)
@@ -170,9 +162,7 @@ def errors_between(found: History, exact: History, floors: np.ndarray) -> np.nda
     The error is a share of the largest value of the exact output over time, or of `floors` where that is larger. It is
     infinite where only `found` failed, or has no number at a tenth of the instants and more at which the exact run has
     one (a deformation is none outside a limited range); NaN where the exact run failed or has no number at any instant.
-
-    - `found`, `exact`: histories of the same samples; one's number of steps divides the other's.
-    - `floors`: in the outputs' units, shape (n_outputs,).
+    Histories are of the same samples, one's number of steps divides the other's; floors are (n_outputs,).
     """
     one, other = _common(found, exact)
     known = np.isfinite(other)
@@ -193,8 +183,7 @@ def largest_errors(found: History, exact: History, floors: np.ndarray) -> np.nda
     NaN where a sample's output has no number where the exact one has, or no sample has any to compare with.
     """
     errors = errors_between(found, exact, floors)
-    known = np.isfinite(errors) | np.isposinf(errors)
-    largest = np.max(errors, axis=1, initial=-1.0, where=known)
+    largest = np.max(errors, axis=1, initial=-1.0, where=np.isfinite(errors) | np.isposinf(errors))
     return np.where(np.isinf(largest) | (largest < 0.0), np.nan, largest)
 
 
@@ -285,11 +274,6 @@ BASIS_ALONE = 0.45  # of the tolerance, where no basis does with its share: near
 def shares_of(fixed_grid: bool) -> dict[str, float]:
     """Return the shares of the reduction's tolerance; with fixed angles, interpolation is part of the basis's error."""
     return {"basis": REDUCTION} if fixed_grid else {"basis": BASIS, "interpolation": INTERPOLATION}
-
-
-def shares_shifted() -> dict[str, float]:
-    """Return the shares of the reduction's tolerance where the basis needs what more angles can spare."""
-    return {"basis": BASIS_ALONE, "interpolation": REDUCTION - BASIS_ALONE}
 
 
 @dataclass

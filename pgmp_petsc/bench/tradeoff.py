@@ -58,18 +58,11 @@ def measure_tradeoff(
 ) -> Tradeoff | None:  # fmt: skip
     """Measure errors and times of the settings of a sweep. Collective on `comm`.
 
-    Raises `InputError` if the scene has no outputs, its mechanism cannot be closed, or there is no reference within the
-    budget; `RunError` if the reference fails at a test value, so that there is nothing to compare with.
-
-    - `scene`, `meshes`: the scene, with outputs.
-    - `sweep`: how many settings.
-    - `n_samples`: number of samples that the advice is for.
-    - `quick`: whether the sweep is the short one; for the record.
-    - `comm`: ranks that share the settings.
-    - `finished`: what an earlier run finished, and where finished tasks are kept.
-    - `say`: gets what errors are measured against and what that is predicted to take, before it is run.
-
-    The first rank gets the `Tradeoff`, the others None.
+    Advice is for `n_samples`, `quick` is for the record; `finished` is what an earlier run finished, and where finished
+    tasks are kept; `say` gets what errors are measured against and what that is predicted to take, before it is run.
+    The first rank gets the `Tradeoff`, the others None. Raises `InputError` if the scene has no outputs, its mechanism
+    cannot be closed, or there is no reference within the budget; `RunError` if the reference fails at a test value, so
+    that there is nothing to compare with.
     """
     if not scene.outputs:
         raise InputError(
@@ -188,7 +181,7 @@ def _times(
                     bench.take_times(setting, turn, sweep.few_repeats)
                     bar.update()
         for setting in todo:
-            known[setting] = {"times": bench.times(setting), "spent": bench.spent_on(setting)}
+            known[setting] = {"times": bench.times(setting), "spent": bench.spent_on[setting]}
             if finished is not None:
                 finished.put("times", setting, known[setting])
     every = {setting: arrays for part in comm.gather(known) or () for setting, arrays in part.items()}

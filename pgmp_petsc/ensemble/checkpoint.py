@@ -3,10 +3,11 @@ them: one number a sample in a file, so that memory holds one column at a time, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Protocol, Self
@@ -79,19 +80,14 @@ class Checkpoint:
         if plan.shard is not None:
             run["shard"] = str(plan.shard)
         self._folder = CheckpointFolder(plan.output, run, {"samples": plan.n_samples} if grows else {})
+        self.folder = self._folder.path  # where the batches are
         self._end = plan.samples[1]
         self.remarks: tuple[Remark, ...] = ()
 
-    @property
-    def folder(self) -> Path:
-        """Where the batches are."""
-        return self._folder.path
-
     def open(self) -> Finished:
-        """Start anew, or take up what is there if the plan says so.
+        """Start anew, or take up what is there if the plan says so; raises `InputError` if that is of another run.
 
-        A piece that is damaged, of another run or in no place of this one is set aside, with a remark. Raises
-        `InputError` if what is there belongs to another run.
+        A piece that is damaged, of another run or in no place of this one is set aside, with a remark.
         """
         started = self._folder.open(self._plan.resume)
         samples, of_samples = self._taken_up(SAMPLES)
@@ -115,8 +111,7 @@ class Checkpoint:
 
     def add(self, piece: Piece, batch: Batch) -> None:
         """Store what came of a piece."""
-        name = f"{CHECKED if piece.is_checked else SAMPLES}{batch.first:09d}"
-        self._folder.put(name, {**_ends(batch), **_named(batch, NAMED)})
+        self._folder.put(f"{CHECKED if piece.is_checked else SAMPLES}{batch.first:09d}", _named(batch, NAMED))
 
     def up_to(self, n: int) -> Self:
         """Return the checkpoint of the first n samples of the plan, whatever else is there."""
@@ -144,9 +139,9 @@ class Checkpoint:
         begin = self._plan.samples[0]
         columns = Columns(self.folder, self._end - begin)
         for batch in self.batches(IN_ALL):
-            columns.put(batch.first - begin, {**_ends(batch), **_named(batch, IN_ALL)})
+            columns.put(batch.first - begin, _named(batch, IN_ALL))
         for batch in self.estimates():
-            columns.put(batch.first - begin, _named(batch, IN_CHECKED))
+            columns.put(batch.first - begin, _named(batch, IN_CHECKED, with_ends=False))
         return columns
 
     def bands(self, n: int) -> dict[str, np.ndarray]:
@@ -154,13 +149,8 @@ class Checkpoint:
 
         Raises `RunError`, as `batches`.
         """
-        parts: dict[str, list[np.ndarray]] = {}
-        for batch in self.batches(("bands",)):
-            if batch.first >= n:
-                break
-            for name, values in batch.bands.items():
-                parts.setdefault(name, []).append(values[: n - batch.first])
-        return {name: np.concatenate(values) for name, values in parts.items()}
+        within = takewhile(lambda batch: batch.first < n, self.batches(("bands",)))
+        return joined({name: values[: n - batch.first] for name, values in batch.bands.items()} for batch in within)
 
     def estimates(self) -> Iterator[Batch]:
         """Yield the pieces of samples whose errors were estimated."""
@@ -204,19 +194,24 @@ class Checkpoint:
         return batch
 
 
+def joined(parts: Iterable[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Return arrays of the same names put together along their first axis."""
+    found: dict[str, list[np.ndarray]] = {}
+    for part in parts:
+        for name, values in part.items():
+            found.setdefault(name, []).append(values)
+    return {name: np.concatenate(values) for name, values in found.items()}
+
+
 def remove_checkpoint(plan: Plan) -> None:
     """Remove what a plan's ensemble has kept; the result holds all of it."""
     CheckpointFolder(plan.output, {}).remove()
 
 
-def _ends(batch: Batch) -> dict[str, np.ndarray]:
-    """Return how the samples of a batch ended."""
-    return {"status": batch.status, "failure_time": batch.failure_time}
-
-
-def _named(batch: Batch, kinds: Sequence[str]) -> dict[str, np.ndarray]:
-    """Return arrays of a batch by ``<kind>.<name>``."""
-    return {f"{kind}.{name}": values for kind in kinds for name, values in getattr(batch, kind).items()}
+def _named(batch: Batch, kinds: Sequence[str], with_ends: bool = True) -> dict[str, np.ndarray]:
+    """Return arrays of a batch by ``<kind>.<name>``, and how its samples ended."""
+    ends = {"status": batch.status, "failure_time": batch.failure_time} if with_ends else {}
+    return ends | {f"{kind}.{name}": values for kind in kinds for name, values in getattr(batch, kind).items()}
 
 
 def _cut(batch: Batch, n: int) -> Batch:
@@ -245,12 +240,8 @@ _AT_ONCE = 1 << 16  # numbers
 class Columns(Mapping[str, np.ndarray]):
     """Columns (n_samples,) by name, read when they are asked for; NaN where nothing was put.
 
-    The file has no name: it is gone with the last reference to it, however the run ends.
-
-    - `folder`: where there is space for it.
-    - `n_samples`: length of every column.
-
-    Raises `RunError` if the system fails to make it.
+    The file is in a folder with space for it, and has no name: it is gone with the last reference to it, however the
+    run ends. Raises `RunError` if the system fails to make it.
     """
 
     def __init__(self, folder: Path, n_samples: int) -> None:
@@ -261,15 +252,14 @@ class Columns(Mapping[str, np.ndarray]):
         finalize(self, self._file.close)
 
     def put(self, first: int, columns: Mapping[str, np.ndarray]) -> None:
-        """Put in what is known of samples first, first + 1, and so on.
-
-        Raises `RunError` if the system fails to write.
-        """
+        """Put in what is known of samples first, first + 1, and so on; raises `RunError` if the system fails."""
         with self._written():
             for name, values in columns.items():
                 if name not in self._places:
-                    self._add(name)
-                self._write(self._offset(name) + first * _NUMBER.itemsize, values)
+                    self._places[name] = len(self._places)
+                    for begin in range(0, self._n_samples, _AT_ONCE):
+                        self._write(name, begin, np.full(min(_AT_ONCE, self._n_samples - begin), np.nan))
+                self._write(name, first, values)
 
     def of(self, kind: str) -> Mapping[str, np.ndarray]:
         """Return the columns whose names begin with ``<kind>.``, by what follows."""
@@ -283,22 +273,15 @@ class Columns(Mapping[str, np.ndarray]):
             what = f"samples could not be put together in '{self._folder}'"
             raise RunError(f"{what}: {error.strerror}; what is finished is kept, and --resume takes it up") from error
 
-    def _add(self, name: str) -> None:
-        """Add a column of NaN."""
-        self._places[name] = len(self._places)
-        for begin in range(0, self._n_samples, _AT_ONCE):
-            n = min(_AT_ONCE, self._n_samples - begin)
-            self._write(self._offset(name) + begin * _NUMBER.itemsize, np.full(n, np.nan))
-
-    def _write(self, offset: int, values: np.ndarray) -> None:
-        """Write numbers at an offset (bytes); the system may take them in parts."""
+    def _write(self, name: str, first: int, values: np.ndarray) -> None:
+        """Write numbers into a column, from a sample on; the system may take them in parts."""
         left = memoryview(np.ascontiguousarray(values, dtype=_NUMBER)).cast("B")
-        self._file.seek(offset)
+        self._file.seek(self._offset(name, first))
         while left:
             left = left[self._file.write(left) :]
 
-    def _offset(self, name: str) -> int:
-        return self._places[name] * self._n_samples * _NUMBER.itemsize
+    def _offset(self, name: str, sample: int = 0) -> int:
+        return (self._places[name] * self._n_samples + sample) * _NUMBER.itemsize
 
     def __getitem__(self, name: str) -> np.ndarray:
         self._file.seek(self._offset(name))
@@ -332,14 +315,12 @@ class _Part(Mapping[str, np.ndarray]):
 
 
 class Kept(Protocol):
-    """Samples that are finished: in a checkpoint, or in the files of shards."""
+    """Samples that are finished: a `Checkpoint`, or what the files of shards have of one."""
 
-    @property
-    def remarks(self) -> tuple[Remark, ...]:
-        """Remarks on files that were found and not taken up."""
+    remarks: tuple[Remark, ...]
 
     def columns(self) -> Columns:
-        """Return what is known of all samples as columns ``<kind>.<name>``, with ``status`` and ``failure_time``."""
+        """See `Checkpoint.columns`."""
 
     def bands(self, n: int) -> Mapping[str, np.ndarray]:
-        """Return the outputs of those among the first n samples at the instants of the bands, each (n_known, n_t)."""
+        """See `Checkpoint.bands`; of those samples that are known."""

@@ -56,11 +56,6 @@ class DesignPoints:
         return np.sum(self.points * self.alpha, axis=1)
 
 
-def cost_of(d: int, slopes: Slopes | None) -> int:
-    """Return the evaluations that a search from one start takes as a rule, where the border is nearly plane."""
-    return USUAL_STEPS * (1 if slopes is not None else d + 1)
-
-
 class _Tangents:
     """Planes that touch g where its derivatives were taken, as ``g(u) = of + slope . u``."""
 
@@ -101,7 +96,8 @@ def design_points(
       or the event is all around, none does.
     """
     d, used, found, in_vain, is_bent = starts.shape[1], 0, [], 0, False
-    cost, tangents = cost_of(d, slopes), _Tangents(d)
+    tangents = _Tangents(d)
+    cost = USUAL_STEPS * (1 if slopes is not None else d + 1)  # of a search as a rule, where the border is nearly plane
     points, g = (np.zeros((0, d)), np.zeros(0)) if others is None else others
     points, g = points[np.isfinite(g)], g[np.isfinite(g)]
     inside = points[g <= 0.0]
@@ -148,7 +144,7 @@ def _search(
         return g[:, 0], (g[:, 1:] - g[:, :1]) / DIFFERENCE
 
     def gradient(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        g, slope = differences(u) if slopes is None else slopes(u)
+        g, slope = (slopes or differences)(u)
         tangents.add(u, g, slope)
         return g, slope
 
@@ -222,11 +218,8 @@ def bisected_design_points(inside: LimitState, starts: np.ndarray, most: int) ->
     On the ray from the origin through a point of the event bisection finds the border; so it does on rays through
     points at the distance `WIDE` from there along each variable. The plane through those borders (least squares) has a
     nearest point, whose ray is the next one: it is a design point where the border is on it, too. An error of
-    ``WIDE / 2^BISECTED`` of every border turns the plane by a few hundredths.
-
-    - `inside`: of points (n, d), shape (n,): whether they are in the event.
-    - `starts`: in the event, shape (n, d), the best first.
-    - `most`: evaluations at most.
+    ``WIDE / 2^BISECTED`` of every border turns the plane by a few hundredths. `inside` says of points (n, d) whether
+    they are in the event; starts (n, d) are, the best first; `most` are the evaluations at most.
     """
     d, used, found, in_vain = starts.shape[1], 0, [], 0
     each, n_starts = d * BISECTED + 2 * FINELY, len(starts)
@@ -267,8 +260,7 @@ def bisected_design_points(inside: LimitState, starts: np.ndarray, most: int) ->
             break
     if not found:
         return None
-    is_open = bool(len(starts))
-    return DesignPoints(*(np.array(part) for part in zip(*found)), used, False, is_open)
+    return DesignPoints(*(np.array(part) for part in zip(*found)), used, False, bool(len(starts)))
 
 
 def _merit(u: np.ndarray, g: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -62,12 +62,8 @@ if TYPE_CHECKING:
 class Integration:
     """The samples of one model, in a checkpoint.
 
-    - `model`, `plan`, `group`: as of `run_ensemble`. Collective on ``group.world``, as are all methods but `kept`.
-    - `timings`: where the time goes.
-    - `phase`: what is timed.
-    - `sampler`: where samples come from; that of the plan, unless they are another ensemble's.
-
-    Raises `InputError` as `run_ensemble`.
+    Collective on ``group.world``, as are all methods; model, plan and group as of `run_ensemble`, which says what is
+    raised. Samples come from the plan's sampler, unless another ensemble's is given; times count for a phase.
     """
 
     def __init__(
@@ -146,10 +142,6 @@ class Integration:
         """How many samples are finished."""
         return sum(last - first for first, last in self._finished.samples)
 
-    def kept(self, n: int) -> Checkpoint:
-        """Return the samples before sample n; by rank 0."""
-        return self.checkpoint.up_to(n)
-
 
 def run_batch(
     model: Model, values: Mapping[str, np.ndarray], first: int = 0, watchers: Sequence[Watcher] = (),
@@ -220,10 +212,7 @@ def _with_outputs(
 
 
 class Watching:
-    """Follows the runs of a model's samples.
-
-    `share`, `block`: of the samples whose errors are estimated, and in what numbers (`block_of`).
-    """
+    """Follows the runs of a model's samples; of a `share` of them, in blocks (`block_of`), errors are estimated."""
 
     def __init__(self, model: Model) -> None:
         self.share, self.block = share_of(model), block_of(model.scene, model.name)
@@ -293,7 +282,7 @@ def run_ensemble(
 
             return shard_of(Origin.of(model), plan, own.checkpoint, comm.size, timings)
         found = describe_ensemble(
-            Origin.of(model), replace(plan, n_samples=n), own.sampler, own.kept(n), comm.size, timings,
+            Origin.of(model), replace(plan, n_samples=n), own.sampler, own.checkpoint.up_to(n), comm.size, timings,
             looked=bool(history) and bool(stop.rules),
         )  # fmt: skip
         if history:
@@ -302,8 +291,8 @@ def run_ensemble(
             remarks = (*found.record.remarks, earlier.remark)
             found = replace(found, record=replace(found.record, remarks=remarks))
         if better:
-            parts = {one.name: part.kept(k).columns() for one, part, k in zip(better, others, given)}
-            columns = {**parts, model.name: own.kept(n).columns()}
+            parts = {one.name: part.checkpoint.up_to(k).columns() for one, part, k in zip(better, others, given)}
+            columns = {**parts, model.name: own.checkpoint.up_to(n).columns()}
             found = with_better(found, model.scene, columns, own.sampler.replicates(n))
         return found
 
@@ -311,10 +300,10 @@ def run_ensemble(
 def look_at(own: Integration, stop: Stop) -> list[Seen]:
     """Integrate until the rules are met or the budget is spent; return what was seen. Collective."""
 
-    def seen(n: int) -> Seen:
-        def looking() -> Seen:
-            return see(stop.rules, own.model.scene, own.sampler, own.kept(n), n)
+    def looking(n: int) -> Seen:
+        return see(stop.rules, own.model.scene, own.sampler, own.checkpoint.up_to(n), n)
 
-        return on_root(own.comm, looking)
+    def seen(n: int) -> Seen:
+        return on_root(own.comm, looking, n)
 
     return stages(stop, own.sampler.unit, own.plan.n_samples, own.up_to, seen, own.comm)

@@ -93,9 +93,7 @@ def calibrated(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     merely significant explains little and, found from the tails that a few samples happen to have, adds more error to
     the figures than it takes away, of which intervals do not know. What is taken is no more than a model that is
     another function of the parameters, so that whatever follows keeps its expectation; `python -m benchmarks.joined
-    coverage` measures how often intervals hold.
-
-    `values`: as `mean_of` takes them.
+    coverage` measures how often intervals hold. Values are as `mean_of` takes them.
     """
     return [values[0], *(_calibrated(values[0], other) for other in values[1:])]
 
@@ -152,12 +150,9 @@ def mean_of(
         gains = np.array([np.mean(one) - np.mean(one[:n]) for one, n in zip(others, m)])
         weights = 1.0 / m[1:] - 1.0 / m[:-1]  # of a sample that both means of a gain have
         # the first stratum: everything once more, without each of its samples in turn
-        without = np.where(
-            known[:, None],
-            (products[:, None] - first / (first - 1) * centred * of_best)
-            / _positive(squares[:, None] - first / (first - 1) * centred**2),
-            0.0,
-        )
+        left = squares[:, None] - first / (first - 1) * centred**2
+        left = np.where(left > 0.0, left, np.inf)  # without one sample there may be nothing left
+        without = np.where(known[:, None], (products[:, None] - first / (first - 1) * centred * of_best) / left, 0.0)
         moved = gains[:, None] - first * weights[:, None] * centred / (first - 1)
         repeated = np.mean(best) - of_best / (first - 1) + np.sum(without * moved, axis=0)
         parts = [(first - 1) / first * np.sum((repeated - repeated.mean()) ** 2)]
@@ -206,11 +201,9 @@ def deviation_of(
     values: Sequence[np.ndarray], mean: Estimate, confidence: float, replicates: np.ndarray | None = None,
     n_curved: int = 0, part: float = 0.0,
 ) -> tuple[float, np.ndarray]:  # fmt: skip
-    """Return the standard deviation of the best model and its interval (2,).
+    """Return the standard deviation of the best model and its interval (2,), from what `mean_of` takes and gives.
 
     Both are NaN where the variance is not positive, the interval below `FEWEST_OF_DEVIATION` samples.
-
-    `values`, `mean`, `replicates`, `n_curved`, `part`: as `mean_of` takes and gives them.
     """
     n_taken = n_curved + (replicates is not None)  # of few replicates the mean takes one more degree
     centres = [mean.value, *(float(np.mean(value)) for value in values[1:])]
@@ -228,10 +221,8 @@ def deviation_of(
 
 
 def probability_of(came_true: Sequence[np.ndarray], confidence: float) -> tuple[float, np.ndarray]:
-    """Return the probability of an event in the best model and its interval (2,).
-
-    `came_true`: of every model, bool, as `mean_of` takes values.
-    """
+    """Return the probability of an event in the best model and its interval (2,); `came_true`, bool, is of every model
+    as `mean_of` takes values."""
     value = float(np.mean(came_true[-1]))
     low, high = intervals.of_probability(int(came_true[-1].sum()), came_true[-1].size, confidence)
     for better, cheaper in reversed(list(zip(came_true, came_true[1:]))):
@@ -252,10 +243,8 @@ def probability_with_failed(
     came_true: Sequence[np.ndarray], known: Sequence[np.ndarray], confidence: float
 ) -> tuple[float, np.ndarray]:
     """Return the probability of an event over the draws that are known in all models, and an interval (2,) in which
-    the others are outside the event in every model at its lower end, and in it at the upper one.
-
-    `came_true`, `known`: of every model, bool, as `mean_of` takes values; draws that are not known did not come true.
-    """
+    the others are outside the event in every model at its lower end, and in it at the upper one; bool, as
+    `probability_of` takes it, false of draws that are not known."""
     each = [known[-1][: one.size] for one in came_true]
     for one in known[:-1]:
         each = [of & np.concatenate([one, np.ones(max(of.size - one.size, 0), dtype=bool)])[: of.size] for of in each]
@@ -289,11 +278,6 @@ def allocation(costs: np.ndarray, correlations: np.ndarray) -> np.ndarray:
     return np.maximum.accumulate(np.sqrt(costs[0] * gains / (costs * gains[0])))
 
 
-def _positive(values: np.ndarray) -> np.ndarray:
-    """Return sums of squares, and infinity where without one sample there is nothing left of them."""
-    return np.where(values > 0.0, values, np.inf)
-
-
 PILOT = 16  # samples of every better model
 PILOT_OF_OWN = 256  # of the ensemble's own, which is as a rule faster in large batches
 FOR_DEVIATIONS = 0.1  # of the budget, for samples enough for an interval of the deviation
@@ -302,21 +286,15 @@ ROUNDS = (0.1, 0.4, 1.0)  # shares of what is chosen that are integrated before 
 
 
 class Integrated(Protocol):
-    """The samples of one model as they are chosen here; see `integration.Integration`."""
+    """What is used here of `integration.Integration`."""
 
     plan: Plan
     comm: Comm
     checkpoint: Checkpoint
-
-    @property
-    def n_finished(self) -> int:
-        """How many samples are finished."""
+    n_finished: int
 
     def up_to(self, n: int) -> int:
         """Integrate what is missing before sample n; return how many these were."""
-
-    def kept(self, n: int) -> Checkpoint:
-        """Return the samples before sample n; by rank 0."""
 
 
 def allot(
@@ -352,7 +330,8 @@ def allot(
 
     def choose(share: float) -> np.ndarray:
         known = np.where(np.isfinite(costs), costs, np.min(costs[np.isfinite(costs)], initial=1.0))
-        correlations = _correlations([model.kept(int(n)) for model, n in zip(models, done)], int(done.min()))
+        kept = [model.checkpoint.up_to(int(n)) for model, n in zip(models, done)]
+        correlations = _correlations(kept, int(done.min()))
         chosen = counts(known, correlations, wanted, stop.left + float(known @ done), own.plan.n_samples)
         if chosen is None:
             raise InputError(
@@ -375,13 +354,10 @@ def allot(
 def counts(
     costs: np.ndarray, correlations: np.ndarray, given: Sequence[int | None], budget: float, most: int
 ) -> np.ndarray | None:
-    """Return the numbers of samples of all models, the best first, that a budget pays for; None where there are none.
+    """Return the numbers of samples of all models, the best first, that a budget (s) pays for; None where it does not.
 
-    - `costs`: of a sample, s, (k,).
-    - `correlations`: with the best model, (k,).
-    - `given`: numbers that are not to be chosen, None for the others.
-    - `budget`: for all samples, s.
-    - `most`: samples of the cheapest model.
+    Costs of a sample, s, and correlations with the best model are (k,); `given` are numbers that are not to be chosen,
+    None for the others, `most` is that of the cheapest model.
     """
     shares = allocation(costs, correlations)
     enough = FEWEST_OF_DEVIATION

@@ -110,26 +110,20 @@ def sensitivities(
     - `fine`: which samples are fine, (N,).
     - `n_replicates`: number of Sobol sequences that Saltelli's blocks are of in turn; None of other samples.
     """
-    if n_replicates is not None:
-        found = {
-            name: of_blocks(np.where(fine, values, np.nan), names, confidence, n_replicates)
-            for name, values in quantities
-        }
-    elif len(names) < 2:
-        found = {}
-    else:
-        n = _needed(fine)
+    if n_replicates is None and len(names) < 2:
+        return {}
+    places, n = np.flatnonzero(fine), fine.size
+    if n_replicates is None:
+        n = int(places[MOST_GIVEN - 1]) + 1 if places.size > MOST_GIVEN else n  # those hold the first that are fine
         first = {name: parameters[name][:n].copy() for name in names}
-        found = {
-            name: of_given(np.where(fine[:n], values[:n], np.nan), first, confidence) for name, values in quantities
-        }
+    found = {}
+    for name, values in quantities:
+        known = np.where(fine[:n], values[:n], np.nan)
+        if n_replicates is None:
+            found[name] = of_given(known, first, confidence)
+        else:
+            found[name] = of_blocks(known, names, confidence, n_replicates)
     return {name: one for name, one in found.items() if one is not None}
-
-
-def _needed(fine: np.ndarray) -> int:
-    """Return how many samples hold the first `MOST_GIVEN` that are fine."""
-    places = np.flatnonzero(fine)
-    return int(places[MOST_GIVEN - 1]) + 1 if places.size > MOST_GIVEN else fine.size
 
 
 def sensitivity_remarks(

@@ -212,7 +212,7 @@ def _equivalent_sizes(
     """Return how many independent values are as good at each quantile, (n_quantiles,); None of no values."""
     if not values.size:
         return None
-    _, places = np.unique(replicates, return_inverse=True)
+    places = np.unique(replicates, return_inverse=True)[1]
     counts = np.bincount(places).astype(float)
     below = (np.bincount(places, values <= limit) for limit in np.quantile(ordered, probabilities))
     return np.array([intervals.equivalent_size(of, counts, confidence) for of in below])
@@ -223,9 +223,8 @@ def of_event(
 ) -> tuple[int, int, np.ndarray]:
     """Return in how many samples an event came true, of how many that is known, and the probability's interval.
 
-    - `true`, `known`, `failed`: whether it came true, whether that is known, and whether it is not because the sample
-      failed, bool (N,).
-    - `replicates`: numbers of the replicates that samples belong to, (N,); None of independent samples.
+    Bool (N,) says whether it came true, whether that is known, and whether it is not because the sample failed;
+    replicates are those that samples belong to, (N,), None of independent ones.
     """
     places = np.zeros(true.size, dtype=int) if replicates is None else np.unique(replicates, return_inverse=True)[1]
     n = int(places.max(initial=0)) + 1
@@ -237,11 +236,8 @@ def holds_to(excess: np.ndarray, largest: np.ndarray, true: np.ndarray, confiden
     """Return up to which error of an output a probability holds, as a share of the output's size in each sample.
 
     With a larger one the event is in doubt in so many samples that the interval, which all of them widen, gets wider
-    by more than it is, and by more than `MATTERS` of the probability. NaN of no samples.
-
-    - `excess`, `largest`, `true`: by how much the output is beyond the level, its largest size, and whether the event
-      came true, (N,).
-    - `confidence`: of the interval.
+    by more than it is, and by more than `MATTERS` of the probability. NaN of no samples. Given are, (N,), by how much
+    the output is beyond the level, its largest size, and whether the event came true.
     """
     n, count = true.size, int(true.sum())
     if not n:
