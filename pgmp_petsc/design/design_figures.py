@@ -122,7 +122,9 @@ class DesignFigures:
             found = self._evaluated(design)
             if isinstance(found, PgmpError):
                 if not self.tried:
-                    raise type(found)(f"{found}{self._cure if isinstance(found, RunError) else ''}")
+                    leave = f"let bounds leave it out (--override parameters.{self._question.names[0]}.bounds=[...])"
+                    cure = f"; or begin elsewhere (--set), or {leave}" if isinstance(found, RunError) else ""
+                    raise type(found)(f"{found}{cure}")
                 self.turned_back.add(found)
                 zeros = np.zeros(design.size)
                 found = [Dual(np.inf, zeros), *(Dual(0.0, zeros) for _ in self._question.constraints)]
@@ -131,11 +133,6 @@ class DesignFigures:
                 self.goals.append(found[0].value)
             self._known = {key: found}
         return self._known[key]
-
-    @property
-    def _cure(self) -> str:
-        name = self._question.names[0]
-        return f"; or begin elsewhere (--set), or let bounds leave it out (--override parameters.{name}.bounds=[...])"
 
     def _evaluated(self, design: np.ndarray) -> list[Dual] | PgmpError:
         """Return the figures of a design, or why the first of its samples that cannot be run stops."""
@@ -157,7 +154,6 @@ class DesignFigures:
         return [self._robust([row[k] for row in rows]) for k in range(len(rows[0]))]
 
     def _of_sample(self, design: np.ndarray, sample: int) -> list[Dual]:
-        """Return the goal and the constraints of one sample."""
         question, values = self._question, self._values_of(design, sample)
         outcome = Outcome(self._run(values, sample), values, question.names)
         found = [_signed(question.goal.sense, question.goal.expression(outcome))]
@@ -202,7 +198,6 @@ class DesignFigures:
     def size_of(self, number: int, design: np.ndarray) -> float:
         """Return the size of a constraint: that of its right-hand side at a design, or of what it misses."""
         question, values = self._question, self._values_of(design, 0)
-        size = 0.0
         with agreed(self._comm, "size of a constraint"):
             run = self._run(values, 0)
             size = abs(question.constraints[number].right(Outcome(run, values, question.names)).value)
@@ -212,8 +207,7 @@ class DesignFigures:
         """Return the run of a design without deviations. Collective on `comm`."""
         values = self._model.scene.values | dict(zip(self._question.names, map(float, design)))
         with agreed(comm, "run of the design"):
-            run = differentiate(self._model, values, ())
-        return run
+            return differentiate(self._model, values, ())
 
 
 def _signed(sense: float, dual: Dual) -> Dual:

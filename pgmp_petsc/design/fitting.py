@@ -74,15 +74,12 @@ class _Solution:
 def fit(
     model: ReducedModel, history: MeasuredHistory, asked: Sequence[str], noise: Mapping[str, float], comm: Comm
 ) -> Fit | None:
-    """Fit parameters; one rank does, the others wait. Collective on `comm`.
+    """Fit parameters that are asked for, or all with a distribution; one rank does, the others wait, and get None.
+    Collective on `comm`.
 
-    - `asked`: names of the parameters; where there are none, all with a distribution.
-    - `noise`: deviation of the noise of outputs, where it is known.
-
-    The first rank gets the `Fit`, the others None.
-
-    Raises `InputError` if a name is unknown, or there are fewer measurements than parameters; `RunError` if a run stops
-    before its end where the search begins; it turns back from others.
+    `noise` is the deviation of that of outputs, where it is known. Raises `InputError` if a name is unknown, or there
+    are fewer measurements than parameters; `RunError` if a run stops before its end where the search begins; it turns
+    back from others.
     """
     found = None
     with agreed(comm, "fit"):
@@ -345,11 +342,8 @@ class _Fitting:
         for name, value, error, (low, high), lost in zip(self._names, estimate, errors, self._limits, blind):
             near = 1e-6 * (high - low)
             if lost or error > high - low:
-                what = (
-                    "no output depends on it, or only together with others"
-                    if lost
-                    else (f"its standard error, {error:.3g}, is larger than the range that it is searched in")
-                )
+                what = f"its standard error, {error:.3g}, is larger than the range that it is searched in"
+                what = "no output depends on it, or only together with others" if lost else what
                 yield warning(
                     f"{name} is not identifiable from this history: {what}; its value is none, and it is better "
                     "held (--parameter with the others)"
@@ -379,21 +373,14 @@ class _Fitting:
         if known is None:
             return (not_known(self._model.scene, "the estimates"),)
         row = np.concatenate([known[name] / sigma[k] for k, name in enumerate(self._history.outputs)])
-        moved = (
-            np.linalg.lstsq(slopes.reshape(-1, self._scale.size) * self._scale, row, rcond=NO_DIRECTION)[0]
-            * self._scale
-        )
+        scaled = slopes.reshape(-1, self._scale.size) * self._scale
+        moved = np.linalg.lstsq(scaled, row, rcond=NO_DIRECTION)[0] * self._scale
         # y - e follows the data with values that differ by the step that e asks for
-        figures = [
-            (
-                f"{name} (standard error {plain(error)})",
-                solution.values[name],
-                solution.values[name] + float(step),
-                float(error),
-            )
-            for name, step, error in zip(self._names, moved, errors)
-            if np.isfinite(error)
-        ]
+        figures = []
+        for name, step, error in zip(self._names, moved, errors):
+            if np.isfinite(error):
+                value, what = solution.values[name], f"{name} (standard error {plain(error)})"
+                figures.append((what, value, value + float(step), float(error)))
         return of_figures(figures, "the standard errors", OF_STANDARD_ERROR)
 
     @gathered
@@ -458,24 +445,12 @@ class _Condensed:
 def uncertainty(
     jacobian: np.ndarray, scale: np.ndarray, lasting: Sequence[np.ndarray] | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return standard errors, correlations, and which parameters are not identifiable.
+    """Return standard errors (n_parameters,), correlations (n_parameters, n_parameters), and which parameters are not
+    identifiable: there they are infinite, and NaN.
 
-    Parameters
-    ----------
-    jacobian
-        Of the weighted residuals, shape (n, n_parameters), or of several outputs (n_outputs, n, n_parameters).
-    scale
-        Sizes of the parameters, shape (n_parameters,).
-    lasting
-        Of each output, the correlations of its residuals with later ones, 1 first; None: there are none.
-
-    Returns
-    -------
-    ndarray, shape (n_parameters,)
-        Infinite where a parameter is not identifiable.
-    ndarray, shape (n_parameters, n_parameters)
-        NaN there.
-    ndarray of bool, shape (n_parameters,)
+    The Jacobian is of the weighted residuals, (n, n_parameters), or of several outputs (n_outputs, n, n_parameters),
+    `scale` are sizes of the parameters, and `lasting` of each output the correlations of its residuals with later ones,
+    1 first; None where there are none.
     """
     scaled = jacobian * scale
     matrix = scaled.reshape(-1, scaled.shape[-1])

@@ -18,6 +18,7 @@ Places on the way of a search whose runs stop before their end: the search turns
 
 from __future__ import annotations
 
+import operator
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
@@ -137,10 +138,7 @@ class Constraint:
 
 
 def read_goal(text: str, outputs: Collection[str], parameters: Collection[str]) -> Goal:
-    """Read a goal.
-
-    Raises `InputError` with the position marked.
-    """
+    """Read a goal; raises `InputError` with the position marked."""
     parser = _Parser("goal", text, outputs, parameters)
     word = parser.token
     if word not in SENSES:
@@ -215,9 +213,8 @@ class _Parser:
         if self.token != "^":
             return base
         self.advance()
-        sign = 1.0
-        if self.token == "-":
-            sign = -1.0
+        sign = -1.0 if self.token == "-" else 1.0
+        if sign < 0.0:
             self.advance()
         if self._kind != "number":
             self.refuse("a number is needed as exponent")
@@ -290,13 +287,7 @@ def _number(value: float) -> Expression:
 
 
 def _joined(sign: str, left: Expression, right: Expression) -> Expression:
-    operations: dict[str, Callable[[Dual, Dual], Dual]] = {
-        "+": Dual.__add__,
-        "-": Dual.__sub__,
-        "*": Dual.__mul__,
-        "/": Dual.__truediv__,
-    }
-    operation = operations[sign]
+    operation = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv}[sign]
     return lambda outcome: operation(left(outcome), right(outcome))
 
 

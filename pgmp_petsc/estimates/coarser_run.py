@@ -89,13 +89,8 @@ def run_coarser(
     model: Model, system: SecondOrderSystem, simulation: Simulation, alive: np.ndarray, of: Run | None = None,
     bar: Progress | None = None,
 ) -> CoarserRun:  # fmt: skip
-    """Run a system again, with a coarser step. Collective on ``system.comm``.
-
-    - `simulation`: that of the run.
-    - `alive`: samples to run, shape (n_samples,).
-    - `of`: the run, which says what it took; no limit where it is not given.
-    - `bar`: shows its steps.
-    """
+    """Run samples (a mask) of a system again, with a coarser step than in the simulation `of` a run, which says what it
+    took: no limit where it is not given. Collective on ``system.comm``."""
     coarse = coarser(simulation)
     n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, bar)
     stepper = GeneralisedAlpha(
@@ -129,11 +124,7 @@ def run_coarser(
 
 
 class OutputRecord(Observer):
-    """Keeps what the outputs are made of after every step; observes a run.
-
-    - `model`, `system`: a model, and its system.
-    - `bar`: shows the steps.
-    """
+    """Keeps what the outputs of a model are made of after every step of its system; observes a run."""
 
     def __init__(self, model: Model, system: SecondOrderSystem, bar: Progress | None = None) -> None:
         self._model, self._system, self._bar = model, system, bar
@@ -182,15 +173,11 @@ def coarser(simulation: Simulation) -> Simulation:
 def step_errors(
     scene: Scene, time: np.ndarray, outputs: Mapping[str, np.ndarray], other: CoarserRun, sample: int = 0
 ) -> StepErrors | None:
-    """Return the errors of a run, at the instants of the coarser one; None where that did not go far enough.
-
-    - `time`, `outputs`: of the run, shape (n_t,), and each of the same shape.
-    - `sample`: number of the sample in it.
-    """
+    """Return the errors of a run with instants and outputs (n_t,), at the instants of the coarser one, in which it is
+    one sample; None where that did not go far enough."""
     known = np.all([np.isfinite(values[:, sample]) for values in other.outputs.values()], axis=0)
     n = known.size if known.all() else int(np.argmin(known))
-    finite = all(np.isfinite(values).all() for values in outputs.values())
-    if n <= FEWEST or not finite:
+    if n <= FEWEST or not all(np.isfinite(values).all() for values in outputs.values()):
         return None
     from scipy.interpolate import CubicSpline  # a noticeable time, and reduced runs have no coarser one
 
@@ -248,12 +235,8 @@ class Bands:
         self, fine: np.ndarray, coarse: np.ndarray, ratio: float, kinked: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return how far vibrations out of phase are off in every window, shape (n_windows, k), and their mean ``omega
-        h``, shape (k,), of k outputs.
-
-        - `fine`, `coarse`: the outputs of both runs after every step of the finer one, shape (n, k).
-        - `ratio`: of their steps.
-        - `kinked`: which outputs have kinks, shape (k,).
-        """
+        h``, shape (k,), of k outputs: those of both runs after every step of the finer one, (n, k), the ratio of their
+        steps, and which outputs have kinks."""
         if len(fine) < 2 * self.length:
             return np.zeros((1, kinked.size)), np.full(kinked.size, np.nan)
         amplitudes, apart = self._amplitudes(fine), self._amplitudes(coarse - fine)

@@ -88,13 +88,8 @@ def too_few_steps(n_steps: int) -> Iterator[Remark]:
 def large_errors(
     errors: Mapping[str, np.ndarray], sizes: Mapping[str, np.ndarray], units: Mapping[str, str], model: str = "reduced"
 ) -> Iterator[Remark]:
-    """Return a warning of outputs whose estimated errors are large, in any of some runs.
-
-    - `errors`, `sizes`: largest error, and largest size, of every output in each run, shape (n_runs,); NaN where they
-      are not known.
-    - `units`: units of outputs.
-    - `model`: what runs are of.
-    """
+    """Return a warning of outputs whose estimated errors are large, in any of some runs of a model: largest errors, and
+    largest sizes, are of every output in each run, (n_runs,), NaN where they are not known."""
     found = []
     for name, values in errors.items():
         runs = np.flatnonzero(np.isfinite(values) & (sizes[name] > 0.0))
@@ -119,11 +114,8 @@ def large_errors(
 def step_remarks(
     model: FullModel, time: np.ndarray, outputs: Mapping[str, np.ndarray], other: CoarserRun, errors: StepErrors | None
 ) -> Iterator[Remark]:
-    """Return what is to be said of the estimated errors of a run's time step.
-
-    - `time`, `outputs`: of the run, shape (n_t,), s, and each of the same shape.
-    - `other`, `errors`: the run with the coarser step, and what it tells; None where it tells nothing.
-    """
+    """Return what is to be said of the estimated errors of a run's time step; of the run with the coarser step, and of
+    what that tells, None where it tells nothing."""
     with_step = f"a run with a step of {other.step:.3g} s, which these errors are taken from,"
     why = f"would take more than {100 * MOST:g} % of the run's own price, and was given up"
     if other.status[0] != Status.FINE:
@@ -309,12 +301,9 @@ def of_statistics(
 ) -> Iterator[Remark]:  # fmt: skip
     """Return a warning of statistics to which errors are comparable; nothing where none is.
 
-    - `quantities`: values of the samples, shape (N,) each, by the names of outputs.
-    - `errors`: estimated errors of these, NaN but for the samples that are checked.
-    - `fine`: which samples are described, shape (N,).
-    - `units`: of the quantities.
-    - `described`: what goes by the mean, and what by the spread.
-    - `model`: what was run; errors of others than the reduced model are those of their time step.
+    Values of the samples, (N,) each by the names of outputs, have estimated errors, NaN but for the samples that are
+    checked; `described` is what goes by the mean, and what by the spread. Errors of other models than the reduced one
+    are those of their time step.
     """
     whose, cure = ("the reduced model", CURE) if model == "reduced" else ("the time step", SMALLER_ERRORS[model])
     told, n_checked = [], 0
@@ -360,9 +349,8 @@ def of_figures(
 ) -> tuple[Remark, ...]:
     """Return a warning of figures to which the error is comparable, and a note of how small it is otherwise.
 
-    - `figures`: what they are, their values, the values without the estimated errors, and the sizes that differences
-      are compared with.
-    - `sizes`, `comparable`: what the latter are, in words, and the share of them from which on there is a warning.
+    Figures are what they are, their values, the values without the estimated errors, and the sizes that differences are
+    compared with: these in words, and the share of them from which on there is a warning.
     """
     shares, told = [0.0], []
     for what, value, without, size in figures:

@@ -167,15 +167,11 @@ class ReferenceMotion:
 
     def at(self, number: int) -> Instant:
         """Return an instant by its number; consecutive ones are computed together."""
-        return Instant(*self._of(number, 1)[:, 0])
+        return Instant(*self.over(number, 1)[:, 0])
 
     def over(self, number: int, n: int) -> np.ndarray:
         """Return positions, velocities and accelerations at n instants from a number on, shape (3, n, n_dofs,
         n_samples)."""
-        return self._of(number, n)
-
-    def _of(self, number: int, n: int) -> np.ndarray:
-        """Return the parts of n instants from a number on, shape (3, n, n_dofs, n_samples)."""
         first = number - self._first
         if not 0 <= first <= self._kept.shape[1] - n:
             self._compute(number, n)

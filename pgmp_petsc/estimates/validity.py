@@ -53,14 +53,8 @@ LARGEST = 2**17  # displacements that are evaluated together, no more than stay 
 
 
 class Validity(Observer):
-    """The observer of a batch that keeps the largest values of every sample.
-
-    - `model`, `system`, `values`: the model, reduced, of one mechanism or of lanes of lengths; its batch, and the
-      batch's parameter values, each of shape (n_samples,).
-    - `simulation`: of the run.
-
-    `every`: steps of which one is looked at.
-    """
+    """The observer of a batch of a reduced model, with parameter values (n_samples,), that keeps the largest values of
+    every sample."""
 
     every = EVERY
 
@@ -95,7 +89,6 @@ class Validity(Observer):
         return {name: found[name] for name in VALIDITY}
 
     def __call__(self, number: int, time: float, state: State) -> None:
-        """Look at a state, if it is its turn; the observer of the run."""
         self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
@@ -175,8 +168,8 @@ class BodyStrains:
     def largest(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the largest rotation (rad), and strain of n states, each of shape (n,); NaN where there is no beam.
 
-        `local`: displacements and rotations of all nodes in body frames, shape (n, n_nodes, 3), in space (n, n_nodes,
-        6); of all samples in the order of the parameter values, as often as there are states of each.
+        Displacements and rotations of all nodes are in body frames, (n, n_nodes, 3), in space (n, n_nodes, 6); of all
+        samples in the order of the parameter values, as often as there are states of each.
         """
         rotation, strain = np.zeros(len(local)), np.full(len(local), np.nan)
         for body in self._flexible:
@@ -229,10 +222,8 @@ def half_height(scene: Scene, body: str, values: Mapping[str, np.ndarray | float
 
 @gathered
 def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> Iterator[Remark]:
-    """Return warnings of what is beyond its limit in a run or in some samples, and notes on what is not known.
-
-    `validity`: by the names of `VALIDITY`, each a number or of shape (n,).
-    """
+    """Return warnings of what is beyond its limit in a run or in some samples, and notes on what is not known;
+    `validity` is by the names of `VALIDITY`, each a number or of shape (n,)."""
     for name, text in _beyond(scene).items():
         values = np.atleast_1d(validity[name])
         too_far = beyond_limit(name, values, scene.second_order)
@@ -258,11 +249,8 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> Iter
             f"change of stiffness is not computed with continuum bodies ({', '.join(meshed)}) in a model "
             "without terms of second order; take pgmp check --effects, or geometric_stiffening in the build"
         )
-    by_coefficients = [
-        name
-        for name, body in scene.bodies.items()
-        if body.flexible and body.section is not None and body.section.reach is None
-    ]
+    beams = {name: body for name, body in scene.bodies.items() if body.flexible and body.section is not None}
+    by_coefficients = [name for name, body in beams.items() if body.section.reach is None]
     if by_coefficients:
         yield note(
             f"strain of {', '.join(by_coefficients)}: sections given by coefficients have no height; that of a "

@@ -101,9 +101,8 @@ def same_case(one: RunRecord, other: RunRecord) -> bool:
     """Tell whether the runs of two models show the same case: equal parameters, but for the last digits, and scenes
     that differ in what concerns one model or the resolution in time alone."""
     mine, theirs = one.parameters, other.parameters
-    equal = mine.keys() == theirs.keys() and all(
-        np.isclose(mine[name], theirs[name], rtol=1e-9, atol=0.0) for name in mine
-    )
+    alike = (np.isclose(mine[name], theirs[name], rtol=1e-9, atol=0.0) for name in mine)
+    equal = mine.keys() == theirs.keys() and all(alike)
     different = _differing([scene_of(one), scene_of(other)])
     return equal and not any(_counts(name, (*WITHOUT_EFFECT, *OF_THE_MODEL)) for name, _ in different)
 
@@ -114,10 +113,8 @@ def tell_apart(
 ) -> list[str]:  # fmt: skip
     """Return for each result the words that tell it from the others; empty texts where there is one result alone.
 
-    - `records`: of the results.
-    - `kinds`: what else a result is, the model say; told where it varies.
-    - `files`: where the results come from; told where nothing else differs.
-    - `ignored`: tables and entries of scenes that make no difference.
+    Kinds are what else a result is, the model say, told where it varies; files are told where nothing else differs;
+    `ignored` are tables and entries of scenes that make no difference.
     """
     if len(records) < 2:
         return [""] * len(records)
@@ -133,13 +130,11 @@ def tell_apart(
         for text, record in zip(words, records):
             text.append(f"seed {'none' if record.seed is None else record.seed}")
     texts = [", ".join(filter(None, text)) for text in words]
-    told = len(set(texts)) == len(texts) and len(entries) <= MOST_ENTRIES
-    if told or not files or None in files:
-        return texts
-    counts = {text: texts.count(text) for text in texts}
     alone = len(entries) <= MOST_ENTRIES
+    if alone and len(set(texts)) == len(texts) or not files or None in files:
+        return texts
     return [
-        text if counts[text] == 1 and alone else ", ".join(filter(None, (text, name)))
+        text if texts.count(text) == 1 and alone else ", ".join(filter(None, (text, name)))
         for text, name in zip(texts, short_names(files))
     ]
 
@@ -148,14 +143,11 @@ def labels_by_parameters(records: Sequence[RunRecord]) -> list[str]:
     """Return for each run the parameters in which the runs differ; an empty text where they do not."""
     names = sorted({name for record in records for name in record.parameters})
     varied = [name for name in names if len({record.parameters.get(name) for record in records}) > 1]
-    return [
-        ", ".join(
-            quantity(name, record.parameters[name], _parameter_unit(record, name))
-            for name in varied
-            if name in record.parameters
-        )
-        for record in records
-    ]
+    words = []
+    for record in records:
+        known = {name: record.parameters[name] for name in varied if name in record.parameters}
+        words.append(", ".join(quantity(name, value, _parameter_unit(record, name)) for name, value in known.items()))
+    return words
 
 
 def short_names(files: Sequence[Path]) -> list[str]:
@@ -200,7 +192,6 @@ def _entry(name: str, value: Any) -> str:
 
 
 def _parameter_unit(record: RunRecord, name: str) -> str:
-    """Return the unit that the scene gives for a parameter."""
     try:
         return str(scene_of(record)["parameters"][name]["unit"])
     except (KeyError, TypeError):

@@ -60,7 +60,9 @@ def densities(
     compared = len(ensembles) == 2
     height, ratios = (4.1, (2.8, 1.0)) if compared else (3.1 + 0.3 * len(ensembles), (1.0,))
     figure, blocks = style.panel_grid(len(names), COLUMNS, (3.6, height), 0.65, 5.0, ratios)
-    colours = _colours(ensembles)
+    models = [ensemble.model for ensemble in ensembles]
+    colours = style.distinct_colours(len(models))
+    colours = [COLOURS[model] for model in models] if len(set(models)) == len(models) else colours
     for block, name in zip(blocks, names):
         _draw_quantity(block, ensembles, name, colours)
     keys = [
@@ -81,7 +83,11 @@ def densities(
 
 def labels_of(ensembles: Sequence[Ensemble], files: Sequence[Path] = ()) -> list[str]:
     """Return each ensemble's model, how many of its samples are fine, and what tells it from the others."""
-    kinds = [_label(ensemble) for ensemble in ensembles]
+    kinds = []
+    for ensemble in ensembles:
+        n, n_fine = len(ensemble.status), int(np.count_nonzero(ensemble.status == 0))
+        count = f"{n} samples" if n_fine == n else f"{n_fine} fine of {n} samples"
+        kinds.append(f"{style.MODELS[ensemble.model]}, {count}")
     apart = tell_apart([ensemble.record for ensemble in ensembles], kinds, files)
     return [
         text if text.startswith(kind) else ", ".join(filter(None, (kind, text))) for kind, text in zip(kinds, apart)
@@ -155,9 +161,7 @@ def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[st
 def _with_interval(value: float, ends: np.ndarray) -> str:
     """Return a value with as many decimals as two digits of its interval's width have: ``5.601 [5.583, 5.619]``."""
     width = float(ends[1] - ends[0])
-    if not np.isfinite(width) or width <= 0.0:
-        return f"{value:.5g}"
-    decimals = max(0, 1 - int(np.floor(np.log10(width))))
+    decimals = max(0, 1 - int(np.floor(np.log10(width)))) if np.isfinite(width) and width > 0.0 else 13
     if decimals >= 13:
         return f"{value:.5g}"
     return f"{value:.{decimals}f} [{ends[0]:.{decimals}f}, {ends[1]:.{decimals}f}]"
@@ -170,13 +174,12 @@ def _densities(ensembles: Sequence[Ensemble], name: str) -> tuple[np.ndarray, li
         return known[0].edges, [known[0].pdf]
     low, high = min(s.edges[0] for s in known), max(s.edges[-1] for s in known)
     edges = np.linspace(low, high, max(s.pdf.size for s in known) + 1)
-    return edges, [np.histogram(_values(ensemble, name), edges, density=True)[0] for ensemble in ensembles]
-
-
-def _values(ensemble: Ensemble, name: str) -> np.ndarray:
-    """Return the values of a quantity that the statistics are of: outputs that are fine, parameters of all samples."""
-    values = (ensemble.parameters | ensemble.outputs)[name]
-    return values[np.isfinite(values) if name in ensemble.parameters else ensemble.status == 0]
+    found = []
+    for ensemble in ensembles:  # the values that statistics are of: outputs that are fine, parameters of all samples
+        values = (ensemble.parameters | ensemble.outputs)[name]
+        chosen = values[np.isfinite(values) if name in ensemble.parameters else ensemble.status == 0]
+        found.append(np.histogram(chosen, edges, density=True)[0])
+    return edges, found
 
 
 def _common(ensembles: Sequence[Ensemble], wanted: Sequence[str] | None) -> list[str]:
@@ -198,21 +201,6 @@ def _common(ensembles: Sequence[Ensemble], wanted: Sequence[str] | None) -> list
                 what = f"no sample of the {ensemble.model} ensemble has a value of '{name}', or too many failed"
                 raise InputError(f"{what}; pgmp info says which")
     return names
-
-
-def _label(ensemble: Ensemble) -> str:
-    """Return the model and how many of its samples are fine."""
-    n_samples, n_fine = len(ensemble.status), int(np.count_nonzero(ensemble.status == 0))
-    count = f"{n_samples} samples" if n_fine == n_samples else f"{n_fine} fine of {n_samples} samples"
-    return f"{style.MODELS[ensemble.model]}, {count}"
-
-
-def _colours(ensembles: Sequence[Ensemble]) -> list[str]:
-    """Return the models' colours, or the palette's where there are several ensembles of one model."""
-    models = [ensemble.model for ensemble in ensembles]
-    if len(set(models)) < len(models):
-        return style.distinct_colours(len(models))
-    return [COLOURS[model] for model in models]
 
 
 def _tint(colour: str) -> str:

@@ -33,12 +33,9 @@ def frequencies(
 ) -> Figure:  # fmt: skip
     """Draw the first ``n_modes`` flexible eigenfrequencies, one panel a mode.
 
-    Raises `InputError` if no table has a flexible mode.
-
-    - `tables`: drawn over each other, one colour each.
-    - `n_modes`: number of panels; fewer where no table has as many.
-    - `labels`: names of the tables; by default that in which they differ.
-    - `titles`: titles of the panels; by default the number of the flexible mode.
+    Tables are drawn over each other, one colour each, labelled by default by that in which they differ; panels have the
+    number of the mode as title by default, and are fewer where no table has as many. Raises `InputError` if no table
+    has a flexible mode.
     """
     labels = labels_of(tables) if labels is None else labels
     colours = style.distinct_colours(len(tables))
@@ -75,7 +72,6 @@ def labels_of(tables: Sequence[ModesTable], files: Sequence[Path] = ()) -> list[
 
 
 def _draw_mode(axes, table: ModesTable, mode: int, colour: str) -> None:
-    """Draw one mode of one table, the reduced one as sparse crosses."""
     theta = _abscissa(table)[0]
     if mode < table.full_hz.shape[1]:
         axes.plot(theta, table.full_hz[:, mode], color=colour)
@@ -115,7 +111,11 @@ def frequency_maps(table: ModesTable, n_modes: int = 4, label: str = "") -> Figu
         values = table.full_hz[:, mode].reshape(len(first), len(second))
         filled = axes.contourf(first, second, values.T, MaxNLocator(N_LEVELS).tick_values(values.min(), values.max()))
         figure.colorbar(filled, ax=axes, pad=0.02, ticks=MaxNLocator(5)).outline.set_visible(False)
-        axes.set_title(f"flexible mode {mode + 1} (Hz){_difference(table, mode)}")
+        within = ""
+        if table.reduced_hz is not None and mode < table.reduced_hz.shape[1]:
+            off = np.max(np.abs(table.reduced_hz[:, mode] / table.full_hz[:, mode] - 1.0))
+            within = f", reduced within {100.0 * off:.1g} %"
+        axes.set_title(f"flexible mode {mode + 1} (Hz){within}")
         axes.grid(False)
         if mode >= n_modes - COLUMNS:
             axes.set_xlabel(style.axis_label(x_name, x_unit))
@@ -169,11 +169,3 @@ def _draw_ranges(axes: Axes, trajectory: Trajectory) -> list[Line2D]:
                 draw(end, **dashed)
             keys = [Line2D([], [], label="ends of the ranges", **dashed)]
     return keys
-
-
-def _difference(table: ModesTable, mode: int) -> str:
-    """Return by how much the reduced frequencies of a mode differ at most; an empty text where there are none."""
-    if table.reduced_hz is None or mode >= table.reduced_hz.shape[1]:
-        return ""
-    exact = table.full_hz[:, mode]
-    return f", reduced within {100.0 * np.max(np.abs(table.reduced_hz[:, mode] / exact - 1.0)):.1g} %"

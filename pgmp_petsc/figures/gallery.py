@@ -144,8 +144,7 @@ def spaced_by_motion(run: Trajectory, n_instants: int, until: float | None) -> n
     time = run.frames.time
     steps = np.abs(np.diff(run.coordinates, axis=0)).sum(axis=1)
     turned = np.interp(time, run.time, np.concatenate([[0.0], np.cumsum(steps)]))
-    last = len(time) if until is None else np.searchsorted(time, until, side="right")
-    turned = turned[:last]
+    turned = turned if until is None else turned[: np.searchsorted(time, until, side="right")]
     return np.unique(np.searchsorted(turned, np.linspace(0.0, turned[-1], n_instants)))
 
 
@@ -175,7 +174,6 @@ def _draw_scale(axes: Axes, shapes: Shapes, unit: str) -> None:
 
 
 def _draw_curve(axes: Axes, run: Trajectory, output: str, instants: np.ndarray, colour: Callable) -> None:
-    """Draw an output over time, with dots at the instants of the shapes, in the colours of their order."""
     values = run.outputs[output]
     factor, unit = axis_unit(run.units.get(output, "1"), values)
     axes.plot(run.time, values * factor, color=QUIET, linewidth=1.1)

@@ -40,13 +40,9 @@ _TRIANGLES = {
 
 
 def outer_faces(kind: str, cells: np.ndarray) -> np.ndarray:
-    """Return the faces that one cell alone has, in the plane all cells, by the nodes around them, shape (n_faces, k).
-
-    - `kind`: meshio's name of the cells.
-    - `cells`: their nodes, shape (n_cells, n_a).
-    """
-    shape = next(name for name in _SHAPES if kind.startswith(name))
-    edges, faces = _SHAPES[shape]
+    """Return the faces that one cell alone has, in the plane all cells, by the nodes around them, shape (n_faces, k);
+    cells (n_cells, n_a) of a kind by meshio's name."""
+    edges, faces = _SHAPES[next(name for name in _SHAPES if kind.startswith(name))]
     n_corners = 1 + max(max(face) for face in faces)
     between = {frozenset(edge): n_corners + number for number, edge in enumerate(edges)}
     around = []
@@ -69,12 +65,8 @@ def triangles(faces: np.ndarray) -> np.ndarray:
 
 
 def outlines(faces: np.ndarray, nodes: np.ndarray, sharp: float = 0.5) -> np.ndarray:
-    """Return the pieces of edges that show a body's shape, shape (n, 2): those of one face, and between faces whose
-    normals are more than `sharp` radians apart.
-
-    - `faces`: shape (n_faces, k).
-    - `nodes`: where their nodes are, shape (n_nodes, d).
-    """
+    """Return the pieces of edges that show a body's shape, (n, 2): those of one of the faces (n_faces, k), and between
+    faces whose normals are more than `sharp` radians apart."""
     n_faces, k = faces.shape
     pieces = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
     owner = np.repeat(np.arange(n_faces), k)
@@ -99,15 +91,11 @@ def normals(faces: np.ndarray, nodes: np.ndarray) -> np.ndarray:
 def coarsened(
     nodes: np.ndarray, triangles: np.ndarray, weights: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nodes that represent all others of a surface, and its triangles between these.
+    """Return the nodes, so many at most, that represent all others (n_nodes, d) of a surface, and its triangles (., 3)
+    between these.
 
     Nodes in the same cube become one, that of the largest weight among them (Rossignac and Borrel, Multi-resolution 3D
     approximations for rendering complex scenes, 1993).
-
-    - `nodes`: shape (n_nodes, d).
-    - `triangles`: shape (n_triangles, 3).
-    - `weights`: shape (n_nodes,).
-    - `most`: nodes that are kept at most.
     """
     corners = nodes[triangles]
     sides = np.zeros((len(triangles), 2, 3))
@@ -192,13 +180,10 @@ class Motion:
 
 
 def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None, label: str = "") -> Motion:
-    """Return what is drawn of a run.
+    """Return what is drawn of a run in a colour, one of `WORDS`, with a factor on the deformation, None for one that
+    shows it, and a label that tells the run from others.
 
     Raises `InputError` if the run has no frames, or nothing of it is known in the colour.
-
-    - `colour`: one of `WORDS`.
-    - `scale`: factor on the deformation; None for one that shows it.
-    - `label`: what tells the run from others.
     """
     frames = run.frames
     if frames is None or not len(frames.time):
@@ -209,9 +194,8 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
         if name in run.fields:
             skins.append(skin_of(name, run.fields[name], factor, VALUES[colour]))
             continue
-        edges = frames.cells[name]
-        nothing = np.zeros((0, 3), dtype=int)
-        skins.append(Skin(name, in_space(positions), nothing, edges, 0.0, None, name in frames.rigid))
+        none = np.zeros((0, 3), dtype=int)
+        skins.append(Skin(name, in_space(positions), none, frames.cells[name], 0.0, None, name in frames.rigid))
     bare = [skin.name for skin in skins if len(skin.edges) and not skin.rigid and skin.name not in run.fields]
     if bare:
         notes.append(f"{', '.join(bare)}: drawn as lines between joints, their fields are not stored (see pgmp info)")
@@ -237,10 +221,8 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
 def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | None = None) -> Motion:
     """Return what is drawn of one period of a mode, whose size means nothing; its colours are shares of the largest.
 
-    Raises `InputError` if nothing of it is known in the colour.
-
-    - `colour`: one of `WORDS`.
-    - `scale`: its largest displacement over that of a picture nobody asks another one of.
+    The colour is one of `WORDS`, the scale the mode's largest displacement over that of a picture nobody asks another
+    one of. Raises `InputError` if nothing of it is known in the colour.
     """
     places = np.concatenate([own.positions.reshape(-1, own.positions.shape[2]) for own in shape.fields.values()])
     reach = LARGEST_SHOWN * float(np.ptp(places, axis=0).max()) * (1.0 if scale is None else scale)
@@ -251,17 +233,8 @@ def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | 
         still = _size(own.deformation) if colour in ("deformation", "displacement") else VALUES[colour](own)
         values = None if own.rigid or still is None else np.repeat(still, N_PHASES, axis=0)
         moved = own.positions + reach * swing[:, None, None] * own.deformation
-        skins.append(
-            replace(
-                skin_of(
-                    name,
-                    replace(own, positions=moved, deformation=0.0 * moved, units={}, at_nodes={}, at_cells={}),
-                    1.0,
-                    VALUES["none"],
-                ),
-                values=values,
-            )
-        )
+        bare = replace(own, positions=moved, deformation=0.0 * moved, units={}, at_nodes={}, at_cells={})
+        skins.append(replace(skin_of(name, bare, 1.0, VALUES["none"]), values=values))
     largest = max((float(np.nanmax(skin.values)) for skin in skins if skin.values is not None), default=0.0)
     if colour != "none" and not largest > 0.0:
         raise InputError(f"nothing of this mode is known in {WORDS[colour]}; take --field displacement or none")
@@ -281,12 +254,10 @@ def skin_of(name: str, own: BodyField, scale: float, values: Callable[[BodyField
     shown = own.positions + (scale - 1.0) * np.nan_to_num(own.deformation)
     colours = None if own.rigid else values(own)
     if own.kind == "line":
-        return Skin(
-            name, in_space(shown), np.zeros((0, 3), dtype=int), own.cells, own.radius or 0.0, colours, own.rigid
-        )
+        none, radius = np.zeros((0, 3), dtype=int), own.radius or 0.0
+        return Skin(name, in_space(shown), none, own.cells, radius, colours, own.rigid)
     faces = outer_faces(own.kind, own.cells)
-    edges = outlines(faces, own.nodes)
-    return Skin(name, in_space(shown), triangles(faces), edges, 0.0, colours, own.rigid)
+    return Skin(name, in_space(shown), triangles(faces), outlines(faces, own.nodes), 0.0, colours, own.rigid)
 
 
 def in_unit(skins: list[Skin], colour: str, unit: str) -> tuple[list[Skin], str, float, int]:
@@ -309,9 +280,7 @@ def scale_of(fields: Mapping[str, BodyField]) -> float:
     extent = float(np.ptp(np.concatenate(places), axis=0).max())
     largest = max(float(np.nanmax(_size(own.deformation), initial=0.0)) for own in fields.values())
     wanted = LARGEST_SHOWN * extent / largest if largest > 1e-9 * extent else 1.0
-    if wanted <= 1.0:
-        return 1.0
-    return round_below(wanted)
+    return 1.0 if wanted <= 1.0 else round_below(wanted)
 
 
 def _size(vectors: np.ndarray) -> np.ndarray:

@@ -94,9 +94,8 @@ def panel_grid(
 ) -> tuple[Figure, np.ndarray]:  # fmt: skip
     """Return a figure of n blocks, row by row, and the axes of each from above, shape (n, len(ratios)).
 
-    - `size`, `margin`, `least`: width and height of a block, what the figure is higher than all of them, and its least
-      width, inches.
-    - `ratios`: heights of the axes of a block.
+    The size is width and height of a block, the margin what the figure is higher than all of them, `least` its least
+    width, in inches; ratios are heights of the axes of a block.
     """
     n_columns = min(n, columns)
     n_rows = -(-n // n_columns)

@@ -130,12 +130,9 @@ def trajectories(
     """Draw outputs over time, one column each: full order as a line, reduced as crosses, errors below.
 
     A single run is a line, with a band where its errors were estimated; without any pair there is no panel of errors. A
-    full-order run that several reduced ones share is grey. A square ends a run that ended before its scene. Raises
-    `InputError` if the runs have no output in common.
-
-    - `comparisons`: one colour each.
-    - `outputs`: by default all that every run has.
-    - `labels`: by default that in which the runs differ.
+    full-order run that several reduced ones share is grey. A square ends a run that ended before its scene. Outputs are
+    by default all that every run has, labels that in which the runs differ. Raises `InputError` if the runs have no
+    output in common.
     """
     runs = [run for comparison in comparisons for run in comparison.runs]
     if outputs is None:
@@ -177,7 +174,6 @@ def labels_of(comparisons: Sequence[Comparison], files: Mapping[int, Path] | Non
 
 
 def _draw_output(block: np.ndarray, comparisons: Sequence[Comparison], output: str) -> None:
-    """Draw one output, and below it its error where there is one."""
     runs = [run for comparison in comparisons for run in comparison.runs]
     factor, unit = style.axis_unit(runs[0].units.get(output, "1"), *(run.outputs[output] for run in runs))
     axes, drawn = block[0], set()

@@ -51,14 +51,8 @@ class Contact:
 
 
 class Contacts:
-    """The steps of a run of one sample that cross edges of laws.
-
-    - `model`, `values`: the reduced model, and the value of every parameter.
-    - `linearisation`: of the sample.
-    - `times`, `states`: of the whole run, (n_t,) and arrays of shape (n_t, n_eta).
-
-    `found`: what was met and left so far.
-    """
+    """The steps of a whole run of one sample, states of which each array is (n_t, n_eta), that cross edges of laws;
+    `found` is what was met and left so far."""
 
     def __init__(
         self, model: ReducedModel | LengthLanes, values: Mapping[str, float], linearisation: Linearisation,
@@ -85,10 +79,9 @@ class Contacts:
     def through(self, number: int, moment: np.ndarray) -> np.ndarray:
         """Take the sensitivities through the step up to an instant; return them there.
 
-        Raises `InputError` if an edge is grazed; `RunError` if the step does not lead where the run went.
-
-        - `number`: of the instant, as `following` gives it.
-        - `moment`: s_q, S_v, S_a and S_A at the step's beginning, shape (4, n_parameters, n_eta).
+        The instant's number is one that `following` gives; `moment` has S_q, S_v, S_a and S_A at the step's beginning,
+        (4, n_parameters, n_eta). Raises `InputError` if an edge is grazed; `RunError` if the step does not lead where
+        the run went.
         """
         moved = np.zeros(moment.shape[1])  # the beginning of the part, s per unit of a parameter
         before, parts = self._retraced(number)

@@ -86,13 +86,10 @@ def differentiate(
 ) -> DifferentiatedRun:  # fmt: skip
     """Run one sample, and differentiate its outputs with some parameters.
 
-    Raises `InputError` if the scene has no outputs, there is no static equilibrium to start from, or an end stop is
-    grazed; `RunError` if the run stops before its end, with smaller steps too.
-
-    - `model`: the model of samples in which these parameters vary (`models.of_samples`).
-    - `values`: value of every parameter of the scene.
-    - `names`: parameters to differentiate with.
-    - `pulse`: called with the number of steps that have been taken since the last call.
+    The model is one of samples in which these vary (`models.of_samples`), the values are of every parameter of the
+    scene; `pulse` is called with the number of steps that have been taken since the last call. Raises `InputError` if
+    the scene has no outputs, there is no static equilibrium to start from, or an end stop is grazed; `RunError` if the
+    run stops before its end, with smaller steps too.
     """
     for name, entry in model.scene.outputs.items():
         if "multipliers" in entry.reads:
@@ -167,10 +164,7 @@ def _part(states: State, part: slice) -> State:
 def _require_finite(
     outputs: Mapping[str, np.ndarray], derivatives: Mapping[str, Mapping[str, np.ndarray]], times: np.ndarray
 ) -> None:
-    """Refuse outputs that are no finite numbers, or have no derivatives.
-
-    Raises `RunError`, naming the output, the parameter and the instant.
-    """
+    """Raise `RunError` of outputs that are no finite numbers, or have no derivatives, by parameter and instant."""
     for output, values in outputs.items():
         for name, found in {"": values, **derivatives[output]}.items():
             if not np.isfinite(found).all():
@@ -229,10 +223,8 @@ DIFFERENCE = 1e-3  # of second differences of fourth order: rounding and truncat
 
 
 def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Linearisation, start: State) -> np.ndarray:
-    """Return S_q, S_v, S_a and S_A of a sample at time zero, shape (4, n_parameters, n_eta).
-
-    `start`: state at the start, arrays of shape (1, n_eta).
-    """
+    """Return S_q, S_v, S_a and S_A of a sample at time zero, (4, n_parameters, n_eta), from its state there, arrays of
+    shape (1, n_eta)."""
     n_parameters, n = len(linearisation.names), start.q.shape[1]
     moment = np.zeros((4, n_parameters, n))
     prescribed = model.terms.tables.prescribed(model.motions)
@@ -328,13 +320,8 @@ OF_STRESSES = 1e-5
 
 
 class ObservedChanges:
-    """The outputs of one run and their derivatives.
-
-    - `model`: the reduced model.
-    - `values`: value of every parameter.
-    - `times`, `states`: instants of the run (n_t,), s, and reduced coordinates, rates and accelerations there, shapes
-      (n_t, n_eta).
-    """
+    """The outputs of one run and their derivatives, from the values of all parameters, instants (n_t,), s, and reduced
+    coordinates, rates and accelerations there, (n_t, n_eta)."""
 
     def __init__(
         self, model: ReducedModel | LengthLanes, values: Mapping[str, float], times: np.ndarray, states: State
@@ -380,12 +367,10 @@ class _Member:
         """Return the derivatives of the outputs with a parameter."""
         size, value = np.max(np.abs(changes[0]) * self._model.terms.scale, axis=1), self._values[name]
         # what is multiplied by the parameter itself must not be taken far from its value
-        largest = np.maximum(size, _inverse(value))
-        steps = {
-            "frames": OBSERVED_DIFFERENCE / np.where(size > 0.0, size, 1.0),
-            "line": OBSERVED_DIFFERENCE / np.where(largest > 0.0, largest, 1.0),
-            "stresses": OF_STRESSES / np.where(largest > 0.0, largest, 1.0),
-        }
+        largest = np.maximum(size, 1.0 / abs(value) if value else 0.0)
+        of_frames, of_line = (np.where(most > 0.0, most, 1.0) for most in (size, largest))
+        steps = {"frames": OBSERVED_DIFFERENCE / of_frames, "line": OBSERVED_DIFFERENCE / of_line,
+                 "stresses": OF_STRESSES / of_line}  # fmt: skip
         total: dict[str, np.ndarray] = {}
         frames_at = self._along(changes[0])
         for share in (-1.0, 1.0):
@@ -394,8 +379,7 @@ class _Member:
                     continue
                 far = share * steps[kind]
                 if kind == "frames":
-                    frames = frames_at(far)
-                    found = self._evaluate(np.concatenate([frames.reshape(-1, far.size), self._behind]))
+                    found = self._evaluate(np.concatenate([frames_at(far).reshape(-1, far.size), self._behind]))
                 else:
                     found = self._on_line(name, far, changes, kind)
                 for output in names:
@@ -421,7 +405,3 @@ def _total(parts: Iterable[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
     for part in parts:
         total = {output: total.get(output, 0.0) + values for output, values in part.items()}
     return total
-
-
-def _inverse(value: float) -> float:
-    return 1.0 / abs(value) if value else 0.0

@@ -45,12 +45,7 @@ class Linearised:
 
 
 class Linearisation:
-    """Derivatives of the equations of motion of one sample.
-
-    - `model`: the reduced model.
-    - `values`: value of every parameter.
-    - `names`: parameters to differentiate with.
-    """
+    """Derivatives of the equations of motion of one sample, with the values of all parameters, by some of these."""
 
     def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str]) -> None:
         self._terms, self.names, self.values = model.terms, tuple(names), dict(values)
@@ -219,9 +214,7 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
             weigh(tables.loads[cell], amplitudes, of_loads)
             fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, True, room.load_jets)
         _take_up(layout, state, mass_damping, moment)
-        fill_residual(
-            layout, room.jets, room.load_jets, 0, 1, layout.rigid, loaded, room.moment, room.balance
-        )  # fmt: skip
+        fill_residual(layout, room.jets, room.load_jets, 0, 1, layout.rigid, loaded, room.moment, room.balance)
         for lane in range(count):
             for i in range(n):
                 residual[at[lane], i] += room.balance[i, lane]
@@ -278,9 +271,7 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
                         room.amplitudes[l, lane] = loads[at[lane], s, l]
                 weigh(tables.loads[cell], amplitudes, of_loads)
                 fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, False, room.load_jets)
-            fill_residual(
-                layout, room.jets, room.load_jets, 0, 1, layout.rigid, loaded, room.moment, room.balance
-            )  # fmt: skip
+            fill_residual(layout, room.jets, room.load_jets, 0, 1, layout.rigid, loaded, room.moment, room.balance)
             for lane in range(count):
                 for i in range(n):
                     by_parameters[at[lane], s - 1, i] += room.balance[i, lane]

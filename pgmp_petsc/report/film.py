@@ -253,25 +253,33 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
     packed = [_packed(body, picture, stress) for body in shown]
     reach = max((entry["step"] * np.iinfo(np.int16).max for entry in packed if "step" in entry), default=0.0)
     time = frames.time[chosen]
+    # digits behind the point that tell frames apart
+    decimals = int(np.clip(1 - np.floor(np.log10(np.diff(time).min()) + 1e-9), 0, 12)) if len(time) > 1 else 3
     bar = round_below(SIZE / 6.0 / picture.unit)  # m, about a sixth of the picture
+    length, metre = axis_unit(run.record.system.unit("m"), np.array([bar]))
     stops = [to_hex(colour) for colour in matplotlib.colormaps[COLOURS](np.linspace(0.0, 1.0, N_STOPS))]
     legend = None if stress is None else _legend(stress, name, stops, run.record.system.unit("Pa"))
     data: dict[str, Any] = {
         "time": time.tolist(),
-        "decimals": _decimals(time),
+        "decimals": decimals,
         "width": SIZE,
         "height": height + FOOT,
         "start": start,
         "bar": bar,
         "bodies": [entry | {"colour": colour} for entry, colour in zip(packed, colours)],
         "factors": [factor for factor in FACTORS if factor == 1 or 0.0 < factor * reach <= LARGEST_SHOWN * height],
-        "outputs": {key: [_finite(v) for v in np.interp(time, run.time, own)] for key, own in run.outputs.items()},
+        "outputs": {
+            key: [float(value) if np.isfinite(value) else None for value in np.interp(time, run.time, own)]
+            for key, own in run.outputs.items()
+        },
     }
     if stress is not None:
         factor, _ = axis_unit(run.record.system.unit("Pa"), np.array([stress.largest]))
         data |= {"stops": stops, "stress": (factor * stress.over_time[chosen]).tolist(), "unit": legend.unit}
     flat = [picture.places(body.points[start]) for body in shown]
-    still = still_of(shown, flat, _share(shown, stress), start, (SIZE, height + FOOT))
+    largest = 1.0 if stress is None else max(stress.largest, 1e-300)
+    shares = [None if body.values is None else body.values / largest for body in shown]
+    still = still_of(shown, flat, shares, start, (SIZE, height + FOOT))
     return Film(
         width=SIZE,
         height=height + FOOT,
@@ -283,7 +291,7 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
         ],
         paths=["M" + "L".join(_pair(at) for at in path) for path in _paths(run, joints, picture, True)],
         ground=[tuple(path[0, :2].round().astype(int).tolist()) for path in _paths(run, joints, picture, False)],
-        scale=(round(bar * picture.unit), _length(bar, run.record.system.unit("m"))),
+        scale=(round(bar * picture.unit), f"{bar * length:g} {metre}"),
         still=still,
         keys=[
             ("surface" if len(body.triangles) else body.kind, colour, body.name + ", rigid" * (body.kind == "rigid"))
@@ -354,12 +362,6 @@ def _text(numbers: np.ndarray, kind: str) -> str:
     return base64.b64encode(np.ascontiguousarray(numbers, dtype=kind).tobytes()).decode("ascii")
 
 
-def _share(bodies: list[FilmBody], stress: Stress | None) -> list[np.ndarray | None]:
-    """Return stresses as shares of the largest one."""
-    largest = 1.0 if stress is None else max(stress.largest, 1e-300)
-    return [None if body.values is None else body.values / largest for body in bodies]
-
-
 def _line(
     body: FilmBody, at: np.ndarray, colour: str, stress: Stress | None, stops: list[str], number: int
 ) -> dict[str, Any]:
@@ -426,20 +428,6 @@ def _left_out(run: Trajectory, bodies: list[FilmBody], n_shown: int, name: str) 
     return found
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _decimals(time: np.ndarray) -> int:
-    """Return digits behind the point that tell frames apart."""
-    return int(np.clip(1 - np.floor(np.log10(np.diff(time).min()) + 1e-9), 0, 12)) if len(time) > 1 else 3
-
-
-def _length(metres: float, metre: str) -> str:
-    factor, unit = axis_unit(metre, np.array([metres]))
-    return f"{metres * factor:g} {unit}"
-
-
 WIDTH = 1400  # pixels
 DARKEST = 0.5  # of a face along the line of sight; the page's script has the same
 
@@ -448,12 +436,10 @@ def still_of(
     bodies: Sequence[FilmBody], places: Sequence[np.ndarray], shares: Sequence[np.ndarray | None], number: int,
     size: tuple[int, int],
 ) -> str:  # fmt: skip
-    """Return the address of a picture of a frame as PNG, empty where there is no surface.
+    """Return the address of a picture of a frame, by its number, as PNG, empty where there is no surface.
 
-    - `places`: of the bodies' nodes in the picture, and towards the eye, shape (n, 3) each.
-    - `shares`: of the largest stress, shape (n_f, n); None where none is known.
-    - `number`: of the frame.
-    - `size`: width and height of the picture in its own unit.
+    Places are of the bodies' nodes in the picture, and towards the eye, (n, 3) each, shares of the largest stress,
+    (n_f, n), None where none is known; the size is width and height of the picture in its own unit.
     """
     corners, colours = [], []
     for body, at, share in zip(bodies, places, shares):
