@@ -66,8 +66,7 @@ class CandidatePrices:
     """Figures common to all candidates."""
 
     n_unknowns: int  # of the mechanism, bodies of cells condensed
-    # n_terms, n_coordinates: affine terms, and rigid coordinates
-    n_terms: int
+    n_terms: int  # n_terms, n_coordinates: affine terms, and rigid coordinates
     n_coordinates: int
     step: float  # of a sample, besides its tables, s
     n_steps: int  # steps of all samples and loads together
@@ -152,8 +151,7 @@ class Limits:
     n_static: int  # load patterns that static modes can answer
     n_terms: int  # affine terms of mass and stiffness together
     uncertain: bool = False  # whether a parameter has a distribution
-    # n_coordinates, n_inertia: rigid coordinates, and the inertia forces of their motion
-    n_coordinates: int = 1
+    n_coordinates: int = 1  # n_coordinates, n_inertia: rigid coordinates, and the inertia forces of their motion
     n_inertia: int = 1
     second_order: bool = True  # whether a reduced model of the scene may have terms of second order, or be without them
     # modes that bodies of cells are condensed for; other vectors come on top of them. None where it is the meshes that

@@ -208,8 +208,7 @@ class Errors:
     # shares of the outputs' largest values, shape (n_loads, n_outputs, n_samples); NaN where a case does not count
     values: np.ndarray
     round_off: np.ndarray  # what of it is below what counts as zero: errors as small are round-off; the same shape
-    # loads, outputs: names
-    loads: tuple[str, ...]
+    loads: tuple[str, ...]  # loads, outputs: names
     outputs: tuple[str, ...]
     training: Training  # the cases
 
@@ -246,8 +245,7 @@ class Errors:
 class Trial:
     """A candidate that was tried."""
 
-    # reduction, n_steps: what it is
-    reduction: Reduction
+    reduction: Reduction  # reduction, n_steps: what it is
     n_steps: int
     errors: Errors  # against the full-order model with the same step
     reason: str  # why it could not be built or run; empty where it could

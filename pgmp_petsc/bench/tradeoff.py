@@ -364,8 +364,7 @@ def tasks_of(settings: Sequence[Setting]) -> list[Task]:
 class Prices:
     """Predicted processor time of a step of a sample on the scene's meshes, s."""
 
-    # full, components, reference: of the mesh, of component modes, and of what errors are measured against
-    full: float
+    full: float  # full, components, reference: of the mesh, of component modes, and of what errors are measured against
     components: float
     reference: float
     timed: float  # most processor time of one run that is timed, s; longer ones are timed by their first steps
@@ -385,8 +384,7 @@ class Dealer:
 
     n_ranks: int  # number of ranks
     prices: Prices  # what steps take
-    # batch, repeats: samples timed together, and how often
-    batch: int
+    batch: int  # batch, repeats: samples timed together, and how often
     repeats: int
     n_coordinates: int = 1  # rigid coordinates, along each of which a setting has its angles
     _loads: list[float] = field(init=False)

@@ -24,13 +24,11 @@ from pgmp_petsc.scene.parameters import uncertain_names
 class Question:
     """Goal, constraints and parameters of a design."""
 
-    # goal, constraints: what is wanted
-    goal: Goal
+    goal: Goal  # goal, constraints: what is wanted
     constraints: tuple[Constraint, ...]
     names: tuple[str, ...]  # parameters of the design
     deviations: float | None = None  # k of robust figures; None for nominal ones
-    # n_samples, seed: of robust figures
-    n_samples: int = 64
+    n_samples: int = 64  # n_samples, seed: of robust figures
     seed: int = 1
 
 

@@ -32,7 +32,6 @@ from pgmp_petsc.results.gradients import Vertex, vertex
 _TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|([A-Za-z_][A-Za-z0-9_-]*)|(<=|>=|.))")
 SENSES = {"minimise": 1.0, "minimize": 1.0, "maximise": -1.0, "maximize": -1.0}
 
-
 LONGEST, DEEPEST = 800, 30  # of texts: characters, and parentheses in each other
 # operations by numpy: what has no value, such as 1 / 0, is inf or nan, which whoever evaluates refuses
 _WITHOUT_WARNINGS = np.errstate(all="ignore")
@@ -132,8 +131,7 @@ class Constraint:
 
     text: str  # as it was written
     sense: float  # 1 of ``<=``, -1 of ``>=``
-    # left, right: both sides
-    left: Expression
+    left: Expression  # left, right: both sides
     right: Expression
 
 

@@ -63,12 +63,10 @@ FEW_DISAGREEMENTS = 5  # below, measured intervals of probabilities hold in 97 t
 class Estimate:
     """A mean with its variance."""
 
-    #: value, variance: the estimate and the variance of its error
-    value: float
+    value: float  # value, variance: the estimate and the variance of its error
     variance: float
     freedom: float  # degrees of freedom of the variance
-    #: coefficients, correlations: of the cheaper models with the best one, each (k - 1,)
-    coefficients: np.ndarray
+    coefficients: np.ndarray  # coefficients, correlations: of the cheaper models with the best one, each (k - 1,)
     correlations: np.ndarray
     #: of replicates: the estimate as of independent samples, and the part that its interval has (`parts_of_tails`)
     apart: tuple[Estimate, float] | None = None

@@ -67,8 +67,7 @@ class CoarserRun:
     time: np.ndarray  # instants, shape (n_t,), s
     #: by name, each of shape (n_t, n_samples); NaN from the step on in which a sample failed
     outputs: dict[str, np.ndarray]
-    #: status, failure_time: of every sample; FINE and NaN where only the work was too much
-    status: np.ndarray
+    status: np.ndarray  # status, failure_time: of every sample; FINE and NaN where only the work was too much
     failure_time: np.ndarray
     divided: np.ndarray  # share of the steps that were taken in parts, shape (n_samples,)
     #: time between two crossings of an edge, the shortest, shape (n_samples,), s; infinite where there is none

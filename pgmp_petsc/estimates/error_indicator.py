@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 
 TOGETHER = 2**21  # unknowns of instants whose outputs are evaluated together
 
-
 UNSOLVED = "the full-order equations could not be solved about this motion"
 STOPPED = f"the reduced run with 1/{reference_motion.FINER} of the step, which the estimate is made from, stopped"
 

@@ -138,8 +138,7 @@ TOGETHER = 2**17  # that are evaluated together: no more than stay in the cache
 class Instant:
     """Motion at one instant; all of shape (n_dofs, n_samples)."""
 
-    #: q, v, a: unknowns, velocities and accelerations that belong together
-    q: np.ndarray
+    q: np.ndarray  # q, v, a: unknowns, velocities and accelerations that belong together
     v: np.ndarray
     a: np.ndarray
 

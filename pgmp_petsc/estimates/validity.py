@@ -44,10 +44,8 @@ from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.generalised_alpha import count_steps
 from pgmp_petsc.stepping.second_order_system import Observer, State
 
-# A motion that the steps resolve has ten and more a period: every second one misses its peak by 5 % at most.
-EVERY = 2
-# Evaluating a state costs about as much as a step of a single run, less in a batch.
-N_PARTS = 20
+EVERY = 2  # a motion that the steps resolve has ten and more a period: every second one misses its peak by 5 % at most
+N_PARTS = 20  # evaluating a state costs about as much as a step of a single run, less in a batch
 SHORTEST = 10  # looks of which one state is evaluated
 LARGEST = 2**17  # displacements that are evaluated together, no more than stay in the cache
 

@@ -30,8 +30,7 @@ ROUND_OFF = 1e-9  # of an angle: so close to the middle between two places, the 
 class Axis(NamedTuple):
     """Places along one coordinate."""
 
-    #: lower, turn: lower end of the range and, of a periodic one, its length, or else 0; rad
-    lower: float
+    lower: float  # lower, turn: lower end of the range and, of a periodic one, its length, or else 0; rad
     turn: float
     middles: np.ndarray  # between neighbouring places, rad; behind the last one of a periodic range comes the first
     n: int  # number of places
@@ -66,8 +65,7 @@ class Places(NamedTuple):
 class Weights(NamedTuple):
     """Weights of the terms of n samples, from their own parameters."""
 
-    #: mass, loads: vectors (n_blocks, n_terms, LANES)
-    mass: np.ndarray
+    mass: np.ndarray  # mass, loads: vectors (n_blocks, n_terms, LANES)
     loads: np.ndarray
     stiffness: np.ndarray  # shape (n, n_terms)
 

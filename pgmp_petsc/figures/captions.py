@@ -21,8 +21,7 @@ from pgmp_petsc.figures.style import heading, quantity, scene_of, top_legend
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results import Trajectory
 
-# A picture has room for so many, of so many characters; the files have the rest.
-MOST, LONGEST = 3, 220
+MOST, LONGEST = 3, 220  # a picture has room for so many, of so many characters; the files have the rest
 
 
 def planned_end(run: Trajectory) -> float:
@@ -85,8 +84,7 @@ WITHOUT_EFFECT = ("scene", "parameters", "outputs", "ensemble", "simulation.fram
 OF_THE_MODEL = ("reduction", "simulation")
 OF_RUNS = ("simulation", "simulation.initial", "initial")
 _START = "simulation.initial"
-# More entries, and longer values, are not spelled out: the file's name says more.
-MOST_ENTRIES, LONGEST_VALUE = 3, 24
+MOST_ENTRIES, LONGEST_VALUE = 3, 24  # more entries, and longer values, are not spelled out: the file's name says more
 _ABSENT = object()
 
 

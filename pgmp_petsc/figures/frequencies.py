@@ -21,8 +21,7 @@ from pgmp_petsc.figures.captions import OF_RUNS, WITHOUT_EFFECT, tell_apart
 from pgmp_petsc.figures.mechanism import TimeColours
 from pgmp_petsc.results import ModesTable, Trajectory
 
-# About as many crosses as can be told from the line below them.
-N_CROSSES = 24
+N_CROSSES = 24  # about as many crosses as can be told from the line below them
 COLUMNS = 2
 
 
@@ -89,8 +88,7 @@ def _abscissa(table: ModesTable) -> tuple[np.ndarray, str, str]:
 
 
 N_LEVELS = 12
-# Shorter segments of a path are paler, because each is smoothed at its edges.
-N_SEGMENTS = 200
+N_SEGMENTS = 200  # shorter segments of a path are paler, because each is smoothed at its edges
 
 
 @style.styled

@@ -32,10 +32,8 @@ from pgmp_petsc.ranks.ending import guarded
 from pgmp_petsc.results import Trajectory
 
 WIDTH, HEIGHT = 5.4, 2.65
-# Shares of the width that the mechanism may take.
-NARROWEST, WIDEST = 0.34, 0.54
-# Room for the scale below the mechanism, as a share of its height.
-FOOT = 0.14
+NARROWEST, WIDEST = 0.34, 0.54  # shares of the width that the mechanism may take
+FOOT = 0.14  # room for the scale below the mechanism, as a share of its height
 N_COLOURS = 256
 
 

@@ -32,16 +32,13 @@ from pgmp_petsc.results import Frames, Trajectory
 from pgmp_petsc.results.selection import Assembly
 
 PATH_COLOUR = "#D8D8D8"
-# Width of a rigid body's bar over that of a beam, and of the line inside it over the bar's.
-BAR, HOLLOW = 1.6, 0.5
+BAR, HOLLOW = 1.6, 0.5  # width of a rigid body's bar over that of a beam, and of the line inside it over the bar's
 KEY_WIDTH = 3.0  # points
-# A pin that moves by less than this share of the mechanism's extent is held by the ground.
-AT_REST = 1e-6
+AT_REST = 1e-6  # a pin that moves by less than this share of the mechanism's extent is held by the ground
 # A motion that leaves the plane by less than this share of its extent is shown along z, another one obliquely.
 FLAT = 1e-3
 OBLIQUE = np.array([[1.0, 0.0], [0.0, 1.0], [-0.45, -0.35]])
-# A triangle below the pin, as a marker's vertices.
-_GROUND = ((0.0, 0.0), (-0.65, -1.0), (0.65, -1.0), (0.0, 0.0))
+_GROUND = ((0.0, 0.0), (-0.65, -1.0), (0.65, -1.0), (0.0, 0.0))  # a triangle below the pin, as a marker's vertices
 
 
 @dataclass(frozen=True)
@@ -256,8 +253,7 @@ def mechanism(
 
 
 ASSEMBLY_WIDTH = 9.0
-# Names within this share of the mechanism's size are of one place.
-TOGETHER = 1e-3
+TOGETHER = 1e-3  # names within this share of the mechanism's size are of one place
 # Where a label may stand, points from its place: in rings around it.
 RINGS, DIRECTIONS = (14.0, 30.0, 50.0, 75.0, 105.0, 140.0, 180.0), 16
 MARGIN = 0.22  # of the mechanism's size, around it, for labels

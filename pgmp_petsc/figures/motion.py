@@ -144,8 +144,7 @@ class Motion:
 
     skins: tuple[Skin, ...]  # of the bodies
     captions: list[str]  # what is written beside each instant
-    #: title, notes: above all of them
-    title: str
+    title: str  # title, notes: above all of them
     notes: list[str] = field(default_factory=list)
     quantity: str = ""  # what colours bodies, with its unit; empty where nothing does
     largest: float = 0.0  # the largest value of the colours, in the unit

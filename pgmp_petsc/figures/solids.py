@@ -46,8 +46,7 @@ WINDOWS = {"vtkEGLRenderWindow": "libEGL.so.1", "vtkOSOpenGLRenderWindow": "libO
 OLDEST = (9, 4)  # of VTK: older ones end the process where there is no display
 THINNEST = 1.5e-3  # radius of beams over the size of the picture: thinner ones are drawn so
 MARGIN = 1.06
-# How far from the axis of least extent a mechanism in space is seen: along up and to the side.
-TILT = (0.5, 0.4)
+TILT = (0.5, 0.4)  # how far from the axis of least extent a mechanism in space is seen: along up and to the side
 SPLIT = 35.0  # degrees between neighbouring faces beyond which an edge is sharp
 
 

@@ -68,8 +68,7 @@ class DifferentiatedRun:
     outputs: dict[str, np.ndarray]  # each of shape (n_t,)
     #: of every output with every parameter, by the names of both: ``derivatives[output][parameter]``, (n_t,)
     derivatives: dict[str, dict[str, np.ndarray]]
-    #: eta, changes: reduced coordinates (n_t, n_eta), and their derivatives (n_t, n_parameters, n_eta)
-    eta: np.ndarray
+    eta: np.ndarray  # eta, changes: reduced coordinates (n_t, n_eta), and their derivatives (n_t, n_parameters, n_eta)
     changes: np.ndarray
     steps_divided: int = 1  # by what the scene's step was divided
     contacts: tuple[Contact, ...] = ()  # instants at which end stops are met and left, with their own derivatives
@@ -181,8 +180,8 @@ def propagate(by_q, by_v, by_a, by_parameters, scheme, step, prescribed, moment,
     - `scheme`: ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)`` of the step.
     - `step`: s.
     - `prescribed`: whether a coordinate is given, shape (n_eta,): it stays what it is in the beginning.
-    - `moment`: s_q, S_v, S_a and S_A at the beginning, shape (4, n_parameters, n_eta); advanced in place.
-    - `result`: s_q, S_v and S_a at the ends of the steps, shape (3, n_t, n_parameters, n_eta).
+    - `moment`: S_q, S_v, S_a and S_A at the beginning, shape (4, n_parameters, n_eta); advanced in place.
+    - `result`: S_q, S_v and S_a at the ends of the steps, shape (3, n_t, n_parameters, n_eta).
     """
     alpha_m, alpha_f, beta, gamma, gain_v, gain_a = scheme
     n_t, n_parameters, n = by_parameters.shape
@@ -315,8 +314,7 @@ def _angles(angles: Sequence[JointAngles], shares: np.ndarray, eta: np.ndarray) 
 
 # in rad or of the mechanism's size: truncation leaves 2e-9, and rounding 1e-12 of the mechanism's size
 OBSERVED_DIFFERENCE = 1e-4
-# of stresses, and of the parameter: their lines leave cells, where slopes of tables have corners
-OF_STRESSES = 1e-5
+OF_STRESSES = 1e-5  # of stresses, and of the parameter: their lines leave cells, where slopes of tables have corners
 
 
 class ObservedChanges:

@@ -36,8 +36,7 @@ from pgmp_petsc.stepping.second_order_system import Scheme, State
 class Linearised:
     """Derivatives of the residual at some instants."""
 
-    #: by_q, by_v, by_a: with coordinates, velocities and accelerations, shape (n_t, n_eta, n_eta)
-    by_q: np.ndarray
+    by_q: np.ndarray  # by_q, by_v, by_a: with coordinates, velocities and accelerations, shape (n_t, n_eta, n_eta)
     by_v: np.ndarray
     by_a: np.ndarray
     by_parameters: np.ndarray  # with the parameters, shape (n_t, n_parameters, n_eta)
@@ -118,12 +117,10 @@ class _Room(NamedTuple):
     loads: np.ndarray
     load_jets: np.ndarray
     amplitudes: np.ndarray  # weights of the load terms (n_load_terms,)
-    #: state, moment: coordinates, velocities and accelerations (3, n_eta); see `_take_up`
-    state: np.ndarray
+    state: np.ndarray  # state, moment: coordinates, velocities and accelerations (3, n_eta); see `_take_up`
     moment: np.ndarray
     balance: np.ndarray  # a residual, (n_eta,)
-    #: by_q, by_v, by_a, matrix: derivatives, and those within a step, (n_eta, n_eta)
-    by_q: np.ndarray
+    by_q: np.ndarray  # by_q, by_v, by_a, matrix: derivatives, and those within a step, (n_eta, n_eta)
     by_v: np.ndarray
     by_a: np.ndarray
     matrix: np.ndarray

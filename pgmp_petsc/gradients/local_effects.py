@@ -44,8 +44,7 @@ class Edge:
     #: (n_parameters,)
     gradient: np.ndarray
     by_parameters: np.ndarray
-    #: rate, acceleration: with time along the motion, per s and per s2
-    rate: float
+    rate: float  # rate, acceleration: with time along the motion, per s and per s2
     acceleration: float
 
 

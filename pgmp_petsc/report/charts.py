@@ -36,15 +36,13 @@ class Chart:
     """A picture."""
 
     svg: str  # its element
-    #: title, caption: above and below it
-    title: str
+    title: str  # title, caption: above and below it
     caption: str = ""
     #: of charts over time: left and right end of the axis and its lower and upper end in the SVG's own unit, and the
     #: instants (s) at both ends; empty for others
     axis: tuple[float, ...] = ()
     output: str = ""  # name of the output that it shows, where it shows one over time
-    #: factor, unit: of that output: the picture's unit, and how many of it the file's unit is
-    factor: float = 1.0
+    factor: float = 1.0  # factor, unit: of that output: the picture's unit, and how many of it the file's unit is
     unit: str = ""
 
 

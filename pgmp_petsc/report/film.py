@@ -34,8 +34,7 @@ from pgmp_petsc.report.sources import Datum
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import BodyField, truncated
 
-# Nodes of all surfaces of a film: what a phone draws 25 times a second.
-MOST_NODES = 6000
+MOST_NODES = 6000  # nodes of all surfaces of a film: what a phone draws 25 times a second
 MESHED = ("solid2d", "solid3d")
 
 
@@ -118,12 +117,10 @@ class Stress:
 
     over_time: np.ndarray  # of all bodies at the frames, shape (n_f,), Pa
     largest: float  # of all frames, and of the outputs of this stress at all steps, Pa
-    #: body, frame: where it is, and the frame at which that of the frames is largest
-    body: str
+    body: str  # body, frame: where it is, and the frame at which that of the frames is largest
     frame: int
     when: str  # its instant, and of what it is the largest
-    #: path, index: dataset and place in the file; empty of beams at frames, where it is worked out of two
-    path: str
+    path: str  # path, index: dataset and place in the file; empty of beams at frames, where it is worked out of two
     index: str
 
 
@@ -172,12 +169,10 @@ def meshed_bodies(run: Trajectory) -> list[str]:
 
 SIZE = 10_000
 MOST_FRAMES = 241
-# Of the shapes on a page, which base64 makes 4/3 of: more nodes mean fewer frames.
-MOST_BYTES = 1_500_000
+MOST_BYTES = 1_500_000  # of the shapes on a page, which base64 makes 4/3 of: more nodes mean fewer frames
 TALLEST, FLATTEST = 1.1, 0.28  # of the picture over its width
 FOOT = 600  # below the mechanism, for the bar of the scale
-# An enlarged deformation may reach this share of the picture's height.
-LARGEST_SHOWN = 0.3
+LARGEST_SHOWN = 0.3  # an enlarged deformation may reach this share of the picture's height
 FACTORS = (1, 3, 10, 30, 100, 300, 1000)
 N_STOPS = 33  # colours that the page interpolates between
 SHADES = 254  # of stress from zero to the largest one; one more number says that it is not known
@@ -187,8 +182,7 @@ SHADES = 254  # of stress from zero to the largest one; one more number says tha
 class Legend:
     """Meaning of the colours."""
 
-    #: words, unit: of the quantity
-    words: str
+    words: str  # words, unit: of the quantity
     unit: str
     stops: list[str]  # colours from zero to the largest value
     largest: Datum  # of the whole run, as far as it is known
@@ -199,8 +193,7 @@ class Legend:
 class Film:
     """Data that the page needs to draw the mechanism."""
 
-    #: width, height: of the picture, in its own unit
-    width: int
+    width: int  # width, height: of the picture, in its own unit
     height: int
     start: int  # number of the frame that is shown first and printed: that of the largest stress
     #: bodies without a surface at that frame: kind (``flexible``, ``rigid``, ``mass``), colour, paths with their
