@@ -50,8 +50,7 @@ class Known:
         self.tried: list[Reduction] = []
 
     def _grid(self, reduction: Reduction) -> float:
-        order = 4.0 if reduction.interpolation == "spline" else 6.0
-        return 1e-3 * (32.0 / reduction.angles) ** order
+        return 1e-3 * (32.0 / reduction.angles) ** (4.0 if reduction.interpolation == "spline" else 6.0)
 
     def try_out(self, reduction: Reduction, n_steps: int, loads: tuple[str, ...] | None = None) -> Trial:
         self.tried.append(reduction)
@@ -61,8 +60,7 @@ class Known:
         errors = errors_of(tuple(values), self._round_off)
         if loads is not None:
             errors = replace(errors, values=errors.values[1:], round_off=errors.round_off[1:], loads=loads)
-        reason = "" if self._builds else "no convergence"
-        return Trial(reduction, n_steps, errors, reason, 0.0, self._builds)
+        return Trial(reduction, n_steps, errors, "" if self._builds else "no convergence", 0.0, self._builds)
 
     def go_on(self, trial: Trial, loads: tuple[str, ...] | None = None) -> Trial:
         return trial if len(trial.errors.loads) == 2 else self.try_out(trial.reduction, trial.n_steps)

@@ -92,8 +92,7 @@ def test_many_effects_are_told_apart():
 
 def test_nothing_moves_and_nothing_is_left():
     run = balanced()
-    still = Balance(*(np.zeros_like(run.time) for _ in range(3)), {})
-    figure = energies(replace(run, balance=still))
+    figure = energies(replace(run, balance=Balance(*(np.zeros_like(run.time) for _ in range(3)), {})))
     assert "at most 0.0e+00" in visible(figure)[0].get_title(loc="left")
 
 
