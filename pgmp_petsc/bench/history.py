@@ -164,7 +164,10 @@ def errors_between(found: History, exact: History, floors: np.ndarray) -> np.nda
     one (a deformation is none outside a limited range); NaN where the exact run failed or has no number at any instant.
     Histories are of the same samples, one's number of steps divides the other's; floors are (n_outputs,).
     """
-    one, other = _common(found, exact)
+    finest = max(found.n_steps, exact.n_steps)
+    strides = [item.every * (finest // item.n_steps) for item in (found, exact)]
+    shared = int(np.lcm(*strides))  # of the instants that both kept
+    one, other = (item.outputs[:, :: shared // stride] for item, stride in zip((found, exact), strides))
     known = np.isfinite(other)
     scale = np.max(np.abs(exact.outputs), axis=1, initial=0.0, where=np.isfinite(exact.outputs))
     both = known & np.isfinite(one)
@@ -191,14 +194,6 @@ def round_off_of(exact: History, floors: np.ndarray) -> np.ndarray:
     """Return below which share of its largest value an output's error is round-off, shape (n_outputs, n_samples)."""
     scale = np.max(np.abs(exact.outputs), axis=1, initial=0.0, where=np.isfinite(exact.outputs))
     return floors[:, None] / np.maximum(scale, floors[:, None])
-
-
-def _common(one: History, other: History) -> tuple[np.ndarray, np.ndarray]:
-    """Return the outputs of both at the instants that both kept."""
-    finest = max(one.n_steps, other.n_steps)
-    strides = [item.every * (finest // item.n_steps) for item in (one, other)]
-    shared = int(np.lcm(*strides))
-    return tuple(item.outputs[:, :: shared // stride] for item, stride in zip((one, other), strides))
 
 
 @dataclass(frozen=True)

@@ -104,7 +104,9 @@ def of_quantiles(
             rank = _rank(float(size), float(probability), beyond)
             rank = None if rank is None else rank * (n + 1.0) / (size + 1.0)
             if rank is not None and 1.0 <= rank <= n:
-                row[end] = _at_rank(ordered, rank)
+                below = min(int(rank), n - 1)  # ranks are from 1; between neighbours values are interpolated
+                share = rank - below
+                row[end] = (1.0 - share) * ordered[below - 1] + share * ordered[below]
     return found
 
 
@@ -127,13 +129,6 @@ def _rank(n: float, probability: float, beyond: float) -> float | None:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
     return 0.5 * (low + high)
-
-
-def _at_rank(ordered: np.ndarray, rank: float) -> float:
-    """Return the value at a rank from 1, interpolated between neighbours."""
-    below = min(int(rank), ordered.size - 1)
-    share = rank - below
-    return (1.0 - share) * ordered[below - 1] + share * ordered[below]
 
 
 def of_probability(

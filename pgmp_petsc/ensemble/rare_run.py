@@ -105,18 +105,9 @@ def stepping_names(scene: Scene) -> list[str]:
     return [name for name in uncertain_names(scene) if not scene.parameters[name].distribution.is_continuous]
 
 
-def text_of(event: Event) -> str:
-    """Return an event as ``--rare`` takes it."""
-    side = ">" if event.above is not None else "<"
-    return f"{'ever ' if event.when == 'ever' else ''}{event.output} {side} {event.level!r}"
-
-
 class _Runs:
-    """Runs of points in the space of normal variables.
-
-    - `names`: parameters that are drawn.
-    - `values`, `status`, `parameters`: of all samples so far.
-    """
+    """Runs of points in the space of normal variables that make parameters by their `names`; outputs, status and values
+    of parameters are those of all samples so far."""
 
     def __init__(self, model: Model, event: Event, names: list[str], comm: Comm, bar) -> None:
         self._model, self._event, self._comm, self._bar = model, event, comm, bar
@@ -213,22 +204,23 @@ def _result(
     weight = np.zeros(value.size)
     weight[value.size - found.weights.size :] = found.weights
     values, probabilities = found.curve()
+    side = ">" if event.above is not None else "<"  # as --rare takes it
+    text = f"{'ever ' if event.when == 'ever' else ''}{event.output} {side} {event.level!r}"
     confidence, words = scene.ensemble.confidence, in_words(event, unit)
     parameters = {name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters}
-    estimated = isinstance(model, (FullModel, *REDUCED))
-    remarks = rare_remarks(found, status, estimated, confidence)
+    remarks = rare_remarks(found, status, isinstance(model, (FullModel, *REDUCED)), confidence)
     said = (*scene.remarks, *remarks, *draw_remarks(scene))
     stepping = stepping_names(scene)
     if stepping:
-        text = f"values of {', '.join(stepping)} step, so that the event has no design point, and none was looked for"
-        said += (note(text),)
+        what = f"values of {', '.join(stepping)} step, so that the event has no design point, and none was looked for"
+        said += (note(what),)
     if isinstance(model, ReducedModel):
         said += outside_of(model.served, parameters, "--rare")
     if isinstance(model, REDUCED):
         said += _of_own_error(model, event, found, runs.names, parameters, value)
     return RareEvent(
         model=model.name, record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
-        event=words, text=text_of(event), output=event.output, unit=unit, confidence=confidence,
+        event=words, text=text, output=event.output, unit=unit, confidence=confidence,
         estimate=found.probability, interval=with_failed(found, confidence), variation=found.variation,
         at_most=found.at_most, n_effective=found.n_effective,
         threshold=np.array([event.level + sign * level.threshold for level in found.levels]),

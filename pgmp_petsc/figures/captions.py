@@ -48,9 +48,9 @@ def of_runs(runs: Sequence[Trajectory], labels: Sequence[str] = ()) -> list[str]
     return [*early, *of_records([run.record for run in runs], labels)]
 
 
-def headed(figure: Figure, keys: Sequence[Artist], what: str, record: RunRecord, label: str = "") -> None:
+def headed(figure: Figure, keys: Sequence[Artist], what: str, record: RunRecord, label: str = "") -> Figure:
     """Put what a picture of one result shows above it, the warnings that come with the result, and rows of keys."""
-    top_legend(figure, keys, heading(what, record, label), of_records([record]))
+    return top_legend(figure, keys, heading(what, record, label), of_records([record]))
 
 
 def of_records(records: Sequence[RunRecord], labels: Sequence[str] = ()) -> list[str]:

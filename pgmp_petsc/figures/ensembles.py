@@ -77,8 +77,7 @@ def densities(
     brackets = " and ".join(f"{100 * level:g} %" for level in levels)
     keys.append(Line2D([], [], linestyle="none", label=f"[ ]: {brackets} interval"))
     what = style.heading("Densities of parameters and outputs at the end", ensembles[0].record)
-    style.top_legend(figure, keys, what, _notes(ensembles, labels))
-    return figure
+    return style.top_legend(figure, keys, what, _notes(ensembles, labels))
 
 
 def labels_of(ensembles: Sequence[Ensemble], files: Sequence[Path] = ()) -> list[str]:
@@ -238,8 +237,7 @@ def bands(ensemble: Ensemble, label: str = "") -> Figure:
         ends = f"{100 * first.probabilities[low]:g} to {100 * first.probabilities[high]:g} %"
         alpha = 1.0 - (1.0 - OPACITY / len(pairs)) ** (number + 1)  # as over each other
         keys.append(Patch(facecolor=colour, alpha=alpha, linewidth=0, label=ends))
-    captions.headed(figure, keys, "Outputs over time", ensemble.record, label)
-    return figure
+    return captions.headed(figure, keys, "Outputs over time", ensemble.record, label)
 
 
 def _draw(axes: Axes, band: Band, factor: float, colour: str) -> None:
@@ -289,8 +287,7 @@ def sobol(ensemble: Ensemble, label: str = "") -> Figure:
     keys = [Patch(facecolor=FIRST, label=f"first index: share of the variance by itself, {level}")]
     if one.total is not None:
         keys.append(Patch(facecolor=TOTAL, label="total index: with all that it acts together with"))
-    captions.headed(figure, keys, "Sobol indices of outputs", ensemble.record, label)
-    return figure
+    return captions.headed(figure, keys, "Sobol indices of outputs", ensemble.record, label)
 
 
 @style.styled
@@ -307,8 +304,7 @@ def stopping(ensemble: Ensemble, label: str = "") -> Figure:
     axes.axhline(1.0, color="#333333", linewidth=1.0)
     axes.set_xlabel("samples")
     axes.set_ylabel("half the interval / what was wanted")
-    captions.headed(figure, keys, "precision at every look", ensemble.record, label)
-    return figure
+    return captions.headed(figure, keys, "precision at every look", ensemble.record, label)
 
 
 JOINED_COLOURS = (style.PALETTE[0], style.PALETTE[4], "#333333")
@@ -342,8 +338,7 @@ def joined(ensemble: Ensemble, label: str = "") -> Figure:
         axes.locator_params(axis="x", nbins=2 if long else 4)
         axes.set_xlabel(style.axis_label(f"mean {name}".replace(".", ", "), unit))
     what = f"{best} model from few samples of it, {100 * found.confidence:g} % intervals"
-    captions.headed(figure, [], what, ensemble.record, label)
-    return figure
+    return captions.headed(figure, [], what, ensemble.record, label)
 
 
 @style.styled
@@ -370,5 +365,4 @@ def rare_event(found: RareEvent, label: str = "") -> Figure:
     axes.set_yscale("log")
     axes.set_xlabel(style.axis_label(found.output, unit))
     axes.set_ylabel("probability of beyond")
-    captions.headed(figure, keys, found.event.replace("_", " "), found.record, label)
-    return figure
+    return captions.headed(figure, keys, found.event.replace("_", " "), found.record, label)

@@ -61,8 +61,7 @@ def frequencies(
         keys.append(Line2D([], [], color=line_colour, linestyle="none", marker="x", label="reduced"))
     what = "Eigenfrequencies, full order" + (" and reduced" if reduced else "")
     notes = captions.of_records([table.record for table in tables], labels)
-    style.top_legend(figure, keys, style.heading(what, tables[0].record, "" if several else labels[0]), notes)
-    return figure
+    return style.top_legend(figure, keys, style.heading(what, tables[0].record, "" if several else labels[0]), notes)
 
 
 def labels_of(tables: Sequence[ModesTable], files: Sequence[Path] = ()) -> list[str]:
@@ -121,8 +120,7 @@ def frequency_maps(table: ModesTable, n_modes: int = 4, label: str = "") -> Figu
         if mode % COLUMNS == 0:
             axes.set_ylabel(style.axis_label(y_name, y_unit))
     what = "Eigenfrequencies, full order" + (" and reduced" if table.reduced_hz is not None else "")
-    captions.headed(figure, [], what, table.record, label)
-    return figure
+    return captions.headed(figure, [], what, table.record, label)
 
 
 @style.styled
@@ -152,8 +150,7 @@ def coordinate_path(trajectory: Trajectory, label: str = "") -> Figure:
     axes.autoscale_view()
     colours.add_bar(axes)
     what = style.heading(f"Path of the coordinates, {style.MODELS[trajectory.model]}", trajectory.record, label)
-    style.top_legend(figure, keys, what, captions.of_runs([trajectory]))
-    return figure
+    return style.top_legend(figure, keys, what, captions.of_runs([trajectory]))
 
 
 def _draw_ranges(axes: Axes, trajectory: Trajectory) -> list[Line2D]:

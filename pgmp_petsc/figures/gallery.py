@@ -101,8 +101,7 @@ def portrait(run: Trajectory, shown: Portrait) -> Figure:
     left.set_aspect("equal")
     left.axis("off")
     _draw_curve(right, run, shown.output, run.frames.time[instants], colours.at)
-    top_legend(figure, shapes.keys(), f"{shown.title}{_enlarged(shown)}")
-    return figure
+    return top_legend(figure, shapes.keys(), f"{shown.title}{_enlarged(shown)}")
 
 
 def _enlarged(shown: Portrait) -> str:

@@ -248,8 +248,7 @@ def mechanism(
             enlarged = f", deformation enlarged {exaggeration:g} times"
     instants = f"at {len(chosen)} instants" if len(chosen) > 1 else "at one instant"
     what = f"Shape {instants}, {style.MODELS[trajectory.model]}{enlarged}"
-    style.top_legend(figure, keys, style.heading(what, trajectory.record, label), notes)
-    return figure
+    return style.top_legend(figure, keys, style.heading(what, trajectory.record, label), notes)
 
 
 ASSEMBLY_WIDTH = 9.0

@@ -122,10 +122,12 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> Path:
     return path
 
 
-def top_legend(figure: Figure, handles: Sequence[Artist], title: str | None = None, notes: Sequence[str] = ()) -> None:
-    """Put a title, what has to be known besides, and rows of keys above all axes; keep that strip free of them.
+def top_legend(
+    figure: Figure, handles: Sequence[Artist], title: str | None = None, notes: Sequence[str] = ()
+) -> Figure:
+    """Put a title, what has to be known besides, and rows of keys above all axes; return the figure.
 
-    The figure grows by what lies beyond one line of title and one row of keys.
+    The strip is kept free of axes; the figure grows by what lies beyond one line of title and one row of keys.
     """
     width = figure.get_figwidth()
     lines = [(line, _TITLE) for line in _wrapped(title or "", width, _TITLE)]
@@ -149,6 +151,7 @@ def top_legend(figure: Figure, handles: Sequence[Artist], title: str | None = No
         )  # fmt: skip
         used += 0.24 + 0.2 * (n_rows - 1)
     figure.get_layout_engine().set(rect=(0, 0, 1, 1 - used / inches))
+    return figure
 
 
 def _wrapped(text: str, width: float, look: Mapping[str, Any]) -> list[str]:

@@ -76,8 +76,9 @@ def mesh_costs(study: Tradeoff) -> Figure:
             axes.legend(handles=keys, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=3 if len(keys) > 4 else 2)
         else:
             axes.text(0.5, 0.5, "nothing known", transform=axes.transAxes, ha="center", color=style.QUIET)
-    style.top_legend(figure, [], style.heading("What meshes cost in error and time", study.record), _notes(study))
-    return figure
+    return style.top_legend(
+        figure, [], style.heading("What meshes cost in error and time", study.record), _notes(study)
+    )
 
 
 def _keys_of_errors(study: Tradeoff) -> list[Line2D]:
@@ -124,8 +125,7 @@ def _work_precision(study: Tradeoff, cost: np.ndarray, label: str, title: str) -
         color=style.QUIET, arrowprops={"arrowstyle": "->", "color": style.QUIET, "shrinkA": 0.0},
     )  # fmt: skip
     known = np.array([_known(study, cost, column) for column in range(len(study.outputs))]).any(axis=0)
-    style.top_legend(figure, _keys(study, known, cost), style.heading(title, study.record), _notes(study))
-    return figure
+    return style.top_legend(figure, _keys(study, known, cost), style.heading(title, study.record), _notes(study))
 
 
 def _draw_output(axes: Axes, study: Tradeoff, cost: np.ndarray, column: int) -> None:

@@ -151,8 +151,7 @@ def trajectories(
     kinds = {comparison.kind for comparison in comparisons}
     what = f"Outputs over time, {kinds.pop() if len(kinds) == 1 else 'full order and reduced'}"
     alone = labels[0] if len(comparisons) == 1 else ""
-    style.top_legend(figure, _keys(comparisons, labels), style.heading(what, runs[0].record, alone), notes)
-    return figure
+    return style.top_legend(figure, _keys(comparisons, labels), style.heading(what, runs[0].record, alone), notes)
 
 
 def _labelled_runs(comparisons: Sequence[Comparison], labels: Sequence[str]) -> tuple[list[Trajectory], list[str]]:
@@ -279,8 +278,7 @@ def energies(trajectory: Trajectory, label: str = "") -> Figure:
     panels[-1].set_xlabel("time (s)")
     figure.align_ylabels(panels)
     what = style.heading(f"Balance of energy, {style.MODELS[trajectory.model]}", trajectory.record, label)
-    style.top_legend(figure, [], what, captions.of_runs([trajectory]))
-    return figure
+    return style.top_legend(figure, [], what, captions.of_runs([trajectory]))
 
 
 def _draw_curves(axes: Axes, time: np.ndarray, curves: Mapping[str, np.ndarray], title: str, joule: str) -> None:
@@ -331,8 +329,7 @@ def design(found: Design, label: str = "") -> Figure:
         Line2D([], [], color=style.QUIET, linestyle=":", label=f"at the start, {begun}"),
         Line2D([], [], color=style.REDUCED_COLOUR, label=f"design, {ended}"),
     ]
-    captions.headed(figure, keys, f"Design, {found.goal}", found.record, label)
-    return figure
+    return captions.headed(figure, keys, f"Design, {found.goal}", found.record, label)
 
 
 MEASURED = style.PALETTE[0]
@@ -366,8 +363,7 @@ def fit(found: Fit, label: str = "") -> Figure:
         Line2D([], [], color=style.REDUCED_COLOUR, label=f"fitted, {values}"),
         Line2D([], [], color=style.QUIET, linewidth=0.8, linestyle="--", label="two deviations of the noise"),
     ]
-    captions.headed(figure, keys, "Fit", found.record, label)
-    return figure
+    return captions.headed(figure, keys, "Fit", found.record, label)
 
 
 def _with_error(parameter: FittedParameter) -> str:
@@ -403,5 +399,4 @@ def sensitivities(found: Derivatives, label: str = "") -> Figure:
     for (name, (change, what)), colour in zip(found.changes.items(), colours):
         text = style.quantity(name, change, found.units.get(name, "1")).replace(" = ", " + ")
         keys.append(Line2D([], [], color=colour, label=f"{text}, {what}"))
-    captions.headed(figure, keys, "Sensitivities, to first order", found.record, label)
-    return figure
+    return captions.headed(figure, keys, "Sensitivities, to first order", found.record, label)

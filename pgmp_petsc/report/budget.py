@@ -30,6 +30,7 @@ from pgmp_petsc.report.sources import (
     failed_of,
     in_words,
     mean_of,
+    of_kind,
     read_sources,
     sentence_case,
 )
@@ -130,7 +131,7 @@ def _share(source: Source, name: str) -> Datum:
 
 def error_budget(sources: Sequence[Source], error: ModelError | None) -> list[Line]:
     """Return the lines of the budget of one scene."""
-    studies = [source for source in sources if isinstance(source.result, Tradeoff)]
+    studies = of_kind(sources, Tradeoff)
     builds = [source.result for source in sources if isinstance(source.result, Build)]
     return [
         *_of_model(sources, error),
@@ -163,10 +164,8 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
             yield Line("model", ["none"], f"{kinds}: nothing was reduced")
         else:
             yield Line("model", [], f"add a full-order run of the same scene: nothing tells it of {kinds}")
-    for source in sources:
+    for source in of_kind(sources, Ensemble):
         result = source.result
-        if not isinstance(result, Ensemble):
-            continue
         for name, values in result.errors.items():
             known = values[np.isfinite(values)]
             if not known.size:
@@ -232,10 +231,8 @@ def _of_mesh(studies: Sequence[Source]) -> Iterator[Line]:
 
 def _of_sampling(sources: Sequence[Source]) -> Iterator[Line]:
     """Yield the half widths of intervals."""
-    for source in sources:
+    for source in of_kind(sources, Ensemble):
         result = source.result
-        if not isinstance(result, Ensemble):
-            continue
         for label, chance in result.probabilities.items():
             half = 0.5 * float(chance.interval[1] - chance.interval[0])
             size = [Datum(half, f"± {100 * half:.2g} percentage points")] if np.isfinite(half) else []
@@ -263,10 +260,8 @@ def _of_balance(sources: Sequence[Source]) -> Iterator[Line]:
 
 def _of_small_deformations(sources: Sequence[Source]) -> Iterator[Line]:
     """Yield how far single runs left small deformations, for which the models are made."""
-    for source in sources:
+    for source in of_kind(sources, Trajectory):
         result = source.result
-        if not isinstance(result, Trajectory):
-            continue
         scene = scene_of(result.record)
         stiffened = any(effect.get("type") == "geometric_stiffening" for effect in scene.get("effects", {}).values())
         limits = limits_of(stiffened or bool(scene.get("reduction", {}).get("second_order")))
@@ -284,8 +279,8 @@ MUCH_MORE = 2.4  # times the other: beyond it no more than 5 % of estimates are 
 
 def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentence]:
     """Return the sentences, the most telling one first."""
-    ensembles = [source for source in sources if isinstance(source.result, Ensemble)]
-    runs = [source for source in sources if isinstance(source.result, Trajectory)]
+    ensembles = of_kind(sources, Ensemble)
+    runs = of_kind(sources, Trajectory)
     sentences: list[Sentence] = []
     for source in ensembles:
         sentences += _of_ensemble(source, len(ensembles) > 1, error, _full_order_stops(sources))

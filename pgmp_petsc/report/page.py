@@ -43,6 +43,7 @@ from pgmp_petsc.report.sources import (
     failed_of,
     in_words,
     mean_of,
+    of_kind,
     read_sources,
     sentence_case,
 )
@@ -97,9 +98,9 @@ def section_of(sources: Sequence[Source]) -> Section:
     """Return the part of a scene."""
     scene = scene_of(sources[0].record)
     header = scene.get("scene", {})
-    runs = [source for source in sources if isinstance(source.result, Trajectory)]
-    ensembles = [source for source in sources if isinstance(source.result, Ensemble)]
-    studies = [source for source in sources if isinstance(source.result, Tradeoff)]
+    runs = of_kind(sources, Trajectory)
+    ensembles = of_kind(sources, Ensemble)
+    studies = of_kind(sources, Tradeoff)
     comparisons = paired([source.result for source in runs])
     error = model_error(sources, comparisons)
     filmed = next((source for source in runs if source.result.frames is not None), None)
@@ -123,7 +124,7 @@ def section_of(sources: Sequence[Source]) -> Section:
         budget=error_budget(sources, error),
         energies=list(_energies(runs)),
         tradeoffs=[_tradeoff(source) for source in studies],
-        rare_events=[_rare_event(source) for source in sources if isinstance(source.result, RareEvent)],
+        rare_events=[_rare_event(source) for source in of_kind(sources, RareEvent)],
         failures=[_failures(source) for source in ensembles if source.result.status.any()],
         remarks=_remarks(sources),
         cost=_cost(sources),
@@ -379,7 +380,7 @@ def _origins(sources: Sequence[Source]) -> Table:
 def _commands(sources: Sequence[Source]) -> list[str]:
     """Return commands that repeat the results, from the scene that they carry."""
     any_reduced = any(getattr(source.result, "model", "") == "reduced" for source in sources)
-    builds = [shlex.quote(source.name) for source in sources if isinstance(source.result, Build)]
+    builds = [shlex.quote(source.name) for source in of_kind(sources, Build)]
     rom = builds[0] if builds else "rom.h5"
     found = [f"pgmp info {shlex.quote(str(sources[0].path))} --scene > scene.toml"]
     if builds or any_reduced:
