@@ -115,6 +115,9 @@ FEATURES = {
     "bushing": ('effects.x={{type="bushing",points=["ground:origin","{last}:tip"],reference={axes},stiffness={along},'
         "damping={along}}}",),
     "elastic joint": ("joints.{drive}.elastic={{reference={axes},stiffness={stiff},damping={along}}}",),
+    "clearance": (
+        "joints.{drive}.clearance={{radius=1e-4,stiffness=1e8,restitution=0.9,restitution_speed='strength'}}",
+    ),  # fmt: skip
     "gear": (*WHEEL, "joints.mesh={{type='gear',joints=['{drive}','sleeve'],ratio=-2.0}}"),
     "elastic gear": (
         *WHEEL, "joints.mesh={{type='gear',joints=['{drive}','sleeve'],ratio=-2.0,elastic={{stiffness='strength'}}}}",
@@ -159,6 +162,12 @@ FEATURES = {
     "deformation": ('outputs.x={{type="deformation",point="{last}:tip",axis="y",frame="body"}}',),
     "stress": ('outputs.x={{type="stress",body="{last}",quantity="{quantity}"}}',
         'outputs.y={{type="stress",body="{last}",quantity="{quantity}",at={inside}}}',),
+    "fatigue": (
+        'outputs.x={{type="rainflow",of="y",mean_stress="goodman",ultimate=5e8,'
+        'curve={{exponent=5.0,reference="strength",cycles=1e6}}}}',
+        'outputs.y={{type="stress",body="{last}",quantity="{quantity}",at={inside}}}',
+        'outputs.z={{type="rainflow",of="y",quantity="life",run_out=1e9,curve={{table=[[1.0,1e7],[1e3,1e4]]}}}}',
+    ),  # fmt: skip
     "force in a joint": ('outputs.x={{type="joint_force",joint="{drive}",component="y"}}',),
     "torque of a drive": (
         'effects.x={{type="prescribed_motion",coordinate="{theta}",spin_up={{speed=2.0,time=0.5}}}}',

@@ -6,6 +6,7 @@ import numpy as np
 
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
@@ -45,7 +46,8 @@ def outputs_of(model: ReducedModel, values: dict[str, float]) -> dict[str, np.nd
 
     integrate(ToRoundOff(system), model.scene.simulation, observer=keep)
     states = State(*np.array(rows).swapaxes(0, 1), np.zeros(0))
-    return model.outputs.evaluate(model.observed_of(np.array(times), states, values))
+    found = model.outputs.evaluate(model.observed_of(np.array(times), states, values))
+    return counted_after(model.outputs.counts, np.array(times), found, values)
 
 
 def differences(model: ReducedModel, name: str, share: float) -> dict[str, np.ndarray]:

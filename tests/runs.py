@@ -27,6 +27,7 @@ from pgmp_petsc.mesh import read_line_mesh
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
+from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -221,7 +222,8 @@ def history(
     else:
         observed = np.concatenate(kept, axis=1)
     outputs = model.outputs.evaluate(observed)
-    return np.array(times), {name: row.reshape(len(times), n) for name, row in outputs.items()}
+    outputs = {name: row.reshape(len(times), n) for name, row in outputs.items()}
+    return np.array(times), counted_after(model.outputs.counts, np.array(times), outputs, system.values)
 
 
 def largest_errors(exact: Mapping[str, np.ndarray], found: Mapping[str, np.ndarray]) -> dict[str, float]:

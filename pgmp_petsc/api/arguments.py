@@ -21,31 +21,6 @@ from pgmp_petsc.ranks.agreement import agreed
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-FILE = "the name of a file"
-TABLE = "a CSV or HDF5 file, a DataFrame, or a mapping of parameters' names to columns of numbers"
-#: What is allowed, by the name of an argument, or by that of its annotation.
-ALLOWED = {
-    "AnySource": "a reduced model (pgmp.build, pgmp.read), a scene (pgmp.load), or a file",
-    "Scene": "a scene, as from pgmp.load or pgmp.compose",
-    "Rom": "a reduced model, as from pgmp.build or pgmp.read",
-    "Result": "a result, as from pgmp.simulate or pgmp.read",
-    "Shard": "pgmp.Shard(number, count), such as pgmp.Shard(2, 8)",
-    "Stopping": "pgmp.Stopping(until, budget)",
-    "Robust": "pgmp.Robust(deviations, n, seed)",
-    "Sequence[Correction]": "a list of pgmp.Correction(model, n)",
-    "Sequence[float]": "a list of finite numbers",
-    "Sequence[str]": "a list of texts",
-    "Sequence[str | PathLike[str]]": "a list of names of files",
-    "Sequence[Result | str | PathLike[str]]": "a list of results, or of names of files",
-    "Mapping[str, float]": "a mapping of names to numbers",
-    "Mapping[str, Any]": "a mapping of tables",
-    "Columns": TABLE,
-    "PathLike[str]": FILE,
-    "str": "a text",
-    "int": "whole numbers",
-    "float": "finite numbers",
-    "bool": "True and False",
-}
 _PLAIN = ("int", "float", "bool")  # whose value says more than its type
 
 
@@ -195,16 +170,15 @@ def kinds_of(annotation: str) -> tuple[str, ...]:
 
 
 def _taken(name: str, value: object, kinds: tuple[str, ...], limits: object) -> Any:
-    """Return an argument as functions take it."""
     for kind in kinds:
-        if kind not in _TAKEN:
+        if kind not in _KINDS:
             return value  # the function's own to look at
-        found = _TAKEN[kind](value)
+        found = _KINDS[kind][0](value)
         if found is not NotImplemented:
             _check(name, value, found, kind, limits)
             return found
     kind = next(kind for kind in kinds if kind != "None")
-    text = limits if isinstance(limits, str) else ALLOWED[kind]
+    text = limits if isinstance(limits, str) else _KINDS[kind][1]
     if kind in ("Scene", "Rom", "Result") and "PathLike[str]" in kinds:
         text += ", or its file"
     if kind in _PLAIN or isinstance(value, str) and kind.startswith(("PathLike", "Sequence")):
@@ -304,37 +278,42 @@ def _columns(value: object) -> object:
 
 
 def _either(*names: str) -> Callable[[object], object]:
-    """Return what takes one of several kinds."""
-
     def taken(value: object) -> object:
-        return next((found for name in names if (found := _TAKEN[name](value)) is not NotImplemented), NotImplemented)
+        taken = (_KINDS[name][0](value) for name in names)
+        return next((found for found in taken if found is not NotImplemented), NotImplemented)
 
     return taken
 
 
-#: What an argument becomes, by the kinds of annotations; NotImplemented where it is none of the kind.
-_TAKEN: dict[str, Callable[[Any], Any]] = {
-    "None": lambda value: None if value is None else NotImplemented,
-    "str": _text,
-    "PathLike[str]": _path,
-    "int": _whole,
-    "float": _finite,
-    "bool": _truth,
-    "Scene": _instance("Scene"),
-    "Rom": _instance("Rom"),
-    "Result": _instance("Result"),
-    "Shard": _instance("Shard"),
-    "Stopping": _instance("Stopping"),
-    "Robust": _instance("Robust"),
-    "AnySource": _either("Rom", "Scene", "PathLike[str]"),
-    "Overrides": overrides_of,
-    "Parameters": settings_of,
-    "Columns": _columns,
-    "Mapping[str, float]": _mapping,
-    "Mapping[str, Any]": _mapping,
-    "Sequence[str]": _list_of(_text),
-    "Sequence[float]": _list_of(_finite),
-    "Sequence[Correction]": _list_of(_instance("Correction")),
-    "Sequence[str | PathLike[str]]": _list_of(_path),
-    "Sequence[Result | str | PathLike[str]]": _list_of(_either("Result", "PathLike[str]")),
+#: What an argument becomes, by the kinds of annotations, NotImplemented where it is none of the kind; what is allowed.
+_KINDS: dict[str, tuple[Callable[[Any], Any], str]] = {
+    "None": (lambda value: None if value is None else NotImplemented, ""),
+    "str": (_text, "a text"),
+    "PathLike[str]": (_path, "the name of a file"),
+    "int": (_whole, "whole numbers"),
+    "float": (_finite, "finite numbers"),
+    "bool": (_truth, "True and False"),
+    "Scene": (_instance("Scene"), "a scene, as from pgmp.load or pgmp.compose"),
+    "Rom": (_instance("Rom"), "a reduced model, as from pgmp.build or pgmp.read"),
+    "Result": (_instance("Result"), "a result, as from pgmp.simulate or pgmp.read"),
+    "Shard": (_instance("Shard"), "pgmp.Shard(number, count), such as pgmp.Shard(2, 8)"),
+    "Stopping": (_instance("Stopping"), "pgmp.Stopping(until, budget)"),
+    "Robust": (_instance("Robust"), "pgmp.Robust(deviations, n, seed)"),
+    "AnySource": (
+        _either("Rom", "Scene", "PathLike[str]"),
+        "a reduced model (pgmp.build, pgmp.read), a scene (pgmp.load), or a file",
+    ),
+    "Overrides": (overrides_of, ""),
+    "Parameters": (settings_of, ""),
+    "Columns": (_columns, "a DataFrame, or a mapping of parameters' names to columns of numbers"),
+    "Mapping[str, float]": (_mapping, "a mapping of names to numbers"),
+    "Mapping[str, Any]": (_mapping, "a mapping of tables"),
+    "Sequence[str]": (_list_of(_text), "a list of texts"),
+    "Sequence[float]": (_list_of(_finite), "a list of finite numbers"),
+    "Sequence[Correction]": (_list_of(_instance("Correction")), "a list of pgmp.Correction(model, n)"),
+    "Sequence[str | PathLike[str]]": (_list_of(_path), "a list of names of files"),
+    "Sequence[Result | str | PathLike[str]]": (
+        _list_of(_either("Result", "PathLike[str]")),
+        "a list of results, or of names of files",
+    ),
 }

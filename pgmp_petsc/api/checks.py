@@ -139,7 +139,6 @@ def _tried(scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm) -> Trial |
 
 
 def _sizes(scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm) -> EffectSizes:
-    """Return the sizes of effects, bodies of continuum cells condensed as in a build. Collective on `comm`."""
     from pgmp_petsc.components.condensing import condensed
     from pgmp_petsc.ranks.groups import RankGroup
     from pgmp_petsc.studies.effect_sizes import estimate_effects

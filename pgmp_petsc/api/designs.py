@@ -113,7 +113,7 @@ def _status_of_design(found: Design) -> int:
         "What the design must keep.", word="CONSTRAINT", allowed="a list of constraints, such as ['r1 <= 6e-3']"
     ),
     robust=Argument(
-        "Figures over samples.", allowed="pgmp.Robust(deviations, n, seed)", made=Robust,
+        "Figures over samples.", made=Robust,
         parts={
             "deviations": Argument(
                 "Take the mean and K standard deviations of every figure over samples, instead of nominal runs.",

@@ -112,7 +112,6 @@ Columns = dict[str, np.ndarray]
 
 
 def _called(result: Result | str | PathLike[str]) -> str:
-    """Return what messages call a result."""
     return f"'{(result.path or 'a result without a file') if isinstance(result, Result) else result}'"
 
 
@@ -131,10 +130,8 @@ def _samples(a: Result, b: Result, names: list[str]) -> tuple[np.ndarray, Column
     """Return the numbers (n,) of the samples that are fine in both ensembles, their outputs, and what one lacks."""
     same = len(a.status) == len(b.status) and {*a.parameters} == {*b.parameters}
     if not same or any(not np.array_equal(a.parameters[name], b.parameters[name]) for name in a.parameters):
-        raise InputError(
-            f"ensembles of {len(a.status)} and {len(b.status)} samples: they are not of the same values of parameters; "
-            "give two of one scene, number and seed"
-        )
+        why = "they are not of the same values of parameters; give two of one scene, number and seed"
+        raise InputError(f"ensembles of {len(a.status)} and {len(b.status)} samples: {why}")
     fine = np.flatnonzero((a.status == 0) & (b.status == 0))
     of_a, of_b = ({name: np.asarray(one.outputs[name])[fine] for name in names} for one in (a, b))
     n = int(np.sum((a.status == 0) != (b.status == 0)))

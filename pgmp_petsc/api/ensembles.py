@@ -31,7 +31,7 @@ from pgmp_petsc.ensemble.sample_file import Columns
 from pgmp_petsc.ensemble.sampling import refuse_drawn
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.ranks.agreement import agreed, on_root
-from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, RankGroup
 from pgmp_petsc.results.ensemble import Ensemble, ShardSamples, read_shard
 from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.scene import Scene
@@ -166,10 +166,8 @@ def choose(given: Mapping[str, Any], comm: Comm) -> Callable[..., Result]:
         for name in ("n", "seed", "samples", "shard", "correct", "stopping"):
             if name in given:
                 option = _as_given(name, given[name]).split()[0]
-                raise InputError(
-                    f"{option}: --retry-failed {given['failed']} takes samples and their number from the file; leave "
-                    "one of them out"
-                )
+                why = f"--retry-failed {given['failed']} takes samples and their number from the file"
+                raise InputError(f"{option}: {why}; leave one of them out")
         return retry_failed
     return montecarlo
 
@@ -192,11 +190,11 @@ def exit_status(found: Ensemble | ShardSamples | RareEvent) -> int:
     """Return 1 where samples failed, a rule is not met, or a rare event is not reached."""
     failed = bool(np.any(found.status != 0))
     if isinstance(found, RareEvent):
-        return int(failed or not found.reached)
-    if isinstance(found, ShardSamples):
-        return int(failed)
-    failed = failed or found.joined is not None and found.joined.n_failed > 0
-    return int(failed or found.stopping is not None and not found.stopping.is_met)
+        failed |= not found.reached
+    elif isinstance(found, Ensemble):
+        failed |= found.joined is not None and found.joined.n_failed > 0
+        failed |= found.stopping is not None and not found.stopping.is_met
+    return int(failed)
 
 
 @command(
@@ -208,16 +206,15 @@ def exit_status(found: Ensemble | ShardSamples | RareEvent) -> int:
         allowed="a CSV or HDF5 file, a DataFrame, or a mapping of parameters' names to columns of numbers",
     ),
     shard=Argument(
-        "Integrate part I of K parts alone; pgmp merge joins their files to the whole.", word="I/K",
-        allowed="pgmp.Shard(number, count), such as pgmp.Shard(2, 8)", read=read_part,
+        "Integrate part I of K parts alone; pgmp merge joins their files to the whole.", word="I/K", read=read_part
     ),
     correct=Argument(
         "Run the first K samples with a better MODEL too (full or components; /D: steps D times as short), and give "
         "its mean, deviation and probabilities; K may be auto with --budget.", word="[SCENE:]MODEL[/D]=K",
-        allowed="a list of pgmp.Correction(model, n)", read=lambda texts: [Correction.read(text) for text in texts],
+        read=lambda texts: [Correction.read(text) for text in texts],
     ),
     stopping=Argument(
-        allowed="pgmp.Stopping(until, budget)", made=Stopping,
+        made=Stopping,
         parts={
             "until": Argument(
                 "Stop when a figure is known well enough, such as 'std(angle) < 1 %' or 'P(angle > 3) +- 0.002'.",
@@ -284,10 +281,7 @@ def montecarlo(
 
 @command(
     "merge", "Join the shards of an ensemble.", 80, report=report_of_ensemble, status=exit_status,
-    files=Argument(
-        "Files of all shards, in any order.", word="FILE",
-        allowed="a list of names of shards' files",
-    ),
+    files=Argument("Files of all shards, in any order.", word="FILE", allowed="a list of names of shards' files"),
     gives="With the attributes of `results.Ensemble`.",
 )  # fmt: skip
 def merge(
@@ -303,17 +297,13 @@ def merge(
     """
     from pgmp_petsc.ensemble.shards import Shards  # as above
 
-    comm = solving_ranks_of(comm)
+    comm, found = solving_ranks_of(comm), None
     paths = [Path(file) for file in files]
-
-    def merged(place: Path) -> Ensemble:
-        with ExitStack() as opened:
-            shards = [opened.enter_context(read_shard(path)) for path in paths]
-            return Shards(paths, shards, place.resolve().parent).described(place)
-
     with keeping("ensemble", comm, output, on_all_ranks, paths) as keeper, _place_of(keeper) as place:
-        with agreed(comm, "merging"):
-            found = merged(place) if comm.rank == 0 else None
+        with agreed(comm, "merging"), ExitStack() as opened:
+            if comm.rank == 0:
+                shards = [opened.enter_context(read_shard(path)) for path in paths]
+                found = Shards(paths, shards, place.resolve().parent).described(place)
         return keeper.result(found, paths[0].parent)
 
 
@@ -326,17 +316,11 @@ def _check_sharing(ranks_per_sample: int, model: str) -> None:
 
 def _say_if_small(model: FullModel, ranks_per_sample: int, comm: Comm) -> None:
     """Say that samples are too small to be shared among ranks, which wait for each other in every step."""
-    if ranks_per_sample == 1:
-        return
-    from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK  # reduced samples never need it
-
     n = model.kinematics.mechanism.n_dofs
-    if n < UNKNOWNS_PER_RANK * ranks_per_sample:
-        announce(
-            f"--ranks-per-sample = {ranks_per_sample}: a sample has {n} unknowns, less than {UNKNOWNS_PER_RANK} for "
-            "each of its ranks, which takes longer than on fewer of them; leave it out, and ranks take their own",
-            comm,
-        )
+    if 1 < ranks_per_sample and n < UNKNOWNS_PER_RANK * ranks_per_sample:
+        few = f"a sample has {n} unknowns, less than {UNKNOWNS_PER_RANK} for each of its ranks"
+        cure = "which takes longer than on fewer of them; leave it out, and ranks take their own"
+        announce(f"--ranks-per-sample = {ranks_per_sample}: {few}, {cure}", comm)
 
 
 def _kept(keeper: Keeper, found: object, plan: Plan, origin: Origin, scene: Scene) -> Result:
@@ -358,13 +342,9 @@ def _place_of(keeper: Keeper) -> Iterator[Path]:
     if keeper.output is not None:
         yield keeper.output
         return
-    folder = on_root(keeper.comm, _temporary_folder)
+    folder = on_root(keeper.comm, tempfile.mkdtemp, None, "pgmp_ensemble_")
     try:
-        yield folder / "ensemble.h5"
+        yield Path(folder) / "ensemble.h5"
     finally:
         if keeper.comm.rank == 0:
             shutil.rmtree(folder, ignore_errors=True)
-
-
-def _temporary_folder() -> Path:
-    return Path(tempfile.mkdtemp(prefix="pgmp_ensemble_"))

@@ -20,6 +20,7 @@ from pgmp_petsc.c_export.constants import CORRECTIONS, MOST_CORRECTIONS, checked
 from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
 from pgmp_petsc.c_export.source import write_sources
 from pgmp_petsc.files.claims import KINDS, TABLE, TABULAR, check_output, is_table, named
+from pgmp_petsc.files.hdf5 import open_file
 from pgmp_petsc.files.seal import BrokenSeal, seal_of
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.scene import Scene
@@ -95,10 +96,9 @@ def _check(output: str | PathLike[str], fmi: int | None) -> None:
     target = Path(output)
     is_fmu = target.suffix.lower() == FMU
     if target.suffix and not is_fmu:
-        raise InputError(
-            f"output '{target}': a reduced model is exported as a folder of C99, whose name has no ending (-o "
-            f"{target.with_suffix('')}/), or as an FMU (-o {target.with_suffix(FMU)})"
-        )
+        folder = f"a folder of C99, whose name has no ending (-o {target.with_suffix('')}/)"
+        fmu = f"an FMU (-o {target.with_suffix(FMU)})"
+        raise InputError(f"output '{target}': a reduced model is exported as {folder}, or as {fmu}")
     if fmi is not None and not is_fmu:
         raise InputError(f"--fmi {fmi} is for FMUs, and '{target}' is none; name an FMU, -o NAME{FMU}, or leave it out")
 
@@ -155,11 +155,9 @@ def export_result(
 
 def _write_frames(file: Path, output: Path) -> int:
     """Describe the frames of a trajectory for ParaView; return their number. By one process."""
-    from pgmp_petsc.files.hdf5 import open_file
     from pgmp_petsc.results.xdmf import write_xdmf
 
-    with open_file(file, KINDS) as opened:
-        kind = str(opened.attrs["kind"])
+    kind = _kind_of(file)
     if kind != "trajectory":
         name = output.with_suffix(".csv") if output.name else "NAME.csv"
         table = f"; a table of it is written as -o {name}" if kind in TABULAR else ""
@@ -169,18 +167,14 @@ def _write_frames(file: Path, output: Path) -> int:
 
 def _write_table(file: Path, output: Path) -> tuple[int, int]:
     """Write the columns of a result; return the numbers of rows and columns. By one process."""
-    from pgmp_petsc.files.hdf5 import open_file
     from pgmp_petsc.results import READERS
     from pgmp_petsc.results.summary import columns_of, write_result
 
-    with open_file(file, KINDS) as opened:
-        kind = str(opened.attrs["kind"])
+    kind = _kind_of(file)
     if kind not in TABULAR:
-        known = ", ".join(named(one) for one in TABULAR)
-        raise InputError(
-            f"output '{output}': {named(kind)} ('{file}') has no rows and columns; a table can be made of {known}; "
-            f"'pgmp info {file} --json' has its figures"
-        )
+        known = f"a table can be made of {', '.join(map(named, TABULAR))}"
+        cure = f"'pgmp info {file} --json' has its figures"
+        raise InputError(f"output '{output}': {named(kind)} ('{file}') has no rows and columns; {known}; {cure}")
     result = READERS[kind].read(file)
     check_output(output, TABLE, (file,))
     write_result(result, output)
@@ -188,9 +182,13 @@ def _write_table(file: Path, output: Path) -> tuple[int, int]:
     return len(next(iter(columns.values()))[1]), len(columns)
 
 
+def _kind_of(file: Path) -> str:
+    with open_file(file, KINDS) as opened:
+        return str(opened.attrs["kind"])
+
+
 def _what_lacks(file: Path) -> list[str]:
     """Return what the stresses of a reduced run lack, and why a run stopped early; by one process."""
-    from pgmp_petsc.files.hdf5 import open_file
     from pgmp_petsc.results.trajectory import GROUP, truncated
 
     with open_file(file, "trajectory") as opened:

@@ -16,10 +16,12 @@ import h5py
 from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of
 from pgmp_petsc.api.result import Result, Rom, in_memory
+from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.files.hdf5 import KINDS, RunRecord, shapes_of
+from pgmp_petsc.files.hdf5 import KINDS, RunRecord, open_file, shapes_of
 from pgmp_petsc.ranks.agreement import on_root
 from pgmp_petsc.results import EffectSizes, Selection
+from pgmp_petsc.results.summary import origin_of, plain, summary_of
 
 
 @interface(path=Argument("File of a result of any kind but a shard."))
@@ -36,8 +38,6 @@ def read(path: str | PathLike[str], *, comm: Comm | None = None) -> Result:
 
 def stopped_runs(*paths: Path) -> list[str]:
     """Return a line for every file that holds only a part of a run, saying why; by one process."""
-    from pgmp_petsc.files.hdf5 import KINDS, RunRecord, open_file
-
     lines = []
     for path in paths:
         with open_file(path, KINDS) as file:
@@ -47,8 +47,7 @@ def stopped_runs(*paths: Path) -> list[str]:
 
 
 def _kind_of(path: Path) -> str:
-    from pgmp_petsc.files.hdf5 import open_file
-    from pgmp_petsc.results import READERS
+    from pgmp_petsc.results import READERS  # all kinds of results
 
     with open_file(path, ("rom", *READERS)) as file:
         return str(file.attrs["kind"])
@@ -95,15 +94,11 @@ class Contents:
         Raises `InputError` if it is no whole result of this program.
         """
         from pgmp_petsc.results import READERS
-        from pgmp_petsc.results.summary import origin_of, plain, summary_of
 
         about = {"file": self.path, "kind": self.kind, "program_version": self.program_version}
         about |= origin_of(self.record)
         about["chosen"] = None if self.selection is None else self.selection.chosen
-        about["datasets"] = {
-            name: {"shape": list(one.shape), "unit": one.unit, "description": one.description}
-            for name, one in self.datasets.items()
-        }
+        about["datasets"] = {name: one._asdict() for name, one in self.datasets.items()}
         if self.kind in READERS:
             about |= summary_of(READERS[self.kind].read(self.path))
         return plain(about)
@@ -115,9 +110,6 @@ class Contents:
 
 
 def _contents(path: Path) -> Contents:
-    from pgmp_petsc.files.hdf5 import KINDS, RunRecord, open_file, shapes_of
-    from pgmp_petsc.results import EffectSizes, Selection
-
     with open_file(path, KINDS) as file, shapes_of(file):
         return Contents(
             path,
@@ -137,8 +129,7 @@ def _all_datasets(file: h5py.File) -> dict[str, DataSet]:
 
     def visit(name: str, item: object) -> None:
         if isinstance(item, h5py.Dataset):
-            unit, about = (str(item.attrs.get(key, "")) for key in ("unit", "description"))
-            found[f"/{name}"] = DataSet(tuple(item.shape), unit, about)
+            found[f"/{name}"] = DataSet(item.shape, *(str(item.attrs.get(key, "")) for key in DataSet._fields[1:]))
 
     file.visititems(visit)
     return found
@@ -151,9 +142,6 @@ def describe(found: Contents, path: Path | None = None, said: object = (), scene
     """
     if scene:
         return found.record.scene_toml.rstrip()
-    from pgmp_petsc.base.resources import Timings
-    from pgmp_petsc.results.summary import origin_of
-
     record, path = found.record, found.path
     parameters = ", ".join(f"{name} = {value:g}" for name, value in record.parameters.items())
     lines = [
@@ -166,28 +154,22 @@ def describe(found: Contents, path: Path | None = None, said: object = (), scene
         f"ranks      {record.ranks}",
     ]
     with shapes_of(path):
-        if record.remarks:
-            lines += ["", *(f"  {remark}" for remark in record.remarks)]
-        if found.selection is not None:
-            lines += ["", *found.selection.lines()]
-        if found.sizes is not None:
-            lines += ["", "effects, chosen by their size", *found.sizes.lines()]
-        if record.timings:
-            lines += ["", "timings", _indented(Timings(record.timings).table())]
-        lines += ["", "datasets", _indented(_datasets(found))]
-        known = _estimates(found)
-        if known:
-            lines += ["", *known]
-        if found.kind == "tradeoff":
-            lines += ["", "summary", _indented(_tradeoff(path))]
-    return "\n".join(lines)
+        parts = [
+            [f"  {remark}" for remark in record.remarks],
+            [] if found.selection is None else found.selection.lines(),
+            [] if found.sizes is None else ["effects, chosen by their size", *found.sizes.lines()],
+            ["timings", _indented(Timings(record.timings).table())] if record.timings else [],
+            ["datasets", _indented(_datasets(found))],
+            _estimates(found),
+        ]
+    return "\n".join([*lines, *(line for part in parts if part for line in ("", *part))])
 
 
 def _estimates(found: Contents) -> list[str]:
     """Return the figures of an ensemble, estimated errors, validity, and its balance of energy; a remark says what is
     not there."""
-    from pgmp_petsc.results import Ensemble, Trajectory
-    from pgmp_petsc.texts import ensemble_table, models
+    from pgmp_petsc.results import Ensemble, RareEvent, Tradeoff, Trajectory
+    from pgmp_petsc.texts import ensemble_table, models, studies
 
     path = found.path
     if found.kind == "ensemble":
@@ -195,25 +177,15 @@ def _estimates(found: Contents) -> list[str]:
         of_errors = models.of_ensemble(ensemble)
         return [*ensemble_table.lines_of(ensemble), *of_errors, *models.of_balance(ensemble)]
     if found.kind == "rare_event":
-        from pgmp_petsc.results.statistics import RareEvent
-
         return ensemble_table.lines_of_rare_event(RareEvent.read(path))
     if found.kind in ("sensitivities", "fit", "design"):
-        from pgmp_petsc.texts.studies import lines_of_file
-
-        return lines_of_file(path, found.kind)
+        return studies.lines_of_file(path, found.kind)
+    if found.kind == "tradeoff":
+        return ["summary", _indented(studies.summary(Tradeoff.read(path)))]
     known = ("/validity/", "/errors/")
     if found.kind != "trajectory" or not any(name.startswith(known) for name in found.datasets):
         return []
     return models.of_run(Trajectory.read(path))
-
-
-def _tradeoff(path: Path) -> str:
-    """Return the table and the advice of a trade-off study."""
-    from pgmp_petsc.results.tradeoff import Tradeoff
-    from pgmp_petsc.texts.studies import summary
-
-    return summary(Tradeoff.read(path))
 
 
 def _datasets(found: Contents) -> str:
@@ -250,7 +222,6 @@ def _of_lengths(name: str) -> tuple[str, int, str]:
 
 
 def _indented(text: str) -> str:
-    """Indent every line by two spaces."""
     return "\n".join(f"  {line}" for line in text.splitlines())
 
 

@@ -87,7 +87,6 @@ def animate(
 
 
 def _angles(at: Mapping[str, float]) -> dict[str, float]:
-    """Return the coordinates of a configuration."""
     for name, angle in at.items():
         if isinstance(angle, bool) or not isinstance(angle, (int, float)) or not math.isfinite(angle):
             raise InputError(f"at[{name!r}] = {angle!r}: allowed is an angle (rad), a finite number")
@@ -102,10 +101,8 @@ def _check(file: Path, output: Path, mode: int | None, at: Mapping[str, float]) 
     with open_file(file, ("trajectory", "rom", "modes")) as opened:
         kind = str(opened.attrs["kind"])
     if kind == "modes":
-        raise InputError(
-            f"file '{file}': a table of modes holds frequencies alone; the shapes are in a reduced model: pgmp build "
-            "SCENE -o rom.h5, then pgmp animate rom.h5 --mode K"
-        )
+        cure = "the shapes are in a reduced model: pgmp build SCENE -o rom.h5, then pgmp animate rom.h5 --mode K"
+        raise InputError(f"file '{file}': a table of modes holds frequencies alone; {cure}")
     if kind == "rom" and mode is None:
         raise InputError(f"file '{file}' is a reduced model; give --mode K for one of its modes, or simulate it first")
     if kind == "trajectory" and mode is not None:

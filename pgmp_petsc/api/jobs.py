@@ -122,7 +122,6 @@ def run(
 
 
 def _checked(scene: Scene, mechanism: Mechanism) -> str:
-    """Return what a scene holds, in a line."""
     counts = {"body": len(scene.bodies), "joint": len(scene.joints), "effect": len(scene.effects)}
     plural = {"body": "bodies", "joint": "joints", "effect": "effects"}
     parts = [f"{n} {plural[what] if n != 1 else what}" for what, n in counts.items()]
@@ -350,14 +349,12 @@ class _Job:
         return target.exists() and target.stat().st_mtime_ns >= ledger.stat().st_mtime_ns
 
     def _source(self, with_settings: bool) -> dict[str, object]:
-        """Return the arguments of a call that name the model."""
         if self.model == "reduced":
             return {"source": self._of(ROM)}
         settings = self.settings if with_settings else self._settings_of_fixed()
         return {"source": self.path, "model": self.model, "parameters": settings, "overrides": self.overrides}
 
     def _settings_of_fixed(self) -> tuple[str, ...]:
-        """Return the settings of parameters that are not drawn."""
         names = [setting.partition("=")[0].strip() for setting in self.settings]
         return tuple(
             setting for name, setting in zip(names, self.settings) if self.scene.parameters[name].distribution is None

@@ -101,20 +101,18 @@ def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> l
             raise InputError(f"--correct {other.text}: {one.name} is there twice; give it once")
     for one in found:
         if one.rank <= (MODELS.index(own), 1):
-            raise InputError(
-                f"--correct {one.text}: {one.name} is no better than the ensemble's own model, {own}; give a better "
-                f"one, or {own}/2 for steps half as long"
-            )
+            why = f"{one.name} is no better than the ensemble's own model, {own}"
+            cure = f"give a better one, or {own}/2 for steps half as long"
+            raise InputError(f"--correct {one.text}: {why}; {cure}")
         if one.n is not None and one.n < fewest:
             raise InputError(f"--correct {one.text}: at least {fewest} samples, or the interval would rest on nothing")
     known = [(one.name, one.n) for one in found if one.n is not None]
     known += [(own, n_samples)] if n_samples is not None else []
     for (better, few), (worse, many) in zip(known, known[1:]):
         if few > many:
-            raise InputError(
-                f"--correct {better}={few}: {few} samples of {better} and {many} of {worse}, which is worse; a worse "
-                "model needs as many samples at least, since those of a better one are the first of its own"
-            )
+            what = f"{few} samples of {better} and {many} of {worse}, which is worse"
+            why = "a worse model needs as many samples at least, since those of a better one are the first of its own"
+            raise InputError(f"--correct {better}={few}: {what}; {why}")
     return found
 
 
@@ -170,19 +168,16 @@ def _meshes(one: Correction, own: Model, source: object, comm: Comm) -> Mapping[
         scene, meshes = read_scene(Path(one.scene), (), (), comm, purpose)
         for table in OF_MESHES:
             if getattr(scene, table) != getattr(own.scene, table):
-                raise InputError(
-                    f"--correct {one.text}: [{table}] of '{one.scene}' differs from that of '{source}'; give the scene "
-                    "that it was built from"
-                )
+                what = f"[{table}] of '{one.scene}' differs from that of '{source}'"
+                raise InputError(f"--correct {one.text}: {what}; give the scene that it was built from")
         return meshes
     if not isinstance(own, ReducedModel):
         return on_root(comm, with_meshes, own.scene, purpose)[1]
     condensed = [name for name, mesh in own.rom.meshes.items() if not isinstance(mesh, LineMesh)]
     if condensed:
-        raise InputError(
-            f"--correct {one.text}: '{source}' has no mesh of {', '.join(condensed)}, only what was condensed of it; "
-            f"give the scene too, --correct SCENE.toml:{one.text}"
-        )
+        what = f"'{source}' has no mesh of {', '.join(condensed)}, only what was condensed of it"
+        cure = f"give the scene too, --correct SCENE.toml:{one.text}"
+        raise InputError(f"--correct {one.text}: {what}; {cure}")
     return own.rom.meshes
 
 
@@ -264,47 +259,32 @@ class Request:
 
     def _check(self) -> None:
         self.stopping.check()
-        if self.samples is None and self.n is None and self.stopping.budget is None:
-            raise InputError(
-                "-n: missing; give the number of samples, a file of samples with --samples, or a time with --budget"
-            )
-        if self.samples is not None and self.sampler is not None:
-            raise InputError(
-                f"--sampler {self.sampler}: the samples are those of {called(self.samples)}; give one of them"
-            )
-        self._check_decisions()
-
-    def _check_decisions(self) -> None:
-        """Refuse what cannot decide on the same samples."""
         wanted, rules, seconds = self.correct, self.stopping.until, self.stopping.budget
-        if self.shard is not None and (wanted or self.stopping):
-            option = "--correct" if wanted else "--until" if rules else "--budget"
-            raise InputError(
-                f"--shard {self.shard}: {option} goes by all samples, and a shard has some; leave one of them out"
-            )
-        if wanted and rules:
-            raise InputError(
-                f'--until "{rules[0]}" and --correct: rules go by the figures of one model; give numbers of samples, '
-                "or --correct MODEL=auto with --budget, which gets most out of a time"
-            )
         free = [one for one in wanted if one.n is None]
-        if free and seconds is None:
-            raise InputError(
-                f"--correct {free[0].text}: what decides on the number is missing; give --budget, such as 60s"
-            )
-        if wanted and seconds is not None and not free:
-            raise InputError(
-                f"--budget: --correct {wanted[0].text} gives the number of samples, and nothing is left to choose; "
-                f"take {wanted[0].name}=auto, or leave --budget out"
-            )
+        why = ""
+        if self.samples is None and self.n is None and seconds is None:
+            why = "-n: missing; give the number of samples, a file of samples with --samples, or a time with --budget"
+        elif self.samples is not None and self.sampler is not None:
+            why = f"--sampler {self.sampler}: the samples are those of {called(self.samples)}; give one of them"
+        elif self.shard is not None and (wanted or self.stopping):
+            option = "--correct" if wanted else "--until" if rules else "--budget"
+            why = f"--shard {self.shard}: {option} goes by all samples, and a shard has some; leave one of them out"
+        elif wanted and rules:
+            why = f'--until "{rules[0]}" and --correct: rules go by the figures of one model; give numbers of samples'
+            why += ", or --correct MODEL=auto with --budget, which gets most out of a time"
+        elif free and seconds is None:
+            why = f"--correct {free[0].text}: what decides on the number is missing; give --budget, such as 60s"
+        elif wanted and seconds is not None and not free:
+            why = f"--budget: --correct {wanted[0].text} gives the number of samples, and nothing is left to choose"
+            why += f"; take {wanted[0].name}=auto, or leave --budget out"
+        if why:
+            raise InputError(why)
 
     def check_scene(self, scene: Scene) -> None:
         """Refuse scenes whose shards would not be parts of one ensemble."""
         if scene.simulation.tolerance is not None and self.shard is not None:
-            raise InputError(
-                f"--shard {self.shard}: with simulation.tolerance every shard would measure a step of its own; build "
-                "with the tolerance, or give simulation.step"
-            )
+            why = "with simulation.tolerance every shard would measure a step of its own"
+            raise InputError(f"--shard {self.shard}: {why}; build with the tolerance, or give simulation.step")
 
     def table(self, model: Model, settings: Sequence[str]) -> SampleFile | None:
         """Return the samples of the file, None where there is none. By one process."""
@@ -314,9 +294,8 @@ class Request:
         for setting in settings:
             name = setting.partition("=")[0].strip()
             if name in file.values:
-                raise InputError(
-                    f"--set {setting}: every sample takes '{name}' from {called(self.samples)}; leave one of them out"
-                )
+                why = f"every sample takes '{name}' from {called(self.samples)}"
+                raise InputError(f"--set {setting}: {why}; leave one of them out")
         if isinstance(model, ReducedModel):
             refuse_beyond(model.served, file.values, called(self.samples))
             said = outside_of(model.served, file.values, called(self.samples))
@@ -333,9 +312,8 @@ class Request:
     def plan(self, output: Path, resume: bool, file: SampleFile | None) -> Plan:
         """Return which samples are integrated, and where they are kept."""
         if self.shard is not None and self.shard.count > self.n:
-            raise InputError(
-                f"--shard {self.shard}: {self.shard.count} shards of {self.n} samples; take no more shards than samples"
-            )
+            what = f"{self.shard.count} shards of {self.n} samples"
+            raise InputError(f"--shard {self.shard}: {what}; take no more shards than samples")
         n = MOST_SAMPLES if self.n is None else self.n
         return Plan(n, self.seed, output, resume, file, self.shard, self.n is not None)
 
@@ -343,23 +321,17 @@ class Request:
         """Refuse designs whose samples are no parts of each other."""
         sampler = "random" if file is not None else scene.ensemble.sampler
         if self.stopping and sampler == "latin_hypercube":
-            raise InputError(
-                "--until and --budget with the sampler latin_hypercube: each of its samples depends on how many there "
-                "are; take random or sobol"
-            )
+            why = "each of its samples depends on how many there are; take random or sobol"
+            raise InputError(f"--until and --budget with the sampler latin_hypercube: {why}")
         if self.correct and sampler not in ("random", "sobol"):
-            raise InputError(
-                f"--correct with the sampler {sampler}: intervals of several models are those of independent samples, "
-                "or of replicates of Sobol sequences; take random or sobol"
-            )
+            why = "intervals of several models are those of independent samples, or of replicates of Sobol sequences"
+            raise InputError(f"--correct with the sampler {sampler}: {why}; take random or sobol")
         replicates = scene.ensemble.replicates
         for one in self.correct if sampler == "sobol" else ():
             if one.n is None or one.n % (FEW * replicates):
-                raise InputError(
-                    f"--correct {one.text}: with the sampler sobol every one of {replicates} sequences "
-                    f"(ensemble.replicates) needs as many samples, and {FEW} at least; give a multiple of "
-                    f"{FEW * replicates}"
-                )
+                each = f"every one of {replicates} sequences (ensemble.replicates) needs as many samples, and {FEW}"
+                cure = f"give a multiple of {FEW * replicates}"
+                raise InputError(f"--correct {one.text}: with the sampler sobol {each} at least; {cure}")
 
 
 def drawn_by(sampler: str | None) -> tuple[str, ...]:

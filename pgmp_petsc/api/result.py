@@ -68,7 +68,6 @@ class Result:
         return None if self.data is None else in_memory(self.data)
 
     def _own(self) -> Any:
-        """Return what the attributes are of."""
         if self.data is None:
             raise AttributeError(f"this {self.kind} is on the first rank alone (on_all_ranks=False)")
         return self.data
@@ -125,10 +124,8 @@ class Result:
         try:
             import xarray
         except ImportError as error:
-            raise InputError(
-                "to_xarray: the package xarray is not installed (pip install 'xarray<2024.4' suits numpy before 2); "
-                f"the arrays themselves are attributes of the result ({error})"
-            ) from error
+            why = "to_xarray: the package xarray is not installed (pip install 'xarray<2024.4' suits numpy before 2)"
+            raise InputError(f"{why}; the arrays themselves are attributes of the result ({error})") from error
         found = [*variables(self.data)] if isinstance(self.data, Record) else []
         if not found:
             raise InputError(f"to_xarray: there is no dataset of a {self.kind}; its arrays are attributes")
@@ -139,13 +136,8 @@ class Result:
                 f"to_xarray: '{taken[0]}' is the name of an axis of the dataset; give the scene's another name"
             )
         record = self.record
-        about = {
-            "kind": self.kind,
-            "scene": origin_of(record)["scene"],
-            "program_version": __version__,
-            "parameters": json.dumps(record.parameters),
-            "remarks": [str(remark) for remark in record.remarks],
-        }
+        about = {"kind": self.kind, "scene": origin_of(record)["scene"], "program_version": __version__}
+        about |= {"parameters": json.dumps(record.parameters), "remarks": [str(remark) for remark in record.remarks]}
         about |= {"model": self.data.model} if hasattr(self.data, "model") else {}
         about |= {} if record.seed is None else {"seed": record.seed}
         arrays = {

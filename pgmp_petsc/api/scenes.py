@@ -129,7 +129,6 @@ def schema(output: str | PathLike[str] | None = None, *, comm: Comm | None = Non
 
 
 def _write_schema(output: Path | None) -> str:
-    """Write the page or the schema; by one process."""
     from pgmp_petsc.scene.reference_page import reference_page, schema_text  # few ask for it
 
     if output is None:
@@ -138,10 +137,8 @@ def _write_schema(output: Path | None) -> str:
     if os.path.isdir(output):  # a Path's own way raises for names that are too long
         raise InputError(f"output '{output}' is a directory; give the name of a file in it, FILE.json or FILE.md")
     if suffix not in (".json", *PAGES):
-        raise InputError(
-            f"output '{output}': a schema is JSON for editors or a page in Markdown; name it "
-            f"'{output.with_suffix('.json')}' or '{output.with_suffix('.md')}'"
-        )
+        cure = f"name it '{output.with_suffix('.json')}' or '{output.with_suffix('.md')}'"
+        raise InputError(f"output '{output}': a schema is JSON for editors or a page in Markdown; {cure}")
     is_page = suffix in PAGES
     target = check_output(output, "reference" if is_page else "schema")
     text = reference_page() if is_page else schema_text()

@@ -165,8 +165,12 @@ def _same_joints(built: Scene, scene: Scene) -> bool:
     """Return whether joints differ in nothing but numbers of their springs and dampers."""
 
     def structure(one: Scene) -> list[tuple]:
-        rigid = [(name, joint.model_copy(update={"elastic": None})) for name, joint in one.joints.items()]
-        return [*rigid, *(joint.elastic.structure for joint in one.joints.values() if joint.elastic is not None)]
+        keys = {name: joint.gives_way for name, joint in one.joints.items()}
+        rigid = [
+            (name, joint.model_copy(update={keys[name]: None} if keys[name] else {}))
+            for name, joint in one.joints.items()
+        ]
+        return [*rigid, *(getattr(one.joints[name], key).structure for name, key in keys.items() if key)]
 
     return structure(built) == structure(scene)
 
@@ -219,21 +223,15 @@ def directory_of(source: AnySource) -> Path:
 
 def _check_model(source: object, name: str | None) -> None:
     """Refuse models that a source does not have."""
+    known, is_file = " and ".join(f"'{model}'" for model in PURPOSES), isinstance(source, (str, PathLike))
+    allowed, why = PURPOSES, f"of a scene there are {known}; for the reduced one give what pgmp.build(scene) returns"
     if isinstance(source, Rom):
-        if name not in (None, REDUCED):
-            raise InputError(
-                f"model = {name!r}: a reduced model is given; give its scene, such as pgmp.simulate(rom.scene, "
-                "model='full')"
-            )
-        return
-    known = " and ".join(f"'{model}'" for model in PURPOSES)
-    if isinstance(source, (str, PathLike)):
-        if name not in (None, REDUCED, *PURPOSES):
-            raise InputError(f"model = {name!r}: allowed are 'reduced' of the file of one, {known} of a scene's")
-    elif name not in PURPOSES:
-        raise InputError(
-            f"model = {name!r}: of a scene there are {known}; for the reduced one give what pgmp.build(scene) returns"
-        )
+        allowed = (None, REDUCED)
+        why = "a reduced model is given; give its scene, such as pgmp.simulate(rom.scene, model='full')"
+    elif is_file:
+        allowed, why = (None, REDUCED, *PURPOSES), f"allowed are 'reduced' of the file of one, {known} of a scene's"
+    if name not in allowed:
+        raise InputError(f"model = {name!r}: {why}")
 
 
 @dataclass(frozen=True)

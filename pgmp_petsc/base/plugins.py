@@ -60,9 +60,7 @@ def check_plugins(needed: Mapping[str, str], file: object) -> None:
         made = f"'{file}' was made with the plugin {name} (SHA-256 {sha256[:SHOWN]}...)"
         other = next((plugin for plugin in IN_USE.values() if plugin.name == name), None)
         if other is not None:
-            raise InputError(
-                f"{made}, and {other.path} is another one (SHA-256 {other.sha256[:SHOWN]}...); give the plugin that it "
-                "was made with, or make the file again"
-            )
+            why = f"{made}, and {other.path} is another one (SHA-256 {other.sha256[:SHOWN]}...)"
+            raise InputError(f"{why}; give the plugin that it was made with, or make the file again")
         cure = f'--plugin {name}, or pgmp.use("{name}") in Python' if name.endswith(".py") else "install its package"
         raise InputError(f"{made}, which is not in use; {cure}")

@@ -322,7 +322,6 @@ def waits_for(what: str | None) -> None:
 
 
 def _now() -> float:
-    """Return what clock counts are by."""
     return time.monotonic()
 
 

@@ -117,10 +117,8 @@ def _check_numba(given: dict[str, str]) -> None:
         try:
             import numba
         except ValueError as error:
-            raise InputError(
-                f"environment variables {listed}: numba, which compiles, cannot be loaded ({error}); leave out the "
-                "wrong one"
-            ) from error
+            why = f"environment variables {listed}: numba, which compiles, cannot be loaded ({error})"
+            raise InputError(f"{why}; leave out the wrong one") from error
     for warning in said:
         for name in given:
             if f"'{name}'" in str(warning.message):
@@ -241,32 +239,25 @@ class OneRank:
     rank, size = 0, 1
 
     def Dup(self) -> OneRank:  # noqa: N802 (MPI's name, as are the others)
-        """Return another communicator of the same rank."""
         return OneRank()
 
     def Split(self, color: int = 0, key: int = 0) -> OneRank:  # noqa: N802
-        """Return the communicator of this rank's color."""
         return OneRank()
 
     def Free(self) -> None:  # noqa: N802
         """Give nothing back: nothing is held."""
 
     def Abort(self, errorcode: int = 0) -> NoReturn:  # noqa: N802
-        """End the process."""
         sys.exit(errorcode)
 
     def bcast(self, obj: Any, root: int = 0) -> Any:
-        """Return what the root has."""
         return obj
 
     def gather(self, sendobj: Any, root: int = 0) -> list[Any]:
-        """Return what all ranks have."""
         return [sendobj]
 
     def allgather(self, sendobj: Any) -> list[Any]:
-        """Return what all ranks have."""
         return [sendobj]
 
     def allreduce(self, sendobj: Any, op: object = None) -> Any:
-        """Return the sum, or another reduction, over all ranks."""
         return sendobj

@@ -20,6 +20,7 @@ from pgmp_petsc.bench.cases import Setting, Training
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.models.model import floors_of as floors_of
+from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.results.selection import Attempt
 from pgmp_petsc.scene import Scene
@@ -97,20 +98,20 @@ def run_history(
     sample on ranks that share it.
     """
     if system is not None:
-        return _integrated(model, system, n_steps)
+        return _integrated(model, system, n_steps, values)
     parts = []
     for first in range(0, n_samples, model.largest_batch):
         chosen = slice(first, min(first + model.largest_batch, n_samples))
         some = {name: column[chosen] for name, column in values.items()}
         with closing(model.batch(some, chosen.stop - chosen.start)) as made:
-            parts.append(_integrated(model, made, n_steps))
+            parts.append(_integrated(model, made, n_steps, some))
     if len(parts) == 1:
         return parts[0]
     joined = {name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in OF_SAMPLES}
     return History(n_steps, parts[0].every, **joined)
 
 
-def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> History:
+def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, values: Mapping[str, np.ndarray]) -> History:
     """Integrate a system and evaluate the outputs at the kept instants."""
     every, kept, times, of_joints, n_samples = spacing(n_steps), [], [], [], system.n_samples
     reduced, kinematics = isinstance(model, ReducedModel), model.kinematics
@@ -122,9 +123,9 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> His
     def record(step: int, time: float, state: State) -> None:
         if step % every:
             return
+        times.append(time)
         if reduced:  # what is observed of reduced samples is cheap only for many at once
             kept.append(np.array([state.q, state.v, state.a]))
-            times.append(time)
             return
         frames = system.frames(state)
         kept.append(model.observed_over(system, [state], frames, [time]))
@@ -140,7 +141,9 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> His
         observed = np.concatenate(kept, axis=-1)
         by_node = dict(zip(nodes, np.concatenate(of_joints, axis=-1)))
         inside = _inside([(c, angle.value(by_node).reshape(-1, n_samples)) for c, angle in measures], n_samples)
-    outputs = np.array([row.reshape(-1, n_samples) for row in model.outputs.evaluate(observed).values()])
+    found = {name: row.reshape(-1, n_samples) for name, row in model.outputs.evaluate(observed).items()}
+    found = counted_after(model.outputs.counts, np.array(times), found, values)
+    outputs = np.array(list(found.values()))
     outputs[..., run.status != Status.FINE] = np.nan
     return History(n_steps, every, outputs, run.status, inside, run.failure_time)
 

@@ -18,8 +18,10 @@ Powers = tuple[tuple[Any, int], ...]
 
 @dataclass(frozen=True, order=True)
 class Place:
-    """Where a parameter is in a range: ``(value - middle) / half``, -1 to 1, written ``length(0.7,0.035)``. Monomials
-    of places have no round-off where those of a parameter that hardly varies cancel."""
+    """Where a parameter is in a range: ``(value - middle) / half``, -1 to 1, written ``length(0.7,0.035)``.
+
+    Monomials of places have no round-off where those of a parameter that hardly varies cancel.
+    """
 
     name: str
     middle: float
@@ -42,8 +44,10 @@ class Place:
 
 @dataclass(frozen=True, order=True)
 class Monomial:
-    """A product of integer powers of parameters, e.g. ``(("E", 1), ("r1", 4))``; the empty product is 1. `places` are
-    powers of places in ranges (`Place`), which tables of lengths have as factors besides."""
+    """A product of integer powers of parameters, e.g. ``(("E", 1), ("r1", 4))``; the empty product is 1.
+
+    `places` are powers of places in ranges (`Place`), which tables of lengths have as factors besides.
+    """
 
     powers: tuple[tuple[str, int], ...] = ()
     places: tuple[tuple[Place, int], ...] = ()
@@ -176,10 +180,16 @@ class AffineSum:
 def evaluate_weights(monomials: Iterable[Monomial], values: Mapping[str, np.ndarray | float]) -> np.ndarray:
     """Stack the weights of several terms.
 
-    Returns shape (n_terms,) or (n_terms, n_samples).
+    Parameters
+    ----------
+    monomials
+        The n_terms weights.
+    values
+        Parameter values, scalars or arrays of shape (n_samples,).
 
-    monomials: the n_terms weights
-    values: parameter values, scalars or arrays of shape (n_samples,)
+    Returns
+    -------
+    ndarray, shape (n_terms,) or (n_terms, n_samples)
     """
     monomials = list(monomials)
     shape = np.broadcast_shapes(*(np.shape(value) for value in values.values())) if values else ()

@@ -132,8 +132,11 @@ class Assembled:
 
     def frame(self, wanted: str | tuple[int, ...], entry: str) -> FaceFrame:
         """Return the frame of a named set or of numbered nodes: of faces by their area where these are known, as those
-        of a mesh are that all belong to what is chosen; else of nodes that count alike. Raises `InputError` if there is
-        no such set or node; `entry` is the scene's entry to blame, with what it asks for."""
+        of a mesh are that all belong to what is chosen; else of nodes that count alike.
+
+        Raises `InputError` if there is no such set or node; `entry` is the scene's entry to blame, with what it asks
+        for.
+        """
         faces, chosen = self.faces_of(wanted, entry)
         if len(faces):
             return FaceFrame.of(self.nodes, faces, self.face_kind)

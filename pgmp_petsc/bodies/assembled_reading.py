@@ -37,9 +37,11 @@ from pgmp_petsc.scene.bodies import Stated
 
 
 def read_assembled(scene: Scene, name: str) -> Assembled:
-    """Read a body's matrices, and check what can be checked without a factorisation: see the module. Raises
-    `InputError` if a file is missing, unreadable or of another body, or the matrices are none of a free body of
-    displacements."""
+    """Read a body's matrices, and check what can be checked without a factorisation: see the module.
+
+    Raises `InputError` if a file is missing, unreadable or of another body, or the matrices are none of a free body of
+    displacements.
+    """
     entry, given, d = f"bodies.{name}.matrices", scene.bodies[name].matrices, scene.bodies[name].dimension
     received = {
         key: shortened(f'{entry}.{key} = "{getattr(given, key)}"') for key in ("nodes", "rows", "stiffness", "mass")
@@ -90,11 +92,18 @@ def check_places(nodes: np.ndarray, received: str) -> None:
 def check_diagonal(matrix: sp.coo_matrix, kind: str, labels: np.ndarray, d: int, received: str, unit: float) -> None:
     """Refuse boundary conditions, and nodes without stiffness or mass.
 
-    matrix: in the scene's units, of shape (d n_nodes, d n_nodes)
-    kind: ``"stiffness"`` or ``"mass"``
-    labels: numbers of the nodes, shape (n_nodes,)
-    received: the scene's entry and its value, with which messages begin
-    unit: that of the file in the scene's units
+    Parameters
+    ----------
+    matrix
+        In the scene's units, of shape (d n_nodes, d n_nodes).
+    kind
+        ``"stiffness"`` or ``"mass"``.
+    labels
+        Numbers of the nodes, shape (n_nodes,).
+    received
+        The scene's entry and its value, with which messages begin.
+    unit
+        That of the file in the scene's units.
     """
     diagonal = matrix.diagonal() / unit
     held = np.flatnonzero(np.abs(diagonal) >= PENALTY)
@@ -172,7 +181,12 @@ def check_mass(body: Assembled, received: str) -> None:
 def check_free(body: Assembled, received: str) -> None:
     """Refuse a body in several pieces, and one whose rigid motions have stiffness, counted."""
     stiffness, mass, d = body.matrix("stiffness"), body.matrix("mass"), body.dimension
-    n_pieces, piece = connected_components(_by_nodes(stiffness, d), directed=False)
+    entries = stiffness.tocoo()
+    tied = entries.data != 0.0
+    pairs = entries.row[tied] // d, entries.col[tied] // d
+    n_pieces, piece = connected_components(
+        sp.coo_matrix((np.ones(tied.sum()), pairs), shape=(body.n_nodes,) * 2).tocsr(), directed=False
+    )
     if n_pieces > 1:
         aside = body.labels[np.flatnonzero(piece != piece[0])[0]]
         raise InputError(
@@ -226,15 +240,6 @@ def check_stated(found: MassProperties, stated: Stated, entry: str, system: Unit
                 f"{shown} {units}, which differs by more than {entry}.within = {stated.within:g} of "
                 f"{'the radius of gyration' if key == 'centre' else 'it'}; check units, and the frame of the nodes"
             )
-
-
-def _by_nodes(matrix: sp.csr_matrix, d: int) -> sp.csr_matrix:
-    """Return which nodes have an entry in common, other than 0."""
-    entries = matrix.tocoo()
-    chosen = entries.data != 0.0
-    pairs = (entries.row[chosen] // d, entries.col[chosen] // d)
-    n = matrix.shape[0] // d
-    return sp.coo_matrix((np.ones(chosen.sum()), pairs), shape=(n, n)).tocsr()
 
 
 def _bending(places: np.ndarray) -> np.ndarray:

@@ -27,9 +27,14 @@ PACKED_ROWS, PACKED_COLUMNS = np.tril_indices(6)
 def strains(u, cos, sin, length):
     """Return ``eps + 1``, gamma and kappa of an element.
 
-    u: six element unknowns
-    cos, sin: of psi
-    length: in m
+    Parameters
+    ----------
+    u
+        Six element unknowns.
+    cos, sin
+        Of psi.
+    length
+        m.
     """
     dx, dy, inverse = u[3] - u[0], u[4] - u[1], 1.0 / length
     return (cos * dx + sin * dy) * inverse, (cos * dy - sin * dx) * inverse, (u[5] - u[2]) * inverse
@@ -105,9 +110,21 @@ def fill_tangent(strain, stress, section, cos, sin, length, tangent):
 
 
 def undeformed_stiffness(lengths: np.ndarray, alphas: np.ndarray, section: np.ndarray) -> np.ndarray:
-    """Return the tangents of elements at rest in the mesh's own frame, shape (n_elements, 6, 6). At rest the stress
-    resultants vanish, so the tangent is the sum of three rank-one terms. `lengths`, `alphas`: shape (n_elements,): m
-    and rad; `section`: ``(EA, k_s GA, EI)``, shape (3,)."""
+    """Return the tangents of elements at rest in the mesh's own frame.
+
+    At rest the stress resultants vanish, so the tangent is the sum of three rank-one terms.
+
+    Parameters
+    ----------
+    lengths, alphas
+        Shape (n_elements,): m and rad.
+    section
+        ``(EA, k_s GA, EI)``, shape (3,).
+
+    Returns
+    -------
+    ndarray, shape (n_elements, 6, 6)
+    """
     cos, sin, zero, one = np.cos(alphas), np.sin(alphas), np.zeros_like(alphas), np.ones_like(alphas)
     half = lengths / 2
     gradients = np.array(  # of eps, gamma, kappa, each times the length: shape (3, 6, n_elements)
@@ -117,9 +134,20 @@ def undeformed_stiffness(lengths: np.ndarray, alphas: np.ndarray, section: np.nd
 
 
 def rest_strains(lengths: np.ndarray, alphas: np.ndarray) -> np.ndarray:
-    """Return what `third_derivative` is made of, linear in the unknowns: ``(u / L, w / L, psi)`` of every element,
-    shape (n_elements, 3, 6). Extension u and deflection w are those of the second node against the first, along and
-    across the element, and psi the mean rotation of the nodes. `lengths`, `alphas`: shape (n_elements,): m and rad."""
+    """Return what `third_derivative` is made of, linear in the unknowns: ``(u / L, w / L, psi)`` of every element.
+
+    Extension u and deflection w are those of the second node against the first, along and across the element, and psi
+    the mean rotation of the nodes.
+
+    Parameters
+    ----------
+    lengths, alphas
+        Shape (n_elements,): m and rad.
+
+    Returns
+    -------
+    ndarray, shape (n_elements, 3, 6)
+    """
     cos, sin, zero = np.cos(alphas) / lengths, np.sin(alphas) / lengths, np.zeros_like(alphas)
     half = np.full_like(alphas, 0.5)
     rows = [[-cos, -sin, zero, cos, sin, zero], [sin, -cos, zero, -sin, cos, zero], [zero, zero, half] * 2]
@@ -137,10 +165,17 @@ def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.nd
 
     The curvature kappa is linear, so bending takes no part.
 
-    Returns shape (n_elements, 3, n_pairs): coefficients of the strains of c.
+    Parameters
+    ----------
+    a, b
+        Strains of both vectors of every pair, shape (n_elements, 3, n_pairs).
+    section
+        ``(EA, k_s GA, EI)``, shape (3,), or of every element (3, n_elements).
 
-    a, b: strains of both vectors of every pair, shape (n_elements, 3, n_pairs)
-    section: ``(EA, k_s GA, EI)``, shape (3,), or of every element (3, n_elements)
+    Returns
+    -------
+    ndarray, shape (n_elements, 3, n_pairs)
+        Coefficients of the strains of c.
     """
     (u_a, w_a, psi_a), (u_b, w_b, psi_b) = np.moveaxis(a, 1, 0), np.moveaxis(b, 1, 0)
     gamma_a, gamma_b = w_a - psi_a, w_b - psi_b
@@ -152,8 +187,19 @@ def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.nd
 
 
 def consistent_mass(lengths: np.ndarray, line_density: float, rotary_density: float) -> np.ndarray:
-    """Return consistent mass matrices, constant in any frame, shape (n_elements, 6, 6). `lengths`: shape (n_elements,),
-    m; `line_density`, `rotary_density`: rho A (kg/m) and rho I (kg m)."""
+    """Return consistent mass matrices, constant in any frame.
+
+    Parameters
+    ----------
+    lengths
+        Shape (n_elements,), m.
+    line_density, rotary_density
+        rho A (kg/m) and rho I (kg m).
+
+    Returns
+    -------
+    ndarray, shape (n_elements, 6, 6)
+    """
     density = np.diag([line_density, line_density, rotary_density])
     unit = np.kron(np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0, density)
     return lengths[:, None, None] * unit

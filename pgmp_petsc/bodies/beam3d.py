@@ -56,12 +56,20 @@ SERIES = tuple(np.cumprod([1.0, *(2.0 * (n + 1.0) / (2.0 * n + 3.0) for n in ran
 
 
 def section_axes(edges: np.ndarray, orientation: np.ndarray | None) -> np.ndarray:
-    """Return the axes T of elements, shape (n, 3, 3): one axis a column; NaN where an element is parallel to the
-    orientation.
+    """Return the axes T of elements.
 
-    edges: from the first node to the second in the body's frame, shape (n, 3), m
-    orientation: the section's second axis, or what it comes closest to at a right angle to the element, shape (3,);
-        where None the axis of the body's frame that is furthest from the element
+    Parameters
+    ----------
+    edges
+        From the first node to the second in the body's frame, shape (n, 3), m.
+    orientation
+        The section's second axis, or what it comes closest to at a right angle to the element, shape (3,); where None
+        the axis of the body's frame that is furthest from the element.
+
+    Returns
+    -------
+    ndarray, shape (n, 3, 3)
+        One axis a column; NaN where an element is parallel to the orientation.
     """
     first = edges / np.linalg.norm(edges, axis=1)[:, None]
     wanted = np.eye(3)[np.argmin(np.abs(first), axis=1)]
@@ -100,10 +108,16 @@ def beam_work():
 def stretch(u, length, axes, section, work):
     """Evaluate strains and stresses of an element in the directors' axes; return its strain energy, J.
 
-    u: unknowns of both nodes, shape (24,)
-    length, axes: m, and T of shape (3, 3)
-    section: ``(EA, GA_2, GA_3, GJ, EI_2, EI_3)``, shape (6,)
-    work: from `beam_work`; filled but for what a tangent alone needs
+    Parameters
+    ----------
+    u
+        Unknowns of both nodes, shape (24,).
+    length, axes
+        m, and T of shape (3, 3).
+    section
+        ``(EA, GA_2, GA_3, GJ, EI_2, EI_3)``, shape (6,).
+    work
+        From `beam_work`; filled but for what a tangent alone needs.
     """
     for i in range(3):
         for j in range(3):
@@ -282,8 +296,10 @@ def _coefficients(tau):
 
 @njit(cache=True, error_model="numpy")
 def _angle_over_sine(tau):
-    """Return f and its derivatives: with ``x = cos`` of the angle, ``(1 - x^2) f_x = x f - 1``. On the way to
-    orthonormal directors x may be beyond 1, where the same function is ``arcosh x / sqrt(x^2 - 1)``."""
+    """Return f and its derivatives: with ``x = cos`` of the angle, ``(1 - x^2) f_x = x f - 1``.
+
+    On the way to orthonormal directors x may be beyond 1, where the same function is ``arcosh x / sqrt(x^2 - 1)``.
+    """
     s = 0.25 * (3.0 - tau)  # sin^2 of half the angle
     if abs(s) < SMALL:
         value, slope, bend = 0.0, 0.0, 0.0
@@ -301,8 +317,15 @@ def _angle_over_sine(tau):
 
 
 def natural_mass(lengths: np.ndarray, axes: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-    """Return consistent mass matrices in natural coordinates, shape (n, 24, 24). `lengths`, `axes`: shape (n,), m, and
-    T, shape (n, 3, 3); `inertia`: ``(rho A, rho I_2, rho I_3)``, shape (3,), kg/m and kg m."""
+    """Return consistent mass matrices in natural coordinates, shape (n, 24, 24).
+
+    Parameters
+    ----------
+    lengths, axes
+        Shape (n,), m, and T, shape (n, 3, 3).
+    inertia
+        ``(rho A, rho I_2, rho I_3)``, shape (3,), kg/m and kg m.
+    """
     density = np.zeros((len(lengths), 4, 4))
     density[:, 0, 0] = inertia[0]
     # the fibre at (y, z) moves with y d_2 + z d_3
@@ -330,9 +353,11 @@ def consistent_mass(lengths: np.ndarray, axes: np.ndarray, inertia: np.ndarray) 
 
 
 def strain_gradients(lengths: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Return strains ``(gamma, kappa)`` per displacement and rotation of the nodes at rest, shape (n, 6, 12). With u_2
-    - u_1 and the mean rotation phi resolved along T: ``gamma = (u_2 - u_1) / L - phi x e_1``,
-    ``kappa = (phi_2 - phi_1) / L``."""
+    """Return strains ``(gamma, kappa)`` per displacement and rotation of the nodes at rest, shape (n, 6, 12).
+
+    With u_2 - u_1 and the mean rotation phi resolved along T: ``gamma = (u_2 - u_1) / L - phi x e_1``, ``kappa =
+    (phi_2 - phi_1) / L``.
+    """
     n, inverse = len(lengths), 1.0 / lengths[:, None, None]
     turned = np.swapaxes(axes, 1, 2)
     gradients = np.zeros((n, 6, 12))
@@ -347,7 +372,14 @@ def strain_gradients(lengths: np.ndarray, axes: np.ndarray) -> np.ndarray:
 
 def undeformed_stiffness(lengths: np.ndarray, axes: np.ndarray, section: np.ndarray) -> np.ndarray:
     """Return tangents at rest for displacements and rotations of the nodes in the body's frame, shape (n, 12, 12).
-    `lengths`, `axes`: shape (n,), m, and T, shape (n, 3, 3); `section`: shape (6,)."""
+
+    Parameters
+    ----------
+    lengths, axes
+        Shape (n,), m, and T, shape (n, 3, 3).
+    section
+        Shape (6,).
+    """
     gradients = strain_gradients(lengths, axes)
     return np.einsum("s,esi,esj,e->eij", section, gradients, gradients, lengths)
 
@@ -357,8 +389,17 @@ ALONG = np.array([1.0, 0.0, 0.0])
 
 
 def rest_strains(lengths: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Return ``(w, m, k)`` in the axes of the elements for displacements and rotations of both nodes, shape (n, 9, 12).
-    `lengths`, `axes`: shape (n,), m, and axes, one a column, shape (n, 3, 3)."""
+    """Return ``(w, m, k)`` in the axes of the elements for displacements and rotations of both nodes.
+
+    Parameters
+    ----------
+    lengths, axes
+        Shape (n,), m, and axes, one a column, shape (n, 3, 3).
+
+    Returns
+    -------
+    ndarray, shape (n, 9, 12)
+    """
     rows = np.zeros((len(lengths), N_STRAINS, 12))
     turned, over = axes.swapaxes(1, 2), axes.swapaxes(1, 2) / lengths[:, None, None]
     for node, sign in enumerate((-1.0, 1.0)):
@@ -370,8 +411,13 @@ def rest_strains(lengths: np.ndarray, axes: np.ndarray) -> np.ndarray:
 
 
 def second_order(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the second derivatives of ``(gamma, kappa)`` in the directions a and b, shape (6, ...). `a`, `b`:
-    ``(w, m, k)`` of both, shape (9, ...)."""
+    """Return the second derivatives of ``(gamma, kappa)`` in the directions a and b, shape (6, ...).
+
+    Parameters
+    ----------
+    a, b
+        ``(w, m, k)`` of both, shape (9, ...).
+    """
     (w_a, m_a, k_a), (w_b, m_b, k_b) = _parts(a), _parts(b)
     gamma = -_cross(m_a, w_b) - _cross(m_b, w_a) + 0.5 * (_cross(m_a, _tilted(m_b)) + _cross(m_b, _tilted(m_a)))
     return np.concatenate([gamma, -0.5 * (_cross(m_a, k_b) + _cross(m_b, k_a))])
@@ -390,10 +436,17 @@ def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.nd
     At rest the strains e vanish, and the third derivative is the sum of ``C (e''[a, b] e'[c] + e''[b, c] e'[a] +
     e''[c, a] e'[b])`` over them with the coefficients C of the section.
 
-    Returns shape (n_elements, 9, n_pairs): coefficients of the strains of c.
+    Parameters
+    ----------
+    a, b
+        Strains `rest_strains` of both vectors of every pair, shape (n_elements, 9, n_pairs).
+    section
+        ``(EA, GA_2, GA_3, GJ, EI_2, EI_3)``, shape (6,), or of every element (6, n_elements).
 
-    a, b: strains `rest_strains` of both vectors of every pair, shape (n_elements, 9, n_pairs)
-    section: ``(EA, GA_2, GA_3, GJ, EI_2, EI_3)``, shape (6,), or of every element (6, n_elements)
+    Returns
+    -------
+    ndarray, shape (n_elements, 9, n_pairs)
+        Coefficients of the strains of c.
     """
     a, b = a.swapaxes(0, 1), b.swapaxes(0, 1)
     stiffness = section.reshape(6, -1, 1)

@@ -62,8 +62,10 @@ class BeamStrains:
         return not self.body.planar
 
     def of_places(self, frames: np.ndarray) -> np.ndarray:
-        """Return the strains of the points, shape (n_points, n_strains, n), for frames of the nodes. Frames are
-        (n_nodes, 3, n) in the plane, and in space (n_nodes, 12, n): positions and directors."""
+        """Return the strains of the points, shape (n_points, n_strains, n), for frames of the nodes.
+
+        Frames are (n_nodes, 3, n) in the plane, and in space (n_nodes, 12, n): positions and directors.
+        """
         mesh, cells = self.body.mesh, self.body.mesh.cells
         first, second, lengths = frames[cells[:, 0]], frames[cells[:, 1]], mesh.lengths[:, None]
         if self.in_space:
@@ -99,7 +101,14 @@ class BeamStrains:
 
     def forces(self, found: np.ndarray, resists: np.ndarray) -> np.ndarray:
         """Return forces and moments in the sections of the points, (N, Q, M), in space (N, Q_2, Q_3, T, M_2, M_3).
-        `found`: strains, shape (n_points, n_strains, n); `resists`: `stiffnesses` of the points."""
+
+        Parameters
+        ----------
+        found
+            Strains, shape (n_points, n_strains, n).
+        resists
+            `stiffnesses` of the points.
+        """
         n = resists.shape[1]
         resultants, middle = found[:, :n] * resists, found[:, n:] * resists[:, 1 : 1 + found.shape[1] - n]
         arms = ((self.along - 0.5) * self.body.mesh.lengths[self.elements])[:, None]

@@ -294,8 +294,11 @@ class Body(ABC):
             yield node, {weight: (lump.mass, lump.inertia * np.eye(3)) for weight, lump in lumps.items()}
 
     def linear_fields(self) -> np.ndarray:
-        """Return the linear displacement fields of the body in its own frame, shape (n_body_dofs, d (d + 1)). They are
-        ordered as in `linear_fields`; nodes follow those that are no rigid motion, turning as they do in the mean."""
+        """Return the linear displacement fields of the body in its own frame, shape (n_body_dofs, d (d + 1)).
+
+        They are ordered as in `linear_fields`; nodes follow those that are no rigid motion, turning as they do in the
+        mean.
+        """
         d, n = self.dimension, self.n_nodes
         nodal = np.zeros((n, self.node_dofs, d + d * d))
         nodal[:, :d] = linear_fields(self.mesh.nodes).reshape(n, d, -1)

@@ -42,8 +42,11 @@ MASSLESS = 1e-9  # over the largest translational mass of a term: round-off of n
 class Component:
     """A condensed body.
 
-    moments: ``int rho u_i v_j dV`` of unit unknowns by weight, shape (d, d, n, n), i and u first; their trace is the
-        mass. Empty of rigid bodies, and of those read back from a reduced model, whose tables hold it
+    Attributes
+    ----------
+    moments
+        ``int rho u_i v_j dV`` of unit unknowns by weight, shape (d, d, n, n), i and u first; their trace is the mass.
+        Empty of rigid bodies, and of those read back from a reduced model, whose tables hold it.
     """
 
     frames: dict[str, int]  # name and number (from 0) of every frame
@@ -119,8 +122,10 @@ class Component:
 
 
 def rigid_component(meshed: FramedSolid) -> Component:
-    """Return the component of a rigid body. Raises `InputError` if its parts have densities that vary apart: its centre
-    of mass would move with the parameters."""
+    """Return the component of a rigid body.
+
+    Raises `InputError` if its parts have densities that vary apart: its centre of mass would move with the parameters.
+    """
     solid = meshed.solid
     moments = solid.second_moments()
     if len(moments) > 1:
@@ -155,9 +160,11 @@ def rigid_line(mesh: LineMesh, terms: Mapping[Monomial, tuple[float, ...]], axes
 
 
 def rigid_of_properties(shape: LineMesh, given: Rigid, nominal: Mapping[str, float]) -> Component:
-    """Return the component of a rigid body with given mass properties, whose points are those of `shape`. Where entries
-    of the inertia have several factors, no rigid motion has the momenta of a linear field in every term: `fields` have
-    those at the nominal values, and each term the rest."""
+    """Return the component of a rigid body with given mass properties, whose points are those of `shape`.
+
+    Where entries of the inertia have several factors, no rigid motion has the momenta of a linear field in every term:
+    `fields` have those at the nominal values, and each term the rest.
+    """
     d = given.dimension
     n = d + len(TURNS[d])
     parts = [(given.mass, np.diag(np.where(np.arange(n) < d, 1.0, 0.0)))]
@@ -181,10 +188,18 @@ def rigid_of_properties(shape: LineMesh, given: Rigid, nominal: Mapping[str, flo
     fields = np.linalg.solve(matrix, momenta(matrix))
     lost = {weight: momenta(term) - term @ fields for weight, term in mass.items()}
     return Component(
-        frames=dict(shape.points), centres=shape.nodes, mass=mass, stiffness={}, moments={}, fields=fields,
-        probes=np.zeros((n, 1)), n_mesh_dofs=n, error=0.0, centre_of_mass=centre,
+        frames=dict(shape.points),
+        centres=shape.nodes,
+        mass=mass,
+        stiffness={},
+        moments={},
+        fields=fields,
+        probes=np.zeros((n, 1)),
+        n_mesh_dofs=n,
+        error=0.0,
+        centre_of_mass=centre,
         lost_momenta={weight: part for weight, part in lost.items() if np.abs(part).max() > MASSLESS * matrix.max()},
-    )  # fmt: skip
+    )
 
 
 def _component(
@@ -197,10 +212,17 @@ def _component(
     momenta = _momenta(mass, centre, about)
     matrix = momenta @ rigid_motions(centre)
     return Component(
-        frames=frames, centres=centres, mass={weight: 0.5 * (matrix + matrix.T)}, stiffness={}, moments={},
-        fields=np.linalg.solve(matrix, momenta), probes=np.zeros((len(matrix), 1)), n_mesh_dofs=n_mesh_dofs, error=0.0,
+        frames=frames,
+        centres=centres,
+        mass={weight: 0.5 * (matrix + matrix.T)},
+        stiffness={},
+        moments={},
+        fields=np.linalg.solve(matrix, momenta),
+        probes=np.zeros((len(matrix), 1)),
+        n_mesh_dofs=n_mesh_dofs,
+        error=0.0,
         centre_of_mass=centre,
-    )  # fmt: skip
+    )
 
 
 def _momenta(mass: float, centre: np.ndarray, about: np.ndarray) -> np.ndarray:

@@ -63,14 +63,24 @@ def evaluate_cells(cells, lame, modulus, beta, gain_v, places, rates, damped, fr
 
     What a change of places makes of the damping forces is left out of K.
 
-    cells: their geometry
-    lame: both Lame constants over Young's modulus
-    modulus: Young's modulus E_Y, Pa (N/m in the plane)
-    beta, gain_v: damping by stiffness (s), and the derivative of velocities with positions (1/s)
-    places, rates: of the nodes, shape (n_a, d); rates are read where `damped`
-    damped, fresh: whether the material damps, and whether tangents are wanted
-    work: from `cell_work`
-    forces, tangents: results: shapes (n_a, d) and (m (m + 1) / 2,) with m = d n_a
+    Parameters
+    ----------
+    cells
+        Their geometry.
+    lame
+        Both Lame constants over Young's modulus.
+    modulus
+        Young's modulus E_Y, Pa (N/m in the plane).
+    beta, gain_v
+        Damping by stiffness (s), and the derivative of velocities with positions (1/s).
+    places, rates
+        Of the nodes, shape (n_a, d); rates are read where `damped`.
+    damped, fresh
+        Whether the material damps, and whether tangents are wanted.
+    work
+        From `cell_work`.
+    forces, tangents
+        Results: shapes (n_a, d) and (m (m + 1) / 2,) with m = d n_a.
     """
     f, rate, stress, viscous = work.deformation, work.rate, work.stress, work.viscous
     n_q, n_nodes, d = cells.gradients.shape

@@ -56,8 +56,11 @@ def volumes_of(places: np.ndarray, quadrature: Quadrature) -> np.ndarray:
 
 
 def stiffness(geometry: Geometry, lame: Lame, pairs: np.ndarray | None = None) -> np.ndarray:
-    """Return tangents at rest, shape (n_e, n_a, d, n_b, d): ``d2W / dx_ai dx_bj``. With `pairs`, shape (d, d), only
-    what pairs ``dN_a/dX_k dN_b/dX_l`` of derivatives give for which ``pairs[k, l]`` is true (`SectionScale`)."""
+    """Return tangents at rest, shape (n_e, n_a, d, n_b, d): ``d2W / dx_ai dx_bj``.
+
+    With `pairs`, shape (d, d), only what pairs ``dN_a/dX_k dN_b/dX_l`` of derivatives give for which ``pairs[k, l]`` is
+    true (`SectionScale`).
+    """
     g, volumes = geometry.gradients, geometry.volumes
     n_e, n_q, d, n_a = g.shape
     # one product over quadrature points and no larger arrays: (n_e, d n_a, d n_a)

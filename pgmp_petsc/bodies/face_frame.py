@@ -33,13 +33,21 @@ class FaceFrame:
 
     @classmethod
     def of(cls, places: np.ndarray, faces: np.ndarray, kind: str) -> FaceFrame:
-        """Make the frame of faces. `places`: nodes of the mesh in the body's frame, shape (n_nodes, d), m; `faces`:
-        shape (n_faces, n_face_nodes), in the order of the faces' type `kind`."""
+        """Make the frame of faces.
+
+        Parameters
+        ----------
+        places
+            Nodes of the mesh in the body's frame, shape (n_nodes, d), m.
+        faces
+            Shape (n_faces, n_face_nodes), in the order of the faces' type `kind`.
+        """
         nodes, local = np.unique(faces, return_inverse=True)
         local = local.reshape(faces.shape)
         rule = reference_element(kind).mass
         corners = places[faces]
-        areas = _areas(np.einsum("qja,eai->eqij", rule.gradients, corners)) * rule.weights
+        tangents = np.einsum("qja,eai->eqij", rule.gradients, corners)
+        areas = np.sqrt(np.linalg.det(np.einsum("eqik,eqil->eqkl", tangents, tangents))) * rule.weights
         points = np.einsum("qa,eai->eqi", rule.values, corners)
         area = areas.sum()
         centre = np.einsum("eq,eqi->i", areas, points) / area
@@ -53,7 +61,14 @@ class FaceFrame:
     @classmethod
     def of_nodes(cls, places: np.ndarray, nodes: np.ndarray) -> FaceFrame:
         """Make the frame of nodes that count alike, where faces are not known: means over nodes in place of areas.
-        `places`: all nodes in the body's frame, shape (n_nodes, d), m; `nodes`: those that it follows, shape (n,)."""
+
+        Parameters
+        ----------
+        places
+            All nodes in the body's frame, shape (n_nodes, d), m.
+        nodes
+            Those that it follows, shape (n,).
+        """
         weights, centre = np.full(nodes.size, 1.0 / nodes.size), places[nodes].mean(axis=0)
         arms = (places[nodes] - centre) / nodes.size
         return cls(centre, nodes, weights, arms, _inertia(arms.T @ places[nodes]))
@@ -64,8 +79,10 @@ class FaceFrame:
         return float(np.sqrt(max(np.linalg.eigvalsh(self.inertia)[0], 0.0)))
 
     def functionals(self, n_nodes: int) -> sp.csr_matrix:
-        """Return what maps nodal displacements to those of the frame, its rotation at the end. Shape (3, 2 n_nodes) in
-        the plane, ``(x, y, phi)``, and (6, 3 n_nodes) in space."""
+        """Return what maps nodal displacements to those of the frame, its rotation at the end.
+
+        Shape (3, 2 n_nodes) in the plane, ``(x, y, phi)``, and (6, 3 n_nodes) in space.
+        """
         d = self.arms.shape[1]
         position = np.einsum("n,ij->inj", self.weights, np.eye(d))
         turning = np.einsum("ki,inj->knj", np.linalg.inv(self.inertia), _crossing(self.arms))
@@ -78,12 +95,6 @@ class FaceFrame:
 def _inertia(second: np.ndarray) -> np.ndarray:
     """Return H / A from the mean of ``X' X^T``."""
     return np.trace(second) * np.eye(3) - second if len(second) == 3 else np.array([[np.trace(second)]])
-
-
-def _areas(tangents: np.ndarray) -> np.ndarray:
-    """Return the size of faces spanned by tangents (n_e, n_q, d, d - 1), shape (n_e, n_q)."""
-    metric = np.einsum("eqik,eqil->eqkl", tangents, tangents)
-    return np.sqrt(np.linalg.det(metric))
 
 
 def _crossing(arms: np.ndarray) -> np.ndarray:

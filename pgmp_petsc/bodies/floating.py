@@ -41,8 +41,13 @@ PAIR_SECONDS = 5.0e-8  # of a processor, of two amplitudes in a step
 
 @dataclass(frozen=True, eq=False)
 class FloatingBody:
-    """A flexible body in its floating frame. `recovery`: the fields on the mesh, of condensed bodies as far as these
-    have them."""
+    """A flexible body in its floating frame.
+
+    Attributes
+    ----------
+    recovery
+        The fields on the mesh, of condensed bodies as far as these have them.
+    """
 
     frames: dict[str, int]  # name and number (from 0) of every frame that joints, effects and outputs hold
     centres: np.ndarray  # of the frames in the body's frame, shape (n_frames, d), m

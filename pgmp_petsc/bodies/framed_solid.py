@@ -34,19 +34,31 @@ class FramedSolid:
 
     @classmethod
     def of(
-        cls, name: str, entry: BodyEntry, materials: Mapping[str, Material], mesh: SolidMesh, points: Mapping[str, str],
+        cls,
+        name: str,
+        entry: BodyEntry,
+        materials: Mapping[str, Material],
+        mesh: SolidMesh,
+        points: Mapping[str, str],
         profiles: Profiles = UNIFORM,
-    ) -> FramedSolid:  # fmt: skip
+    ) -> FramedSolid:
         """Make a scene's body.
 
         Raises `InputError` if a region or a group is missing, overlaps another one, or is too small to carry a
         rotation; with a scaled cross-section, if a group is no section across the x axis.
 
-        name, entry: the body in the scene
-        materials: of the scene
-        mesh: of the body
-        points: groups of faces that the scene names, with the entry that names each
-        profiles: what its constants are multiplied by, cell by cell
+        Parameters
+        ----------
+        name, entry
+            The body in the scene.
+        materials
+            Of the scene.
+        mesh
+            Of the body.
+        points
+            Groups of faces that the scene names, with the entry that names each.
+        profiles
+            What its constants are multiplied by, cell by cell.
         """
         frames = {}
         for point, blame in points.items():
@@ -62,8 +74,10 @@ class FramedSolid:
 
     @classmethod
     def assembled(cls, name: str, entry: BodyEntry, body: Assembled, points: Mapping[str, str]) -> FramedSolid:
-        """Make a scene's body that is given by matrices; parameters as of `of`. Raises `InputError` if there is no such
-        set of nodes, or it is too small to carry a rotation."""
+        """Make a scene's body that is given by matrices; parameters as of `of`.
+
+        Raises `InputError` if there is no such set of nodes, or it is too small to carry a rotation.
+        """
         given, frames = entry.matrices, {}
         for point, blame in points.items():
             wanted, asked = given.faces.get(point, point), f'{blame} = "{point}"'
@@ -140,8 +154,10 @@ def _check_section(entry: str, mesh: SolidMesh, point: str, frame: FaceFrame) ->
 
 
 def cells_of_materials(name: str, entry: BodyEntry, mesh: SolidMesh) -> list[tuple[str, np.ndarray]]:
-    """Return the materials of a body's mesh with their cells: that of named regions, and that of the rest. Raises
-    `InputError` if a region is missing or overlaps another one."""
+    """Return the materials of a body's mesh with their cells: that of named regions, and that of the rest.
+
+    Raises `InputError` if a region is missing or overlaps another one.
+    """
     owner = np.zeros(mesh.n_cells, dtype=int)
     names = [entry.material]
     for region, material in entry.regions.items():

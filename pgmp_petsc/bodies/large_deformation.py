@@ -77,10 +77,16 @@ class LongAxis:
 class FieldsOnCells:
     """Displacement fields on some cells of a body, and their sums over these cells.
 
-    solid: the body; its cross-section is not scaled
-    cells: numbers of the cells
-    places: where the nodes of each of them are in `fields`, shape (n_cells, n_cell_nodes)
-    fields: displacements of the nodes for a unit of every field, shape (n_nodes, d, n)
+    Parameters
+    ----------
+    solid
+        The body; its cross-section is not scaled.
+    cells
+        Numbers of the cells.
+    places
+        Where the nodes of each of them are in `fields`, shape (n_cells, n_cell_nodes).
+    fields
+        Displacements of the nodes for a unit of every field, shape (n_nodes, d, n).
     """
 
     def __init__(self, solid: Solid, cells: np.ndarray, places: np.ndarray, fields: np.ndarray) -> None:
@@ -115,8 +121,10 @@ class FieldsOnCells:
         return found
 
     def third_with(self, vectors: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
-        """Return ``W3[., v_i, v_j]`` of the fields ``v = sum_a vectors[a] u_a`` at parameter values. Vectors have shape
-        (n, m), the result (n, m, m). Of few vectors it takes a small part of the time of `third`."""
+        """Return ``W3[., v_i, v_j]`` of the fields ``v = sum_a vectors[a] u_a`` at parameter values.
+
+        Vectors have shape (n, m), the result (n, m, m). Of few vectors it takes a small part of the time of `third`.
+        """
         d, n = self._fields.shape[1:]
         m = vectors.shape[1]
         axes, n_pairs = np.tril_indices(d), m * (m + 1) // 2
@@ -197,9 +205,15 @@ def stretching_of(strains: np.ndarray, moduli: dict[Monomial, np.ndarray]) -> di
 
 @njit(cache=True, error_model="numpy")
 def _fill_strains(gradients, strains):
-    """Fill ``E''_kl = sum_c sym(du_c/dX_k dv_c/dX_l)`` of pairs of fields. `gradients`: ``du_c/dX_k`` at points,
-    shape (n_points, d, d, n); `strains`: result, shape (n_points, d (d + 1) / 2, n (n + 1) / 2): axes k >= l and fields
-    u >= v, packed."""
+    """Fill ``E''_kl = sum_c sym(du_c/dX_k dv_c/dX_l)`` of pairs of fields.
+
+    Parameters
+    ----------
+    gradients
+        ``du_c/dX_k`` at points, shape (n_points, d, d, n).
+    strains
+        Result, shape (n_points, d (d + 1) / 2, n (n + 1) / 2): axes k >= l and fields u >= v, packed.
+    """
     n_points, d, _, n = gradients.shape
     for p in range(n_points):
         pair = 0

@@ -14,7 +14,17 @@ TURNS = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}
 
 
 def linear_fields(places: np.ndarray) -> np.ndarray:
-    """Return the linear displacement fields at places, shape (n d, d (d + 1)). `places`: shape (n, d), m."""
+    """Return the linear displacement fields at places.
+
+    Parameters
+    ----------
+    places
+        Shape (n, d), m.
+
+    Returns
+    -------
+    ndarray, shape (n d, d (d + 1))
+    """
     n, d = places.shape
     fields = np.zeros((n, d, d + d * d))
     for i in range(d):
@@ -44,3 +54,9 @@ def of_directors(inertia: np.ndarray) -> np.ndarray:
     """Return the moments of nodes (n, 3, 3, 6, 6) with an inertia of their directors (n, 3, 3)."""
     gradient = at_rest()[3:N_FRAME, :6].reshape(3, 3, 6).swapaxes(0, 1)
     return np.einsum("iak,nab,jbl->nijkl", gradient, inertia, gradient, optimize=True)
+
+
+def incommensurate(rows: np.ndarray, n: int, waves: np.ndarray) -> np.ndarray:
+    """Return waves with given numbers (k,), from 1, over some rows (m,) of n unknowns, shape (m, k): no mode shape is
+    orthogonal to all of them but by accident."""
+    return np.cos(np.outer(1.0 + rows * (np.sqrt(5.0) / n), 1.0 + np.sqrt(2.0) * waves))

@@ -88,8 +88,10 @@ def mass_of_bodies(bodies: Sequence[Body], rows: range) -> dict[Monomial, sp.csr
 
 
 def axial_stiffness(bodies: Sequence[Body], rows: range, values: Mapping[str, float]) -> sp.csr_matrix:
-    """Return the given rows of the part of the stiffness that resists extension, shape (n_rows, n_dofs). Of condensed
-    bodies it is that against the mean strains of pieces (`large_deformation`)."""
+    """Return the given rows of the part of the stiffness that resists extension, shape (n_rows, n_dofs).
+
+    Of condensed bodies it is that against the mean strains of pieces (`large_deformation`).
+    """
     return weighted_sum(_assemble_terms(bodies, rows, "stretching"), values)
 
 
@@ -115,10 +117,17 @@ Pairs = tuple[np.ndarray, np.ndarray]
 class ThirdDerivative:
     """The rows ``[rows.start, rows.stop)`` of ``K3_i[v_j, v_k]`` for every affine term i.
 
-    Raises `ValueError` if the third derivative of a body is not known (`Body.third_derivative_known`).
+    Parameters
+    ----------
+    bodies
+        Bodies of the mechanism; the strain energy of rigid ones is zero.
+    rows
+        The range of rows (unknowns) held here.
 
-    bodies: bodies of the mechanism; the strain energy of rigid ones is zero
-    rows: the range of rows (unknowns) held here
+    Raises
+    ------
+    ValueError
+        If the third derivative of a body is not known (`Body.third_derivative_known`).
     """
 
     def __init__(self, bodies: Sequence[Body], rows: range) -> None:
@@ -130,9 +139,20 @@ class ThirdDerivative:
         self._parts = [part for part in parts if part is not None]
 
     def times(self, vectors: np.ndarray, pairs: Pairs) -> dict[Monomial, np.ndarray]:
-        """Contract with pairs of vectors. Returns for every weight an array of shape (n_rows, n_pairs):
-        ``K3_i[v_j, v_k]``. `vectors`: all rows, shape (n_dofs, m); `pairs`: numbers j and k of the vectors of every
-        pair, shape (n_pairs,) each."""
+        """Contract with pairs of vectors.
+
+        Parameters
+        ----------
+        vectors
+            All rows, shape (n_dofs, m).
+        pairs
+            Numbers j and k of the vectors of every pair, shape (n_pairs,) each.
+
+        Returns
+        -------
+        dict
+            For every weight an array of shape (n_rows, n_pairs): ``K3_i[v_j, v_k]``.
+        """
         found: dict[Monomial, np.ndarray] = {}
         for part in self._parts:
             for weight, forces in zip(part.weights, part.forces(part.terms, vectors, pairs)):

@@ -48,8 +48,11 @@ MORE = 4  # times the terms: how far a message looks for as many as would do
 
 
 def profiles_of(scene: Scene, body: str, mesh: LineMesh | SolidMesh) -> Profiles:
-    """Return the factors of a body on its mesh. Raises `InputError` if a field has more terms than the body has cells,
-    keeps too little of its variance, or may fall to zero."""
+    """Return the factors of a body on its mesh.
+
+    Raises `InputError` if a field has more terms than the body has cells, keeps too little of its variance, or may fall
+    to zero.
+    """
     found: dict[str, Profile] = {}
     for name, field in scene.fields.items():
         if field.body == body:
@@ -170,10 +173,16 @@ def expansion(
 ) -> Expansion:
     """Expand a field of variance 1 over cells.
 
-    places: middles of the cells, shape (n_cells, d), m
-    volumes: of the cells, shape (n_cells,), m to the dimension of the cells
-    kernel, length, smoothness: name of the kernel, correlation length (m) and smoothness; see the module
-    n_terms: number of terms, at most n_cells
+    Parameters
+    ----------
+    places
+        Middles of the cells, shape (n_cells, d), m.
+    volumes
+        Of the cells, shape (n_cells,), m to the dimension of the cells.
+    kernel, length, smoothness
+        Name of the kernel, correlation length (m) and smoothness; see the module.
+    n_terms
+        Number of terms, at most n_cells.
     """
     places, volumes = np.ascontiguousarray(places, dtype=float), np.ascontiguousarray(volumes, dtype=float)
     return _expansion(places.tobytes(), volumes.tobytes(), places.shape[1], kernel, length, smoothness, n_terms)

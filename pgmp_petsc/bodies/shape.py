@@ -23,8 +23,11 @@ BodyShape = LineMesh | ContinuumShape | Component | FloatingBody
 
 
 def shape_in_scene(scene: Scene, name: str) -> LineMesh | None:
-    """Return the shape of a body that a scene has without a file; None of others. Of a body that is given by its mass
-    properties nodes are its points, each once, the centre of mass first, and lines go from there to the others."""
+    """Return the shape of a body that a scene has without a file; None of others.
+
+    Of a body that is given by its mass properties nodes are its points, each once, the centre of mass first, and lines
+    go from there to the others.
+    """
     body = scene.bodies[name]
     if body.line is not None:
         return straight_beam(scene.number(body.line.length), body.line.elements, body.line.start, body.dimension)
@@ -73,7 +76,9 @@ AnyShape = TypeVar("AnyShape")
 
 def at_lengths(scene: Scene, meshes: Mapping[str, AnyShape]) -> dict[str, AnyShape]:
     """Return the meshes of a scene's bodies with the lengths of its run (``scene.values``); as many cells, all equal.
-    Bodies whose length is a number keep their mesh, whatever it is."""
+
+    Bodies whose length is a number keep their mesh, whatever it is.
+    """
     found = dict(meshes)
     for name, body in scene.bodies.items():
         if body.line is not None and isinstance(body.line.length, str):

@@ -154,9 +154,14 @@ class Solid:
 class BlockPattern:
     """The nonzero pattern of a share of rows, one block a pair of nodes.
 
-    cells: all cells, shape (n_cells, n_cell_nodes)
-    nodes: the share: a range of node numbers
-    n_nodes: number of all nodes
+    Parameters
+    ----------
+    cells
+        All cells, shape (n_cells, n_cell_nodes).
+    nodes
+        The share: a range of node numbers.
+    n_nodes
+        Number of all nodes.
     """
 
     def __init__(self, cells: np.ndarray, nodes: range, n_nodes: int) -> None:

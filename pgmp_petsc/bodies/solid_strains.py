@@ -92,9 +92,14 @@ class SolidStrains:
     def at_nodes(cls, mesh: SolidMesh, materials: Sequence[np.ndarray], nodes: np.ndarray) -> SolidStrains:
         """Take strains at nodes, one point for every material that a node is in.
 
-        mesh: the body's
-        materials: cells of each material, each of shape (n,)
-        nodes: numbers of the nodes, shape (n,)
+        Parameters
+        ----------
+        mesh
+            The body's.
+        materials
+            Cells of each material, each of shape (n,).
+        nodes
+            Numbers of the nodes, shape (n,).
         """
         owner = _owners(mesh, materials)
         chosen = np.flatnonzero(np.isin(mesh.cells, nodes).any(axis=1))
@@ -122,7 +127,9 @@ class SolidStrains:
     @classmethod
     def at_place(cls, mesh: SolidMesh, materials: Sequence[np.ndarray], place: np.ndarray) -> SolidStrains | None:
         """Take the strain at a place of the mesh, shape (d,), m: that of the nodes, interpolated as displacements are.
-        None where the place is outside the mesh. On the border of two materials it has the value of one of them."""
+
+        None where the place is outside the mesh. On the border of two materials it has the value of one of them.
+        """
         found = _locate(mesh, place)
         if found is None:
             return None

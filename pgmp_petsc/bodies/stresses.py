@@ -291,9 +291,13 @@ Points = np.ndarray  # what is known at points, shape (n_points, n_components, n
 def _fill_stresses(strains, material, lame, moduli, stresses):
     """Fill stresses by Hooke's law, components as those of the strains (`solid_strains`).
 
-    strains, stresses: shape (n_points, n_strains, n); stresses in Pa
-    material, lame, moduli: the number of every point's material, Lame's constants (first, shear) of these over Young's
-        modulus, and this modulus, shape (n_materials, n), Pa
+    Parameters
+    ----------
+    strains, stresses
+        Shape (n_points, n_strains, n); stresses in Pa.
+    material, lame, moduli
+        The number of every point's material, Lame's constants (first, shear) of these over Young's modulus, and this
+        modulus, shape (n_materials, n), Pa.
     """
     n_points, m, n = strains.shape
     d = 2 if m == 3 else 3

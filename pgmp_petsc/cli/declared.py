@@ -235,7 +235,6 @@ def _of_session(option: str, text: str, take: Callable[..., None]) -> click.Opti
 
 
 def _parameters(argument: Argument, command: Command) -> Iterator[click.Parameter]:
-    """Yield the words or options of an argument."""
     for value, text in argument.flags.items():
         yield click.Option([_flag(argument, value), f"--{value}"], is_flag=True, help=text)
     for part in argument.parts.values():
@@ -309,7 +308,6 @@ def _given(arguments: Mapping[str, Argument], typed: Mapping[str, object]) -> It
 
 
 def _made(argument: Argument, known: Mapping[str, object]) -> object:
-    """Return the object of which fields were given."""
     for key, part in argument.parts.items():
         if part.required and key not in known:
             words = " and ".join(f"{argument.parts[item].called} {value}" for item, value in known.items())

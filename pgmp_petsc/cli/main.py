@@ -210,7 +210,6 @@ def _standard_output(comm: Comm) -> Iterator[LastingOutput | None]:
 
 
 def _output_message(failure: OSError) -> str:
-    """Say what is lost with standard output."""
     return f"standard output: {failure.strerror}; what was printed is incomplete, files that were written are complete"
 
 

@@ -31,7 +31,6 @@ def commands_page() -> str:
 
 
 def _section(command: Command) -> Iterator[str]:
-    """Yield the part of one command."""
     arguments = sorted(command.arguments.values(), key=lambda one: not one.by_place)
     words = " ".join(one.word + "..." * one.repeated for one in arguments if one.by_place)
     needed = " ".join(f"{one.options[0]} {one.word}" for one in arguments if one.options and one.required)

@@ -40,6 +40,7 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.resources import give_back
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.linear_fields import incommensurate
 from pgmp_petsc.ranks.petsc import aij_matrix, times
 from pgmp_petsc.solvers.shift_invert import ShiftedFactor, check_complete, check_residuals
 
@@ -59,10 +60,19 @@ Operator = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class Subspace:
     """An M-orthonormal basis V with ``M V`` and its images under an operator beside it. Collective on `comm`.
 
-    mass: symmetric, distributed by rows
-    operator: linear, symmetric
-    comm: the ranks of both
-    vectors, mass_vectors, images: V, M V, and the operator's images of V: local rows, shape (n_local, n)
+    Parameters
+    ----------
+    mass
+        Symmetric, distributed by rows.
+    operator
+        Linear, symmetric.
+    comm
+        The ranks of both.
+
+    Attributes
+    ----------
+    vectors, mass_vectors, images
+        V, M V, and the operator's images of V: local rows, shape (n_local, n).
     """
 
     def __init__(self, mass: PETSc.Mat, operator: Operator, comm: Comm) -> None:
@@ -145,17 +155,29 @@ N_WAVES = 4
 class BlockLanczos:
     """The lowest modes of one body. Collective on `comm`.
 
-    mass, stiffness: symmetric, of one pattern, distributed by rows
-    inverse: ``(K - sigma M)^-1`` times local columns (n_local, k)
-    shift: sigma, below all eigenvalues
-    start: local columns of the first block
-    comm: ranks that share the body
+    Parameters
+    ----------
+    mass, stiffness
+        Symmetric, of one pattern, distributed by rows.
+    inverse
+        ``(K - sigma M)^-1`` times local columns (n_local, k).
+    shift
+        sigma, below all eigenvalues.
+    start
+        Local columns of the first block.
+    comm
+        Ranks that share the body.
     """
 
     def __init__(
-        self, mass: PETSc.Mat, stiffness: PETSc.Mat, inverse: Callable[[np.ndarray], np.ndarray], shift: float,
-        start: np.ndarray, comm: Comm,
-    ) -> None:  # fmt: skip
+        self,
+        mass: PETSc.Mat,
+        stiffness: PETSc.Mat,
+        inverse: Callable[[np.ndarray], np.ndarray],
+        shift: float,
+        start: np.ndarray,
+        comm: Comm,
+    ) -> None:
         self._mass, self._stiffness, self._shift = mass, stiffness, shift
         self._basis = Subspace(mass, lambda _, momenta: inverse(momenta), comm)
         self._basis.add(np.hstack([start, self._waves(0)]))
@@ -164,7 +186,9 @@ class BlockLanczos:
         self, n_rigid: int, n_flexible: int, count_below: Callable[[float], int], where: str
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest eigenvalues (n,), rigid ones first, and modes (n_local, n), after they passed all checks.
-        Raises `RunError` if they do not converge, a residual is too large, or eigenvalues are missing."""
+
+        Raises `RunError` if they do not converge, a residual is too large, or eigenvalues are missing.
+        """
         n_pairs = n_rigid + n_flexible
         for attempt in range(1, ATTEMPTS + 1):
             values, vectors = self._converged(n_pairs, where)
@@ -205,11 +229,8 @@ class BlockLanczos:
         return self._shift + 1.0 / nu[:n_usable], vectors
 
     def _waves(self, attempt: int) -> np.ndarray:
-        """Return incommensurate waves over the unknowns, local columns."""
-        first, last = self._mass.getOwnershipRange()
-        rows, numbers = np.arange(first, last), 1 + N_WAVES * attempt + np.arange(N_WAVES)
-        places = 1.0 + rows * (np.sqrt(5.0) / self._mass.getSize()[0])
-        return np.cos(np.outer(places, 1.0 + np.sqrt(2.0) * numbers))
+        rows, numbers = np.arange(*self._mass.getOwnershipRange()), 1 + N_WAVES * attempt + np.arange(N_WAVES)
+        return incommensurate(rows, self._mass.getSize()[0], numbers)
 
 
 Terms = Mapping[Monomial, "PETSc.Mat"]
@@ -244,17 +265,30 @@ DEPENDENT_FIELDS = 1e-9  # of the largest square, for polynomials between -1 and
 class BodyProblem:
     """A free body's matrices and factor at given parameter values. Collective on `comm`.
 
-    mass, stiffness: by weight; they stay the caller's
-    places: this rank's nodes, shape (n, d), m
-    comm: ranks that share the body
-    memory: what the factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is
-    name: the body's, for messages
+    Parameters
+    ----------
+    mass, stiffness
+        By weight; they stay the caller's.
+    places
+        This rank's nodes, shape (n, d), m.
+    comm
+        Ranks that share the body.
+    memory
+        What the factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
+    name
+        The body's, for messages.
     """
 
     def __init__(
-        self, mass: Terms, stiffness: Terms, values: Mapping[str, float], places: np.ndarray, comm: Comm,
-        memory: float | None = None, name: str = "",
-    ) -> None:  # fmt: skip
+        self,
+        mass: Terms,
+        stiffness: Terms,
+        values: Mapping[str, float],
+        places: np.ndarray,
+        comm: Comm,
+        memory: float | None = None,
+        name: str = "",
+    ) -> None:
         d = places.shape[1]
         self.comm, self._places, self._n_rigid, self._where = comm, places, d * (d + 1) // 2, f"body {name}".strip()
         self._sums = [matrix_sum(terms, values) for terms in (mass, stiffness)]
@@ -264,9 +298,11 @@ class BodyProblem:
         self._memory, self._factor, self._entry = memory, None, f"bodies.{name}"
 
     def modes(self, n_modes: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return eigenvalues (n_modes,) and elastic modes (n_local, n_modes) of the free body; after `factor`. Raises
-        `InputError` if the stiffness is not positive, or more than rigid motion is free of it; `RunError` if modes do
-        not converge or are missing."""
+        """Return eigenvalues (n_modes,) and elastic modes (n_local, n_modes) of the free body; after `factor`.
+
+        Raises `InputError` if the stiffness is not positive, or more than rigid motion is free of it; `RunError` if
+        modes do not converge or are missing.
+        """
         start = polynomial_fields(self._places, self.comm)
         lanczos = BlockLanczos(self.mass, self.stiffness, self.answers, self._shift, start, self.comm)
         try:
@@ -347,10 +383,20 @@ class BodyProblem:
 DEGREE = 3
 
 
-def polynomial_fields(places: np.ndarray, comm: Comm, degree: int = DEGREE) -> np.ndarray:
-    """Return polynomials up to a degree in every direction, as products of Legendre's over the body's box,
-    shape (n d, n_fields). Collective on `comm`, whose ranks have different places. `places`: this rank's nodes,
-    shape (n, d), m."""
+def polynomial_fields(places: np.ndarray, comm: Comm) -> np.ndarray:
+    """Return polynomials up to `DEGREE` in every direction, as products of Legendre's over the body's box.
+
+    Collective on `comm`, whose ranks have different places.
+
+    Parameters
+    ----------
+    places
+        This rank's nodes, shape (n, d), m.
+
+    Returns
+    -------
+    ndarray, shape (n d, n_fields)
+    """
     from mpi4py import MPI
 
     n, d = places.shape
@@ -358,8 +404,8 @@ def polynomial_fields(places: np.ndarray, comm: Comm, degree: int = DEGREE) -> n
     comm.Allreduce(MPI.IN_PLACE, lowest, MPI.MIN)
     comm.Allreduce(MPI.IN_PLACE, highest, MPI.MAX)
     scaled = (2.0 * places - lowest - highest) / (highest - lowest)
-    along = [[legval(x, np.eye(degree + 1)[k]) for k in range(degree + 1)] for x in scaled.T]
-    powers = [power for power in product(range(degree + 1), repeat=d) if sum(power) <= degree]
+    along = [[legval(x, np.eye(DEGREE + 1)[k]) for k in range(DEGREE + 1)] for x in scaled.T]
+    powers = [power for power in product(range(DEGREE + 1), repeat=d) if sum(power) <= DEGREE]
     scalars = [np.prod([along[i][k] for i, k in enumerate(power)], axis=0) for power in powers]
     fields = np.einsum("fn,ij->nifj", np.array(scalars).reshape(len(powers), n), np.eye(d))
     return fields.reshape(n * d, -1)

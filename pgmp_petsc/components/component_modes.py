@@ -55,7 +55,7 @@ from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.floating import FloatingBody, second_moments
-from pgmp_petsc.bodies.linear_fields import linear_fields, rigid_motions
+from pgmp_petsc.bodies.linear_fields import incommensurate, linear_fields, rigid_motions
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.body_problem import BodyProblem, Operator, Subspace, Terms, petsc_terms
@@ -72,30 +72,52 @@ MOST_KEPT = 2**27  # bytes of a body's displacements that are kept without being
 
 
 def condense(
-    solid: Solid | AssembledBody, frames: Mapping[str, FaceFrame], points: Sequence[Mapping[str, float]], n_modes: int,
-    comm: Comm, timings: Timings | None = None, memory: float | None = None, stressed: bool = False,
+    solid: Solid | AssembledBody,
+    frames: Mapping[str, FaceFrame],
+    points: Sequence[Mapping[str, float]],
+    n_modes: int,
+    comm: Comm,
+    timings: Timings | None = None,
+    memory: float | None = None,
+    stressed: bool = False,
     large: bool = False,
-) -> tuple[Component, np.ndarray, SectionCoordinates | None]:  # fmt: skip
+) -> tuple[Component, np.ndarray, SectionCoordinates | None]:
     """Condense a body. Collective on `comm`.
 
     Raises `RunError` if an eigenproblem fails, or the interface's answers do not settle.
 
-    Returns component: the condensed body, on all ranks; recovery: the displacements on the mesh of unit coordinates,
-    local rows, shape (n_local, n); with a scaled cross-section of unit ``T(s) y``; section: T(s); None without a
-    scaled cross-section.
-
-    frames: where joints, effects and outputs hold it, by name
-    points: parameter values that the subspace is to serve, the nominal ones first
-    n_modes: number of flexible modes that the mechanism's basis takes
-    comm: ranks that share the body
-    timings: gets the wall time of the phases assembly, modes, answers (of the frames, the growing subspace included)
-        and projection
-    memory: what a factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is
-    stressed: whether stresses are asked for: the subspace then holds the static answers to all inertia forces of rigid
+    Parameters
+    ----------
+    frames
+        Where joints, effects and outputs hold it, by name.
+    points
+        Parameter values that the subspace is to serve, the nominal ones first.
+    n_modes
+        Number of flexible modes that the mechanism's basis takes.
+    comm
+        Ranks that share the body.
+    timings
+        Gets the wall time of the phases assembly, modes, answers (of the frames, the growing subspace included) and
+        projection.
+    memory
+        What a factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
+    stressed
+        Whether stresses are asked for: the subspace then holds the static answers to all inertia forces of rigid
         motion too, and the component keeps T and the mesh whatever their size. Otherwise it keeps them, for pictures,
-        where they are small (`MOST_KEPT`) and there is no scaled cross-section
-    large: whether what is of second order in the deformation will be asked for (`large_deformation.with_second_order`):
-        the subspace then answers the inertia forces of the rigid motion as well
+        where they are small (`MOST_KEPT`) and there is no scaled cross-section.
+    large
+        Whether what is of second order in the deformation will be asked for (`large_deformation.with_second_order`):
+        the subspace then answers the inertia forces of the rigid motion as well.
+
+    Returns
+    -------
+    component
+        The condensed body, on all ranks.
+    recovery
+        The displacements on the mesh of unit coordinates, local rows, shape (n_local, n); with a scaled cross-section
+        of unit ``T(s) y``.
+    section
+        T(s); None without a scaled cross-section.
     """
     timings = timings or Timings()
     d, n_nodes = solid.mesh.dimension, solid.mesh.n_nodes
@@ -199,10 +221,16 @@ def _residual(subspace: Subspace, loads: np.ndarray, test: float) -> np.ndarray:
 
 
 def _condensed(
-    solid: Solid | AssembledBody, frames: Mapping[str, FaceFrame], points: Sequence[Mapping[str, float]],
-    subspace: Subspace, loads: np.ndarray, fields: np.ndarray, matrices: tuple[Terms, Terms], nodes: range,
+    solid: Solid | AssembledBody,
+    frames: Mapping[str, FaceFrame],
+    points: Sequence[Mapping[str, float]],
+    subspace: Subspace,
+    loads: np.ndarray,
+    fields: np.ndarray,
+    matrices: tuple[Terms, Terms],
+    nodes: range,
     error: float,
-) -> tuple[Component, np.ndarray, SectionCoordinates | None]:  # fmt: skip
+) -> tuple[Component, np.ndarray, SectionCoordinates | None]:
     """Turn a subspace's coordinates into those of the frames and internal ones."""
     d, comm, values = solid.mesh.dimension, subspace.comm, points[0]
     vectors = subspace.vectors
@@ -227,11 +255,18 @@ def _condensed(
         turn = turn @ section.at(values)
     keep = _without_rigid(d, constant, weighted_sum_dense(mass, values))
     rows = d * nodes.start + np.arange(d * len(nodes))
+    waves = incommensurate(rows, solid.n_dofs, np.arange(1, N_PROBES + 1))
     component = Component(
-        {name: number for number, name in enumerate(frames)}, np.array([frame.centre for frame in frames.values()]),
-        mass, {w: keep.T @ a @ keep for w, a in stiffness.items()}, moments, constant,
-        turn.T @ subspace.inner(subspace.mass_vectors, _waves(rows, solid.n_dofs)), solid.n_dofs, error,
-    )  # fmt: skip
+        {name: number for number, name in enumerate(frames)},
+        np.array([frame.centre for frame in frames.values()]),
+        mass,
+        {w: keep.T @ a @ keep for w, a in stiffness.items()},
+        moments,
+        constant,
+        turn.T @ subspace.inner(subspace.mass_vectors, waves),
+        solid.n_dofs,
+        error,
+    )
     return component, recovery, section
 
 
@@ -239,7 +274,9 @@ def _across_axis(
     solid: Solid, nodes: range, subspace: Subspace, mass: Terms, values: Mapping[str, float]
 ) -> np.ndarray:
     """Return what takes vectors of the subspace to the rest beside their part along the axis (`section_coordinates`).
-    The subspace is orthonormal in the mass at the parameter values."""
+
+    The subspace is orthonormal in the mass at the parameter values.
+    """
     x = solid.mesh.nodes[:, 0]
     fields = axial_fields(solid.mesh.nodes[nodes.start : nodes.stop], x.min(), x.max())
     squares = {weight: _projected(matrix, fields, subspace.comm) for weight, matrix in mass.items()}
@@ -293,11 +330,6 @@ def _frame_shapes(stiffness: np.ndarray, frame_of: np.ndarray) -> np.ndarray:
     return np.linalg.solve(saddle, right)[:n]
 
 
-def _waves(rows: np.ndarray, n: int) -> np.ndarray:
-    """Return incommensurate waves over the unknowns: no mode shape is orthogonal to its own one but by accident."""
-    return np.cos(np.outer(1.0 + rows * (np.sqrt(5.0) / n), 1.0 + np.sqrt(2.0) * np.arange(1, N_PROBES + 1)))
-
-
 DEGREE = 24  # of polynomials along the axis, for modes with up to half as many waves
 DEPENDENT = 1e-10  # of the largest square: a coarse mesh does not tell all of them apart
 
@@ -311,8 +343,15 @@ def axial_fields(places: np.ndarray, lowest: float, highest: float) -> np.ndarra
 
 
 def axial_part(momenta: np.ndarray, squares: np.ndarray) -> np.ndarray:
-    """Return what takes vectors of an orthonormal basis V to their part along the axis, shape (n, n). `momenta`:
-    ``V^T M F`` of the fields F, shape (n, n_fields); `squares`: ``F^T M F``."""
+    """Return what takes vectors of an orthonormal basis V to their part along the axis, shape (n, n).
+
+    Parameters
+    ----------
+    momenta
+        ``V^T M F`` of the fields F, shape (n, n_fields).
+    squares
+        ``F^T M F``.
+    """
     values, directions = eigh(squares)
     chosen = values > DEPENDENT * values[-1]
     unit = momenta @ (directions[:, chosen] / np.sqrt(values[chosen]))
@@ -334,11 +373,18 @@ class SectionCoordinates:
     ) -> SectionCoordinates:
         """Find T.
 
-        factor: s
-        n_frames: number of frames, whose unknowns come first
-        across: the rest of a motion beside its part along the axis, shape (n, n); need not be exact
-        mass: in the coordinates at s = 1 for any parameter values, shape (n, n)
-        fields: C, shape (n, d (d + 1)), as `Component.fields`
+        Parameters
+        ----------
+        factor
+            s.
+        n_frames
+            Number of frames, whose unknowns come first.
+        across
+            The rest of a motion beside its part along the axis, shape (n, n); need not be exact.
+        mass
+            In the coordinates at s = 1 for any parameter values, shape (n, n).
+        fields
+            C, shape (n, d (d + 1)), as `Component.fields`.
         """
         d = {6: 2, 12: 3}[fields.shape[1]]
         turning = np.tile(np.arange(3 * (d - 1)) >= d, n_frames)
@@ -381,8 +427,10 @@ class SectionCoordinates:
 
 
 def in_floating_frame(component: Component, nominal: Mapping[str, float]) -> FloatingBody:
-    """Put a flexible condensed body into a floating frame, the mean axes at the nominal parameters. It follows its
-    foreshortening where that is known."""
+    """Put a flexible condensed body into a floating frame, the mean axes at the nominal parameters.
+
+    It follows its foreshortening where that is known.
+    """
     d, modes = component.centres.shape[1], elastic_modes(component, nominal)
     rigid = component.fields @ rigid_motions(np.zeros(d))
     n_frames, n = len(component.frames), modes.shape[1]
@@ -393,9 +441,16 @@ def in_floating_frame(component: Component, nominal: Mapping[str, float]) -> Flo
         bent, curved = foreshortened(component.foreshortening, shapes, moments)
     kept = component.recovery and replace(component.recovery, shapes=component.recovery.shapes @ modes, curved=None)
     return FloatingBody(
-        component.frames, component.centres, shapes, moments, stiffness, bent, curved, kept,
+        component.frames,
+        component.centres,
+        shapes,
+        moments,
+        stiffness,
+        bent,
+        curved,
+        kept,
         np.linalg.inv(np.hstack([rigid, modes])),
-    )  # fmt: skip
+    )
 
 
 def elastic_modes(component: Component, nominal: Mapping[str, float]) -> np.ndarray:

@@ -77,19 +77,33 @@ class Finished(Protocol):
 
 
 def condensed(
-    scene: Scene, shapes: Mapping[str, BodyShape], group: RankGroup, finished: Finished | None = None,
-    timings: Timings | None = None, large: bool | None = None,
-) -> dict[str, BodyShape]:  # fmt: skip
+    scene: Scene,
+    shapes: Mapping[str, BodyShape],
+    group: RankGroup,
+    finished: Finished | None = None,
+    timings: Timings | None = None,
+    large: bool | None = None,
+) -> dict[str, BodyShape]:
     """Return the shapes of a scene's bodies with every mesh of continuum elements, and matrices, condensed. Collective
     on ``group.world``.
 
-    Raises `InputError`, `RunError` on all ranks, whichever rank met it.
+    Parameters
+    ----------
+    shapes
+        By body; what is no continuum mesh stays as it is.
+    group
+        Ranks that share a body.
+    finished
+        Bodies that are condensed already, and where to keep others.
+    timings
+        Gets this rank's wall time of the phases of `condense`.
+    large
+        Whether what is of second order in the deformation is wanted; None where the scene says so.
 
-    shapes: by body; what is no continuum mesh stays as it is
-    group: ranks that share a body
-    finished: bodies that are condensed already, and where to keep others
-    timings: gets this rank's wall time of the phases of `condense`
-    large: whether what is of second order in the deformation is wanted; None where the scene says so
+    Raises
+    ------
+    InputError, RunError
+        On all ranks, whichever rank met it.
     """
     done = dict(shapes) | dict({} if finished is None else finished.components)
     waiting = [name for name, shape in done.items() if to_condense(shape)]
@@ -133,9 +147,11 @@ def _floating(shape: BodyShape, scene: Scene) -> BodyShape:
 
 
 def check_slender(scene: Scene, meshed: FramedSolid, cure: str = 'take "dynamic"') -> None:
-    """Refuse static stretching of a flexible body that has no long axis to be stretched along, with the cure. Nothing
-    is refused of a body whose third derivative is not known, which no command that needs it takes. Raises `InputError`,
-    naming the effect that asks for it, and the cure."""
+    """Refuse static stretching of a flexible body that has no long axis to be stretched along, with the cure.
+
+    Nothing is refused of a body whose third derivative is not known, which no command that needs it takes. Raises
+    `InputError`, naming the effect that asks for it, and the cure.
+    """
     if not (scene.static_stretching and meshed.solid.third_derivative_known):
         return
     axis = LongAxis(meshed.solid)
@@ -151,7 +167,10 @@ def check_slender(scene: Scene, meshed: FramedSolid, cure: str = 'take "dynamic"
 @contextmanager
 def angle_group(shapes: Mapping[str, BodyShape], group: RankGroup) -> Iterator[RankGroup]:
     """Yield the ranks that share an angle's eigenproblem: each rank alone where all bodies are condensed, as it is
-    small. Collective on ``group.world``."""
+    small.
+
+    Collective on ``group.world``.
+    """
     if group.world.size > group.count and all(is_condensed(shape) for shape in shapes.values()):
         with RankGroup.split(group.world, 1) as alone:
             yield alone
@@ -200,8 +219,10 @@ class Trial:
 
 
 def try_largest(scene: Scene, shapes: Mapping[str, BodyShape], comm: Comm) -> Trial | None:
-    """Try the largest continuum body; None where there is none. Collective on `comm`. Raises `InputError` or `RunError`
-    if the body's frames or materials are not sound, or the factorisation fails."""
+    """Try the largest continuum body; None where there is none. Collective on `comm`.
+
+    Raises `InputError` or `RunError` if the body's frames or materials are not sound, or the factorisation fails.
+    """
     solids = {name: shape for name, shape in shapes.items() if to_condense(shape)}
     if not solids:
         return None
@@ -240,9 +261,17 @@ DEPENDENT = 1e-9  # of a load, the part that deforms; of answers of norm 1, the 
 def floating_shapes(
     scene: Scene, shapes: Mapping[str, BodyShape], bodies: Sequence[Body], comm: Comm
 ) -> dict[str, BodyShape]:
-    """Return the shapes of a scene's bodies, the flexible ones in floating frames. Collective on `comm`. Raises
-    `RunError` if an eigenproblem fails; on all ranks, whichever rank met it. `shapes`: by the name of the body;
-    `bodies`: that were made of them."""
+    """Return the shapes of a scene's bodies, the flexible ones in floating frames. Collective on `comm`.
+
+    Raises `RunError` if an eigenproblem fails; on all ranks, whichever rank met it.
+
+    Parameters
+    ----------
+    shapes
+        By the name of the body.
+    bodies
+        That were made of them.
+    """
     flexible = [body for body in bodies if body.flexible]
     own, found = flexible[comm.rank :: comm.size], {}
     with agreed(comm, "component modes"), progress(len(own), "bodies in floating frames", comm) as bar:
@@ -269,9 +298,14 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
         check_slender(scene, meshed, NOT_SLENDER)
     n_modes, stressed = scene.reduction.modes + scene.n_overconstrained, meshed.solid.name in stressed_bodies(scene)
     component, recovery, _ = condense(
-        meshed.solid, meshed.frames, serving_points(scene, meshed), n_modes, alone(), stressed=stressed,
+        meshed.solid,
+        meshed.frames,
+        serving_points(scene, meshed),
+        n_modes,
+        alone(),
+        stressed=stressed,
         large=scene.static_stiffening,
-    )  # fmt: skip
+    )
     if scene.static_stiffening:
         component = with_second_order(component, meshed.solid, recovery, alone(), scene.nominal)
     return in_floating_frame(component, scene.nominal)
@@ -320,8 +354,10 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
 
 
 def _ridden(scene: Scene, body: Body) -> np.ndarray:
-    """Return the nodes of the runs that joints ride on, run after run. Raises `InputError` if different runs share
-    nodes: frames of a body in a floating frame have one order."""
+    """Return the nodes of the runs that joints ride on, run after run.
+
+    Raises `InputError` if different runs share nodes: frames of a body in a floating frame have one order.
+    """
     found: list[np.ndarray] = []
     for name, joint in scene.joints.items():
         if not joint.rides or joint.connect[0].partition(":")[0] != body.name:
@@ -412,8 +448,10 @@ def _moments_of_beams(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarra
 
 
 def _turned_sections(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarray]:
-    """Return ``int rho X_k chi_l`` of sections that turn to second order, by weight, shape (d, d, n, n). A rotation
-    vector takes t to ``t + phi x t + 1/2 phi x (phi x t)``; directors are linear between the nodes."""
+    """Return ``int rho X_k chi_l`` of sections that turn to second order, by weight, shape (d, d, n, n).
+
+    A rotation vector takes t to ``t + phi x t + 1/2 phi x (phi x t)``; directors are linear between the nodes.
+    """
     d, n = body.mesh.nodes.shape[1], modes.shape[1]
     spins = _spins(body, modes).swapaxes(1, 2)
     products = np.einsum("aic,ajc->aij", spins, spins)

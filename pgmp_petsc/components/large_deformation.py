@@ -49,9 +49,14 @@ def foreshortening(
 ) -> np.ndarray:
     """Return c, the amplitudes' second derivatives, shape (n, n, n), 1/m, the amplitude that is moved first.
 
-    third: W3 of the amplitudes times pairs of vectors (see `contraction_of`), N/m2
-    stiffness, stretching: K, positive definite, and K_s, each of shape (n, n), N/m
-    n_followed: amplitudes that are followed, the first ones; c is zero in all others. None for all
+    Parameters
+    ----------
+    third
+        W3 of the amplitudes times pairs of vectors (see `contraction_of`), N/m2.
+    stiffness, stretching
+        K, positive definite, and K_s, each of shape (n, n), N/m.
+    n_followed
+        Amplitudes that are followed, the first ones; c is zero in all others. None for all.
     """
     n = len(stiffness)
     share = np.linalg.solve(stiffness, stretching)
@@ -66,20 +71,30 @@ def foreshortening(
 
 
 def with_second_order(
-    component: Component, solid: Solid | AssembledBody, recovery: np.ndarray, comm: Comm, nominal: Mapping[str, float],
-    n_followed: int | None = None, all_fields: bool = True,
-) -> Component:  # fmt: skip
+    component: Component,
+    solid: Solid | AssembledBody,
+    recovery: np.ndarray,
+    comm: Comm,
+    nominal: Mapping[str, float],
+    n_followed: int | None = None,
+    all_fields: bool = True,
+) -> Component:
     """Return a condensed body with its foreshortening, and with what is of second order in all of its fields where that
     is wanted. Collective on `comm`.
 
     Nothing of it is known where the cross-section is scaled or matrices were assembled elsewhere, and no foreshortening
     of a body that is not slender.
 
-    component, solid, recovery: the body, its mesh, and this rank's rows of the fields, shape (n_local, n); see
-        `condense`
-    nominal: parameter values for the foreshortening
-    n_followed: free modes whose foreshortening is followed, the slowest ones; None for all
-    all_fields: whether it is wanted of all fields: that takes longest
+    Parameters
+    ----------
+    component, solid, recovery
+        The body, its mesh, and this rank's rows of the fields, shape (n_local, n); see `condense`.
+    nominal
+        Parameter values for the foreshortening.
+    n_followed
+        Free modes whose foreshortening is followed, the slowest ones; None for all.
+    all_fields
+        Whether it is wanted of all fields: that takes longest.
     """
     if not solid.third_derivative_known:
         return component
@@ -111,7 +126,12 @@ def curved_strains(
     component: Component, of_pairs: Mapping[Monomial, np.ndarray], nominal: Mapping[str, float]
 ) -> np.ndarray:
     """Return the unknowns whose linear strains stand for those of second order of pairs of fields; see `Recovery`.
-    `of_pairs`: as of `FieldsOnCells.of_pairs`."""
+
+    Parameters
+    ----------
+    of_pairs
+        As of `FieldsOnCells.of_pairs`.
+    """
     modes = elastic_modes(component, nominal)
     stiffness = modes.T @ weighted_sum_dense(component.stiffness, nominal) @ modes
     forces = weighted_sum_dense(of_pairs, nominal) @ modes
@@ -121,9 +141,17 @@ def curved_strains(
 class FieldsOnRanks:
     """The displacement fields of a condensed body on the ranks that share its mesh; methods are collective.
 
-    solid: the body; its cross-section is not scaled
-    recovery: the fields at this rank's nodes, shape (d n_nodes, n)
-    axis: the body's long axis
+    Parameters
+    ----------
+    solid
+        The body; its cross-section is not scaled.
+    recovery
+        The fields at this rank's nodes, shape (d n_nodes, n).
+
+    Attributes
+    ----------
+    axis
+        The body's long axis.
     """
 
     def __init__(self, solid: Solid, recovery: np.ndarray, comm: Comm) -> None:

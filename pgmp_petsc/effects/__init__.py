@@ -9,6 +9,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.matrices import AffineMatrices, MassesOnDemand
 from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.clearance import loose_joint
 from pgmp_petsc.effects.effect import Effect, Load
 from pgmp_petsc.effects.loads import HoldingTorque
 from pgmp_petsc.effects.motion import Held, Motion, driven
@@ -35,7 +36,9 @@ def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
 
 def springs_of_joints(scene: Scene, mechanism: Mechanism) -> list[Effect]:
     """Return the springs of elastic joints and couplings: what holds a mechanism together beside its constraints."""
-    joints = [elastic_joint(c.name, scene, mechanism) for c in mechanism.connections if c.released]
+    makers = {"elastic": elastic_joint, "clearance": loose_joint}
+    loose = [(c.name, scene.joints[c.name].gives_way) for c in mechanism.connections if c.released]
+    joints = [makers[how](name, scene, mechanism) for name, how in loose]
     return [*joints, *(elastic_coupling(c, scene, mechanism) for c in mechanism.couplings if c.elastic)]
 
 

@@ -134,7 +134,7 @@ def counted_from(action: Action, kinematics: RigidKinematics, theta: np.ndarray)
         mechanism.space.dimension,
     )
     values = rows.values(kinematics.poses(theta.T).reshape(-1, theta.shape[1]), near)
-    value = next(one.value for one in mechanism.couplings if one.combination is action.statement)
+    value = next((one.value for one in mechanism.couplings if one.combination is action.statement), 0.0)
     for k, (part, function) in enumerate(terms):
         if part.kind == ANGLE and part not in numbers and not function.breaks.size:
             near[k] = (value - values.sum(axis=0) + values[k]) / function.factor

@@ -57,6 +57,11 @@ class Effect:
     def __init__(self, name: str) -> None:
         self.name = name
 
+    @property
+    def entry(self) -> str:
+        """The entry of the scene that it is of."""
+        return f"effects.{self.name}"
+
     def loads(self, matrices: AffineMatrices) -> list[Load]:
         """Return the load terms for the rows of `matrices`."""
         return []

@@ -93,7 +93,8 @@ def spring_remarks(effects: Sequence[Effect], reduction: Reduction | None = None
         yield note(f"linear springs whose static answers are in the basis, for any stiffness: {springs}")
     elif springs:
         yield note(f"reduction.spring_modes = false: the basis has no static answers to springs: {springs}")
-    yield from (note(f"effects.{name} is not in the {what}: {reason}") for name, reason in left_out(actions).items())
+    entries = {effect.name: effect.entry for effect in effects}
+    yield from (note(f"{entries[name]} is not in the {what}: {reason}") for name, reason in left_out(actions).items())
 
 
 def moving_dofs(action: Action) -> np.ndarray:

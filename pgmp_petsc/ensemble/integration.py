@@ -43,6 +43,7 @@ from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import Pulse, RankGroup, deal_to_groups
 from pgmp_petsc.results.ensemble import Ensemble, ShardSamples
 from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.scene.numerics import Ensemble as Settings
 from pgmp_petsc.stepping.drivers import check_ts_options
 from pgmp_petsc.stepping.generalised_alpha import (
     DIVISORS,
@@ -154,6 +155,8 @@ def run_batch(
     the steps that are tried. Collective on `comm`.
     """
     scene, comm = model.scene, comm or alone()
+    if model.outputs.counts and not any(isinstance(watcher, OverTimeWatcher) for watcher in watchers):
+        watchers = [*watchers, OverTimeWatcher(model, False, Settings())]
     alive = physical(scene, values)
     n = alive.size
     # an unphysical sample takes the place of a nominal one in the arrays, and is never advanced
@@ -182,7 +185,8 @@ def run_batch(
             observer = Together(observers) if observers else None
             done = integrate(system, attempt.simulation, alive=attempt.alive, observer=observer, pulse=pulse)
             done = done if inside is None else inside.judged(done)
-            done = _with_outputs(model, system, done, samples, outputs, attempt.simulation.duration)
+            counted = {name: values for watch in watches for name, values in watch.counted().items()}
+            done = _with_outputs(model, system, done, samples, outputs, attempt.simulation.duration, counted)
             for watch in watches:
                 for kind, arrays in watch.found(done.status).items():
                     for name, estimates in arrays.items():
@@ -195,14 +199,17 @@ def run_batch(
 
 
 def _with_outputs(
-    model: Model, system: SecondOrderSystem, done: Run, samples: np.ndarray, outputs: dict[str, np.ndarray], end: float
-) -> Run:
-    """Evaluate the outputs of the samples that are fine into `outputs`; one that is no finite number is a failure."""
+    model: Model, system: SecondOrderSystem, done: Run, samples: np.ndarray, outputs: dict[str, np.ndarray], end: float,
+    counted: Mapping[str, np.ndarray],
+) -> Run:  # fmt: skip
+    """Evaluate the outputs of the samples that are fine into `outputs`, but for those that were counted over the run;
+    one that is no finite number is a failure."""
     fine = np.flatnonzero(done.status == Status.FINE)
     if not fine.size:
         return done
     with np.errstate(all="ignore"):
         found = model.outputs.evaluate(model.observed(system, done.state, end)[..., fine])
+    found |= {name: values[fine] for name, values in counted.items()}
     lost = fine[~np.all([np.isfinite(values) for values in found.values()] or [np.ones(fine.size)], axis=0)]
     status, failure_time = done.status.copy(), done.failure_time.copy()
     status[lost], failure_time[lost] = Status.NOT_FINITE, end

@@ -20,6 +20,7 @@ from pgmp_petsc.estimates.coarser_run import OutputRecord, run_coarser, step_err
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator
 from pgmp_petsc.estimates.validity import Validity
 from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, SeparateLengths
+from pgmp_petsc.outputs.rainflow import Counting
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY
 from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
@@ -50,6 +51,8 @@ class Watch(NamedTuple):
     #: what was found once the run has ended with the given status of all its samples: arrays (n_watched,) by name, and
     #: these by the field of `Batch` that they belong to; NaN where nothing is known
     found: Callable[[np.ndarray], Found]
+    #: outputs that are counted over a run, at its end, by name (n_samples,)
+    counted: Callable[[], Mapping[str, np.ndarray]] = dict
 
 
 class Watcher:
@@ -250,7 +253,8 @@ class OverTimeWatcher(Watcher):
     @property
     def is_asked(self) -> bool:
         """Whether there is anything to keep."""
-        return bool(self._outputs) and bool(self._extremes or self._events or self._steps.size)
+        wanted = self._extremes or self._events or self._steps.size or self._model.outputs.counts
+        return bool(self._outputs) and bool(wanted)
 
     def empty(self, n: int) -> Found:
         """Return what is known of n samples before their runs: nothing."""
@@ -264,7 +268,7 @@ class OverTimeWatcher(Watcher):
             scene.duration, scene.step
         )
         run = _OverTimeWatch(self._model, begun, self._extremes, self._events, self._steps * divisor)
-        return Watch(run, run.found)
+        return Watch(run, run.found, run.counted)
 
 
 class _OverTimeWatch(Observer):
@@ -276,7 +280,10 @@ class _OverTimeWatch(Observer):
         self._extremes = {name: _Extremes(n) for name in names} if extremes else {}
         self._passages = {label: _Passage(event, n) for label, event in events.items()}
         self._bands = {name: np.full((n, steps.size), np.nan) for name in names if steps.size}
-        self._looks_always = bool(self._extremes or self._passages)
+        self._counts = model.outputs.counts
+        self._counting = Counting(self._counts, begun.values, n)
+        self._last: dict[str, np.ndarray] = {}
+        self._looks_always = bool(self._extremes or self._passages or self._counts)
         self.every = 1 if self._looks_always or steps.size < 2 else int(steps[1] - steps[0])
         # numbers and instants of steps, and the reduced coordinates and rates at their ends, (n_t, 2, n_samples, n_eta)
         self._waiting: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
@@ -326,6 +333,8 @@ class _OverTimeWatch(Observer):
         self._take(numbers, times, {name: column.reshape(numbers.size, n) for name, column in found.items()})
 
     def _take(self, numbers: np.ndarray, times: np.ndarray, outputs: dict[str, np.ndarray]) -> None:
+        outputs = self._counting.over(times, outputs)
+        self._last = {name: outputs[name][-1] for name in self._counts}
         for name, extremes in self._extremes.items():
             extremes.take(times, outputs[name])
         for passage in self._passages.values():
@@ -342,6 +351,11 @@ class _OverTimeWatch(Observer):
         places = np.minimum(np.searchsorted(self._steps, numbers), self._steps.size - 1)
         there = np.flatnonzero(self._steps[places] == numbers)
         return there, places[there]
+
+    def counted(self) -> dict[str, np.ndarray]:
+        """Return the outputs that are counted, at the last instant, each of shape (n_samples,)."""
+        self._evaluate()
+        return self._last
 
     def found(self, status: np.ndarray) -> Found:
         """Return what was kept, NaN for samples that failed."""

@@ -33,6 +33,7 @@ import numpy as np
 
 from pgmp_petsc.base.progress import Progress
 from pgmp_petsc.models import Model
+from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
@@ -160,7 +161,8 @@ class OutputRecord(Observer):
         time = np.array(self._times)
         with np.errstate(all="ignore"):
             found = self._model.outputs.evaluate(np.concatenate(self._observed, axis=-1))
-        return time, {name: values.reshape(time.size, -1) for name, values in found.items()}
+        found = {name: values.reshape(time.size, -1) for name, values in found.items()}
+        return time, counted_after(self._model.outputs.counts, time, found, self._system.values)
 
 
 def coarser(simulation: Simulation) -> Simulation:

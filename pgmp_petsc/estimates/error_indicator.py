@@ -31,6 +31,7 @@ from pgmp_petsc.estimates.checking_model import CheckingModel, ErrorSystem
 from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 from pgmp_petsc.models.model import floors_of
+from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.drivers import ERROR_PREFIX
 from pgmp_petsc.stepping.generalised_alpha import count_steps, integrate
@@ -231,7 +232,11 @@ class WatchedRun(Observer):
         states = State(*np.moveaxis(plain, 1, 0).reshape(3, -1, plain.shape[3]), np.zeros(0))
         every_time = {name: np.tile(value, shape[0]) for name, value in values.items()}
         here = model.outputs.evaluate(model.observed_of(np.repeat(time, shape[1]), states, every_time))
-        return {name: (here[name] - there[name]).reshape(shape) for name in here}
+        here, there = (
+            counted_after(model.outputs.counts, time, {k: v.reshape(shape) for k, v in found.items()}, values)
+            for found in (here, there)
+        )
+        return {name: here[name] - there[name] for name in here}
 
     def _placeable(self, states: np.ndarray) -> np.ndarray:
         """Return which samples stay finite, and where the rigid mechanism can be placed, shape (n,)."""

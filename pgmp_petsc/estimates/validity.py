@@ -261,7 +261,7 @@ def _beyond(scene: Scene) -> dict[str, str]:
     full = comparing(scene)
     limits = limits_of(scene.second_order)
     rotation, strain, share = (limits[name] for name in ("elastic_rotation", "elastic_strain", "stiffness_lost"))
-    elastic = [f"joints.{name}" for name, joint in scene.joints.items() if joint.elastic is not None]
+    elastic = [f"joints.{name}" for name, joint in scene.joints.items() if joint.gives_way]
     given = f", with what {', '.join(elastic)} give way, which is taken as small" if elastic else ""
     texts = {
         "elastic_rotation": f"elastic rotations of {{}} rad{given}, beyond {rotation}: linear strains are wrong by "

@@ -22,7 +22,17 @@ from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.solids import has_solids, solids
 from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
-from pgmp_petsc.figures.trajectories import design, energies, fit, labels_of, paired, sensitivities, trajectories
+from pgmp_petsc.figures.trajectories import (
+    counted_outputs,
+    design,
+    energies,
+    fit,
+    labels_of,
+    paired,
+    rainflow,
+    sensitivities,
+    trajectories,
+)
 from pgmp_petsc.files.claims import check_folder, check_output
 from pgmp_petsc.files.hdf5 import open_file
 from pgmp_petsc.results import READERS, Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
@@ -168,6 +178,7 @@ def _of_runs(runs: Sourced, exaggeration: float, at: float | None) -> tuple[Pict
         "mechanism": (partial(mechanism, exaggeration=exaggeration), lambda run: run.frames is not None),
         "solids": (partial(solids, at=at, exaggeration=exaggeration), has_solids),
         "energies": (energies, lambda run: run.balance is not None),
+        "rainflow": (rainflow, counted_outputs),
         "coordinate_path": (coordinate_path, lambda run: len(run.coordinate_units) == 2),
     }
     notes = _left_out("trajectories", [set(run.outputs) for run in found])

@@ -1,5 +1,7 @@
 """Outputs over time, full-order and reduced, and the error between them (as Fig. 4 of Naets et al. 2015).
 
+The cycles of a run by range and mean (rainflow matrix).
+
 The balance of energy of a run: what is stored, what the effects brought, and what is left over.
 
 A design: how the search went, and outputs at its start and of the design.
@@ -11,6 +13,7 @@ What one change of each parameter does to the outputs of a run, over time.
 
 from __future__ import annotations
 
+import tomllib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,6 +29,7 @@ from matplotlib.patches import Patch
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures import captions, style
 from pgmp_petsc.figures.captions import same_case, tell_apart
+from pgmp_petsc.lanes.rainflow import cycles
 from pgmp_petsc.results import Derivatives, Design, Fit, Trajectory
 from pgmp_petsc.results.gradients import FittedParameter
 from pgmp_petsc.results.numbers import ROUND_OFF, plain, sizes_of
@@ -245,6 +249,41 @@ def _shared(comparisons: Sequence[Comparison]) -> set[int]:
     """Return the full-order runs, by `id`, that belong to several comparisons."""
     counts = Counter(id(comparison.full) for comparison in comparisons if comparison.full is not None)
     return {run for run, count in counts.items() if count > 1}
+
+
+N_BINS = 24  # of ranges and of means
+
+
+def counted_outputs(trajectory: Trajectory) -> list[str]:
+    """Return the outputs whose cycles the scene of a run counts."""
+    entries = tomllib.loads(trajectory.record.scene_toml).get("outputs", {}).values()
+    named = dict.fromkeys(entry["of"] for entry in entries if entry["type"] == "rainflow")
+    return [name for name in named if name in trajectory.outputs and len(cycles(trajectory.outputs[name]))]
+
+
+@style.styled
+def rainflow(trajectory: Trajectory, label: str = "") -> Figure:
+    """Draw the rainflow matrix of each output whose cycles the scene counts: how many have which range and mean.
+
+    Raises `InputError` if there is none.
+    """
+    names = counted_outputs(trajectory)
+    if not names:
+        raise InputError("the scene counts no cycles; add an output of type rainflow")
+    figure, blocks = style.panel_grid(len(names), COLUMNS, (3.7, 3.2), 0.65, 5.0)
+    for (axes,), name in zip(blocks, names):
+        first, second, count = cycles(trajectory.outputs[name]).T
+        factor, unit = style.axis_unit(trajectory.units.get(name, "1"), first, second)
+        ranges, means = factor * np.abs(second - first), 0.5 * factor * (first + second)
+        matrix, *edges = np.histogram2d(ranges, means, N_BINS, weights=count)
+        drawn = axes.pcolormesh(*edges, np.where(matrix > 0.0, matrix, np.nan).T, cmap="viridis")
+        axes.set_title(name)
+        axes.set_xlabel(style.axis_label("range", unit))
+        axes.set_ylabel(style.axis_label("mean", unit))
+        figure.colorbar(drawn, ax=axes, label="cycles")
+    what = style.heading(f"Rainflow matrix, {style.MODELS[trajectory.model]}", trajectory.record, label)
+    style.top_legend(figure, [], what, captions.of_runs([trajectory], [label]))
+    return figure
 
 
 WIDTH = 8.6

@@ -210,34 +210,28 @@ class CheckpointFolder:
                 raise ValueError("it does not name this program")
         except FileNotFoundError:
             # a run that ended before it had written the label
-            if all(any(path.match(pattern) for pattern in _OWN[-1:]) for path in self.path.iterdir()):
+            if all(path.match(_OWN[-1]) for path in self.path.iterdir()):
                 return None
-            raise InputError(
-                f"{refused}it has no label '{LABEL}' of this program; move it away, or give another output"
-            ) from None
+            why = f"it has no label '{LABEL}' of this program; move it away, or give another output"
+            raise InputError(f"{refused}{why}") from None
         except (OSError, ValueError, AttributeError, RecursionError) as error:
-            raise InputError(
-                f"{refused}its label '{LABEL}' is damaged ({error}); a run cannot be taken up from it with --resume; "
-                "move the folder away to start anew"
-            ) from error
+            why = f"its label '{LABEL}' is damaged ({error}); a run cannot be taken up from it with --resume"
+            raise InputError(f"{refused}{why}; move the folder away to start anew") from error
         return found
 
     def _check(self, found: Mapping[str, object]) -> None:
+        other = f"--resume: '{self.path}' belongs to another run: its"
         for key, value in self._growing.items():
             there = found.get(key)
             if not isinstance(there, int) or there > value:
-                raise InputError(
-                    f"--resume: '{self.path}' belongs to another run: its {key} differs ({there} there, {value} here), "
-                    "and only a larger number may be given; leave --resume out to start anew"
-                )
+                cure = "and only a larger number may be given; leave --resume out to start anew"
+                raise InputError(f"{other} {key} differs ({there} there, {value} here), {cure}")
         for key, value in self._run.items():
             there = found.get(key, "not named")
             if there != value:
                 shown = "" if isinstance(value, str) and len(value) == 64 else f" ({there} there, {value} here)"
-                raise InputError(
-                    f"--resume: '{self.path}' belongs to another run: its {key} differs{shown}; "
-                    "repeat the command as it was, or leave --resume out to start anew"
-                )
+                cure = "repeat the command as it was, or leave --resume out to start anew"
+                raise InputError(f"{other} {key} differs{shown}; {cure}")
 
 
 class SharedCheckpoint:

@@ -74,10 +74,8 @@ class OutputLock:
         until = time.monotonic() + PATIENCE
         while not self._taken():
             if time.monotonic() > until:
-                raise InputError(
-                    f"{self._named} is being written by {_owner(self._path)}; wait for its end, or give another name "
-                    "with -o"
-                )
+                cure = "wait for its end, or give another name with -o"
+                raise InputError(f"{self._named} is being written by {_owner(self._path)}; {cure}")
             time.sleep(0.05)
         return self
 
@@ -89,7 +87,6 @@ class OutputLock:
         self.held = False
 
     def _taken(self) -> bool:
-        """Try once to take the lock."""
         descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -127,7 +124,6 @@ def _remove_left(descriptor: int, output: Path) -> None:
 
 
 def _sign(descriptor: int) -> None:
-    """Write who has the lock."""
     owner = {
         "host": socket.gethostname(),
         "pid": os.getpid(),
@@ -139,7 +135,6 @@ def _sign(descriptor: int) -> None:
 
 
 def _owner(path: Path) -> str:
-    """Say who has a lock."""
     try:
         owner = json.loads(path.read_text())
         job = f"job {owner['job']}, " if owner["job"] else ""
@@ -334,21 +329,19 @@ def _is_same(found: os.stat_result, source: str | os.PathLike[str]) -> bool:
 
 def _check_place(output: str | os.PathLike[str], target: Path, found: os.stat_result | None) -> None:
     """Raise `InputError` unless a regular file can be made at ``target``."""
-    directory = target.parent
-    if found is not None and stat.S_ISDIR(found.st_mode):
+    directory, mode = target.parent, stat.S_IFREG if found is None else found.st_mode
+    if stat.S_ISDIR(mode):
         raise InputError(f"output file '{output}' is a directory; give the name of a file in it")
-    if found is not None and not stat.S_ISREG(found.st_mode):
+    if not stat.S_ISREG(mode):
         raise InputError(f"output file '{output}' is a device, a pipe or a socket; give the name of a file")
     if not directory.is_dir():
         raise InputError(f"output file '{output}': directory '{directory}' does not exist; create it first")
     if not os.access(directory, os.W_OK | os.X_OK):
         raise InputError(f"output file '{output}': no permission to write in directory '{directory}'")
-    longest = os.pathconf(directory, "PC_NAME_MAX") - _LONGEST_ADDITION
-    if len(os.fsencode(target.name)) > longest:
-        raise InputError(
-            f"output file '{output}': its name has {len(os.fsencode(target.name))} bytes; allowed: {longest}, because "
-            "files beside it have longer names"
-        )
+    longest, n = os.pathconf(directory, "PC_NAME_MAX") - _LONGEST_ADDITION, len(os.fsencode(target.name))
+    if n > longest:
+        why = f"allowed: {longest}, because files beside it have longer names"
+        raise InputError(f"output file '{output}': its name has {n} bytes; {why}")
 
 
 def _check_ending(output: str | os.PathLike[str], kind: str) -> None:
@@ -356,30 +349,22 @@ def _check_ending(output: str | os.PathLike[str], kind: str) -> None:
     what, own, _ = _OTHERS.get(kind, ("HDF5", _HDF5_ENDINGS, b""))
     path = Path(output)
     if path.suffix.lower() in _ENDINGS - {*own}:
-        raise InputError(
-            f"output file '{output}': the ending {path.suffix} is that of another format; {named(kind)} "
-            f"is written as {own[0][1:].upper() if kind in _OTHERS else what}: name it '{path.with_suffix(own[0])}'"
-        )
+        cure = f"is written as {own[0][1:].upper() if kind in _OTHERS else what}: name it '{path.with_suffix(own[0])}'"
+        ending = f"the ending {path.suffix} is that of another format"
+        raise InputError(f"output file '{output}': {ending}; {named(kind)} {cure}")
 
 
 def _check_replaceable(output: str | os.PathLike[str], target: Path, kind: str) -> None:
     """Raise `InputError` unless an existing file is a result of the same kind."""
+    why = ""
     if kind == TABLE and target.stat().st_size:
-        raise InputError(
-            f"output file '{output}' exists, and nothing in a CSV file says whose it is; give another name, or remove "
-            "it"
-        )
-    found = _kind_of(target, kind)
-    if found is None:
-        raise InputError(
-            f"output file '{output}' exists and is not {named(kind)} of this program; give another name, or move it "
-            "away"
-        )
-    if found != kind:
-        raise InputError(
-            f"output file '{output}' exists and holds {named(found)}, not {named(kind)}; give another name, or remove "
-            "it"
-        )
+        why = "exists, and nothing in a CSV file says whose it is; give another name, or remove it"
+    elif (found := _kind_of(target, kind)) is None:
+        why = f"exists and is not {named(kind)} of this program; give another name, or move it away"
+    elif found != kind:
+        why = f"exists and holds {named(found)}, not {named(kind)}; give another name, or remove it"
+    if why:
+        raise InputError(f"output file '{output}' {why}")
 
 
 def _kind_of(path: Path, wanted: str) -> str | None:
@@ -401,7 +386,6 @@ def _begins(path: Path, text: bytes) -> bool:
 
 
 def _contains(path: Path, *parts: bytes) -> bool:
-    """Return whether a file contains all the parts."""
     with open(path, "rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         return all(data.find(part) >= 0 for part in parts)
 

@@ -330,11 +330,10 @@ def _check_sealed(path: Path, kinds: tuple[str, ...]) -> None:
         raise InputError(f"file '{path}' cannot be read: {first_line(error)}; needed: {_names(kinds)}") from error
     if found.kind not in kinds:
         raise InputError(f"file '{path}' holds {named(found.kind)}; needed: {_names(kinds)}")
-    if found.format != version_of(found.kind):
-        raise InputError(
-            f"file '{path}' has format version {found.format}; this pgmp {__version__} reads version "
-            f"{version_of(found.kind)}; {BUILD_AGAIN if found.kind == 'rom' else WRITE_AGAIN}"
-        )
+    if found.format != (own := version_of(found.kind)):
+        reads = f"this pgmp {__version__} reads version {own}"
+        cure = BUILD_AGAIN if found.kind == "rom" else WRITE_AGAIN
+        raise InputError(f"file '{path}' has format version {found.format}; {reads}; {cure}")
 
 
 def _unsealed(path: Path, broken: BrokenSeal, kinds: tuple[str, ...]) -> str:
@@ -342,10 +341,8 @@ def _unsealed(path: Path, broken: BrokenSeal, kinds: tuple[str, ...]) -> str:
     with open(path, "rb") as stream:
         head = stream.read(SIZE + len(SIGNATURE))
     if head.startswith(SIGNATURE):
-        return (
-            f"file '{path}' was not written by this pgmp {__version__}: an older one wrote it, or another program; "
-            f"needed: {_names(kinds)}; write it again"
-        )
+        who = f"was not written by this pgmp {__version__}: an older one wrote it, or another program"
+        return f"file '{path}' {who}; needed: {_names(kinds)}; write it again"
     if head.startswith(MAGIC) or head[SIZE:] == SIGNATURE:
         return f"file '{path}' is damaged: {broken}; {BUILD_AGAIN if kinds == ('rom',) else WRITE_AGAIN}"
     cure = ""
@@ -395,10 +392,8 @@ def csv_table(
     first = [name.strip() for name in next(rows, [])]
     for sign, plural in OTHERS.items():
         if len(first) == 1 and sign in first[0]:
-            shown = shortened(" ".join(first[0].split()), 60)
-            raise InputError(
-                f"{where}: columns are separated by {plural} ('{shown}'); commas are needed, and points in numbers"
-            )
+            what = f"columns are separated by {plural} ('{shortened(' '.join(first[0].split()), 60)}')"
+            raise InputError(f"{where}: {what}; commas are needed, and points in numbers")
     names = [_without_unit(name, where, units) for name in first]
     return names, _rows(rows, len(names), where)
 
@@ -418,8 +413,7 @@ def _without_unit(column: str, where: str, units: Mapping[str, str]) -> str:
 def _rows(rows: Iterator[list[str]], n_columns: int, where: str) -> Iterator[tuple[int, list[str]]]:
     for row in rows:
         if row and len(row) != n_columns:
-            raise InputError(
-                f"{where}: line {rows.line_num} has {len(row)} entries; the first line names {n_columns} columns"
-            )
+            what = f"line {rows.line_num} has {len(row)} entries; the first line names {n_columns} columns"
+            raise InputError(f"{where}: {what}")
         if row:
             yield rows.line_num, row

@@ -54,10 +54,8 @@ class Steps:
                 f"folder '{self.folder}' cannot be made: {error.strerror}; give another with -o"
             ) from error
         if LABEL not in found and found - own:
-            raise InputError(
-                f"folder '{self.folder}' holds files and is none of pgmp run ({LABEL} is missing); give another with "
-                "-o, or move it away"
-            )
+            why = f"folder '{self.folder}' holds files and is none of pgmp run ({LABEL} is missing)"
+            raise InputError(f"{why}; give another with -o, or move it away")
         self._read()
 
     def is_finished(self, name: str, key: str) -> bool:
@@ -115,10 +113,8 @@ class Steps:
         return entry
 
     def _changed(self, name: str) -> RunError:
-        return RunError(
-            f"'{self.folder / name}' was changed or removed by another program while this job worked; run it again, "
-            "and give the other program another folder"
-        )
+        why = f"'{self.folder / name}' was changed or removed by another program while this job worked"
+        return RunError(f"{why}; run it again, and give the other program another folder")
 
     def _read(self) -> dict[str, dict[str, Any]]:
         """Return what is known of each file; nothing where there is no ledger, or one of another version.
@@ -134,10 +130,8 @@ class Steps:
         except FileNotFoundError:
             return {}
         except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-            raise InputError(
-                f"folder '{self.folder}': its {LABEL} is none of pgmp run; give another folder with -o, or move the "
-                "file away"
-            ) from error
+            why = f"folder '{self.folder}': its {LABEL} is none of pgmp run"
+            raise InputError(f"{why}; give another folder with -o, or move the file away") from error
 
     def _write(self, files: Mapping[str, Any]) -> None:
         with replacing(self.folder / LABEL, "ledger") as partial:

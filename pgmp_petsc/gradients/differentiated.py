@@ -52,6 +52,7 @@ from pgmp_petsc.gradients.linearisation import Linearisation, Linearised, factor
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.models.reduced_statics import JointAngles
+from pgmp_petsc.outputs.rainflow import counted_after, counted_changes
 from pgmp_petsc.scene.uses import offset_directions, velocity_names
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, StateRecord, integrate, integrate_with_smaller_steps
 from pgmp_petsc.stepping.second_order_system import Scheme, State
@@ -121,6 +122,9 @@ def differentiate(
         observed = ObservedChanges(model, values, times, states)
         outputs = observed.outputs
         by_name = {name: observed.of(name, changes[:, :, number]) for number, name in enumerate(names)}
+    counts = model.outputs.counts
+    by_name = {name: counted_changes(counts, times, outputs, found, values, name) for name, found in by_name.items()}
+    outputs = counted_after(counts, times, outputs, values)
     derivatives = {output: {name: by_name[name][output] for name in names} for output in outputs}
     _require_finite(outputs, derivatives, times)
     return DifferentiatedRun(times, outputs, derivatives, states.q, changes[0], attempt.divisor, tuple(contacts.found))

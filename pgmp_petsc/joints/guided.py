@@ -24,6 +24,7 @@ class PointOnLine(JointEntry):
     dimensions = (2, 3)
     motions = ("sliding",)
     also_in_plane = ("turning",)
+    loose = "across"
     connect: Connection = Field(description="the point that carries the line, then the point that moves on it")
     direction: Direction = Field(
         description="direction of the line, (x, y) or in space (x, y, z), fixed to the owner of the first point"
@@ -44,6 +45,7 @@ class PointOnBeam(PointOnLine):
 
     type: Literal["point_on_beam"]
     rides = True
+    loose = ""
     connect: Connection = Field(description="a point of the beam, then the point that moves along it")
     direction: Direction = Field(
         description="direction of the run of nodes at rest, (x, y) or in space (x, y, z), in the beam's frame"
@@ -85,6 +87,7 @@ class Cylindrical(JointEntry):
     type: Literal["cylindrical"]
     dimensions = (3,)
     motions = ("turning", "sliding")
+    loose = "across"
     axis: Axis = Field(description="axis (x, y, z) in the frame of the first point's owner")
 
     @property
@@ -103,6 +106,7 @@ class Prismatic(JointEntry):
     type: Literal["prismatic"]
     dimensions = (2, 3)
     motions = ("sliding",)
+    loose = "across"
     axis: Direction = Field(description="axis (x, y), in space (x, y, z), in the frame of the first point's owner")
 
     @property

@@ -20,6 +20,7 @@ class Revolute(JointEntry):
     type: Literal["revolute"]
     dimensions = (2, 3)
     motions = ("turning",)
+    loose = "across"
     axis: Axis | None = Field(None, description="axis (x, y, z) in the frame of the first point's owner; in space")
 
     @property
@@ -56,6 +57,7 @@ class Spherical(JointEntry):
     type: Literal["spherical"]
     dimensions = (3,)
     motions = ("spin",)
+    loose = "everywhere"
 
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
         """Return that the points meet."""

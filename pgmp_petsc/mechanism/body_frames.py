@@ -40,8 +40,10 @@ def to_body(mechanism: Mechanism, poses: np.ndarray, vectors: np.ndarray) -> np.
 
 
 def rigid_positions(mechanism: Mechanism, poses: np.ndarray) -> np.ndarray:
-    """Return the undeformed bodies' positions in the inertial frame, as vectors in body frames, shape (n_dofs,). Poses
-    have the shape (n_bodies, n_pose). What belongs to rotations is zero: a position has none."""
+    """Return the undeformed bodies' positions in the inertial frame, as vectors in body frames, shape (n_dofs,).
+
+    Poses have the shape (n_bodies, n_pose). What belongs to rotations is zero: a position has none.
+    """
     d = mechanism.space.dimension
     places = np.zeros(mechanism.n_dofs)
     for (dofs, fields), pose in zip(mechanism.linear_fields, poses):
@@ -51,8 +53,17 @@ def rigid_positions(mechanism: Mechanism, poses: np.ndarray) -> np.ndarray:
 
 
 def linear_motion(mechanism: Mechanism, coefficients: Sequence[np.ndarray]) -> np.ndarray:
-    """Return displacements in body frames of bodies that move as linear fields, shape (n_dofs, ...). `coefficients`: of
-    every body, shape (n_bodies, d + d^2, ...)."""
+    """Return displacements in body frames of bodies that move as linear fields.
+
+    Parameters
+    ----------
+    coefficients
+        Of every body, shape (n_bodies, d + d^2, ...).
+
+    Returns
+    -------
+    ndarray, shape (n_dofs, ...)
+    """
     trailing = coefficients[0].shape[1:]
     result = np.zeros((mechanism.n_dofs, math.prod(trailing)))
     for (dofs, fields), own in zip(mechanism.linear_fields, coefficients):
@@ -61,18 +72,38 @@ def linear_motion(mechanism: Mechanism, coefficients: Sequence[np.ndarray]) -> n
 
 
 def rigid_velocities(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Return ``d rho / d theta`` in body frames, shape (n_dofs, n_theta). `poses`: one configuration,
-    shape (n_bodies, n_pose); `rates`: ``dP/dtheta``, shape (n_bodies, n_pose, n_theta)."""
+    """Return ``d rho / d theta`` in body frames.
+
+    Parameters
+    ----------
+    poses
+        One configuration, shape (n_bodies, n_pose).
+    rates
+        ``dP/dtheta``, shape (n_bodies, n_pose, n_theta).
+
+    Returns
+    -------
+    ndarray, shape (n_dofs, n_theta)
+    """
     return linear_motion(mechanism, [mechanism.space.velocity_field(*own) for own in zip(poses, rates)])
 
 
 class BodyGradients:
     """Gradients of statements about attachments, one statement a row, at any configuration.
 
-    mechanism: the mechanism that the attachments belong to
-    held: the statements, or combinations of them, and their sides
-    n: number of rows
-    rows, dofs: row and unknown of every entry, shape (n_entries,), none of them twice; no entry is zero everywhere
+    Parameters
+    ----------
+    mechanism
+        The mechanism that the attachments belong to.
+    held
+        The statements, or combinations of them, and their sides.
+
+    Attributes
+    ----------
+    n
+        Number of rows.
+    rows, dofs
+        Row and unknown of every entry, shape (n_entries,), none of them twice; no entry is zero everywhere.
     """
 
     def __init__(

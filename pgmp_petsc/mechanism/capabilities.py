@@ -90,7 +90,7 @@ def _lengths(scene: Scene) -> Iterator[str]:
 
 
 def _elastic(scene: Scene) -> Iterator[str]:
-    return (f"joints.{name}.elastic" for name, joint in scene.joints.items() if joint.elastic is not None)
+    return (f"joints.{name}.{joint.gives_way}" for name, joint in scene.joints.items() if joint.gives_way)
 
 
 def _off(scene: Scene) -> Iterator[str]:
@@ -259,9 +259,14 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
 
     Raises `InputError`, naming the entry, the bodies or coordinates that it does not take, and the cure.
 
-    scene: the scene
-    purpose: what it is read for
-    meshes: of the bodies, where they are at hand: what too many coordinates would cost depends on them
+    Parameters
+    ----------
+    scene
+        The scene.
+    purpose
+        What it is read for.
+    meshes
+        Of the bodies, where they are at hand: what too many coordinates would cost depends on them.
     """
     n, names = len(scene.coordinates), ", ".join(scene.coordinates)
     if n > MOST_COORDINATES and purpose is Purpose.SIZES:

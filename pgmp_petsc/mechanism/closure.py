@@ -56,13 +56,25 @@ CLOSURE_TOLERANCE = 1e-12  # of the mechanism's size (positions) or of 1 rad
 class LoopClosure:
     """Closure and driving equations of a mechanism.
 
-    mechanism: the mechanism; all its coordinates drive
-    size: a length that is typical of the mechanism: the largest extent of a body, m
-    n_coordinates: number of independent rigid coordinates n_theta
-    scales: what small changes of the coordinates are measured against, 1 rad or the size, shape (n_theta,)
-    equations: all that its solutions depend on; what is the same has the same
-    jacobian: from poses (n_bodies, n_pose, n) to d(residual)/dP, shape (n, n_constraints + n_theta, n_pose n_bodies)
-    has_redundant: whether joints and coordinates say more than poses can obey, so that a gap may be left
+    Parameters
+    ----------
+    mechanism
+        The mechanism; all its coordinates drive.
+
+    Attributes
+    ----------
+    size
+        A length that is typical of the mechanism: the largest extent of a body, m.
+    n_coordinates
+        Number of independent rigid coordinates n_theta.
+    scales
+        What small changes of the coordinates are measured against, 1 rad or the size, shape (n_theta,).
+    equations
+        All that its solutions depend on; what is the same has the same.
+    jacobian
+        From poses (n_bodies, n_pose, n) to d(residual)/dP, shape (n, n_constraints + n_theta, n_pose n_bodies).
+    has_redundant
+        Whether joints and coordinates say more than poses can obey, so that a gap may be left.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -133,7 +145,9 @@ class LoopClosure:
 
     def open_and_gap(self, poses: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how far loops at theta (n, n_theta) can still be closed, and the gap that stays, both scaled, (n,).
-        Without redundant constraints all that is open can be closed; nor is a large gap one that they explain."""
+
+        Without redundant constraints all that is open can be closed; nor is a large gap one that they explain.
+        """
         residual = self.residual(poses, theta)
         return self._split(residual, self.newton_step(poses, residual)[1])
 
@@ -151,8 +165,10 @@ class LoopClosure:
         self, poses: np.ndarray, theta: np.ndarray, placed: bool = False, tolerance: float = CLOSURE_TOLERANCE
     ) -> np.ndarray:
         """Run Newton's method at all theta (n, n_theta) together, from poses (n_bodies, n_pose, n), which may be the
-        bodies as `placed`, down to a tolerance of the scaled residual. Raises `InputError` where it does not
-        converge."""
+        bodies as `placed`, down to a tolerance of the scaled residual.
+
+        Raises `InputError` where it does not converge.
+        """
         closed, gap = self.newton(poses, theta, tolerance)
         if not np.all(gap < tolerance):
             self.require_closed(poses, theta, gap, placed)
@@ -196,8 +212,10 @@ class LoopClosure:
         )
 
     def _contradicts(self, poses: np.ndarray, theta: np.ndarray) -> bool:
-        """Return whether loops at poses (n_bodies, n_pose, 1) are as closed as redundant constraints let them be. Loops
-        that do not reach are as near as they can come too, in a configuration in which J is singular."""
+        """Return whether loops at poses (n_bodies, n_pose, 1) are as closed as redundant constraints let them be.
+
+        Loops that do not reach are as near as they can come too, in a configuration in which J is singular.
+        """
         residual, jacobian = self.residual(poses, theta), self.jacobian(poses)
         left = self.newton_step(poses, residual)[1]
         values = np.linalg.svd(self.scaled(jacobian)[0], compute_uv=False)
@@ -454,7 +472,10 @@ class ReleasedClosure:
     where j goes over as many independent ones of the released directions as there are such motions: a frame on two
     mounts in the plane has three, of the six directions that these release.
 
-    closure: the closure of the configuration, whose joints are locked
+    Parameters
+    ----------
+    closure
+        The closure of the configuration, whose joints are locked.
     """
 
     def __init__(self, closure: LoopClosure) -> None:

@@ -13,7 +13,7 @@ from pgmp_petsc.bodies.body import Body, LumpedMass, body_of, joined
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import Connection, Coupling, ridden, share_position, triad, weld
-from pgmp_petsc.mechanism.releases import parted
+from pgmp_petsc.mechanism.releases import loosened, parted
 from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Statement
@@ -53,8 +53,10 @@ def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]
 
 
 def attachment_at(scene: Scene, bodies: Sequence[Body], address: str, entry: str) -> Attachment:
-    """Return the attachment at ``"body:point"`` or ``"ground:point"``. Raises `InputError` if the body's mesh has no
-    such point; `entry` is the scene entry to blame."""
+    """Return the attachment at ``"body:point"`` or ``"ground:point"``.
+
+    Raises `InputError` if the body's mesh has no such point; `entry` is the scene entry to blame.
+    """
     name, _, point = address.partition(":")
     if name == GROUND:
         return Attachment.on_ground_at(np.asarray(scene.ground_position(point), dtype=float))
@@ -85,13 +87,16 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
         rows = slice(row, row + len(statements))
         turning = in_a, in_b if space is SPATIAL else in_a
         entry = scene.joints.get(name)  # none of welds
-        elastic, offset = (None, None) if entry is None else (entry.elastic, entry.offset)
+        elastic, offset, loose = (None,) * 3 if entry is None else (entry.elastic, entry.offset, entry.clearance)
         held, released, moved = statements, (), sides[0]
         riding = entry is not None and entry.rides and not sides[0].on_ground and bodies[sides[0].body].flexible
         if elastic is not None:
             first, second = (0.0 if s.on_ground else poses[s.body, -1] for s in sides)
             rest = second - first if space is not SPATIAL else 0.0
             held, released = parted(statements, (in_a, in_b), turn, rest, elastic, f"joints.{name}.elastic")
+        if loose is not None:
+            _refuse_room(scene, bodies, name, sides)
+            held, released = loosened(statements, in_a, entry.loose)
         if offset is not None:
             place, turned = _off(scene, offset)
             moved = replace(moved, point=moved.point + place, arm=moved.arm + (0.0 if moved.on_ground else place))
@@ -107,9 +112,12 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
 def couplings_of(
     scene: Scene, connections: Sequence[Connection], poses: np.ndarray, known: Sequence[Statement]
 ) -> tuple[Coupling, ...]:
-    """Return the joints of a scene that couple motions of its connections, with what holds at poses (n_bodies, n_pose).
+    """Return the joints of a scene that couple motions of its connections, with what holds at poses (n_bodies,
+    n_pose).
+
     Their statements stand in the order of the scene, but for an angle that is none of those known, which is the last:
-    in space its turn follows from the others."""
+    in space its turn follows from the others.
+    """
     by_name, row = {one.name: one for one in connections}, sum(len(one.statements) for one in connections)
     n_pose, couplings = poses.shape[1], []
     for name, entry in scene.joints.items():
@@ -135,8 +143,10 @@ def couplings_of(
 
 
 def _run(scene: Scene, bodies: Sequence[Body], joint: str, first: Attachment, way: np.ndarray) -> list[Attachment]:
-    """Return the nodes of a beam along a direction (d,) through a point, which a joint rides on. Raises `InputError` if
-    there are none but the point, or a coordinate has the joint beyond them."""
+    """Return the nodes of a beam along a direction (d,) through a point, which a joint rides on.
+
+    Raises `InputError` if there are none but the point, or a coordinate has the joint beyond them.
+    """
     body = bodies[first.body]
     nodes, along = body.mesh.run(first.node - body.first_node, way)
     if nodes.size == 1:
@@ -153,6 +163,16 @@ def _run(scene: Scene, bodies: Sequence[Body], joint: str, first: Attachment, wa
 def _within(interval: tuple[float, float], along: np.ndarray) -> bool:
     spare = ROUNDED * (along[-1] - along[0])
     return along[0] - spare <= interval[0] and interval[1] <= along[-1] + spare
+
+
+def _refuse_room(scene: Scene, bodies: Sequence[Body], name: str, sides: Sequence[Attachment]) -> None:
+    """Refuse a joint whose pin has more room than one of its bodies is long."""
+    radius = scene.number(scene.joints[name].clearance.radius)
+    for body in (bodies[side.body] for side in sides if not side.on_ground):
+        size = float(np.linalg.norm(np.ptp(body.shape.nodes, axis=0)))
+        if 0.0 < size <= radius:
+            words = f"is larger than {body.name}, which is {size:.4g} {scene.system.unit('m')} long"
+            raise InputError(problem(f"joints.{name}.clearance.radius", words, radius))
 
 
 def _off(scene: Scene, offset: Offset) -> tuple[np.ndarray, np.ndarray]:
@@ -196,9 +216,11 @@ def _held(
 
 
 def first_guess(scene: Scene, bodies: Sequence[Body]) -> np.ndarray:
-    """Return poses to start the assembly from, shape (n_bodies, n_pose); they choose the assembly branch. A body with a
-    `placement` takes that; the others are moved, joint by joint from the ground, so that their joint point meets the
-    one already placed, with the direction that they have in their mesh."""
+    """Return poses to start the assembly from, shape (n_bodies, n_pose); they choose the assembly branch.
+
+    A body with a `placement` takes that; the others are moved, joint by joint from the ground, so that their joint
+    point meets the one already placed, with the direction that they have in their mesh.
+    """
     space = space_of(scene.dimension)
     d = space.dimension
     poses = np.tile(space.identity, (len(bodies), 1))

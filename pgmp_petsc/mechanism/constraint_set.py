@@ -36,16 +36,28 @@ class ChosenRows:
 class ConstraintSet:
     """Constraints ``c(q) = 0``.
 
-    unknowns: the numbering
-    kept: numbers of the constraints to take, increasing; all by default. Those that follow from the others, such as a
-        joint that is there twice, make the equations of motion singular. Driven angles are always taken
-    n_dofs: number of unknowns
-    n_constraints: number of constraints taken, the driven angles at the end
-    n_driven: number of driven angles
-    linear: whether all of them are linear in q
-    jacobian_pattern: rows (constraints) and columns (unknowns) of the entries of C, each of shape (n_entries,)
-    curvature_pattern: rows and columns of the entries of ``sum lambda d2c/dq2``, one of each symmetric pair, each
-        (n_curved,)
+    Parameters
+    ----------
+    unknowns
+        The numbering.
+    kept
+        Numbers of the constraints to take, increasing; all by default. Those that follow from the others, such as a
+        joint that is there twice, make the equations of motion singular. Driven angles are always taken.
+
+    Attributes
+    ----------
+    n_dofs
+        Number of unknowns.
+    n_constraints
+        Number of constraints taken, the driven angles at the end.
+    n_driven
+        Number of driven angles.
+    linear
+        Whether all of them are linear in q.
+    jacobian_pattern
+        Rows (constraints) and columns (unknowns) of the entries of C, each of shape (n_entries,).
+    curvature_pattern
+        Rows and columns of the entries of ``sum lambda d2c/dq2``, one of each symmetric pair, each (n_curved,).
     """
 
     def __init__(self, unknowns: Unknowns, kept: np.ndarray | None = None) -> None:
@@ -73,8 +85,12 @@ class ConstraintSet:
     def residual(self, q: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
         """Return c, shape (n_constraints, ...): m, 1 or rad.
 
-        q: unknowns, shape (n_dofs, ...)
-        driven: angles that the driven joints are to have, shape (n_driven,), rad; none needed where nothing is driven
+        Parameters
+        ----------
+        q
+            Unknowns, shape (n_dofs, ...).
+        driven
+            Angles that the driven joints are to have, shape (n_driven,), rad; none needed where nothing is driven.
         """
         joints = self._joints.values(q) - _against(self._wanted, q)
         angles = np.zeros((0, *q.shape[1:]))
@@ -102,8 +118,10 @@ class ConstraintSet:
         return found
 
     def drift(self, q: np.ndarray, v: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
-        """Return ``(dC/dt) v``, shape (n_constraints, ...): what is left of c'' at zero acceleration. `driven` are the
-        angular accelerations of the driven joints, shape (n_driven,), rad/s2."""
+        """Return ``(dC/dt) v``, shape (n_constraints, ...): what is left of c'' at zero acceleration.
+
+        `driven` are the angular accelerations of the driven joints, shape (n_driven,), rad/s2.
+        """
         parts = [part.drift(q, v) for part in self._parts]
         if self.n_driven:
             parts[-1] = parts[-1] - _against(driven, q)

@@ -25,10 +25,18 @@ class ConstraintJacobian:
     Rows are those that the joints hold in the motion, of the clamped coordinates, and of the ties of frames to the
     meshes of continuum bodies.
 
-    mechanism: the mechanism
-    clamped: coordinates that are held: the statement of each is one more constraint
-    pattern: a matrix with the nonzero pattern, shape (n_held + n_clamped + n_ties, n_dofs). What no constraint feels at
-        any configuration is not in it: such an unknown must not become a dependent one
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    clamped
+        Coordinates that are held: the statement of each is one more constraint.
+
+    Attributes
+    ----------
+    pattern
+        A matrix with the nonzero pattern, shape (n_held + n_clamped + n_ties, n_dofs). What no constraint feels
+        at any configuration is not in it: such an unknown must not become a dependent one.
     """
 
     def __init__(self, mechanism: Mechanism, clamped: Sequence[Coordinate] = ()) -> None:
@@ -82,8 +90,11 @@ class ConstraintHessian:
 
 class ConstraintHessians:
     """Second derivatives of joints and clamped coordinates that are not linear, in body frames, at configurations of
-    the rigid mechanism. With the frames ``z(u)`` of the nodes in their displacements u these are ``F^T h F + g.z''``, F
-    the frames' gradient, and g and h the derivatives of a statement in the frames; z'' is zero in the plane."""
+    the rigid mechanism.
+
+    With the frames ``z(u)`` of the nodes in their displacements u these are ``F^T h F + g.z''``, F the frames'
+    gradient, and g and h the derivatives of a statement in the frames; z'' is zero in the plane.
+    """
 
     def __init__(self, mechanism: Mechanism, clamped: Sequence[Coordinate] = ()) -> None:
         self._mechanism = mechanism

@@ -155,8 +155,10 @@ def _grid(axes: Sequence[np.ndarray]) -> np.ndarray:
 @njit(cache=True, error_model="numpy")
 def _hermite(theta, first, step, continued, result):
     """Fill result (n, n_p) with quintic Hermite polynomials through values and derivatives at equal distances.
+
     `continued` holds values, first derivatives times the step and second ones times half its square, shape (3,
-    n_points, n_p)."""
+    n_points, n_p).
+    """
     for k in range(theta.size):
         position = (theta[k] - first) / step
         cell = min(max(int(position), 0), continued.shape[1] - 2)
@@ -183,15 +185,30 @@ MOST_AT_ONCE = 32  # steps that are guessed from one configuration
 class Continuation:
     """Poses of one branch over a tensor grid, first axis first.
 
-    Raises `InputError` where the mechanism cannot close, or J is singular.
+    Parameters
+    ----------
+    closure
+        The equations of the mechanism.
+    axes
+        Equidistant coordinate values along each axis, the ends of the range included, rad.
+    start
+        Numbers of the assembled configuration along the axes.
+    poses
+        The poses there, shape (n_bodies, 3, 1).
 
-    closure: the equations of the mechanism
-    axes: equidistant coordinate values along each axis, the ends of the range included, rad
-    start: numbers of the assembled configuration along the axes
-    poses: the poses there, shape (n_bodies, 3, 1)
-    theta: configurations, the last coordinate fastest, shape (n, n_theta)
-    poses: shape (n_bodies, 3, n)
-    shape: number of configurations along each axis
+    Attributes
+    ----------
+    theta
+        Configurations, the last coordinate fastest, shape (n, n_theta).
+    poses
+        Shape (n_bodies, 3, n).
+    shape
+        Number of configurations along each axis.
+
+    Raises
+    ------
+    InputError
+        Where the mechanism cannot close, or J is singular.
     """
 
     def __init__(
@@ -210,8 +227,10 @@ class Continuation:
             self._check_neighbours()
 
     def winding(self, axis: int) -> np.ndarray:
-        """Return how often every body has turned when a coordinate has made a turn, shape (n_bodies,). Raises
-        `InputError` if the mechanism is not back where it began."""
+        """Return how often every body has turned when a coordinate has made a turn, shape (n_bodies,).
+
+        Raises `InputError` if the mechanism is not back where it began.
+        """
         everywhere = self.poses.reshape(*self.poses.shape[:2], *self.shape)
         change = np.take(everywhere, -1, axis + 2) - np.take(everywhere, 0, axis + 2)
         change = change.reshape(*change.shape[:2], -1)
@@ -330,8 +349,10 @@ class _Front:
             self._check_change(k, self.theta[n + k])
 
     def _check_change(self, k: int, after: np.ndarray) -> None:
-        """Bisect for the place on the way to a neighbour where the orientation of J changes. It is refused if J is
-        singular there; with redundant constraints its columns may have turned far."""
+        """Bisect for the place on the way to a neighbour where the orientation of J changes.
+
+        It is refused if J is singular there; with redundant constraints its columns may have turned far.
+        """
         closure, before, poses, jacobian = self.closure, self.theta[k], self.poses[..., [k]], self.jacobian[[k]]
         # beside a singular configuration orientations are those of round-off: the most singular one met is the place
         place, values = before, _singular_values(closure, jacobian)[0]
@@ -389,9 +410,14 @@ MOST_KEPT = 100_000  # places
 class Walk:
     """Where a mechanism is assembled, and the way to other configurations, over places of a lattice about it.
 
-    closure: loop closure of the mechanism
-    theta: configuration where it is assembled, shape (n_theta,), rad
-    poses: its poses there, shape (n_bodies, n_pose, 1)
+    Parameters
+    ----------
+    closure
+        Loop closure of the mechanism.
+    theta
+        Configuration where it is assembled, shape (n_theta,), rad.
+    poses
+        Its poses there, shape (n_bodies, n_pose, 1).
     """
 
     def __init__(self, closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> None:
@@ -405,8 +431,10 @@ class Walk:
         return self._theta[None], self._assembled[..., None]
 
     def poses(self, theta: np.ndarray) -> np.ndarray:
-        """Return the poses (n_bodies, n_pose, n) at configurations (n, n_theta). Raises `InputError` if the mechanism
-        cannot be closed somewhere on the way."""
+        """Return the poses (n_bodies, n_pose, n) at configurations (n, n_theta).
+
+        Raises `InputError` if the mechanism cannot be closed somewhere on the way.
+        """
         numbers = np.nan_to_num((theta - self._theta) / self._steps, nan=0.0, posinf=0.0, neginf=0.0)
         places = [tuple(place) for place in numbers.astype(int).tolist()]
         self._go_to(places)

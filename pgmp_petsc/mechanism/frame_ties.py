@@ -80,9 +80,14 @@ class Terms(NamedTuple):
 class FrameTies:
     """Rows of terms; the interface is that of `StatementRows`.
 
-    terms: the terms
-    d: dimension
-    n, n_dofs: numbers of rows and of unknowns
+    Parameters
+    ----------
+    terms
+        The terms.
+    d
+        Dimension.
+    n, n_dofs
+        Numbers of rows and of unknowns.
     """
 
     def __init__(self, terms: Terms, d: int, n: int, n_dofs: int) -> None:
@@ -189,9 +194,14 @@ class _Held(NamedTuple):
 def bent_terms(d: int, first_row: int, frame: int, amplitudes: np.ndarray, bent: np.ndarray) -> Terms:
     """Return ``- 1/2 sum_k d_k xi^T a_k xi``, what ties have of second order in the deformation.
 
-    first_row: the row of the tie's first component
-    frame, amplitudes: the first unknown of the floating frame, and the unknowns xi, shape (n,)
-    bent: ``a``, shape (d, n, n), 1/m
+    Parameters
+    ----------
+    first_row
+        The row of the tie's first component.
+    frame, amplitudes
+        The first unknown of the floating frame, and the unknowns xi, shape (n,).
+    bent
+        ``a``, shape (d, n, n), 1/m.
     """
     i, j = np.tril_indices(amplitudes.size)
     of_pairs = np.where(i == j, 0.5, 1.0) * bent[:, i, j]

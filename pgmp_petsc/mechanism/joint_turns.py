@@ -29,9 +29,11 @@ class JointTurns:
 
     @classmethod
     def of(cls, connection: Connection, kinematics: RigidKinematics, start: np.ndarray) -> JointTurns:
-        """Return that of a joint, whose angle is in (-pi, pi] where the mechanism starts, theta (n_theta,). With more
-        than two coordinates, over which no branch is followed, the angle of a joint that is none of them stays in (-pi,
-        pi]."""
+        """Return that of a joint, whose angle is in (-pi, pi] where the mechanism starts, theta (n_theta,).
+
+        With more than two coordinates, over which no branch is followed, the angle of a joint that is none of them
+        stays in (-pi, pi].
+        """
         n = kinematics.n_coordinates
         for k, coordinate in enumerate(kinematics.coordinates):
             if coordinate.statement is connection.angle:

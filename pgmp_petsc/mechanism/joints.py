@@ -66,9 +66,14 @@ def ridden(
     to the second order in what the nodes are turned. The factors K, of both signs, are small and add up to zero: what b
     is turned does not matter. Where it is turned far, curvature between the nodes counts less than it should.
 
-    in_a, in_b: triads (d, d), one axis a column, of which the first is along the line
-    run: the nodes, in its order
-    b: what rides on them
+    Parameters
+    ----------
+    in_a, in_b
+        Triads (d, d), one axis a column, of which the first is along the line.
+    run
+        The nodes, in its order.
+    b
+        What rides on them.
     """
     way, found = in_a[:, 0], []
     places = np.array([side.point @ way for side in run])

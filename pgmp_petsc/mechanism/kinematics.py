@@ -58,18 +58,33 @@ class RigidKinematics:
     Configurations theta have the shape (n, n_theta); (n,) will do for one coordinate. The branch of one or two
     coordinates is followed over their whole range; with more, configurations are reached from the first one (`Walk`).
 
-    Raises `InputError` if the mechanism cannot be closed somewhere in the range, if the number of coordinates is not
-    its number of degrees of freedom, or if the coordinates lose control of it (singular J).
+    Parameters
+    ----------
+    mechanism
+        The mechanism; it is assembled near ``mechanism.first_guess``: at the lower end of one coordinate, of two at the
+        configuration nearest to the first guess, or else at their lower ends or the middle of their range; of more
+        where the bodies meet next to the first guess.
+    branch
+        Its assembly branch where it is known, as a reduced model keeps it; followed anew otherwise.
 
-    mechanism: the mechanism; it is assembled near ``mechanism.first_guess``: at the lower end of one coordinate, of two
-        at the configuration nearest to the first guess, or else at their lower ends or the middle of their range; of
-        more where the bodies meet next to the first guess
-    branch: its assembly branch where it is known, as a reduced model keeps it; followed anew otherwise
-    coordinates: the independent coordinates, in the order of theta
-    coordinate: the first of them, for what takes only one
-    size: a length that is typical of the mechanism, m
-    n_redundant: number of constraints that follow from the others
-    branch: the assembly branch; None with more than two coordinates
+    Attributes
+    ----------
+    coordinates
+        The independent coordinates, in the order of theta.
+    coordinate
+        The first of them, for what takes only one.
+    size
+        A length that is typical of the mechanism, m.
+    n_redundant
+        Number of constraints that follow from the others.
+    branch
+        The assembly branch; None with more than two coordinates.
+
+    Raises
+    ------
+    InputError
+        If the mechanism cannot be closed somewhere in the range, if the number of coordinates is not its number of
+        degrees of freedom, or if the coordinates lose control of it (singular J).
     """
 
     def __init__(self, mechanism: Mechanism, branch: PoseBranch | None = None) -> None:
@@ -179,9 +194,15 @@ class RigidKinematics:
     def poses(self, theta: np.ndarray) -> np.ndarray:
         """Solve the rigid closure.
 
-        Returns shape (n_bodies, 3, n): ``(X, Y, Phi)`` of every body: m, m, rad.
+        Parameters
+        ----------
+        theta
+            Coordinate values, shape (n, n_theta), rad; inside the range where a coordinate is not periodic.
 
-        theta: coordinate values, shape (n, n_theta), rad; inside the range where a coordinate is not periodic
+        Returns
+        -------
+        ndarray, shape (n_bodies, 3, n)
+            ``(X, Y, Phi)`` of every body: m, m, rad.
         """
         theta = self.configurations(theta)
         if self._walk is not None:
@@ -203,11 +224,18 @@ class RigidKinematics:
         again: both sides then miss the same, of second order, which first differences do not see. Of second `order`
         they lie on parabolas, of which first and second differences are those of the poses.
 
-        Returns what leads from configurations (n, n_theta), one next to each, to poses (n_bodies, n_pose, n).
+        Parameters
+        ----------
+        theta
+            Configurations, shape (n, n_theta), rad.
+        poses
+            From `poses` there, shape (n_bodies, n_pose, n); not a number where they are not known, and then next to
+            them neither.
 
-        theta: configurations, shape (n, n_theta), rad
-        poses: from `poses` there, shape (n_bodies, n_pose, n); not a number where they are not known, and then next to
-            them neither
+        Returns
+        -------
+        Callable
+            From configurations (n, n_theta), one next to each, to poses (n_bodies, n_pose, n).
         """
         theta = self.configurations(theta)
         if (
@@ -269,8 +297,13 @@ class RigidKinematics:
         return self._closure.rates(poses)
 
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
-        """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, 3, n_theta, n_theta, n). `poses`, `rates`: as from `poses`
-        and `rates`."""
+        """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, 3, n_theta, n_theta, n).
+
+        Parameters
+        ----------
+        poses, rates
+            As from `poses` and `rates`.
+        """
         return self._closure.curvatures(poses, rates)
 
     def positions(self, node: int, theta: np.ndarray) -> np.ndarray:
@@ -281,7 +314,10 @@ class RigidKinematics:
     def within_reach(self, theta: np.ndarray) -> np.ndarray:
         """Return where the rigid mechanism can be placed: in the range, or a little (`REACH`) outside it.
 
-        theta: shape (..., n_theta); for one coordinate of any shape, and so is what is returned
+        Parameters
+        ----------
+        theta
+            Shape (..., n_theta); for one coordinate of any shape, and so is what is returned.
         """
         theta = np.asarray(theta)
         if self.n_coordinates == 1:
@@ -329,8 +365,10 @@ class RigidKinematics:
         return [nearest, lowest, [axis.size // 2 for axis in axes]]
 
     def _check_count(self, poses: np.ndarray) -> int:
-        """Compare the number of coordinates with the degrees of freedom at the assembled configuration. Returns the
-        number of constraints that follow from the others."""
+        """Compare the number of coordinates with the degrees of freedom at the assembled configuration.
+
+        Returns the number of constraints that follow from the others.
+        """
         space, n_bodies = self.mechanism.space, len(self.mechanism.bodies)
         n_poses = (space.n_pose - space.n_tied) * n_bodies
         rank = self._rank(poses)

@@ -63,8 +63,10 @@ def words_of(coordinates: Sequence[Coordinate], theta: np.ndarray, digits: int =
 
 
 def placed(space: Space, bodies: Sequence[Body], n_dofs: int, poses: np.ndarray) -> np.ndarray:
-    """Return unknowns (n_dofs, ...) of undeformed bodies at poses (n_bodies, n_pose, ...). They are the frames of all
-    nodes, as poses are, and the positions of meshes where the bodies say that they are."""
+    """Return unknowns (n_dofs, ...) of undeformed bodies at poses (n_bodies, n_pose, ...).
+
+    They are the frames of all nodes, as poses are, and the positions of meshes where the bodies say that they are.
+    """
     q = np.zeros((n_dofs, *poses.shape[2:]))
     n_nodes = sum(body.n_nodes for body in bodies)
     frames = q[: space.n_pose * n_nodes].reshape(n_nodes, space.n_pose, *poses.shape[2:])
@@ -149,8 +151,10 @@ class Mechanism:
         return next(connection for connection in self.connections if connection.name == name)
 
     def attachment(self, address: str, entry: str) -> Attachment:
-        """Return the attachment at ``"body:point"`` or ``"ground:point"``. Raises `InputError` if the body's mesh has
-        no such point; `entry` is the scene entry to blame."""
+        """Return the attachment at ``"body:point"`` or ``"ground:point"``.
+
+        Raises `InputError` if the body's mesh has no such point; `entry` is the scene entry to blame.
+        """
         return attachment_at(self.scene, self.bodies, address, entry)
 
     def node(self, address: str, entry: str) -> int:
@@ -168,8 +172,18 @@ class Mechanism:
         return number, body.mesh.nodes[node - body.first_node]
 
     def place(self, poses: np.ndarray) -> np.ndarray:
-        """Place the undeformed bodies: rho of eq. (4). Returns shape (n_dofs, ...): unknowns q. `poses`: rigid poses
-        ``(X, Y, Phi)``, shape (n_bodies, 3, ...)."""
+        """Place the undeformed bodies: rho of eq. (4).
+
+        Parameters
+        ----------
+        poses
+            Rigid poses ``(X, Y, Phi)``, shape (n_bodies, 3, ...).
+
+        Returns
+        -------
+        ndarray, shape (n_dofs, ...)
+            Unknowns q.
+        """
         return placed(self.space, self.bodies, self.n_dofs, poses)
 
     def holding(
@@ -197,8 +211,17 @@ class Mechanism:
         return vectors[: per_node * self.n_nodes].reshape(self.n_nodes, per_node, *vectors.shape[1:])
 
     def place_rates(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
-        """Return ``d rho / d theta`` in the inertial frame, shape (n_dofs, n_theta). `poses`, `rates`: one
-        configuration, shape (n_bodies, 3), and ``dP/dtheta``, shape (n_bodies, 3, n_theta)."""
+        """Return ``d rho / d theta`` in the inertial frame.
+
+        Parameters
+        ----------
+        poses, rates
+            One configuration, shape (n_bodies, 3), and ``dP/dtheta``, shape (n_bodies, 3, n_theta).
+
+        Returns
+        -------
+        ndarray, shape (n_dofs, n_theta)
+        """
         result = np.zeros((self.n_dofs, rates.shape[2]))
         nodal = self.by_node(result)
         for body, pose, rate in zip(self.bodies, poses, rates):
@@ -215,8 +238,10 @@ class Mechanism:
 
     @classmethod
     def from_scene(cls, scene: Scene, shapes: Mapping[str, BodyShape]) -> Mechanism:
-        """Number the unknowns of a scene's bodies and attach its joints. Raises `InputError` if a joint names a point
-        that its body's mesh does not have."""
+        """Number the unknowns of a scene's bodies and attach its joints.
+
+        Raises `InputError` if a joint names a point that its body's mesh does not have.
+        """
         bodies = bodies_of(scene, shapes)
         guess = first_guess(scene, bodies)
         connections = connections_of(scene, bodies, guess)

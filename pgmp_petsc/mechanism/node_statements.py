@@ -88,14 +88,25 @@ def scratch_of(statements, m):
 def state(statements, k, y, known, second, scratch, g, h):
     """Evaluate the function of a statement in the unknowns of its two nodes.
 
-    Returns ``f(s)``; of s itself m, 1 or rad.
+    Parameters
+    ----------
+    statements, k
+        The statements, and the number of the one that is wanted.
+    y
+        Unknowns of both nodes, anything on the ground, shape (2 m,), m = 3 in the plane or 12.
+    known
+        What an angle is nearest to, rad; in the plane angles count turns by themselves.
+    second
+        Whether h is wanted.
+    scratch
+        From `scratch_of`.
+    g, h
+        Results: first and second derivatives, shapes (2 m,) and (2 m, 2 m).
 
-    statements, k: the statements, and the number of the one that is wanted
-    y: unknowns of both nodes, anything on the ground, shape (2 m,), m = 3 in the plane or 12
-    known: what an angle is nearest to, rad; in the plane angles count turns by themselves
-    second: whether h is wanted
-    scratch: from `scratch_of`
-    g, h: results: first and second derivatives, shapes (2 m,) and (2 m, 2 m)
+    Returns
+    -------
+    float
+        ``f(s)``; of s itself m, 1 or rad.
     """
     if y.size == 2 * PLANAR and _is_linear(statements, k):
         s = _linear(statements, k, y, second, g, h)
@@ -131,7 +142,7 @@ def function_at(statements, k, s):
     if last > first:
         begin = spans[first, 0]
         period = spans[last - 1, 1] - begin
-        within = s - period * np.floor((s - begin) / period)
+        within = s - period * np.floor((s - begin) / period) if period > 0.0 else s
         while last - first > 1:
             middle = (first + last) // 2
             if within >= spans[middle, 0]:
@@ -206,11 +217,18 @@ def _place(statements, k, y, z):
 def _to_unknowns(arms, z, second, gradient, hessian, half, g, h):
     """Turn derivatives in two frames into g (2 m,) and h (2 m, 2 m), those in the unknowns of their nodes.
 
-    arms: of both sides, shape (2, d), m
-    z: the frames, shape (2 d (d + 1),)
-    second: whether h is wanted
-    gradient, hessian: derivatives in the frames; changed here to those in the frames of the nodes
-    half: work array, shape (2 d (d + 1), 2 m)
+    Parameters
+    ----------
+    arms
+        Of both sides, shape (2, d), m.
+    z
+        The frames, shape (2 d (d + 1),).
+    second
+        Whether h is wanted.
+    gradient, hessian
+        Derivatives in the frames; changed here to those in the frames of the nodes.
+    half
+        Work array, shape (2 d (d + 1), 2 m).
     """
     d, n_pair, m = arms.shape[1], z.size, g.size // 2
     n = n_pair // 2

@@ -90,21 +90,14 @@ class NullSpace:
         return found
 
 
-@dataclass(frozen=True, eq=False)
-class _Block:
-    """Constraints that share unknowns, and where their entries are."""
-
-    #: rows, touched: numbers of the constraints and of the unknowns
-    rows: np.ndarray
-    touched: np.ndarray
-    #: entries, places: numbers of the entries among those of the Jacobian, and their places in the block
-    entries: np.ndarray
-    places: tuple[np.ndarray, np.ndarray]
-
-
 class NullSpaces:
-    """Null spaces of Jacobians on one nonzero pattern: which constraints share unknowns is found once. `pattern`: a
-    matrix with the pattern and no entry twice, shape (n_constraints, n_dofs)."""
+    """Null spaces of Jacobians on one nonzero pattern: which constraints share unknowns is found once.
+
+    Parameters
+    ----------
+    pattern
+        A matrix with the pattern and no entry twice, shape (n_constraints, n_dofs).
+    """
 
     def __init__(self, pattern: sp.csr_matrix) -> None:
         self._n_dofs = pattern.shape[1]
@@ -116,28 +109,26 @@ class NullSpaces:
         group_of = connected_components(graph, directed=False)[1][:n_rows]
         n_groups = int(group_of.max(initial=-1)) + 1
         row_of = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
-        self._blocks = []
+        # of every block: its constraints, its unknowns, its entries among those of the pattern, and their places in it
+        self._blocks: list[tuple[np.ndarray, np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]] = []
         for group in range(n_groups):
             rows, entries = np.flatnonzero(group_of == group), np.flatnonzero(group_of[row_of] == group)
             touched, column = np.unique(pattern.indices[entries], return_inverse=True)
-            self._blocks.append(_Block(rows, touched, entries, (np.searchsorted(rows, row_of[entries]), column)))
+            self._blocks.append((rows, touched, entries, (np.searchsorted(rows, row_of[entries]), column)))
 
     def of(self, values: np.ndarray) -> NullSpace:
         """Return the null space for values (n_entries,) on the pattern."""
         n_redundant, eliminations, chosen = 0, [], [np.zeros(0, dtype=int)]
-        for block in self._blocks:
-            matrix = np.zeros((block.rows.size, block.touched.size), order="F")
-            matrix[block.places] = values[block.entries]
+        for rows, touched, entries, places in self._blocks:
+            matrix = np.zeros((rows.size, touched.size), order="F")
+            matrix[places] = values[entries]
             r, order, rank = _pivoted(matrix)
-            n_redundant += block.rows.size - rank
+            n_redundant += rows.size - rank
             if rank == 0:
                 continue
-            independent_rows = slice(None)
-            if rank < block.rows.size:
-                independent_rows = _pivoted(matrix.T)[1][:rank]
-            chosen.append(block.rows[independent_rows])
+            chosen.append(rows if rank == rows.size else rows[_pivoted(matrix.T)[1][:rank]])
             weights = -lapack.dtrtrs(r[:rank, :rank], r[:rank, rank:])[0]
-            eliminations.append(Elimination(block.touched[order[:rank]], block.touched[order[rank:]], weights))
+            eliminations.append(Elimination(touched[order[:rank]], touched[order[rank:]], weights))
         return NullSpace(self._n_dofs, tuple(eliminations), n_redundant, np.sort(np.concatenate(chosen)))
 
 

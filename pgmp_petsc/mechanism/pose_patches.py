@@ -27,8 +27,13 @@ UNKNOWN, WHOLE, SINGULAR = -1, -2, -3  # patches that were not made yet, that cl
 
 
 class PosePatches:
-    """Poses over the range of two coordinates. `branch`: table of the assembly branch, from which Newton's method
-    starts."""
+    """Poses over the range of two coordinates.
+
+    Parameters
+    ----------
+    branch
+        Table of the assembly branch, from which Newton's method starts.
+    """
 
     def __init__(self, branch: PoseBranch) -> None:
         self._branch = branch
@@ -48,12 +53,21 @@ class PosePatches:
     def at(self, closure: LoopClosure, theta: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Return poses and their derivatives at configurations inside the range.
 
-        Returns found, shape (n, n_bodies, n_pose, n_configurations): P, dP/dtheta_1, dP/dtheta_2, and d2P of 11, 12
-        and 22; closed, shape (n_configurations,): where they are known to close the loops; the others are not.
+        Parameters
+        ----------
+        closure
+            Closes the loops at the points of patches.
+        theta
+            Configurations, shape (n_configurations, 2).
+        n
+            1 for poses alone, 6 for their derivatives too.
 
-        closure: closes the loops at the points of patches
-        theta: configurations, shape (n_configurations, 2)
-        n: 1 for poses alone, 6 for their derivatives too
+        Returns
+        -------
+        found : ndarray, shape (n, n_bodies, n_pose, n_configurations)
+            P, dP/dtheta_1, dP/dtheta_2, and d2P of 11, 12 and 22.
+        closed : ndarray, shape (n_configurations,)
+            Where they are known to close the loops; the others are not.
         """
         theta, patches = np.ascontiguousarray(theta), np.empty(len(theta), dtype=np.int64)
         if self._coefficients.size > LARGEST:
@@ -135,7 +149,10 @@ def _find(theta, first, shape, middles, halves, state, patches):
 def _evaluate(theta, middles, halves, numbers, coefficients, found):
     """Fill poses and derivatives, (1 or 6, n_p, n), by Chebyshev polynomials (n_patches, N, N, n_p).
 
-    theta, middles, halves, numbers: configurations, and of each the middle, half the widths and the number of its patch
+    Parameters
+    ----------
+    theta, middles, halves, numbers
+        Configurations, and of each the middle, half the widths and the number of its patch.
     """
     n, n_poses = coefficients.shape[1], coefficients.shape[3]
     orders = 3 if found.shape[0] > 1 else 1

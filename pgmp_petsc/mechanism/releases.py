@@ -86,6 +86,29 @@ def parted(
     return tuple(held), tuple(released)
 
 
+def loosened(
+    statements: Sequence[Statement], in_a: np.ndarray, loose: str
+) -> tuple[tuple[Statement, ...], tuple[Release, ...]]:
+    """Return what a joint with a clearance holds in the motion, and what it releases there.
+
+    Parameters
+    ----------
+    statements
+        What it holds in the configuration.
+    in_a
+        Its axes in the frame of a, one a column, shape (d, d); the identity of one without.
+    loose
+        As of `scene.joints.JointTable`.
+    """
+    held, lengths = ([part for part in statements if part.is_length == of] for of in (False, True))
+    axes = list(in_a.T)
+    meets = len(lengths) == len(axes)
+    if loose == "across" and not (meets and len(axes) == 2):  # in the plane a pin's axis is across it
+        held = [*([along(axes[0])] if meets else []), *held]
+        axes = axes[1:]
+    return tuple(held), tuple(Release(along(axis), "clearance", number) for number, axis in enumerate(axes))
+
+
 def sines(in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
     """Return the sines of rotations about the axes of a triad (3, 3) in a, whose directions in b are others (3, 3)."""
     return [perpendicular(in_a[:, k - 1], in_b[:, k - 2]) for k in range(3)]

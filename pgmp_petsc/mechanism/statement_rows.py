@@ -29,18 +29,33 @@ ROUND_OFF = 1e-14  # of derivatives of order 1 at a generic place, below which t
 class StatementRows:
     """Statements about pairs of nodes, one a row, or combinations of them.
 
-    parts: the statements or combinations
-    sides: their attachments, a pair for each term
-    node_dofs: from a node to the unknowns that its frame depends on, shape (m,): ``(x, y, phi)`` or natural coordinates
-    dimension: 2 in the plane, 3 in space
-    n: number of rows
-    row_of: row of every term, increasing, shape (n_terms,)
-    compiled: the rows as compiled functions take them
-    dofs: unknowns of both nodes of each term, -1 on the ground, shape (n_terms, 2 m)
-    jacobian_pattern: rows and unknowns of the first derivatives of terms that are not zero everywhere, each of shape
-        (n_entries,). What repeats a pair is added
-    curvature_pattern: rows and columns among all unknowns of the second derivatives of all rows that are not, one of
-        each symmetric pair, each of shape (n_curved,). Rows repeat a pair
+    Parameters
+    ----------
+    parts
+        The statements or combinations.
+    sides
+        Their attachments, a pair for each term.
+    node_dofs
+        From a node to the unknowns that its frame depends on, shape (m,): ``(x, y, phi)`` or natural coordinates.
+    dimension
+        2 in the plane, 3 in space.
+
+    Attributes
+    ----------
+    n
+        Number of rows.
+    row_of
+        Row of every term, increasing, shape (n_terms,).
+    compiled
+        The rows as compiled functions take them.
+    dofs
+        Unknowns of both nodes of each term, -1 on the ground, shape (n_terms, 2 m).
+    jacobian_pattern
+        Rows and unknowns of the first derivatives of terms that are not zero everywhere, each of shape (n_entries,).
+        What repeats a pair is added.
+    curvature_pattern
+        Rows and columns among all unknowns of the second derivatives of all rows that are not, one of each symmetric
+        pair, each of shape (n_curved,). Rows repeat a pair.
     """
 
     def __init__(
@@ -68,8 +83,10 @@ class StatementRows:
         self._compile()
 
     def values(self, q: np.ndarray, known: np.ndarray | float = 0.0) -> np.ndarray:
-        """Return the statements, shape (n, ...), for unknowns (n_dofs, ...). In space angles are nearest to `known`,
-        which broadcasts against the result, rad."""
+        """Return the statements, shape (n, ...), for unknowns (n_dofs, ...).
+
+        In space angles are nearest to `known`, which broadcasts against the result, rad.
+        """
         known = np.array(np.broadcast_to(known, (self.n, *q.shape[1:])))
         return self._evaluated(VALUES, self.n, q, known)
 
@@ -115,9 +132,14 @@ class StatementRows:
         return self._evaluated(DRIFT, self.n, q, rates=v)
 
     def _evaluated(
-        self, what: int, size: int, q: np.ndarray, known: np.ndarray | None = None, rates: np.ndarray | None = None,
+        self,
+        what: int,
+        size: int,
+        q: np.ndarray,
+        known: np.ndarray | None = None,
+        rates: np.ndarray | None = None,
         rows: Rows | None = None,
-    ) -> np.ndarray:  # fmt: skip
+    ) -> np.ndarray:
         """Return what is wanted, shape (size, ...); `known` are the angles or the multipliers of the rows."""
         trailing = q.shape[1:]
         n = math.prod(trailing)
@@ -231,10 +253,16 @@ def _starts(rows: np.ndarray, n: int) -> np.ndarray:
 def _evaluate(what, rows, q, rates, known, result):
     """Fill what is wanted of all rows, for all samples; one function, as each compiles the statements anew.
 
-    what: ``VALUES``, ``SLOPES`` or ``CURVATURES`` on the patterns of `rows`, or ``DRIFT``
-    q, rates: shape (n_dofs, n_samples); the rates are for the drift
-    known: what angles are nearest to, or the multipliers of the curvatures, shape (n, n_samples)
-    result: zeros, shape (n or n_entries or n_curved, n_samples)
+    Parameters
+    ----------
+    what
+        ``VALUES``, ``SLOPES`` or ``CURVATURES`` on the patterns of `rows`, or ``DRIFT``.
+    q, rates
+        Shape (n_dofs, n_samples); the rates are for the drift.
+    known
+        What angles are nearest to, or the multipliers of the curvatures, shape (n, n_samples).
+    result
+        Zeros, shape (n or n_entries or n_curved, n_samples).
     """
     starts, columns, unknowns = rows.entries
     curved_starts, one, other = rows.curved

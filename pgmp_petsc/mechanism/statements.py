@@ -44,13 +44,20 @@ evaluate = CODE.evaluate
 
 @dataclass(frozen=True, eq=False)
 class Function:
-    """A function f of a statement s: a factor times s, or times a cubic spline of s that closes on itself. On piece k,
-    from ``x = breaks[k]`` on, the spline is ``sum_j coefficients[k, j] (s - x)^j``, of s within the period that the
-    breaks span."""
+    """A function f of a statement s: a factor times s, or times a cubic spline of s that closes on itself.
+
+    On piece k, from ``x = breaks[k]`` on, the spline is ``sum_j coefficients[k, j] (s - x)^j``, of s within the period
+    that the breaks span; with a period of 0 it is one polynomial, of any s.
+    """
 
     factor: float = 1.0
     breaks: np.ndarray = field(default_factory=lambda: np.zeros(0))  # shape (n + 1,), rad; none where it is linear
     coefficients: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))  # shape (n, 4)
+
+    @classmethod
+    def square(cls) -> Function:
+        """Return the square of s."""
+        return cls(1.0, np.zeros(2), np.array([[0.0, 0.0, 1.0, 0.0]]))
 
     @classmethod
     def through(cls, factor: float, table: Sequence[tuple[float, float]]) -> Function:
@@ -126,8 +133,10 @@ class Statement:
         return KINDS[self.kind].fixed
 
     def value(self, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0) -> np.ndarray:
-        """Return s, shape (...), m, 1 or rad, for frames of shape (d (d + 1) or more, ...). An angle is nearest to
-        `turned`, which broadcasts against s, rad."""
+        """Return s, shape (...), m, 1 or rad, for frames of shape (d (d + 1) or more, ...).
+
+        An angle is nearest to `turned`, which broadcasts against s, rad.
+        """
         return self._evaluated(a, b, 0, turned)[0]
 
     def gradient(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -187,8 +196,10 @@ def bulging(reach: np.ndarray, v: np.ndarray, w: np.ndarray) -> Statement:
 
 
 def angle(in_a: np.ndarray, in_b: np.ndarray) -> Statement:
-    """Return how far b is turned against a about the first axis of triads (3, 3), one axis a column. In the plane the
-    triads are the axes x and y, (2, 2)."""
+    """Return how far b is turned against a about the first axis of triads (3, 3), one axis a column.
+
+    In the plane the triads are the axes x and y, (2, 2).
+    """
     second, third = in_a[:, -2], in_a[:, -1]
     return _statement(ANGLE, u=second, v=third, w=in_b[:, -2])
 

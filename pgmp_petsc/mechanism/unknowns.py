@@ -20,10 +20,19 @@ N_POSE = SPATIAL.n_pose
 class Unknowns:
     """The numbering of a mechanism's unknowns.
 
-    mechanism: its flexible bodies on their meshes, where they are solids in space
-    bodies: the mechanism's, with internal coordinates numbered as here
-    dimension: 2 or 3
-    n_dofs: number of unknowns
+    Parameters
+    ----------
+    mechanism
+        Its flexible bodies on their meshes, where they are solids in space.
+
+    Attributes
+    ----------
+    bodies
+        The mechanism's, with internal coordinates numbered as here.
+    dimension
+        2 or 3.
+    n_dofs
+        Number of unknowns.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -46,8 +55,10 @@ class Unknowns:
         return q[: n_pose * n_nodes].reshape(n_nodes, n_pose, *q.shape[1:])
 
     def place(self, poses: np.ndarray) -> np.ndarray:
-        """Return the unknowns (n_dofs, ...) of undeformed bodies at poses (n_bodies, n_pose, ...). In space it is
-        linear in the poses, so that rates of poses give those of the unknowns."""
+        """Return the unknowns (n_dofs, ...) of undeformed bodies at poses (n_bodies, n_pose, ...).
+
+        In space it is linear in the poses, so that rates of poses give those of the unknowns.
+        """
         return placed(self._space, self.bodies, self.n_dofs, poses)
 
     def share(self, rank: int, size: int) -> range:

@@ -47,7 +47,9 @@ class LineMesh(Counted):
 
     def point(self, name: str, entry: str) -> int:
         """Return the node of the point `name`, or of that index: a decimal integer, from zero, that is no named point.
-        Raises `InputError` if the mesh has neither; `entry` is the dotted name of the scene's entry that asks."""
+
+        Raises `InputError` if the mesh has neither; `entry` is the dotted name of the scene's entry that asks.
+        """
         if name in self.points:
             return self.points[name]
         if name in self.groups:
@@ -165,9 +167,11 @@ def straight_beam(length: float, n_cells: int, start: float = 0.0, dimension: in
 
 
 def refined(mesh: LineMesh, parts: int) -> LineMesh:
-    """Cut every cell into equal parts, at least 1; with 1 the mesh is returned as it is. The old nodes keep their
-    numbers, and with them named points and points given by a node's index; the new ones follow, cell after cell. A
-    curved body stays the polygon that its coarse mesh is."""
+    """Cut every cell into equal parts, at least 1; with 1 the mesh is returned as it is.
+
+    The old nodes keep their numbers, and with them named points and points given by a node's index; the new ones
+    follow, cell after cell. A curved body stays the polygon that its coarse mesh is.
+    """
     if parts < 1:
         raise ValueError(f"parts = {parts}; at least 1 is needed")
     if parts == 1:

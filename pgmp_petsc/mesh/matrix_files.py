@@ -58,8 +58,11 @@ class MatrixFile:
 
 
 def read_matrix(path: Path, received: str) -> MatrixFile:
-    """Read a matrix; messages begin with `received`, the scene's entry and its value. Raises `InputError` if there is
-    no such file, it is of another format, damaged, not square, or has entries that are not finite."""
+    """Read a matrix; messages begin with `received`, the scene's entry and its value.
+
+    Raises `InputError` if there is no such file, it is of another format, damaged, not square, or has entries that are
+    not finite.
+    """
     check_file(path, received, f"a matrix is needed ({FORMATS}; paths are relative to the scene's directory)")
     try:
         found = _read(path, received)
@@ -186,8 +189,10 @@ def is_harwell_boeing(head: Sequence[str]) -> bool:
 
 
 def read_harwell_boeing(lines: Sequence[str]) -> sp.coo_matrix:
-    """Return the entries that the lines of a file list, of a symmetric matrix often one triangle. Raises `NotTaken` if
-    the matrix is complex, a pattern, skew, or not assembled; `ValueError` if the file is damaged."""
+    """Return the entries that the lines of a file list, of a symmetric matrix often one triangle.
+
+    Raises `NotTaken` if the matrix is complex, a pattern, skew, or not assembled; `ValueError` if the file is damaged.
+    """
     cards = [int(lines[1][start : start + 14] or 0) for start in (14, 28, 42)]  # of pointers, indices and values
     n_right_hand = int(lines[1][56:70].strip() or 0)
     value_type, structure, storage, *counts = TYPE.match(lines[2].upper()).groups()
@@ -231,7 +236,10 @@ def read_rows(path: Path, received: str) -> np.ndarray:
 
     Raises `InputError` if there is no such file, a line is none of the kind, or rows are missing or there twice.
 
-    Returns shape (n, 2): node and direction of every row.
+    Returns
+    -------
+    ndarray of int, shape (n, 2)
+        Node and direction of every row.
     """
     check_file(path, received, "a list of rows is needed (row, node, direction)")
     found = {}
@@ -335,9 +343,11 @@ class NodeFile:
 
 
 def read_nodes(path: Path, dimension: int, received: str) -> NodeFile:
-    """Read nodes from a mesh, or a file ending in .csv or .npz, in the plane z = 0 (2) or in space (3). Raises
-    `InputError` if the file is missing or unreadable, nodes have one number, are not finite, or off the plane; or if
-    its mesh is not sound. Messages begin with `received`."""
+    """Read nodes from a mesh, or a file ending in .csv or .npz, in the plane z = 0 (2) or in space (3).
+
+    Raises `InputError` if the file is missing or unreadable, nodes have one number, are not finite, or off the plane;
+    or if its mesh is not sound. Messages begin with `received`.
+    """
     suffix = path.suffix.lower()
     if suffix not in (".csv", ".npz"):
         return _of_mesh(path, dimension, received)

@@ -56,9 +56,11 @@ class Counted:
 
 
 def read_mesh(path: Path, received: str) -> meshio.Mesh:
-    """Read a file through meshio; messages begin with `received`, such as ``bodies.crank.mesh = "crank.msh"``. Raises
-    `InputError` if there is no such file, it is a directory, pipe or device, of a format that meshio does not know,
-    meshio cannot read it, or does not come to an end."""
+    """Read a file through meshio; messages begin with `received`, such as ``bodies.crank.mesh = "crank.msh"``.
+
+    Raises `InputError` if there is no such file, it is a directory, pipe or device, of a format that meshio does not
+    know, meshio cannot read it, or does not come to an end.
+    """
     check_file(path, received, "a mesh file that meshio reads is needed (paths are relative to the scene's directory)")
     if path.suffix.lower() not in ENDING:
         return _read_apart(path, received)
@@ -99,8 +101,13 @@ def _unreadable(received: str, reason: str) -> InputError:
 
 @contextmanager
 def usable(received: str) -> Iterator[None]:
-    """Turn whatever goes wrong with what a damaged file seemed to hold into one message. Raises `InputError` instead of
-    any other exception within the block."""
+    """Turn whatever goes wrong with what a damaged file seemed to hold into one message.
+
+    Raises
+    ------
+    InputError
+        Instead of any other exception within the block.
+    """
     try:
         yield
     except PgmpError:
@@ -114,8 +121,10 @@ def usable(received: str) -> Iterator[None]:
 
 
 def check_file(path: Path, received: str, needed: str) -> None:
-    """Refuse what is no file, before anything is read from it, and say what is needed. Raises `InputError` if there is
-    no such file, it cannot be read, or it is a directory, pipe or device."""
+    """Refuse what is no file, before anything is read from it, and say what is needed.
+
+    Raises `InputError` if there is no such file, it cannot be read, or it is a directory, pipe or device.
+    """
     try:
         mode = path.stat().st_mode
     except FileNotFoundError as error:

@@ -111,16 +111,25 @@ def reference_element(kind: str) -> ReferenceElement:
     shape, _, middles, stiffness_degree, mass_degree, face_kind = _KINDS[kind]
     nodes = _nodes(shape, middles)
     return ReferenceElement(
-        kind, nodes.shape[1], nodes, _quadrature(kind, nodes, stiffness_degree), _quadrature(kind, nodes, mass_degree),
-        _faces(shape, nodes, face_kind) if face_kind else np.empty((0, 0), dtype=int), face_kind,
-    )  # fmt: skip
+        kind,
+        nodes.shape[1],
+        nodes,
+        _quadrature(kind, nodes, stiffness_degree),
+        _quadrature(kind, nodes, mass_degree),
+        _faces(shape, nodes, face_kind) if face_kind else np.empty((0, 0), dtype=int),
+        face_kind,
+    )
 
 
 def shape_gradients(kind: str, points: np.ndarray) -> np.ndarray:
     """Return the gradients of an element's shape functions in reference coordinates, shape (n_points, d, n_nodes).
 
-    kind: str. meshio's name of the cell type
-    points: ndarray of float, shape (n_points, d). Reference coordinates
+    Parameters
+    ----------
+    kind : str
+        meshio's name of the cell type.
+    points : ndarray of float, shape (n_points, d)
+        Reference coordinates.
     """
     return _tabulated(kind, reference_element(kind).nodes, points)[1]
 
@@ -201,8 +210,11 @@ class SolidMesh(Counted):
         return self.nodes.shape[1]
 
     def faces(self, name: str, entry: str) -> np.ndarray:
-        """Return the faces of the group `name`, shape (n_faces, n_face_nodes). Raises `InputError` if the name is
-        unknown or holds no face; `entry` is the dotted name of the scene's entry that asks."""
+        """Return the faces of the group `name`, shape (n_faces, n_face_nodes).
+
+        Raises `InputError` if the name is unknown or holds no face; `entry` is the dotted name of the scene's entry
+        that asks.
+        """
         return self._named(name, entry, ("group of faces", self.groups), ("region", "cells", self.regions))
 
     def region(self, name: str, entry: str) -> np.ndarray:
@@ -236,8 +248,13 @@ def _known(names: dict[str, np.ndarray]) -> str:
 
 
 def set_numbers(rows: np.ndarray) -> np.ndarray:
-    """Number rows (n, k) so that two of them have the same number where they hold the same nodes, in any order. Returns
-    shape (n,): from zero without gaps, growing with the lowest node of the row."""
+    """Number rows (n, k) so that two of them have the same number where they hold the same nodes, in any order.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        From zero without gaps, growing with the lowest node of the row.
+    """
     rows = np.sort(rows, axis=1)
     order = np.lexsort(rows.T[::-1])  # many times faster than np.unique of rows
     is_new = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
@@ -260,9 +277,11 @@ def bounds_one_cell(faces: np.ndarray) -> np.ndarray:
 
 
 def incidence_edges(n_nodes: int, cells: np.ndarray) -> np.ndarray:
-    """Return an edge from each cell to each of its nodes, shape (2, n_edges); cell i is vertex n_nodes + i. Two nodes
-    of a cell are two edges apart. The graph that joins them directly says the same, but has several times as many
-    edges."""
+    """Return an edge from each cell to each of its nodes, shape (2, n_edges); cell i is vertex n_nodes + i.
+
+    Two nodes of a cell are two edges apart. The graph that joins them directly says the same, but has several times as
+    many edges.
+    """
     return np.array([cells.ravel(), n_nodes + np.repeat(np.arange(len(cells)), cells.shape[1])])
 
 
@@ -299,8 +318,9 @@ def check_pieces(cells: np.ndarray, received: str, filed: np.ndarray | None = No
         pieces = labels[n_nodes:]
         sizes = np.bincount(pieces)
         aside = int(np.flatnonzero(pieces != pieces[0])[0])
+        of_aside = shown((cells if filed is None else filed)[aside])
         raise InputError(
             f"{received}: the cells form {n_pieces} separate pieces of {shown(np.sort(sizes)[::-1])} cells; the first "
-            f"that does not hang together with cell 0 is cell {aside} with the nodes {shown((cells if filed is None else filed)[aside])}; a body is "
-            "one connected piece (nodes at the same place must be merged)"
+            f"that does not hang together with cell 0 is cell {aside} with the nodes {of_aside}; a body is one "
+            "connected piece (nodes at the same place must be merged)"
         )

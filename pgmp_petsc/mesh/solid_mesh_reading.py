@@ -72,9 +72,11 @@ OTHER = "vertex"  # of elements of other types, whose cells no one asks for
 
 
 def read_abaqus_nodes(path: Path, received: str) -> tuple[meshio.Mesh, np.ndarray]:
-    """Return what a file holds, and the numbers of its nodes, shape (n_nodes,). Raises `InputError` if it has no nodes,
-    nodes of one number, or others in files that it includes; or if an element or a set names a node that is not there.
-    `received` begins messages."""
+    """Return what a file holds, and the numbers of its nodes, shape (n_nodes,).
+
+    Raises `InputError` if it has no nodes, nodes of one number, or others in files that it includes; or if an element
+    or a set names a node that is not there. `received` begins messages.
+    """
     places: dict[int, list[float]] = {}
     sets: dict[str, list[int]] = {}
     cells: dict[str, list[list[int]]] = {}
@@ -171,8 +173,12 @@ OF_SETS = ("ELEMENT", "ELSET", "NSET")  # cards that hold sets, or name one
 def check_sets(path: Path, received: str) -> None:
     """Refuse the sets of an Abaqus file that meshio would read wrongly; do nothing for other files.
 
-    path: Path. A file that meshio has read
-    received: str. The scene's entry and its value, with which messages begin
+    Parameters
+    ----------
+    path : Path
+        A file that meshio has read.
+    received : str
+        The scene's entry and its value, with which messages begin.
     """
     if path.suffix.lower() != SUFFIX:
         return
@@ -357,8 +363,12 @@ def renumbered(mesh: SolidMesh) -> SolidMesh:
 
 
 def compact_order(n_nodes: int, cells: np.ndarray) -> np.ndarray:
-    """Return the nodes of a connected mesh in the order of reverse Cuthill-McKee, shape (n_nodes,). `cells`: ndarray of
-    int, shape (n_cells, n_cell_nodes)."""
+    """Return the nodes of a connected mesh in the order of reverse Cuthill-McKee, shape (n_nodes,).
+
+    Parameters
+    ----------
+    cells : ndarray of int, shape (n_cells, n_cell_nodes)
+    """
     edges = incidence_edges(n_nodes, cells)
     start = n_nodes + len(cells)
     graph = undirected_graph(edges, start)
@@ -389,7 +399,10 @@ VERSION = b"4.1"
 def complete_physical_groups(mesh: meshio.Mesh, path: Path) -> None:
     """Set the mesh's cell sets to all cells of each physical group, if `path` is a file of this format.
 
-    mesh: meshio.Mesh. What meshio has read from the file
+    Parameters
+    ----------
+    mesh : meshio.Mesh
+        What meshio has read from the file.
     """
     groups = entity_groups(path)
     if not groups or "gmsh:geometrical" not in mesh.cell_data:
@@ -404,8 +417,10 @@ def complete_physical_groups(mesh: meshio.Mesh, path: Path) -> None:
 
 
 def entity_groups(path: Path) -> dict[tuple[int, int], np.ndarray]:
-    """Return the tags of the physical groups, without signs, by dimension and tag of the entity. Nothing is returned
-    for files of other formats, or that do not tell entities."""
+    """Return the tags of the physical groups, without signs, by dimension and tag of the entity.
+
+    Nothing is returned for files of other formats, or that do not tell entities.
+    """
     groups: dict[tuple[int, int], np.ndarray] = {}
     with path.open("rb") as file:
         if not _found(file, b"$MeshFormat"):
@@ -474,8 +489,10 @@ def named_groups(mesh: meshio.Mesh, kind: str, cells: np.ndarray, received: str)
 
 
 def _matched(own: np.ndarray, file_faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where each of the file's faces is among those of the cells (-1: nowhere), and which of these bound one. An
-    inner face, which bounds two cells, is found in the first of them."""
+    """Return where each of the file's faces is among those of the cells (-1: nowhere), and which of these bound one.
+
+    An inner face, which bounds two cells, is found in the first of them.
+    """
     numbers = set_numbers(np.concatenate([own, file_faces]))
     own_numbers, file_numbers = np.split(numbers, [len(own)])
     first = np.full(numbers.max() + 1, -1)
@@ -506,8 +523,10 @@ def _members(mesh: meshio.Mesh, received: str) -> dict[str, list[np.ndarray]]:
 
 
 def _set_members(mesh: meshio.Mesh, name: str, blocks: list, received: str) -> list[np.ndarray]:
-    """Return the numbers of a cell set's cells within each block, as far as meshio tells them. The set of an Abaqus
-    file that comes before some of the cells has fewer entries than there are blocks."""
+    """Return the numbers of a cell set's cells within each block, as far as meshio tells them.
+
+    The set of an Abaqus file that comes before some of the cells has fewer entries than there are blocks.
+    """
     try:
         members = [np.asarray([] if numbers is None else numbers, dtype=int) for numbers in blocks]
     except (TypeError, ValueError):

@@ -18,6 +18,7 @@ from pgmp_petsc.bodies.shape import at_lengths
 from pgmp_petsc.models.full import ComponentModel, FullModel
 from pgmp_petsc.models.model import Model
 from pgmp_petsc.models.reduced import ReducedModel, begun
+from pgmp_petsc.outputs.rainflow import Counted
 from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedTerms
@@ -31,6 +32,7 @@ class EvaluatedOutputs:
     """Outputs that a model observes as they are; see `OutputSet`."""
 
     units: dict[str, str]  # unit of every output
+    counts: Mapping[str, Counted]  # what is counted over a run, by the outputs' names
 
     @property
     def functions(self) -> dict[str, None]:
@@ -76,7 +78,7 @@ class SeparateLengths:
         self.model = model
         self.name, self.title, self.identity = model.name, model.title, model.identity
         self.scene, self.kinematics = model.scene, model.kinematics
-        self.outputs = EvaluatedOutputs(model.outputs.units)
+        self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts)
         self.lengths = length_names(model.scene)
         self._models: WeakKeyDictionary[SecondOrderSystem, Model] = WeakKeyDictionary()
 
@@ -132,7 +134,7 @@ class LengthLanes:
         self._model, self.scene, self.kinematics = model, model.scene, model.kinematics
         self.identity, self.meshes = model.identity, model.meshes
         self.effects, self.start, self.motions = model.effects, model.start, model.motions
-        self.outputs = EvaluatedOutputs(model.outputs.units)
+        self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts)
         self.lengths = length_names(model.scene)
         family, scheme = model.rom.family, model.scene.reduction.interpolation
         self.grid, self.check = family.grid, family.check

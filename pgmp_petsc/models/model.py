@@ -43,6 +43,7 @@ class Model(Protocol):
 def floors_of(model: Model) -> np.ndarray:
     """Return below which every output is taken for zero, in its unit, shape (n_outputs,)."""
     sizes = {stress.name: stress.size for stress in model.outputs.stresses}
+    sizes |= dict.fromkeys(model.outputs.counts, np.finfo(float).tiny / ROUND_OFF)  # a damage of any size counts
     units = model.outputs.units.items()
     return np.array(
         [ROUND_OFF * sizes.get(name, 1.0 if unit == "rad" else model.kinematics.size) for name, unit in units]

@@ -47,10 +47,17 @@ EXCHANGE = 0.5  # overlap that makes one group of any vectors: one turns into th
 def procrustes(overlaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Solve the orthogonal Procrustes problem, of many pairs of bases together.
 
-    Returns rotations: orthogonal Q such that ``V Q`` is closest to B, shape (..., m, m); cosines: cosine of the
-    largest angle between the two subspaces, shape (...); 1 where they agree.
+    Parameters
+    ----------
+    overlaps
+        ``V^T M B``, shape (..., m, m): the new vectors V against the neighbour's basis B.
 
-    overlaps: ``V^T M B``, shape (..., m, m): the new vectors V against the neighbour's basis B
+    Returns
+    -------
+    rotations
+        Orthogonal Q such that ``V Q`` is closest to B, shape (..., m, m).
+    cosines
+        Cosine of the largest angle between the two subspaces, shape (...); 1 where they agree.
     """
     if overlaps.shape[-1] == 1:  # a sign
         return np.where(overlaps < 0.0, -1.0, 1.0), np.abs(overlaps[..., 0, 0])
@@ -59,9 +66,20 @@ def procrustes(overlaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def canonical_rotation(eigenvalues: np.ndarray, probe: np.ndarray) -> np.ndarray:
-    """Fix signs and rotations among equal eigenvalues by a probe, whatever the solver made of them. Returns
-    shape (m, m): block-diagonal orthogonal matrix, one block for equal eigenvalues. `eigenvalues`: ascending,
-    shape (m,); `probe`: ``V^T W`` with fixed vectors W, shape (m, m)."""
+    """Fix signs and rotations among equal eigenvalues by a probe, whatever the solver made of them.
+
+    Parameters
+    ----------
+    eigenvalues
+        Ascending, shape (m,).
+    probe
+        ``V^T W`` with fixed vectors W, shape (m, m).
+
+    Returns
+    -------
+    ndarray, shape (m, m)
+        Block-diagonal orthogonal matrix, one block for equal eigenvalues.
+    """
     splits = np.flatnonzero(np.diff(eigenvalues) > EQUAL_TOLERANCE * eigenvalues[1:]) + 1
     bounds = [0, *splits, eigenvalues.size]
     return _by_groups(probe, [np.arange(*pair) for pair in zip(bounds, bounds[1:])])[0]
@@ -70,11 +88,18 @@ def canonical_rotation(eigenvalues: np.ndarray, probe: np.ndarray) -> np.ndarray
 def group_modes(eigenvalues: np.ndarray, overlaps: np.ndarray) -> list[np.ndarray]:
     """Find groups of modes that stay apart from all others over the whole range.
 
-    Returns the numbers of the vectors of every group, increasing.
+    Parameters
+    ----------
+    eigenvalues
+        Of the first n_modes vectors, ascending at every sample, shape (n, n_modes); further vectors (static modes) have
+        none.
+    overlaps
+        ``V_k^T M V_{k-1}`` from each sample to the next, shape (n', m, m).
 
-    eigenvalues: of the first n_modes vectors, ascending at every sample, shape (n, n_modes); further vectors (static
-        modes) have none
-    overlaps: ``V_k^T M V_{k-1}`` from each sample to the next, shape (n', m, m)
+    Returns
+    -------
+    list of ndarray
+        Numbers of the vectors of every group, increasing.
     """
     n_modes = eigenvalues.shape[1]
     mixing = np.max(np.abs(overlaps), axis=0, initial=0.0)
@@ -93,11 +118,19 @@ def group_modes(eigenvalues: np.ndarray, overlaps: np.ndarray) -> list[np.ndarra
 def transport(overlaps: np.ndarray, groups: Sequence[np.ndarray], start: np.ndarray) -> np.ndarray:
     """Carry a basis from each sample to the next.
 
-    Returns shape (n, m, m): Q of every sample.
+    Parameters
+    ----------
+    overlaps
+        ``V_k^T M V_{k-1}`` for samples 1 to n - 1, shape (n - 1, m, m).
+    groups
+        As from `group_modes`.
+    start
+        Rotation of the first sample, block-diagonal in the groups, shape (m, m).
 
-    overlaps: ``V_k^T M V_{k-1}`` for samples 1 to n - 1, shape (n - 1, m, m)
-    groups: as from `group_modes`
-    start: rotation of the first sample, block-diagonal in the groups, shape (m, m)
+    Returns
+    -------
+    ndarray, shape (n, m, m)
+        Q of every sample.
     """
     # the polar factor of O Q with an orthogonal Q is that of O, times Q
     rotations = [start]
@@ -141,10 +174,16 @@ def close_revolution(
 ) -> Revolution:
     """Take the holonomy back over the revolution.
 
-    rotations: as from `transport`, shape (n, m, m)
-    last_overlap: ``V_0^T M V_{n-1}``, shape (m, m)
-    groups: as from `group_modes`
-    beside: the closed revolution at a neighbouring value of another coordinate, if this one must go with it
+    Parameters
+    ----------
+    rotations
+        As from `transport`, shape (n, m, m).
+    last_overlap
+        ``V_0^T M V_{n-1}``, shape (m, m).
+    groups
+        As from `group_modes`.
+    beside
+        The closed revolution at a neighbouring value of another coordinate, if this one must go with it.
     """
     back, _ = _by_groups(last_overlap @ rotations[-1], groups)
     holonomy = rotations[0].T @ back
@@ -182,8 +221,10 @@ class Closure:
 
     @classmethod
     def beside(cls, holonomy: np.ndarray, other: Closure) -> Closure:
-        """Split a holonomy close to that of another closure, so that both take their turn back alike. Raises `RunError`
-        if one of them contains a reflection and the other does not."""
+        """Split a holonomy close to that of another closure, so that both take their turn back alike.
+
+        Raises `RunError` if one of them contains a reflection and the other does not.
+        """
         signs = np.ones(len(holonomy))
         signs[other.flipped if other.flipped >= 0 else slice(0)] = -1.0
         frame, planes, angles, flipped = _planes(signs[:, None] * (other.start.T @ holonomy @ other.start))
@@ -371,8 +412,10 @@ def _torn_groups(
 
 
 def _joined(groups: Sequence[np.ndarray], torn: int, met: np.ndarray) -> list[np.ndarray]:
-    """Join a group with the one that it mixes with most among the overlaps (n, m, m) of all neighbours. Raises
-    `RunError` if there is no other group."""
+    """Join a group with the one that it mixes with most among the overlaps (n, m, m) of all neighbours.
+
+    Raises `RunError` if there is no other group.
+    """
     if len(groups) == 1:
         raise RunError(
             "the modes cannot be followed over the configurations: a mode that is kept meets one that is not, or the "

@@ -87,9 +87,14 @@ class Curvature:
 class CurvatureProblem:
     """Static modal derivatives at any configuration. Collective on the communicator of `problem`.
 
-    problem: eigenproblem at the nominal parameters
-    static_stretching: whether chi keeps its part along stiff vectors, which stretch the bodies
-    built_in: offsets, which the last vectors of a basis answer
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters.
+    static_stretching
+        Whether chi keeps its part along stiff vectors, which stretch the bodies.
+    built_in
+        Offsets, which the last vectors of a basis answer.
     """
 
     def __init__(self, problem: ModalProblem, static_stretching: bool = False, built_in: BuiltIn | None = None) -> None:
@@ -107,11 +112,17 @@ class CurvatureProblem:
 
         Raises `RunError` if the refinement of an answer does not converge.
 
-        modes: modes at the configuration that the problem is at; the basis holds them
-        shape: the flexible vectors of the basis, local rows, shape (n_local, m), the answers to offsets last
-        answered: the load that each of them answers, as from `answered_loads` and combinations of them, zero where none
-            is known (joints then take of its elastic forces what they can), shape (n_local, m)
-        loose: which of them are without strain, as elastic joints allow them, shape (m,); none by default
+        Parameters
+        ----------
+        modes
+            Modes at the configuration that the problem is at; the basis holds them.
+        shape
+            The flexible vectors of the basis, local rows, shape (n_local, m), the answers to offsets last.
+        answered
+            The load that each of them answers, as from `answered_loads` and combinations of them, zero where none is
+            known (joints then take of its elastic forces what they can), shape (n_local, m).
+        loose
+            Which of them are without strain, as elastic joints allow them, shape (m,); none by default.
         """
         loose = np.zeros(shape.shape[1], dtype=bool) if loose is None else loose
         problem, pairs = self._problem, np.tril_indices(shape.shape[1])
@@ -183,9 +194,16 @@ class CurvatureProblem:
         return self._along(rigid, chi, momenta) - chi
 
     def _answers(
-        self, modes: ModeSet, kept: np.ndarray, shape: np.ndarray, answered: np.ndarray,
-        pairs: tuple[np.ndarray, np.ndarray], forces: np.ndarray, what: str, gaps: GapDerivatives | None = None,
-    ) -> np.ndarray:  # fmt: skip
+        self,
+        modes: ModeSet,
+        kept: np.ndarray,
+        shape: np.ndarray,
+        answered: np.ndarray,
+        pairs: tuple[np.ndarray, np.ndarray],
+        forces: np.ndarray,
+        what: str,
+        gaps: GapDerivatives | None = None,
+    ) -> np.ndarray:
         """Return chi for pairs of vectors but for multiples of kept eigenvectors, given ``K3[psi_i, psi_j]``."""
         problem = self._problem
         chi = np.zeros_like(forces)
@@ -206,8 +224,10 @@ class CurvatureProblem:
         return basis @ np.linalg.solve(gram, problem.inner(basis, problem.times_mass(chi) + momenta))
 
     def _dropped_part(self, shape: np.ndarray, part: np.ndarray) -> np.ndarray:
-        """Return of momenta along Psi (m, n_pairs) the components that chi does not keep. S and F are smooth over the
-        configurations, whatever the basis."""
+        """Return of momenta along Psi (m, n_pairs) the components that chi does not keep.
+
+        S and F are smooth over the configurations, whatever the basis.
+        """
         problem, m, everywhere = self._problem, shape.shape[1], self._problem.all_rows(shape)
         rows, columns = np.tril_indices(m)
         stiffness = problem.inner(shape, problem.times_stiffness(shape))
@@ -229,8 +249,12 @@ class CurvatureProblem:
         Those of modes are their inertia forces; those of static modes combinations of the given loads, balanced by
         inertia forces.
 
-        static: static modes, local rows, shape (n_local, n_static)
-        loads: the loads that they answer, in their order, in body frames, local rows, shape (n_local, n_static)
+        Parameters
+        ----------
+        static
+            Static modes, local rows, shape (n_local, n_static).
+        loads
+            The loads that they answer, in their order, in body frames, local rows, shape (n_local, n_static).
         """
         problem = self._problem
         inertia = modes.eigenvalues * problem.times_mass(modes.flexible)
@@ -247,17 +271,28 @@ class CurvatureProblem:
 class _TurningJoints:
     """Contribution of joints that turn with a body to displacements and forces of second order; all rows, every rank.
 
-    jacobian: C in body frames, shape (n_constraints, n_dofs)
-    hessians: second derivatives of the joints that are not linear
-    shape: psi in body frames, shape (n_dofs, m)
-    pairs: numbers i and j of the vectors of every pair, shape (n_pairs,) each
-    gaps: of the offsets that the last vectors answer, if there are any
+    Parameters
+    ----------
+    jacobian
+        C in body frames, shape (n_constraints, n_dofs).
+    hessians
+        Second derivatives of the joints that are not linear.
+    shape
+        Psi in body frames, shape (n_dofs, m).
+    pairs
+        Numbers i and j of the vectors of every pair, shape (n_pairs,) each.
+    gaps
+        Of the offsets that the last vectors answer, if there are any.
     """
 
     def __init__(
-        self, jacobian: sp.csr_matrix, hessians: list[ConstraintHessian], shape: np.ndarray,
-        pairs: tuple[np.ndarray, np.ndarray], gaps: GapDerivatives | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        jacobian: sp.csr_matrix,
+        hessians: list[ConstraintHessian],
+        shape: np.ndarray,
+        pairs: tuple[np.ndarray, np.ndarray],
+        gaps: GapDerivatives | None = None,
+    ) -> None:
         self._touched = np.unique(jacobian.indices)
         self._jacobian = jacobian[:, self._touched].toarray()
         self._hessians = hessians
@@ -290,8 +325,13 @@ class _TurningJoints:
         return result
 
     def forces(self, reactions: np.ndarray) -> np.ndarray:
-        """Return ``(mu_i.c'') psi_j + (mu_j.c'') psi_i``, shape (n_dofs, n_pairs). `reactions`: ``C^T mu_i``,
-        shape (n_dofs, m)."""
+        """Return ``(mu_i.c'') psi_j + (mu_j.c'') psi_i``, shape (n_dofs, n_pairs).
+
+        Parameters
+        ----------
+        reactions
+            ``C^T mu_i``, shape (n_dofs, m).
+        """
         i, j = self._pairs
         multipliers = np.linalg.lstsq(self._jacobian.T, reactions[self._touched], rcond=RANK_TOLERANCE)[0]
         result = np.zeros((len(self._shape), i.size))
@@ -310,7 +350,10 @@ Pairs = tuple[np.ndarray, np.ndarray]
 class RotaryCurvature:
     """The directors of all nodes.
 
-    mechanism: the mechanism; bodies on meshes and condensed ones have no directors with mass
+    Parameters
+    ----------
+    mechanism
+        The mechanism; bodies on meshes and condensed ones have no directors with mass.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -334,8 +377,14 @@ class RotaryCurvature:
 
     def work(self, accelerations: np.ndarray, vectors: np.ndarray, pairs: Pairs, weight: Monomial) -> np.ndarray:
         """Return the work of accelerations on pairs of vectors in one term of the mass, shape (k, n_pairs).
-        `accelerations`: linear fields of every body, shape (n_bodies, 12, k): `Space.acceleration_field`; `vectors`:
-        shape (n_dofs, m)."""
+
+        Parameters
+        ----------
+        accelerations
+            Linear fields of every body, shape (n_bodies, 12, k): `Space.acceleration_field`.
+        vectors
+            Shape (n_dofs, m).
+        """
         result = np.zeros((accelerations.shape[2], pairs[0].size))
         for number, own, turns, inertia in self._parts:
             if own != weight:

@@ -43,7 +43,7 @@ from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
 from pgmp_petsc.ranks.petsc import aij_matrix, times, transposed_times
-from pgmp_petsc.solvers.shift_invert import RESIDUAL_TOLERANCE, EigenPairs, ShiftInvertSolver
+from pgmp_petsc.solvers.shift_invert import EigenPairs, ShiftInvertSolver, refuse_residuals
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
@@ -55,8 +55,13 @@ SUBSET = 0.2  # of all eigenvectors: for more of them QR iterations for all are 
 
 
 class DensePencil:
-    """A pencil that one rank has whole; methods and attributes are those of `SparsePencil`. `mass`, `stiffness`:
-    shape (n_dofs, n_dofs)."""
+    """A pencil that one rank has whole; methods and attributes are those of `SparsePencil`.
+
+    Parameters
+    ----------
+    mass, stiffness
+        Shape (n_dofs, n_dofs).
+    """
 
     def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix) -> None:
         self._mass, self._stiffness = mass.toarray(), stiffness.toarray()
@@ -70,15 +75,12 @@ class DensePencil:
         """Do nothing: there is nothing to destroy."""
 
     def norms(self) -> tuple[float, float]:
-        """Return the Frobenius norms of K and M."""
         return float(np.linalg.norm(self._stiffness)), float(np.linalg.norm(self._mass))
 
     def set_stiffness(self, stiffness: sp.csr_matrix) -> None:
-        """Take another stiffness; it holds from the next `move_to` on."""
         self._stiffness, self._interior = stiffness.toarray(), None
 
     def shift_to(self, shift: float, prefix: str) -> None:  # noqa: ARG002  (no options reach LAPACK)
-        """Solve with another shift."""
         self.shift, self._interior, self._factor = shift, None, None
 
     def move_to(self, null: NullSpace) -> None:
@@ -86,8 +88,10 @@ class DensePencil:
         self._null, self._factor = null, None
 
     def solve(self, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
-        """Compute the lowest eigenpairs and check their residuals; vectors are ``N psi``. Raises `RunError` if a
-        factorisation fails, or a residual is too large."""
+        """Compute the lowest eigenpairs and check their residuals; vectors are ``N psi``.
+
+        Raises `RunError` if a factorisation fails, or a residual is too large.
+        """
         what = f"eigenproblem at {where}"
         self.factor(what)
         inverse, n_pairs = self._inverse(), n_rigid + n_flexible
@@ -106,7 +110,9 @@ class DensePencil:
         inertia = self._mass @ vectors
         size = cholesky(vectors.T @ inertia, f"{what}: inertia of the modes")
         vectors, inertia = (forward(size, part.T).T for part in (vectors, inertia))
-        self._check_residuals(values, vectors, inertia, n_rigid, what)
+        momenta = self.felt(inertia)
+        residuals = _lengths(self.felt(self._stiffness @ vectors) - values * momenta) / _lengths(momenta)
+        refuse_residuals(values, residuals, np.max(np.abs(values[: n_rigid + 1])), what)
         return EigenPairs(values, vectors, np.zeros(0))
 
     def _inverse(self) -> np.ndarray:
@@ -119,25 +125,11 @@ class DensePencil:
         matrix[n_inner:, n_inner:] = congruent(ends.felt(ends.felt(interior.outer_mass).T), self._factor)
         return matrix
 
-    def _check_residuals(
-        self, values: np.ndarray, vectors: np.ndarray, inertia: np.ndarray, n_rigid: int, what: str
-    ) -> None:
-        """Check residuals relative to the eigenvalue; those of zero eigenvalues to the first positive one."""
-        forces = self.felt(self._stiffness @ vectors)
-        inertia = self.felt(inertia)
-        floor = np.max(np.abs(values[: n_rigid + 1]))
-        scale = _lengths(inertia) * np.maximum(np.abs(values), floor)
-        residuals = _lengths(forces - values * inertia) / scale
-        wrong = np.flatnonzero(~(residuals < RESIDUAL_TOLERANCE))
-        if wrong.size:
-            raise RunError(
-                f"{what}: eigenvalue {values[wrong[0]]:.6g} has the relative residual {residuals[wrong[0]]:.2g}, above "
-                f"{RESIDUAL_TOLERANCE:g}; the mesh may be too fine for double precision"
-            )
-
     def factor(self, what: str = "factorisation") -> None:
-        """Factor ``K - sigma M`` for `shifted_answers`, without solving for eigenpairs. Raises `RunError` if it is not
-        positive definite."""
+        """Factor ``K - sigma M`` for `shifted_answers`, without solving for eigenpairs.
+
+        Raises `RunError` if it is not positive definite.
+        """
         what, outer = f"{what} with the shift {self.shift:.6g}", self._null.touched
         if self._interior is None or not np.array_equal(outer, self._interior.outer):
             self._interior = Interior.of(self._mass, self._stiffness - self.shift * self._mass, outer, what)
@@ -145,7 +137,6 @@ class DensePencil:
         self._factor = cholesky(ends.felt(ends.felt(self._interior.remainder).T), what)
 
     def count_below(self, tau: float) -> int:
-        """Return the number of eigenvalues below tau."""
         basis = self._expanded(np.eye(self._null.independent.size))
         stiffness, mass = (basis.T @ matrix @ basis for matrix in (self._stiffness, self._mass))
         return int(np.sum(eigh(stiffness, mass, eigvals_only=True, check_finite=False) < tau))
@@ -167,7 +158,6 @@ class DensePencil:
         return found
 
     def felt(self, loads: np.ndarray) -> np.ndarray:
-        """Return ``N^T`` times loads (n_dofs, k)."""
         return loads[self._null.independent] + self._null.weights.T @ loads[self._null.dependent]
 
     def _expanded(self, independent: np.ndarray) -> np.ndarray:
@@ -178,11 +168,9 @@ class DensePencil:
         return vectors
 
     def times_mass(self, vectors: np.ndarray) -> np.ndarray:
-        """Return M times columns (n_dofs, k)."""
         return self._mass @ vectors
 
     def times_stiffness(self, vectors: np.ndarray) -> np.ndarray:
-        """Return K times columns (n_dofs, k)."""
         return self._stiffness @ vectors
 
 
@@ -226,8 +214,11 @@ def _all(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _largest(matrix: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the k largest eigenvalues, ascending, and their vectors, of the lower triangle of a symmetric matrix,
-    which is overwritten. By relatively robust representations of the tridiagonal matrix; LAPACK's own driver has these
-    for all eigenvectors alone, and bisection for some, which takes half as long again."""
+    which is overwritten.
+
+    By relatively robust representations of the tridiagonal matrix; LAPACK's own driver has these for all eigenvectors
+    alone, and bisection for some, which takes half as long again.
+    """
     n = len(matrix)
     reflectors, diagonal, beside, scales, _ = lapack.dsytrd(matrix, lower=1, lwork=BLOCK * n, overwrite_a=1)
     chosen = {"select": "i", "select_range": (n - k, n - 1), "lapack_driver": "stemr"}
@@ -254,8 +245,10 @@ class Interior:
 
     @classmethod
     def of(cls, mass: np.ndarray, shifted: np.ndarray, outer: np.ndarray, what: str) -> Interior:
-        """Eliminate all unknowns but the outer ones from M and ``K - sigma M``, shapes (n_dofs, n_dofs). Raises
-        `RunError` if ``K - sigma M`` is not positive definite; `what` says of what."""
+        """Eliminate all unknowns but the outer ones from M and ``K - sigma M``, shapes (n_dofs, n_dofs).
+
+        Raises `RunError` if ``K - sigma M`` is not positive definite; `what` says of what.
+        """
         inner = np.setdiff1d(np.arange(len(mass)), outer)
         ii, io, oo = np.ix_(inner, inner), np.ix_(inner, outer), np.ix_(outer, outer)
         factor = cholesky(shifted[ii], what)
@@ -294,9 +287,17 @@ def congruent(matrix: np.ndarray, factor: np.ndarray) -> np.ndarray:
 class SparsePencil:
     """A pencil that ranks share; each has a range of rows. Collective on `comm`.
 
-    mass, stiffness: this rank's rows, shape (n_local, n_dofs)
-    comm: ranks that share the pencil
-    shift: sigma, below all eigenvalues; see `shift_to`
+    Parameters
+    ----------
+    mass, stiffness
+        This rank's rows, shape (n_local, n_dofs).
+    comm
+        Ranks that share the pencil.
+
+    Attributes
+    ----------
+    shift
+        sigma, below all eigenvalues; see `shift_to`.
     """
 
     def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix, comm: Comm) -> None:

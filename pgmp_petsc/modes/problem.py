@@ -84,21 +84,38 @@ RIGID_TOLERANCE = 1e-5  # largest "zero" eigenvalue over the first flexible one;
 class ModalProblem:
     """Modes of a mechanism at any configuration, for fixed parameter values. Collective on `comm`.
 
-    Raises `InputError` if the mesh has fewer flexible modes than asked for.
+    Parameters
+    ----------
+    values
+        Parameter values at which M and K are taken.
+    n_modes
+        Number of flexible modes.
+    comm
+        Ranks that share one eigenproblem.
+    matrices
+        The rows that this rank has of the mechanism's matrices (`owned_rows`), where they are assembled already.
 
-    values: parameter values at which M and K are taken
-    n_modes: number of flexible modes
-    comm: ranks that share one eigenproblem
-    matrices: the rows that this rank has of the mechanism's matrices (`owned_rows`), where they are assembled already
-    clamped: coordinates that follow given motions
-    n_released, n_unstrained: numbers of motions that elastic joints allow, and of all vanishing eigenvalues: those of
-        free coordinates too
+    Attributes
+    ----------
+    clamped
+        Coordinates that follow given motions.
+    n_released, n_unstrained
+        Numbers of motions that elastic joints allow, and of all vanishing eigenvalues: those of free coordinates too.
+
+    Raises
+    ------
+    InputError
+        If the mesh has fewer flexible modes than asked for.
     """
 
     def __init__(
-        self, kinematics: RigidKinematics, values: Mapping[str, float], n_modes: int, comm: Comm,
+        self,
+        kinematics: RigidKinematics,
+        values: Mapping[str, float],
+        n_modes: int,
+        comm: Comm,
         matrices: AffineMatrices | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.kinematics = kinematics
         self.mechanism = kinematics.mechanism
         self.free = np.flatnonzero([not coordinate.prescribed for coordinate in kinematics.coordinates])
@@ -146,8 +163,10 @@ class ModalProblem:
         self.close()
 
     def solve(self, theta: np.ndarray | float) -> ModeSet:
-        """Compute the modes at one configuration (n_theta,). Raises `RunError` if the eigensolver fails, or the zero
-        eigenvalues are not the mechanism's rigid motion."""
+        """Compute the modes at one configuration (n_theta,).
+
+        Raises `RunError` if the eigensolver fails, or the zero eigenvalues are not the mechanism's rigid motion.
+        """
         theta = np.atleast_1d(theta)
         rigid, curvature = self._move_to(theta)
         released = self.released_motion(theta, rigid)
@@ -160,8 +179,15 @@ class ModalProblem:
         return self._known
 
     def resume(self, theta: np.ndarray, eigenvalues: np.ndarray, flexible: np.ndarray) -> ModeSet:
-        """Return to a configuration whose modes are known: `static_answers` holds there again. `theta`: the
-        configuration, shape (n_theta,), rad; `eigenvalues`, `flexible`: as they were found there."""
+        """Return to a configuration whose modes are known: `static_answers` holds there again.
+
+        Parameters
+        ----------
+        theta
+            The configuration, shape (n_theta,), rad.
+        eigenvalues, flexible
+            As they were found there.
+        """
         rigid, curvature = self._move_to(theta)
         self._pencil.factor()
         released = self.released_motion(theta, rigid)
@@ -189,7 +215,9 @@ class ModalProblem:
 
     def released_motion(self, theta: np.ndarray, rigid: np.ndarray) -> np.ndarray:
         """Return what elastic joints allow at a configuration with its rigid velocity, local rows, as in `ModeSet`.
-        Raises `RunError` if the directions that they release do not part these motions there."""
+
+        Raises `RunError` if the directions that they release do not part these motions there.
+        """
         everywhere = linear_motion(self.mechanism, self.kinematics.motion(theta).released)
         released = everywhere[self.rows.start : self.rows.stop]
         if not released.shape[1]:
@@ -213,8 +241,13 @@ class ModalProblem:
         return {weight: forces[self.rows.start : self.rows.stop] for weight, forces in found.items()}
 
     def independent(self, loads: np.ndarray) -> np.ndarray:
-        """Leave out the loads that are combinations of those before them, or that clamped joints take up. `loads`: in
-        body frames, local rows, shape (n_local, n_loads)."""
+        """Leave out the loads that are combinations of those before them, or that clamped joints take up.
+
+        Parameters
+        ----------
+        loads
+            In body frames, local rows, shape (n_local, n_loads).
+        """
         clamps = self.constraints_at(self.mechanism.first_guess)[self._clamp_rows].toarray().T
         chosen = np.empty((len(loads), 0))
         for load in np.hstack([clamps[self.rows.start : self.rows.stop], loads]).T[..., None]:
@@ -227,17 +260,26 @@ class ModalProblem:
         return chosen[:, clamps.shape[1] :]
 
     def static_answers(self, kept: np.ndarray, loads: np.ndarray, what: str = "static mode") -> np.ndarray:
-        """Return ``K^-1 f`` with vectors deflated from f and from the answers, by iterative refinement, shape (n_local,
-        n_loads): in the null space of the constraints and M-orthogonal to `kept`.
+        """Return ``K^-1 f`` with vectors deflated from f and from the answers, by iterative refinement.
 
         The refinement takes the shift-invert factor at hand, ``x <- x + (K - sigma M)^-1 (f - K x)``, which contracts
         by ``|sigma| / (lambda + |sigma|)`` along an eigenvector. Along those that are known, the slowest ones, the step
         is made exact: what is left contracts as the first unknown one does. Raises `RunError` if the refinement does
         not converge.
 
-        kept: eigenvectors at the configuration that the problem is at, local rows, shape (n_local, n_kept)
-        loads: in body frames, local rows, shape (n_local, n_loads)
-        what: what is being computed, for messages
+        Parameters
+        ----------
+        kept
+            Eigenvectors at the configuration that the problem is at, local rows, shape (n_local, n_kept).
+        loads
+            In body frames, local rows, shape (n_local, n_loads).
+        what
+            What is being computed, for messages.
+
+        Returns
+        -------
+        ndarray, shape (n_local, n_loads)
+            In the null space of the constraints and M-orthogonal to `kept`.
         """
         m_kept = self.times_mass(kept)
         inverse = np.linalg.inv(self.inner(kept, m_kept))
@@ -328,8 +370,10 @@ class ModalProblem:
         return np.concatenate(self.comm.allgather(columns))
 
     def check_basis(self, n_static: int, n_parameter: int = 0) -> None:
-        """Refuse more vectors than the mesh has flexible degrees of freedom. Raises `InputError` if modes, static modes
-        and those of other parameter values together are too many."""
+        """Refuse more vectors than the mesh has flexible degrees of freedom.
+
+        Raises `InputError` if modes, static modes and those of other parameter values together are too many.
+        """
         if self.n_modes + n_static + n_parameter > self._available:
             further = f" and {n_parameter} parameter modes" if n_parameter else ""
             raise InputError(
@@ -348,9 +392,11 @@ class ModalProblem:
         self.n_redundant = null.n_redundant
 
     def _find_shift(self) -> None:
-        """Set a shift that fits the first flexible eigenvalue. The shift must be negative, far from zero for
-        round-off's sake, and not far beyond the first flexible eigenvalue, or zero eigenvalues converge late; a first
-        solve with a guess finds the scale."""
+        """Set a shift that fits the first flexible eigenvalue.
+
+        The shift must be negative, far from zero for round-off's sake, and not far beyond the first flexible
+        eigenvalue, or zero eigenvalues converge late; a first solve with a guess finds the scale.
+        """
         n, lowest = self.n_unstrained, self._lowest()
         self._move_to(lowest)
         stiffness, mass = self._pencil.norms()

@@ -60,15 +60,24 @@ LoadsAt = Callable[[ModalProblem, ModeSet], np.ndarray]
 
 
 def static_modes(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np.ndarray:
-    """Return what the modes miss of the static answers to loads (`ModalProblem.static_answers`), shape (n_local,
-    n_static): M-orthonormal, and M-orthogonal to `modes`.
+    """Return what the modes miss of the static answers to loads (`ModalProblem.static_answers`).
 
     Collective on the problem's communicator. Raises `RunError` if an answer is a combination of the modes and the
     others at neighbouring configurations too.
 
-    problem: at a configuration
-    modes: modes there
-    loads_at: gives the loads where the problem is, in body frames, local rows, shape (n_local, n_loads)
+    Parameters
+    ----------
+    problem
+        At a configuration.
+    modes
+        Modes there.
+    loads_at
+        Gives the loads where the problem is, in body frames, local rows, shape (n_local, n_loads).
+
+    Returns
+    -------
+    ndarray, shape (n_local, n_static)
+        M-orthonormal, and M-orthogonal to `modes`.
     """
     kept, loads = modes.eigenvectors, loads_at(problem, modes)
     if not len(loads.T):
@@ -88,8 +97,15 @@ def static_modes(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np
 
 
 def dependent_loads(problem: ModalProblem, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
-    """Return whose static answers are combinations of the modes and of the answers before, shape (n_loads,). `problem`,
-    `modes`: as those of `static_modes`; `loads`: in body frames, local rows, shape (n_local, n_loads)."""
+    """Return whose static answers are combinations of the modes and of the answers before, shape (n_loads,).
+
+    Parameters
+    ----------
+    problem, modes
+        As those of `static_modes`.
+    loads
+        In body frames, local rows, shape (n_local, n_loads).
+    """
     answers = problem.static_answers(modes.eigenvectors, loads)
     return _extended(problem, modes.eigenvectors, answers, problem.norms(answers))[1]
 
@@ -97,8 +113,10 @@ def dependent_loads(problem: ModalProblem, modes: ModeSet, loads: np.ndarray) ->
 def _extended(
     problem: ModalProblem, kept: np.ndarray, answers: np.ndarray, sizes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return vectors extended by orthonormal answers, and which answers depend on those before and are left out. Sizes
-    (n_loads,) are those of which round-off leaves a share of `DEPENDENT_TOLERANCE`."""
+    """Return vectors extended by orthonormal answers, and which answers depend on those before and are left out.
+
+    Sizes (n_loads,) are those of which round-off leaves a share of `DEPENDENT_TOLERANCE`.
+    """
     basis, m_basis, dependent = kept, problem.times_mass(kept), np.zeros(len(sizes), dtype=bool)
     inverse = np.linalg.inv(problem.inner(kept, m_basis))
     for number, (rest, size) in enumerate(zip(answers.T[..., None], sizes)):
@@ -122,9 +140,11 @@ def _beside(problem: ModalProblem, basis: np.ndarray, vectors: np.ndarray) -> np
 
 
 def _limits(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np.ndarray:
-    """Return the directions of what is left of each answer in the limit of the configuration of the modes. Along the
-    coordinate that leaves most; shape (n_local, n_loads). All of them come from the neighbours: what is left beside a
-    limit vanishes with it only then. The problem returns to the configuration."""
+    """Return the directions of what is left of each answer in the limit of the configuration of the modes.
+
+    Along the coordinate that leaves most; shape (n_local, n_loads). All of them come from the neighbours: what is left
+    beside a limit vanishes with it only then. The problem returns to the configuration.
+    """
     found = []
     for k, coordinate in enumerate(problem.kinematics.coordinates):
         step = LIMIT_STEP * (coordinate.upper - coordinate.lower)
@@ -163,9 +183,17 @@ NEGATIVE = 1e-12  # eigenvalue of a block, as a share of its largest one
 class SpringStiffness:
     """Stiffness of springs and preload at any configuration.
 
-    weights: conservative effects that load the mechanism; None for the unloaded state
-    dofs: unknowns of every block, the same at all configurations
-    free: numbers of the coordinates that are not prescribed
+    Parameters
+    ----------
+    weights
+        Conservative effects that load the mechanism; None for the unloaded state.
+
+    Attributes
+    ----------
+    dofs
+        Unknowns of every block, the same at all configurations.
+    free
+        Numbers of the coordinates that are not prescribed.
     """
 
     def __init__(
@@ -188,7 +216,12 @@ class SpringStiffness:
 
     def at(self, theta: np.ndarray, matrices: AffineMatrices, comm: Comm) -> list[Block]:
         """Return the blocks at a configuration (n_theta,), rad; the same on all ranks. Collective on `comm`.
-        `matrices`: the rows that a rank of `comm` has of the mechanism's matrices: the weights are made of them."""
+
+        Parameters
+        ----------
+        matrices
+            The rows that a rank of `comm` has of the mechanism's matrices: the weights are made of them.
+        """
         poses = self.kinematics.motion(theta).poses
         loaded = self._weights is not None
         forces = [
@@ -208,7 +241,10 @@ class SpringStiffness:
 
     def n_resisted(self, matrices: AffineMatrices, comm: Comm) -> int:
         """Return how many independent rigid motions, of free coordinates and elastic joints, have a stiffness, but for
-        single configurations. Parameters are those of `at`. Collective on `comm`."""
+        single configurations.
+
+        Parameters are those of `at`. Collective on `comm`.
+        """
         lower, upper = (np.array([getattr(c, end) for c in self.kinematics.coordinates]) for end in ("lower", "upper"))
         most = 0
         for share in PLACES[:, : lower.size]:
@@ -260,10 +296,17 @@ ROUND_OFF = 1e-12  # of an eigenvalue, as a share of the first one that is of th
 class VibrationProblem(ModalProblem):
     """Vibrations at any configuration, for fixed parameter values. Collective on `comm`.
 
-    springs: what springs add to the stiffness; it knows kinematics and parameter values
-    values, n_modes, comm: as for `ModalProblem`; `n_modes` counts all frequencies but those of rigid motions that no
-        spring resists
-    n_rigid: number of these rigid motions
+    Parameters
+    ----------
+    springs
+        What springs add to the stiffness; it knows kinematics and parameter values.
+    values, n_modes, comm
+        As for `ModalProblem`; `n_modes` counts all frequencies but those of rigid motions that no spring resists.
+
+    Attributes
+    ----------
+    n_rigid
+        Number of these rigid motions.
     """
 
     def __init__(self, springs: SpringStiffness, values: Mapping[str, float], n_modes: int, comm: Comm) -> None:
@@ -273,9 +316,11 @@ class VibrationProblem(ModalProblem):
         self.n_rigid = self.n_unstrained - springs.n_resisted(self.matrices, comm)
 
     def eigenvalues(self, theta: np.ndarray) -> np.ndarray:
-        """Return the eigenvalues at one configuration (n_theta,), ascending, shape (n_modes,), (rad/s)^2. Raises
-        `RunError` if the eigensolver fails, or rigid motions that no spring resists are not what vanishing eigenvalues
-        belong to."""
+        """Return the eigenvalues at one configuration (n_theta,), ascending, shape (n_modes,), (rad/s)^2.
+
+        Raises `RunError` if the eigensolver fails, or rigid motions that no spring resists are not what vanishing
+        eigenvalues belong to.
+        """
         where = self.kinematics.describe(theta)
         blocks = self._springs.at(theta, self.matrices, self.comm)
         self._put(blocks)
@@ -337,8 +382,10 @@ class VibrationProblem(ModalProblem):
         )
 
     def _refined(self, vectors: np.ndarray, rigid: np.ndarray, blocks: list[Block]) -> np.ndarray:
-        """Return Rayleigh quotients, to which the rigid part of a vector adds no strain energy of the bodies. In the
-        solver's own values of soft springs that is the round-off of stiff bodies."""
+        """Return Rayleigh quotients, to which the rigid part of a vector adds no strain energy of the bodies.
+
+        In the solver's own values of soft springs that is the round-off of stiff bodies.
+        """
         bent, everywhere = self.all_rows(self._deflate(vectors, rigid)), self.all_rows(vectors)
         own = slice(self.rows.start, self.rows.stop)
         energies = np.diag(self.inner(bent[own], self._elastic @ bent)).copy()

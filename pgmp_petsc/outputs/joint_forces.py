@@ -249,6 +249,9 @@ class OfConnection(ForceOutput):
     def of(cls, name: str, entry: InJoint, connection: Connection, mechanism: Mechanism) -> Self:
         """Prepare the output of a joint that holds two points. Raises `InputError` if it holds nothing there."""
         springs = ()
+        if connection.name in mechanism.scene.joints and mechanism.scene.joints[connection.name].clearance is not None:
+            words = "what its parts do where they touch is not read; take the joint's clearance out"
+            raise InputError(problem(f"outputs.{name}.joint", words, connection.name))
         if connection.released:
             actions = elastic_joint(connection.name, mechanism.scene, mechanism).actions()
             springs = tuple(Spring.of(action, mechanism.space) for action in actions)

@@ -35,7 +35,7 @@ from pgmp_petsc.outputs.readings import AnyReading, Jet, Needs, Rate, Seen
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import OutputEntry, per_second, unit_of
-from pgmp_petsc.scene.uses import uses_of
+from pgmp_petsc.scene.uses import Use, uses_of
 
 TIME = "time"  # what t is called in a declared formula
 CORNERS = ("abs", "sign", "min", "max", "where", "<", ">", "atan2")  # where a formula is not smooth
@@ -89,6 +89,14 @@ class FormulaOfOutputs(OutputEntry):
         except FormulaError:
             return {}
         return dict.fromkeys((name for name in scene.outputs if name in used), "formula")
+
+    def uses(self, scene: Scene, entry: str) -> Iterator[Use]:
+        """Yield the parameters that it names."""
+        try:
+            _, used = self._declared(scene)
+        except FormulaError:  # which `problems` says
+            return
+        yield from (Use(f"{entry}.formula.{name}", name, "any", ()) for name in scene.parameters if name in used)
 
     def _declared(self, scene: Scene) -> tuple[str, set[str]]:
         names = {name: f"of_{name}" for name in (*scene.outputs, *scene.parameters) if name.isidentifier()}
@@ -175,7 +183,7 @@ def _of_parameter(scene: Scene, name: str) -> Measured:
     """Return what a parameter is measured in: what it says, or what the entries that name it take."""
     if scene.parameters[name].unit:
         return Measured(_measured(scene.parameters[name].unit).dimension)
-    units = {use.units for use in uses_of(scene) if use.parameter == name}
+    units = {use.units for use in uses_of(scene) if use.parameter == name and use.units}
     only = next(iter(units)) if len(units) == 1 else ()
     return _measured(only[0]) if len(only) == 1 and only[0] else Measured()
 

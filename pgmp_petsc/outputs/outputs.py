@@ -34,6 +34,7 @@ from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
     from pgmp_petsc.outputs.joint_forces import ForceOutput
+    from pgmp_petsc.outputs.rainflow import Counted
     from pgmp_petsc.outputs.stress import StressOutput
 
 
@@ -57,6 +58,7 @@ class OutputSet:
     reads_time: bool = False
     parameters: tuple[str, ...] = ()  # that outputs read
     bases: tuple[Base, ...] = ()  # motions of the base, where outputs read them
+    counted: tuple[str, ...] = ()  # outputs that are counted over a run
 
     def observed(
         self,
@@ -83,8 +85,16 @@ class OutputSet:
         return np.concatenate(parts)
 
     def evaluate(self, observed: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the outputs, each of shape (n,), for what a model observes, shape (n_observed, n)."""
+        """Return the outputs, each of shape (n,), for what a model observes, shape (n_observed, n).
+
+        Of those that are counted over a run it is what they count: see `rainflow.Counting`.
+        """
         return self._evaluated(observed, self.rigid and self.rigid.poses)
+
+    @property
+    def counts(self) -> dict[str, Counted]:
+        """What is counted over a run, by the outputs' names."""
+        return {name: self.functions[name] for name in self.counted}
 
     def near(self, observed: np.ndarray) -> Callable[[np.ndarray], dict[str, np.ndarray]]:
         """Return `evaluate` for what is observed there and next to it, for central differences; see
@@ -180,6 +190,7 @@ class OutputSet:
         return cls(
             tuple(sorted(needs.nodes)), units, n_frame, mechanism.space.n_pose, functions, tuple(stresses), forces,
             reached, rigid, order, needs.time, tuple(sorted(needs.parameters | of_bases)), bases,
+            tuple(name for name, entry in scene.outputs.items() if "history" in entry.reads),
         )  # fmt: skip
 
 

@@ -34,11 +34,19 @@ def agreed(comm: Comm, activity: str) -> Iterator[None]:
 
     The block itself must contain no collective operation on ``comm``: a rank that fails skips the rest of it.
 
-    Raises the error of the lowest failing rank, with its type and message. The failing rank keeps its own
-    traceback, `RunError` where that rank failed with any other exception; its traceback is printed to stderr there.
+    Parameters
+    ----------
+    comm : mpi4py.Comm
+        The ranks that run the block.
+    activity : str
+        What the block does, as a noun phrase ("reading the mesh"); part of the message of a `RunError`.
 
-    comm: mpi4py.Comm. The ranks that run the block
-    activity: str. What the block does, as a noun phrase ("reading the mesh"); part of the message of a `RunError`
+    Raises
+    ------
+    PgmpError
+        That of the lowest failing rank, with its type and message. The failing rank keeps its own traceback.
+    RunError
+        Where that rank failed with any other exception; its traceback is printed to stderr there.
     """
     failure: PgmpError | None = None
     try:
@@ -58,8 +66,10 @@ def agreed(comm: Comm, activity: str) -> Iterator[None]:
 
 
 def on_root(comm: Comm, function: Callable[..., Result], *args: Any) -> Result:
-    """Call ``function(*args)`` on rank 0 and return its result on every rank. Collective on ``comm``. Raises
-    `PgmpError`, as :func:`agreed`; a result that cannot be pickled counts as a failure of rank 0."""
+    """Call ``function(*args)`` on rank 0 and return its result on every rank. Collective on ``comm``.
+
+    Raises `PgmpError`, as :func:`agreed`; a result that cannot be pickled counts as a failure of rank 0.
+    """
     result, packed = None, None
     with agreed(comm, getattr(function, "__name__", "work on rank 0").replace("_", " ").strip()):
         if comm.rank == 0:

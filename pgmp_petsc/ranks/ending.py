@@ -78,9 +78,11 @@ def what_is_kept() -> str:
 
 @contextmanager
 def ending_on_signals(rank: int) -> Iterator[None]:
-    """End the process when one of the signals comes within the block; rank 0 says so. A signal that the process was
-    started to ignore stays ignored. Outside of the main thread nothing is done. What an earlier run of the process kept
-    is not this one's."""
+    """End the process when one of the signals comes within the block; rank 0 says so.
+
+    A signal that the process was started to ignore stays ignored. Outside of the main thread nothing is done. What an
+    earlier run of the process kept is not this one's.
+    """
     _kept.clear()
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -164,8 +166,18 @@ _OBEYED = re.compile(rb"[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]")  # by termina
 
 
 class LastingOutput(io.RawIOBase):
-    """Writes to a file descriptor until that fails, and swallows what comes after. `descriptor`: stays open; `failure`:
-    the first failure, or None."""
+    """Writes to a file descriptor until that fails, and swallows what comes after.
+
+    Parameters
+    ----------
+    descriptor
+        Stays open.
+
+    Attributes
+    ----------
+    failure
+        The first failure, or None.
+    """
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -264,11 +276,17 @@ def child(
 ) -> Iterator[subprocess.Popen]:
     """Run a program that ends with this process; what is left of it at the end of the block is ended.
 
-    command: the program with its arguments
-    seconds: time that it may take, by the clock and of the processor; None where its work has no bound of its own
-    cwd: its working folder
-    **streams: ``stdin``, ``stdout`` and ``stderr``, as of `subprocess.Popen`; nothing is read, and nothing kept, where
-        one is not given
+    Parameters
+    ----------
+    command
+        The program with its arguments.
+    seconds
+        Time that it may take, by the clock and of the processor; None where its work has no bound of its own.
+    cwd
+        Its working folder.
+    **streams
+        ``stdin``, ``stdout`` and ``stderr``, as of `subprocess.Popen`; nothing is read, and nothing kept, where one is
+        not given.
     """
     given = {name: streams.get(name, subprocess.DEVNULL) for name in ("stdin", "stdout", "stderr")}
     limit = "0" if seconds is None else str(max(1, round(seconds)))

@@ -41,8 +41,11 @@ class RankGroup:
 
     @classmethod
     def split(cls, world: Comm, ranks_per_group: int, option: str = "--ranks-per-angle") -> RankGroup:
-        """Split all ranks into groups; ranks left over join the last group. Collective on `world`. Who splits closes.
-        `option` is what asks for it, in messages. Raises `InputError` if a group needs more ranks than there are."""
+        """Split all ranks into groups; ranks left over join the last group. Collective on `world`.
+
+        Who splits closes. `option` is what asks for it, in messages. Raises `InputError` if a group needs more ranks
+        than there are.
+        """
         if not 1 <= ranks_per_group <= world.size:
             raise InputError(
                 f"{option} = {ranks_per_group}: allowed are 1 to {world.size}, the number of ranks of this run"
@@ -106,12 +109,19 @@ NOW_AND_THEN = 1e-3  # s; MPI's own waiting keeps the processor busy
 def deal(comm: Comm, n_pieces: int, work: Work, take: Take) -> None:
     """Work off pieces 0 to n_pieces - 1, in about this order. Collective on `comm`.
 
-    Raises what `work` or `take` raised, on the rank where it was; the others return early. To be called
-    where ranks agree on failures (`ranks.agreement.agreed`).
+    Parameters
+    ----------
+    work
+        Computes a piece, given by its number, on any rank; calls what it is given besides now and then. Its result is
+        pickled.
+    take
+        Takes in number and result of a piece, on rank 0.
 
-    work: computes a piece, given by its number, on any rank; calls what it is given besides now and then. Its result is
-        pickled
-    take: takes in number and result of a piece, on rank 0
+    Raises
+    ------
+    Exception
+        What `work` or `take` raised, on the rank where it was; the others return early. To be called where ranks agree
+        on failures (`ranks.agreement.agreed`).
     """
     in_hand = 2 if n_pieces >= MANY * comm.size else 1
     if comm.rank == 0:
@@ -121,8 +131,10 @@ def deal(comm: Comm, n_pieces: int, work: Work, take: Take) -> None:
 
 
 def deal_to_groups(group: RankGroup, n_pieces: int, work: Work, take: Take) -> None:
-    """As `deal`, with groups of ranks that compute a piece together. Collective on ``group.world``. What `work` raises
-    it has to raise on all ranks of a group."""
+    """As `deal`, with groups of ranks that compute a piece together. Collective on ``group.world``.
+
+    What `work` raises it has to raise on all ranks of a group.
+    """
     if group.comm.size == 1:
         deal(group.roots, n_pieces, work, take)
         return
@@ -148,7 +160,13 @@ def deal_to_groups(group: RankGroup, n_pieces: int, work: Work, take: Take) -> N
 
 
 class _First:
-    """Rank 0, which deals. `pool`: numbers of the pieces that nobody has at the start."""
+    """Rank 0, which deals.
+
+    Parameters
+    ----------
+    pool
+        Numbers of the pieces that nobody has at the start.
+    """
 
     def __init__(self, comm: Comm, pool: range, work: Work, take: Take) -> None:
         self._comm, self._pool, self._work, self._take = comm, deque(pool), work, take
@@ -215,7 +233,13 @@ class _First:
 
 
 class _Other:
-    """Any other rank. `in_hand`: numbers of the pieces that it has at the start."""
+    """Any other rank.
+
+    Parameters
+    ----------
+    in_hand
+        Numbers of the pieces that it has at the start.
+    """
 
     def __init__(self, comm: Comm, in_hand: range, work: Work) -> None:
         self._comm, self._work, self._in_hand = comm, work, deque(in_hand)

@@ -104,8 +104,12 @@ def start_petsc(arguments: Sequence[str] = (), comm: Comm | None = None) -> None
 
     Raises `InputError` if a word is no option, PETSc refuses one, or there is no PETSc that would take them.
 
-    arguments: options; PETSc that runs already has had its own
-    comm: what PETSc takes for its world, COMM_WORLD if not given; it is used until the program ends
+    Parameters
+    ----------
+    arguments
+        Options; PETSc that runs already has had its own.
+    comm
+        What PETSc takes for its world, COMM_WORLD if not given; it is used until the program ends.
     """
     option_names(arguments)
     if not has_petsc():
@@ -161,8 +165,10 @@ def options_of(prefix: str) -> dict[str, str | None]:
 
 
 def option_names(arguments: Sequence[str]) -> list[str]:
-    """Return the names of options as PETSc stores them, without the dash and with pushed prefixes. Raises `InputError`,
-    at a word that is neither an option nor the value of one; PETSc would pass over it in silence."""
+    """Return the names of options as PETSc stores them, without the dash and with pushed prefixes.
+
+    Raises `InputError`, at a word that is neither an option nor the value of one; PETSc would pass over it in silence.
+    """
     names: list[str] = []
     pushed, words = [], iter(arguments)
     previous: str | None = None
@@ -196,8 +202,10 @@ def _is_name(word: str) -> bool:
 
 
 def unused_options(arguments: Sequence[str], comm: Comm) -> list[str]:
-    """Return which of a user's options nothing has used on any rank. Collective on `comm`. Options of PETSc itself,
-    some of which it reads only when it ends, do not count."""
+    """Return which of a user's options nothing has used on any rank. Collective on `comm`.
+
+    Options of PETSc itself, some of which it reads only when it ends, do not count.
+    """
     names = [name for name in option_names(arguments) if not name.startswith(OF_PETSC)]
     if not names:
         return []
@@ -222,9 +230,18 @@ def unused_remark(names: Sequence[str]) -> str:
 
 @contextmanager
 def petsc_solver(prefix: str, activity: str) -> Iterator[None]:
-    """Turn what PETSc raises in a block into an error of ours. Raises `InputError` if PETSc refuses the value of one of
-    the options with the prefix; `RunError` if anything else fails in PETSc. `prefix`: options prefix of the object that
-    the block works on; `activity`: what the block does, with the configuration, for messages."""
+    """Turn what PETSc raises in a block into an error of ours.
+
+    Raises `InputError` if PETSc refuses the value of one of the options with the prefix; `RunError` if anything else
+    fails in PETSc.
+
+    Parameters
+    ----------
+    prefix
+        Options prefix of the object that the block works on.
+    activity
+        What the block does, with the configuration, for messages.
+    """
     from petsc4py import PETSc
 
     try:
@@ -244,8 +261,10 @@ def petsc_solver(prefix: str, activity: str) -> Iterator[None]:
 
 @contextmanager
 def as_raised() -> Iterator[None]:
-    """Let through what Python functions raise that PETSc calls in a block. PETSc 3.18 hands it on; 3.26 raises an error
-    of its own, whose cause it is."""
+    """Let through what Python functions raise that PETSc calls in a block.
+
+    PETSc 3.18 hands it on; 3.26 raises an error of its own, whose cause it is.
+    """
     from petsc4py import PETSc
 
     try:

@@ -55,8 +55,15 @@ QUICK_STRESSES = "stress outputs change quickly between them: "
 
 
 class AngleRounds:
-    """Rounds of the build of one mechanism, each with further angles (first rank). `scene`, `mechanism`: the scene, and
-    its mechanism; `refinable`: whether angles may be added where no tolerance asks for them."""
+    """Rounds of the build of one mechanism, each with further angles (first rank).
+
+    Parameters
+    ----------
+    scene, mechanism
+        The scene, and its mechanism.
+    refinable
+        Whether angles may be added where no tolerance asks for them.
+    """
 
     def __init__(self, scene: Scene, mechanism: Mechanism, refinable: bool) -> None:
         self._scene, self._mechanism = scene, mechanism
@@ -167,8 +174,15 @@ def stress_errors(
     scene: Scene, mechanism: Mechanism, tables: ReducedTables, projection: np.ndarray, static: range
 ) -> dict[str, float]:
     """Return by stress output how far interpolation is off, as a share of its largest value; infinity where angles are
-    too few to tell. `projection`: flexible vectors, shape (n, n_dofs, n_delta), and any behind them; `static`: numbers
-    of the vectors whose loads count, too."""
+    too few to tell.
+
+    Parameters
+    ----------
+    projection
+        Flexible vectors, shape (n, n_dofs, n_delta), and any behind them.
+    static
+        Numbers of the vectors whose loads count, too.
+    """
     numbers = {body.name: number for number, body in enumerate(mechanism.bodies)}
     outputs = [
         StressOutput.of(name, scene, numbers[entry.body], mechanism.bodies[numbers[entry.body]])

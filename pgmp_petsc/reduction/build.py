@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import TypeVar
 
 import h5py
 import numpy as np
@@ -72,14 +73,17 @@ from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.references import stressed_bodies
 from pgmp_petsc.scene.uses import length_names
 
+OverSamples = TypeVar("OverSamples", MissedAnswers, JointGaps)
 FORMAT = 8
 INTERVAL = 10.0  # s
 LOCAL = ("shape", "mass_kept", "built_in")  # arrays of a sample of which every rank of a group has its own rows
 
 
 class BuildCheckpoint(SharedCheckpoint):
-    """The finished part of a build from a scene and meshes; a checkpoint of others is refused. `components` are bodies
-    that are condensed already, by name."""
+    """The finished part of a build from a scene and meshes; a checkpoint of others is refused.
+
+    `components` are bodies that are condensed already, by name.
+    """
 
     def __init__(
         self, output: Path, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, resume: bool
@@ -156,15 +160,28 @@ def build_rom(
 ) -> ReducedOrderModel | None:
     """Build the reduced-order model of a scene. Collective on ``group.world``.
 
-    Returns None but on the first rank.
+    Parameters
+    ----------
+    scene
+        The scene; modes are taken at its nominal parameters.
+    meshes
+        The mesh of every body.
+    group
+        Ranks that share an eigenproblem.
+    scramble
+        Applied to every mode set as it leaves the eigensolver; lets tests spoil signs and order.
+    checkpoint
+        What is finished already, and where finished parts are kept; without a part where lengths are parameters.
 
-    Raises `InputError`, `RunError` on all ranks, whichever rank met it.
+    Returns
+    -------
+    ReducedOrderModel or None
+        The model on the first rank, None elsewhere.
 
-    scene: the scene; modes are taken at its nominal parameters
-    meshes: the mesh of every body
-    group: ranks that share an eigenproblem
-    scramble: applied to every mode set as it leaves the eigensolver; lets tests spoil signs and order
-    checkpoint: what is finished already, and where finished parts are kept; without a part where lengths are parameters
+    Raises
+    ------
+    InputError, RunError
+        On all ranks, whichever rank met it.
     """
     if not length_names(scene):
         return _condensed_and_built(scene, meshes, group, _Way(scramble, checkpoint))
@@ -260,16 +277,25 @@ def _built(
         *spring_remarks(effects, scene.reduction),
         *_doubts(float(joined.cosines.min()), n_redundant, indefinite),
         *rounds.remarks(store.samples, basis),
-        *_on_vectors(scene.reduction.parameter_modes, n_parameter),
+        *_few_vectors(scene.reduction.parameter_modes, n_parameter),
     )
     return ReducedOrderModel(
-        tables=tables, branch=kinematics.branch, rigid_inertia=rigid_inertia(tables.samples, mass, kinematics),
-        projection=basis.projection, frequencies_hz=np.sqrt(joined.tables["eigenvalues"]) / (2 * np.pi),
-        cosines=joined.cosines, meshes=dict(meshes), n_redundant=n_redundant,
+        tables=tables,
+        branch=kinematics.branch,
+        rigid_inertia=rigid_inertia(tables.samples, mass, kinematics),
+        projection=basis.projection,
+        frequencies_hz=np.sqrt(joined.tables["eigenvalues"]) / (2 * np.pi),
+        cosines=joined.cosines,
+        meshes=dict(meshes),
+        n_redundant=n_redundant,
         record=RunRecord(scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict(), remarks),
-        curvature=basis.curvature, points=replace(points, n_vectors=n_parameter), indefinite=indefinite,
-        stiffness_changes=_stiffness_changes(store.samples, joined, basis), missed=missed, gaps=gaps,
-    )  # fmt: skip
+        curvature=basis.curvature,
+        points=replace(points, n_vectors=n_parameter),
+        indefinite=indefinite,
+        stiffness_changes=_stiffness_changes(store.samples, joined, basis),
+        missed=missed,
+        gaps=gaps,
+    )
 
 
 def _forces_change(scene: Scene, mechanism: Mechanism) -> bool:
@@ -292,15 +318,13 @@ def _doubts(cosine: float, n_redundant: int, indefinite: str) -> Iterator[Remark
         yield note(f"{n_redundant} redundant constraints were dropped: others say the same")
 
 
-@gathered
-def _on_vectors(asked: int, found: int) -> Iterator[Remark]:
+def _few_vectors(asked: int, found: int) -> tuple[Remark, ...]:
     """Return what is said where there are fewer vectors of other parameter values than asked for."""
-    if found == asked:
-        return
-    yield warning(
+    said = warning(
         f"reduction.parameter_modes: {found} vectors in place of {asked}: no more are independent at every angle, "
         "as others vanish between those that were sampled first; outputs at other parameter values may be served less"
     )
+    return () if found == asked else (said,)
 
 
 @dataclass(frozen=True)
@@ -315,8 +339,10 @@ class _Sampling:
     def joined(
         self, store: SampleStore, loads: Sequence[Load], acted: bool, timings: Timings
     ) -> tuple[JoinedSamples | None, ContinuousBasis | None, AngleRounds]:
-        """Compute samples, round by round, and join them; on the first rank, None elsewhere. Collective. `acted` says
-        whether there are actions, whose forces static modes answer."""
+        """Compute samples, round by round, and join them; on the first rank, None elsewhere. Collective.
+
+        `acted` says whether there are actions, whose forces static modes answer.
+        """
         scene, world, mechanism = self.scene, self.group.world, self.sampler.problem.mechanism
         joined, basis, rounds = None, None, AngleRounds(scene, mechanism, self.way.samples is None)
         first_static = self.sampler.problem.n_modes + self.sampler.problem.n_released
@@ -395,11 +421,7 @@ class _Sampling:
             return None
         answers = np.array([columns[dofs].T for columns, _, _ in gathered])
         found = MissedAnswers(gathered[0][1], dofs, np.array([forces for _, _, forces in gathered]), answers)
-        samples = store.samples
-        for axis in np.flatnonzero(basis.flipped.any(axis=1)):
-            found = found.over_two_turns(samples, axis, flipping_signs(basis.tables.n_modes, basis.flipped[axis]))
-            samples = samples.over_two_turns(axis)
-        return found
+        return _over_turns(found, store.samples, basis)
 
     def gaps(
         self, store: SampleStore, basis: ContinuousBasis | None, loads: Sequence[Load], rows: np.ndarray
@@ -416,11 +438,7 @@ class _Sampling:
         if gathered is None or basis is None:
             return None
         shapes, *tables = (np.array(parts) for parts in zip(*gathered))
-        found, samples = JointGaps(rows, *tables, shapes), store.samples
-        for axis in np.flatnonzero(basis.flipped.any(axis=1)):
-            found = found.over_two_turns(samples, axis, flipping_signs(basis.tables.n_modes, basis.flipped[axis]))
-            samples = samples.over_two_turns(axis)
-        return found
+        return _over_turns(JointGaps(rows, *tables, shapes), store.samples, basis)
 
     def _at_samples(
         self,
@@ -444,6 +462,14 @@ class _Sampling:
         if basis is None:
             return None
         return [item for _, item in sorted((k, item) for part in parts for k, item in part.items())]
+
+
+def _over_turns(found: OverSamples, samples: SampleGrid, basis: ContinuousBasis) -> OverSamples:
+    """Return tables of one turn over the turns of a basis."""
+    for axis in np.flatnonzero(basis.flipped.any(axis=1)):
+        found = found.over_two_turns(samples, axis, flipping_signs(basis.tables.n_modes, basis.flipped[axis]))
+        samples = samples.over_two_turns(axis)
+    return found
 
 
 def _probe(problem: ModalProblem, actions: tuple[Action, ...]) -> InfluenceProbe | None:
@@ -476,17 +502,28 @@ def _samples(scene: Scene, kinematics: RigidKinematics) -> SampleGrid:
 class Manifold:
     """Curvature at any sampled configuration. Collective on the problem's communicator.
 
-    problem: eigenproblem at the nominal parameters
-    loads: load terms of the scene, local rows, inertial frame
-    static_loads: loads whose static answers the basis holds
-    static_stretching: as for `CurvatureProblem`
-    built_in: offsets, of which samples have the answers, or None
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters.
+    loads
+        Load terms of the scene, local rows, inertial frame.
+    static_loads
+        Loads whose static answers the basis holds.
+    static_stretching
+        As for `CurvatureProblem`.
+    built_in
+        Offsets, of which samples have the answers, or None.
     """
 
     def __init__(
-        self, problem: ModalProblem, loads: Sequence[Load], static_loads: StaticLoads, static_stretching: bool = False,
+        self,
+        problem: ModalProblem,
+        loads: Sequence[Load],
+        static_loads: StaticLoads,
+        static_stretching: bool = False,
         built_in: BuiltIn | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._problem, self._loads, self._static_loads = problem, TurnedLoads(problem, loads), static_loads
         self._curvature = CurvatureProblem(problem, static_stretching, built_in)
 
@@ -495,9 +532,14 @@ class Manifold:
 
         Raises `RunError` if the refinement of an answer does not converge.
 
-        theta: the configuration, shape (n_theta,), rad
-        sample: what was found there
-        combination: the basis in terms of the sample's vectors, shape (n_vectors, n_delta)
+        Parameters
+        ----------
+        theta
+            The configuration, shape (n_theta,), rad.
+        sample
+            What was found there.
+        combination
+            The basis in terms of the sample's vectors, shape (n_vectors, n_delta).
         """
         problem = self._problem
         modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])

@@ -41,10 +41,16 @@ def products_of(
 ) -> np.ndarray:
     """Return factors (k, n_in) times interpolated matrices, or a derivative of these, shape (k, n_out).
 
-    theta: configurations, shape (k, n_theta), rad
-    axes, table: grid of every coordinate and rows of the table, shape (n_rows, n_in, n_out)
-    vectors: the first factors, shape (k, m); where there are more, they are products of pairs of these
-    derivative: number of the coordinate that the matrices are differentiated with, -1 for the matrices themselves
+    Parameters
+    ----------
+    theta
+        Configurations, shape (k, n_theta), rad.
+    axes, table
+        Grid of every coordinate and rows of the table, shape (n_rows, n_in, n_out).
+    vectors
+        The first factors, shape (k, m); where there are more, they are products of pairs of these.
+    derivative
+        Number of the coordinate that the matrices are differentiated with, -1 for the matrices themselves.
     """
     (_, n_in, n_out), cells = table.shape, np.empty(len(theta), dtype=np.int64)
     result = np.empty((len(theta), n_out))
@@ -64,9 +70,11 @@ def stencil_room():
 
 @njit(cache=True, error_model="numpy", counted=False)
 def tensor_stencil(theta, axes, derivative, one_axis, rows, weights):
-    """Fill the rows (4**n_theta,) of a flattened table and their weights for one theta of shape (n_theta,). The weights
-    are those of the value, or of the derivative with the coordinate of that number. `one_axis` is room for rows and
-    weights along an axis (`stencil_room`): to make it anew would take longer than to fill it."""
+    """Fill the rows (4**n_theta,) of a flattened table and their weights for one theta of shape (n_theta,).
+
+    The weights are those of the value, or of the derivative with the coordinate of that number. `one_axis` is room for
+    rows and weights along an axis (`stencil_room`): to make it anew would take longer than to fill it.
+    """
     along, chosen = one_axis
     rows[0], weights[0] = 0, 1.0
     n_filled = 1
@@ -95,9 +103,11 @@ def _fill_cells(theta, axes, cells):
 
 @njit(cache=True, error_model="numpy")
 def _fill_products(theta, axes, table, vectors, derivative, cells, order, work, result):
-    """Fill the products of `products_of`; `order` puts equal cells (k,) side by side. A product is the same to the last
-    bit whatever is computed beside it. `work` has room for the weights of rows, those along an axis, factors and
-    products, vectors (4**n_theta, LANES), (4, LANES), (n_in, LANES), (n_out, LANES)."""
+    """Fill the products of `products_of`; `order` puts equal cells (k,) side by side.
+
+    A product is the same to the last bit whatever is computed beside it. `work` has room for the weights of rows, those
+    along an axis, factors and products, vectors (4**n_theta, LANES), (4, LANES), (n_in, LANES), (n_out, LANES).
+    """
     n_rows = N_ROWS ** len(axes)
     room = stencil_room(), np.empty(n_rows, dtype=np.int64), np.empty(n_rows)
     _fill_from_cells(theta, axes, table, vectors, derivative, cells, order, room, work, result)

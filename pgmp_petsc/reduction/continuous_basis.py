@@ -71,11 +71,19 @@ def join_samples(
 
     Raises `RunError` if the modes cannot be made continuous (first rank).
 
-    Returns None but on the first rank.
+    Parameters
+    ----------
+    owners
+        Number of the group that holds each sample, shape (n,).
+    own
+        This group's samples by their number.
+    samples
+        All configurations.
 
-    owners: number of the group that holds each sample, shape (n,)
-    own: this group's samples by their number
-    samples: all configurations
+    Returns
+    -------
+    JoinedSamples or None
+        On the first rank, None elsewhere.
     """
     overlaps = _overlaps(group, owners, own, samples)
     shapes = {k: _all_rows(group, np.hstack([own[k].shape, own[k].built_in])) for k in sorted(own)}
@@ -95,9 +103,14 @@ def join_samples(
     n_given = next(iter(own.values())).built_in.shape[1]
     times = (shapes.shape[2] - n_given) // overlaps.shape[-1]
     return JoinedSamples(
-        tables=tables, shapes=shapes, rotations=_block_diagonal(basis.rotations, times, n_given), cosines=basis.cosines,
-        flipped=_with_given(np.tile(basis.flipped, times), n_given), groups=basis.groups, n_given=n_given,
-    )  # fmt: skip
+        tables=tables,
+        shapes=shapes,
+        rotations=_block_diagonal(basis.rotations, times, n_given),
+        cosines=basis.cosines,
+        flipped=_with_given(np.tile(basis.flipped, times), n_given),
+        groups=basis.groups,
+        n_given=n_given,
+    )
 
 
 def _block_diagonal(blocks: np.ndarray, times: int, n_given: int) -> np.ndarray:
@@ -118,9 +131,11 @@ def _with_given(flipped: np.ndarray, n_given: int) -> np.ndarray:
 def _overlaps(
     group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample], samples: SampleGrid
 ) -> dict[int, np.ndarray]:
-    """Return ``V_k^T M V_before`` of the kept vectors of this group's samples k, shape (n_theta, n_kept, n_kept). The
-    sample before is that along each axis; without one the product is zero. Neighbours are passed on in one order on all
-    groups, so that nobody waits in a circle."""
+    """Return ``V_k^T M V_before`` of the kept vectors of this group's samples k, shape (n_theta, n_kept, n_kept).
+
+    The sample before is that along each axis; without one the product is zero. Neighbours are passed on in one order on
+    all groups, so that nobody waits in a circle.
+    """
     overlaps = {k: np.zeros((samples.n_coordinates, sample.n_kept, sample.n_kept)) for k, sample in own.items()}
     for axis in range(samples.n_coordinates):
         for here, before in enumerate(samples.before(axis)):
@@ -136,7 +151,9 @@ def _overlaps(
                 continue
             else:
                 whole = None if group.roots is None else group.roots.recv(source=int(giver), tag=here)
-                rows = _own_rows(group, own[here], group.comm.bcast(whole))
+                counts = group.comm.allgather(len(own[here].shape))
+                first = sum(counts[: group.comm.rank])
+                rows = group.comm.bcast(whole)[first : first + len(own[here].shape)]
             product = own[here].mass_kept.T @ rows
             overlaps[here][axis] = product if group.comm.size == 1 else group.comm.allreduce(product)
     return overlaps
@@ -150,17 +167,15 @@ def _all_rows(group: RankGroup, rows: np.ndarray) -> np.ndarray | None:
     return None if parts is None else np.concatenate(parts)
 
 
-def _own_rows(group: RankGroup, sample: Sample, whole: np.ndarray) -> np.ndarray:
-    counts = group.comm.allgather(len(sample.shape))
-    first = sum(counts[: group.comm.rank])
-    return whole[first : first + len(sample.shape)]
-
-
 class SampleStore:
     """Who holds which sample, and this group's own ones. All ranks keep the same books.
 
-    group: groups of ranks; new configurations are dealt to them in contiguous arcs
-    samples: the configurations to begin with
+    Parameters
+    ----------
+    group
+        Groups of ranks; new configurations are dealt to them in contiguous arcs.
+    samples
+        The configurations to begin with.
     """
 
     def __init__(self, group: RankGroup, samples: SampleGrid) -> None:
@@ -223,9 +238,14 @@ class ContinuousBasis:
 
     @classmethod
     def of(
-        cls, mechanism: Mechanism, samples: SampleGrid, loads: Sequence[Load], joined: JoinedSamples,
-        compression: Compression, nominal: Mapping[str, float] | None,
-    ) -> ContinuousBasis:  # fmt: skip
+        cls,
+        mechanism: Mechanism,
+        samples: SampleGrid,
+        loads: Sequence[Load],
+        joined: JoinedSamples,
+        compression: Compression,
+        nominal: Mapping[str, float] | None,
+    ) -> ContinuousBasis:
         """Express the samples' tables and vectors in the continuous basis, orthonormal at `nominal` parameters."""
         n_kept, n_parameter = joined.n_kept, compression.matrix.shape[1]
         combinations, uneven = joined.rotations @ compression.beside(n_kept, joined.n_given), 1.0
@@ -258,9 +278,14 @@ class ContinuousBasis:
     def curved(self, samples: SampleGrid, curvature: np.ndarray, tables: SecondOrderTables) -> ContinuousBasis:
         """Add what is of second order at the samples of one turn of the rigid coordinates.
 
-        samples: these, n_sampled of them
-        curvature: chi, pairs packed, shape (n_sampled, n_dofs, n_pairs)
-        tables: at n_sampled samples
+        Parameters
+        ----------
+        samples
+            These, n_sampled of them.
+        curvature
+            chi, pairs packed, shape (n_sampled, n_dofs, n_pairs).
+        tables
+            At n_sampled samples.
         """
         for axis in np.flatnonzero(self.flipped.any(axis=1)):
             signs = flipping_signs(self.tables.n_modes, self.flipped[axis])
@@ -328,12 +353,20 @@ def interpolation_errors(
 ) -> np.ndarray:
     """Compare the tables of the round before with what was found since.
 
-    Returns shape (n_new,): largest relative difference at every new sample.
+    Parameters
+    ----------
+    before, now
+        The round before, and this one with the new samples. A new sample is turned to the interpolated basis first,
+        within the groups of the round before: more samples resolve more, so that groups can only become smaller.
+    theta
+        The new samples, shape (n_new,).
+    values
+        Nominal parameters, which weight the terms.
 
-    before, now: the round before, and this one with the new samples. A new sample is turned to the interpolated basis
-        first, within the groups of the round before: more samples resolve more, so that groups can only become smaller
-    theta: the new samples, shape (n_new,)
-    values: nominal parameters, which weight the terms
+    Returns
+    -------
+    ndarray, shape (n_new,)
+        Largest relative difference at every new sample.
     """
     old = before.tables
     rows = np.searchsorted(now.tables.samples.axes[0].theta, theta)

@@ -61,8 +61,10 @@ class Interpolant:
 
     def polynomials(self, parts: int = 1) -> np.ndarray:
         """Return the coefficients of ``s_1^i s_2^j ...`` in each cell, s from 0 to 1, shape (n_cells, 4**n_theta, ...).
+
         Of cells and of powers, those of the last coordinate run fastest. Cells may be divided into equal parts along
-        every coordinate, which then count as cells."""
+        every coordinate, which then count as cells.
+        """
         result = self.rows
         for k, axis in enumerate(self.axes):
             # (cells and coefficients of the axes before, rows of this one, ...): two axes take the place of one
@@ -83,9 +85,11 @@ class Interpolant:
         return self._sum(theta, coordinate)
 
     def product(self, theta: np.ndarray, vectors: np.ndarray, derivative: int = -1) -> np.ndarray:
-        """Return factors (k, n_in) times the values at theta, matrices of shape (n_in, n_out); shape (k, n_out). In
-        place of the values are, if asked for, their derivatives with the coordinate of a number. The factors are the
-        vectors (k, m) and, where there are more, products of pairs of these behind them."""
+        """Return factors (k, n_in) times the values at theta, matrices of shape (n_in, n_out); shape (k, n_out).
+
+        In place of the values are, if asked for, their derivatives with the coordinate of a number. The factors are
+        the vectors (k, m) and, where there are more, products of pairs of these behind them.
+        """
         table = self.rows.reshape(int(np.prod(self.rows.shape[: self.n_theta])), *self.shape)
         return products_of(self._points(theta), self.axes, table, _contiguous(vectors), derivative)
 
@@ -133,8 +137,10 @@ def _add_rows(theta, axes, derivative, table, result):
 
 
 def interpolant(samples: SampleGrid | Samples, table: np.ndarray, scheme: str) -> Interpolant:
-    """Interpolate a table of shape (n, ...) given at the samples of a grid, or of one axis. Raises `ValueError` if the
-    scheme does not take such samples."""
+    """Interpolate a table of shape (n, ...) given at the samples of a grid, or of one axis.
+
+    Raises `ValueError` if the scheme does not take such samples.
+    """
     grid = samples if isinstance(samples, SampleGrid) else SampleGrid((samples,))
     rows = table.reshape(*grid.shape, *table.shape[1:])
     fine = FINE if grid.n_coordinates == 1 else FINE_OF_MORE
@@ -162,7 +168,8 @@ def _fit(samples: Samples, table: np.ndarray, scheme: str, fine: int) -> tuple[A
             part = _spectral_on_fine_grid(samples, part, fine)
         elif not samples.is_uniform:
             part = _spline_on_fine_grid(samples, part, fine)
-        axis, part = _as_splines(samples, part)
+        axis = _axis(samples, len(part), B_SPLINE)
+        part = _periodic_coefficients(part) if samples.periodic else _coefficients(part)
         if found is None:
             found = np.empty((len(part), columns.shape[1]))
         found[:, first : first + COLUMNS] = part
@@ -179,12 +186,6 @@ def samples_for(scheme: str, lower: float, upper: float, n: int, periodic: bool)
     if scheme == "spectral" and not periodic:
         return Samples.chebyshev(lower, upper, n)
     return Samples.uniform(lower, upper, n, periodic)
-
-
-def _as_splines(samples: Samples, uniform: np.ndarray) -> tuple[Axis, np.ndarray]:
-    """Return grid and coefficients of the cubic spline through values at uniform points over the samples' range."""
-    coefficients = _periodic_coefficients(uniform) if samples.periodic else _coefficients(uniform)
-    return _axis(samples, len(uniform), B_SPLINE), coefficients
 
 
 def _periodic_coefficients(values: np.ndarray) -> np.ndarray:

@@ -52,15 +52,23 @@ def build_over_lengths(
 ) -> ReducedOrderModel | None:
     """Build the model at the nominal lengths with its family. Collective on `comm`.
 
-    Returns None but on the first rank.
+    Parameters
+    ----------
+    scene, meshes
+        The scene, with parameters that are lengths, places or ratios, and the mesh of every body at any lengths.
+    build
+        Builds the model of a scene whose lengths are those of its run, at given configurations and with vectors from
+        given parameter values, or those that the scene asks for; collective, None on all ranks but the first.
 
-    Raises `InputError`, `RunError` on all ranks, with the lengths at which a build failed, or if models of different
-    lengths do not fit together.
+    Returns
+    -------
+    ReducedOrderModel or None
+        The model on the first rank, None elsewhere.
 
-    scene, meshes: the scene, with parameters that are lengths, places or ratios, and the mesh of every body at any
-        lengths
-    build: builds the model of a scene whose lengths are those of its run, at given configurations and with vectors from
-        given parameter values, or those that the scene asks for; collective, None on all ranks but the first
+    Raises
+    ------
+    InputError, RunError
+        On all ranks, with the lengths at which a build failed, or if models of different lengths do not fit together.
     """
     grid = LengthGrid.of(scene)
 
@@ -111,9 +119,11 @@ def build_over_lengths(
 
 
 def _common_samples(scene: Scene, asked: Sequence[ReducedOrderModel]) -> tuple[SampleGrid, tuple[Remark, ...]]:
-    """Return all configurations that any of some models asked for, of one coordinate, and what is said of them. Each
-    begins with the same and halves distances, so that they have most in common. The tables of a mode that changes its
-    sign in a turn go over two, with the same angles in both."""
+    """Return all configurations that any of some models asked for, of one coordinate, and what is said of them.
+
+    Each begins with the same and halves distances, so that they have most in common. The tables of a mode that changes
+    its sign in a turn go over two, with the same angles in both.
+    """
     (coordinate,) = scene.coordinates.values()
     axis, turn = asked[0].tables.samples.axes[0], coordinate.range[1] - coordinate.range[0]
     end = axis.lower + turn if axis.periodic else np.inf
@@ -151,8 +161,10 @@ class _Gauge:
         return cls(model, weighted_sum(masses, scene.nominal))
 
     def turned(self, scene: Scene, member: ReducedOrderModel) -> tuple[ReducedOrderModel, float]:
-        """Return a model of other lengths, whose scene is given, in this basis, and the least cosine to it. Raises
-        `RunError` if its basis has another number of vectors, or covers another number of turns."""
+        """Return a model of other lengths, whose scene is given, in this basis, and the least cosine to it.
+
+        Raises `RunError` if its basis has another number of vectors, or covers another number of turns.
+        """
         own, wanted = member.projection, self.model.projection
         if own.shape != wanted.shape:
             lengths = _words({name: scene.values[name] for name in length_names(scene)})

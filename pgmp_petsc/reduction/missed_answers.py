@@ -29,9 +29,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
+from pgmp_petsc.declare.records import Record, array
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.tables import ReducedTables, beside_rigid
+from pgmp_petsc.reduction.tables import WEIGHT_FREE, ReducedTables, Weights, beside_rigid, weights_of
 
 if TYPE_CHECKING:
     from pgmp_petsc.modes.problem import ModalProblem, ModeSet
@@ -40,15 +41,23 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class MissedAnswers:
+class MissedAnswers(Record):
     """Tables over n configurations of the loads L of q vectors: the free rigid motions, then those of the basis."""
 
-    weights: tuple[Monomial, ...]  # monomials of the n_w terms of L
-    dofs: np.ndarray  # numbers of the unknowns whose answers are kept, increasing, shape (k,)
-    forces: np.ndarray  # ``[d rho/d theta, Psi]^T L_i``, shape (n, n_w, q, q)
+    weights: Weights = weights_of("forces", "term of forces")
+    dofs: np.ndarray = array(
+        "unknown of stresses", at="unknowns", about="numbers of the unknowns among those of the projection"
+    )
+    #: ``[d rho/d theta, Psi]^T L_i``, shape (n, n_w, q, q)
+    forces: np.ndarray = array(
+        "configuration", "term of forces", "vector", "vector", unit=WEIGHT_FREE,
+        about="[d rho/d theta, Psi]^T L_i, L the loads answered",
+    )  # fmt: skip
     #: ``K(p0)^-1 L_i``, shape (n, n_w, q, k), and behind them, shape (n, n_stiffness_terms, m, k), those to ``K_i
     #: Psi``; rows of both below each other, shape (n, n_w q + n_stiffness_terms m, k)
-    answers: np.ndarray
+    answers: np.ndarray = array(
+        "configuration", "load", "unknown of stresses", unit=WEIGHT_FREE, about="K^-1 [L_i, K_i Psi]"
+    )
 
     def turned(self, rotations: np.ndarray) -> MissedAnswers:
         """Express the flexible coordinates in another basis of the same space, ``Psi_new = Psi Q``, Q (n, m, m)."""
@@ -73,8 +82,13 @@ class MissedAnswers:
 
 
 class Missed:
-    """The missing part of reduced states. `found`, `tables`, `scheme`: the tables of the basis, those of the model, and
-    the interpolation over their configurations."""
+    """The missing part of reduced states.
+
+    Parameters
+    ----------
+    found, tables, scheme
+        The tables of the basis, those of the model, and the interpolation over their configurations.
+    """
 
     def __init__(self, found: MissedAnswers, tables: ReducedTables, scheme: str) -> None:
         self._weights, self._stiffness_weights = found.weights, tables.stiffness_weights
@@ -112,9 +126,14 @@ def missed_answers_at(
 
     Raises `RunError` if the refinement of an answer does not converge.
 
-    problem: at the nominal parameters
-    static_loads: what static modes answer
-    theta, sample, combination: as of `Manifold.at`
+    Parameters
+    ----------
+    problem
+        At the nominal parameters.
+    static_loads
+        What static modes answer.
+    theta, sample, combination
+        As of `Manifold.at`.
     """
     modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
     rigid, vectors = modes.rigid[:, modes.free], np.hstack([sample.shape, sample.built_in])
@@ -150,8 +169,18 @@ def answered_terms(
     problem: ModalProblem, modes: ModeSet, static: np.ndarray, static_loads: StaticLoads
 ) -> dict[Monomial, np.ndarray]:
     """Return the loads that modes and static modes answer at the nominal parameters, in the terms by which they change;
-    their sum there is `CurvatureProblem.answered_loads`. Returns them by weight, each of
-    shape (n_local, n_modes + n_static). `static`: static modes, local rows, shape (n_local, n_static)."""
+    their sum there is `CurvatureProblem.answered_loads`.
+
+    Parameters
+    ----------
+    static
+        Static modes, local rows, shape (n_local, n_static).
+
+    Returns
+    -------
+    dict
+        By weight, each of shape (n_local, n_modes + n_static).
+    """
     kept, given = modes.eigenvectors, static_loads.terms_at(problem, modes)
     flexible, everywhere = problem.all_rows(modes.flexible), problem.all_rows(kept)
     nominal = {weight: float(weight.evaluate(problem.values)) for weight in given}

@@ -29,16 +29,26 @@ BLOCK = 64
 class Reconstruction:
     """Frames of some nodes from reduced coordinates.
 
-    rom: the reduced-order model, with the projection
-    scheme: interpolation over the samples
-    nodes: global numbers of the nodes wanted
-    internal: whether the internal coordinates of all bodies are wanted too
+    Parameters
+    ----------
+    rom
+        The reduced-order model, with the projection.
+    scheme
+        Interpolation over the samples.
+    nodes
+        Global numbers of the nodes wanted.
+    internal
+        Whether the internal coordinates of all bodies are wanted too.
     """
 
     def __init__(
-        self, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str, nodes: Sequence[int],
+        self,
+        kinematics: RigidKinematics,
+        rom: ReducedOrderModel,
+        scheme: str,
+        nodes: Sequence[int],
         internal: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._kinematics = kinematics
         self._nodes = np.asarray(nodes, dtype=int)
         self._space = kinematics.mechanism.space
@@ -55,8 +65,10 @@ class Reconstruction:
 
     @property
     def displacements(self) -> Interpolant:
-        """Displacements and rotations of the nodes in body frames, values of shape (n_factors, n_unknowns). Factors are
-        the flexible coordinates and, where the model is curved, the products of their pairs."""
+        """Displacements and rotations of the nodes in body frames, values of shape (n_factors, n_unknowns).
+
+        Factors are the flexible coordinates and, where the model is curved, the products of their pairs.
+        """
         return self._shapes
 
     def frames(self, eta: np.ndarray) -> np.ndarray:
@@ -113,8 +125,12 @@ class Reconstruction:
 
         All are exact: derivatives of poses from the kinematics, those of displacements from the cells of the tables.
 
-        states: eta, its rates and, of order 2, its accelerations, each of shape (n, n_eta)
-        cells_of: other eta, next to these, from whose cells the tables are continued
+        Parameters
+        ----------
+        states
+            eta, its rates and, of order 2, its accelerations, each of shape (n, n_eta).
+        cells_of
+            Other eta, next to these, from whose cells the tables are continued.
         """
         eta = states[0]
         if order == 0 and cells_of is None:

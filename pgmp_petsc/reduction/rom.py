@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -43,12 +43,9 @@ from pgmp_petsc.reduction.rom_file import (
     BranchFile,
     GapsFile,
     LengthsFile,
-    MissedFile,
     ModelFile,
-    PointsFile,
     RomFile,
     SecondOrderFile,
-    StiffnessChangesFile,
 )
 from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints
 from pgmp_petsc.reduction.tables import ModeChanges, ReducedTables, StiffnessChanges, rigid_inertia
@@ -139,8 +136,10 @@ class ReducedOrderModel:
         return replace(whole, rows=np.ascontiguousarray(whole.rows[..., dofs]))
 
     def at_lengths(self, scene: Scene) -> ReducedOrderModel:
-        """Return the model with the lengths of a scene's run; itself where none is a parameter. Raises `InputError` if
-        the mechanism cannot be closed with these lengths."""
+        """Return the model with the lengths of a scene's run; itself where none is a parameter.
+
+        Raises `InputError` if the mechanism cannot be closed with these lengths.
+        """
         return self if self.family is None else self.family.at(scene, self)
 
     def write(self, path: str | Path, *parts: Callable[[h5py.File], None]) -> None:
@@ -150,7 +149,7 @@ class ReducedOrderModel:
 
     def _fields(self) -> dict[str, Any]:
         """Return all but the record and the family as a file has it."""
-        tables, missed, changes, second_order = self.tables, self.missed, self.stiffness_changes, None
+        tables, second_order = self.tables, None
         weights = {name: getattr(tables, name) for name in ("mass_weights", "stiffness_weights", "load_weights")}
         if tables.second_order is not None:
             second_order = SecondOrderFile(**vars(tables.second_order), **vars(tables.changes), **weights)
@@ -165,17 +164,20 @@ class ReducedOrderModel:
             "rigid": self.rigid_inertia,
             "second_order": second_order,
             "kinematics": BranchFile.of(self.branch),
-            "stiffness_changes": None if changes is None else StiffnessChangesFile(**vars(changes)),
-            "missed": None if missed is None else MissedFile(**vars(missed)),
+            "stiffness_changes": self.stiffness_changes,
+            "missed": self.missed,
             "joint_gaps": None if self.gaps is None else GapsFile(**vars(self.gaps)),
-            "parameter_points": PointsFile(**vars(self.points)) if self.points.values else None,
+            "parameter_points": self.points if self.points.values else None,
             "mesh": {name: BodyFile.of(shape) for name, shape in self.meshes.items()},
         }
 
     @classmethod
     def read(cls, path: str | Path) -> ReducedOrderModel:
-        """Read ROM.h5 (one process). Raises `InputError` if the file is missing, cut off, of another kind or version,
-        or its tables do not fit together."""
+        """Read ROM.h5 (one process).
+
+        Raises `InputError` if the file is missing, cut off, of another kind or version, or its tables do not fit
+        together.
+        """
         with open_file(path, "rom") as file, shapes_of(file, BUILD_AGAIN):
             found = RomFile.take(file)
             found.check_finite()
@@ -189,26 +191,33 @@ class ReducedOrderModel:
     @classmethod
     def _of(cls, found: ModelFile, record: RunRecord) -> ReducedOrderModel:
         """Return the model that a file has."""
-        second, changes, missed, gaps, points = (
-            None if one is None else {item.name: getattr(one, item.name) for item in fields(one)}
-            for one in (
-                found.second_order, found.stiffness_changes, found.missed, found.joint_gaps, found.parameter_points
-            )
-        )  # fmt: skip
+        second, gaps = found.second_order, found.joint_gaps
         tables = ReducedTables(
-            samples=found.samples, mass_weights=found.mass_weights, stiffness_weights=found.stiffness_weights,
-            load_weights=found.load_weights, load_effects=found.load_effects, mass=found.mass, inertia=found.inertia,
-            stiffness=found.stiffness, load=found.load, n_given=found.n_given,
-            second_order=second and SecondOrderTables(**{name: second[name] for name in CURVED}),
-            changes=second and ModeChanges(second["gyroscopic"], second["spread"]),
-        )  # fmt: skip
+            samples=found.samples,
+            mass_weights=found.mass_weights,
+            stiffness_weights=found.stiffness_weights,
+            load_weights=found.load_weights,
+            load_effects=found.load_effects,
+            mass=found.mass,
+            inertia=found.inertia,
+            stiffness=found.stiffness,
+            load=found.load,
+            n_given=found.n_given,
+            second_order=second and SecondOrderTables(*(getattr(second, name) for name in CURVED)),
+            changes=second and ModeChanges(second.gyroscopic, second.spread),
+        )
         return cls(
-            tables=tables, branch=found.kinematics.branch, rigid_inertia=found.rigid,
-            meshes={name: body.shape for name, body in found.mesh.items()}, record=record,
-            points=ParameterPoints.none() if points is None else ParameterPoints(**points),
-            stiffness_changes=changes and StiffnessChanges(**changes), missed=missed and MissedAnswers(**missed),
-            gaps=gaps and JointGaps(**gaps), **{name: getattr(found, name) for name in OWN},
-        )  # fmt: skip
+            tables=tables,
+            branch=found.kinematics.branch,
+            rigid_inertia=found.rigid,
+            meshes={name: body.shape for name, body in found.mesh.items()},
+            record=record,
+            points=found.parameter_points or ParameterPoints.none(),
+            stiffness_changes=found.stiffness_changes,
+            missed=found.missed,
+            gaps=gaps and JointGaps(**vars(gaps)),
+            **{name: getattr(found, name) for name in OWN},
+        )
 
     @classmethod
     def _family(cls, found: LengthsFile, record: RunRecord) -> LengthFamily:
@@ -242,9 +251,16 @@ class LengthFamily:
     check: LengthCheck  # of the family against a model of none of these points
 
     def at(self, scene: Scene, nominal: ReducedOrderModel) -> ReducedOrderModel:
-        """Return the model with the lengths of a scene's run (``scene.values``). Kinematics and rigid inertia are
-        exact, tables and shapes polynomials of the lengths. Raises `InputError` if the mechanism cannot be closed with
-        these lengths. `nominal`: the model at the nominal lengths, which the family belongs to."""
+        """Return the model with the lengths of a scene's run (``scene.values``).
+
+        Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths. Raises `InputError` if the
+        mechanism cannot be closed with these lengths.
+
+        Parameters
+        ----------
+        nominal
+            The model at the nominal lengths, which the family belongs to.
+        """
         kinematics = self.kinematics(scene, nominal, None)
         mechanism = kinematics.mechanism
         masses = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
@@ -279,8 +295,10 @@ class LengthFamily:
         return RigidKinematics(Mechanism.from_scene(scene, at_lengths(scene, nominal.meshes)), branch)
 
     def merged(self, nominal: ReducedOrderModel) -> ReducedOrderModel:
-        """Return the model whose terms are affine in monomials of the lengths besides all other parameters. Its tables
-        and its rigid inertia are those of any lengths; kinematics and shapes are the nominal ones."""
+        """Return the model whose terms are affine in monomials of the lengths besides all other parameters.
+
+        Its tables and its rigid inertia are those of any lengths; kinematics and shapes are the nominal ones.
+        """
         tables, grid, parts = nominal.tables, self.grid, [member.tables for member in self.members]
         weights = {name: grid.weights(getattr(tables, name)) for name in dict.fromkeys(OF_TABLES.values())}
         n_each = len(grid.points)
@@ -329,11 +347,16 @@ def _lengths_file(family: LengthFamily) -> LengthsFile:
     grid, check = family.grid, family.check
     lower, upper = np.array(grid.ranges).T
     return LengthsFile(
-        grid.names, lower, upper, grid.n_points,
+        grid.names,
+        lower,
+        upper,
+        grid.n_points,
         np.array([[point[name] for name in grid.names] for point in grid.points]),
-        np.array([check.values[name] for name in grid.names]), check.frequencies, check.inertia,
+        np.array([check.values[name] for name in grid.names]),
+        check.frequencies,
+        check.inertia,
         {str(number): ModelFile(**member._fields()) for number, member in enumerate(family.members)},
-    )  # fmt: skip
+    )
 
 
 WIDER, FARTHEST = 1.5, 3.0  # times the span that a build tries
@@ -369,8 +392,13 @@ class Served:
 
 
 def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
-    """Return the ranges of the parameters that the tables of a reduced model depend on, by name. `built`: the scene
-    that it was built from."""
+    """Return the ranges of the parameters that the tables of a reduced model depend on, by name.
+
+    Parameters
+    ----------
+    built
+        The scene that it was built from.
+    """
     weights = (*rom.tables.mass_weights, *rom.tables.stiffness_weights)
     found = {}
     for name in sorted({name for weight in weights for name, _ in weight.powers}):
@@ -389,14 +417,18 @@ def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
 
 
 def check_served(ranges: Mapping[str, Served], scene: Scene) -> tuple[Remark, ...]:
-    """Return warnings of values of a single run, and of distributions, outside what is served. Raises `InputError` if a
-    value, or the greater part of a distribution, is beyond what is served."""
+    """Return warnings of values of a single run, and of distributions, outside what is served.
+
+    Raises `InputError` if a value, or the greater part of a distribution, is beyond what is served.
+    """
     return tuple(warning(text) for name, served in ranges.items() for text in _of_parameter(name, served, scene))
 
 
 def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> None:
-    """Refuse samples beyond what is served; parameters as of `outside_of`. Raises `InputError`, naming the first of
-    them."""
+    """Refuse samples beyond what is served; parameters as of `outside_of`.
+
+    Raises `InputError`, naming the first of them.
+    """
     for name, served in ranges.items():
         beyond = served.beyond(values.get(name, np.zeros(0)))
         if beyond.any():
@@ -410,8 +442,15 @@ def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray]
 
 @gathered
 def outside_of(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> Iterator[Remark]:
-    """Return a warning that counts samples outside what is served; nothing where all are inside. `values`: of the
-    parameters, shape (n,) each; `where`: what the samples are, before the message."""
+    """Return a warning that counts samples outside what is served; nothing where all are inside.
+
+    Parameters
+    ----------
+    values
+        Of the parameters, shape (n,) each.
+    where
+        What the samples are, before the message.
+    """
     known, lines = {name: served for name, served in ranges.items() if name in values}, []
     outside = {name: served.outside(values[name]) for name, served in known.items()}
     for name, which in outside.items():

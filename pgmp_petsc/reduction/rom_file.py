@@ -22,28 +22,16 @@ from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
-from pgmp_petsc.reduction.tables import fine_grid
+from pgmp_petsc.reduction.missed_answers import MissedAnswers
+from pgmp_petsc.reduction.sample_grid import ParameterPoints, SampleGrid, Samples
+from pgmp_petsc.reduction.tables import WEIGHT_FREE, WEIGHTS, StiffnessChanges, Weights, fine_grid, weights_of
 
 AMPLITUDES = "amplitudes in the floating frame"
 UNKNOWNS = "frames' displacements and rotations, then internal coordinates"
 POSES = "m of positions, rad of angles, 1 of directors"
 NODE_UNITS = "m of the translations, 1 of the rotations, per unit of the modal coordinate (kg^-1/2)"
 CURVATURE_UNITS = "m of the translations, 1 of the rotations, per unit of two modal coordinates (kg^-1)"
-WEIGHT_FREE = "SI, weight taken out"
-WEIGHTS = (
-    lambda weights: tuple(str(weight) for weight in weights),
-    lambda texts: tuple(Monomial.parse(str(text)) for text in texts),
-)
-Weights = tuple[Monomial, ...]
 Terms = dict[Monomial, np.ndarray]
-
-
-def _weights(table: str, size: str, **how: Any) -> Any:
-    """Declare the monomials of the terms of a table; ``also``: of the tables beside it."""
-    also = tuple(f"{other}@weights" for other in how.pop("also", ()))
-    about = "monomial of parameters that each term is multiplied with"
-    return attribute(f"{table}@weights", size, code=WEIGHTS, also=also, about=about, **how)
 
 
 def _own(*sizes: str, about: str, **how: Any) -> Any:
@@ -168,16 +156,16 @@ class FloatingFile(Record):
         about=f"second derivatives of the frames' displacements: {AMPLITUDES}",
     )  # fmt: skip
     stiffness: np.ndarray = _own("term of stiffness in the frame", "amplitude", "amplitude", about=AMPLITUDES)
-    stiffness_weights: Weights = _weights("stiffness", "term of stiffness in the frame")
+    stiffness_weights: Weights = weights_of("stiffness", "term of stiffness in the frame")
     moments: np.ndarray = _own(
         "term of moments", "field", "field", about="1, coordinates, then the shapes' first components, second ones ..."
     )
-    moments_weights: Weights = _weights("moments", "term of moments")
+    moments_weights: Weights = weights_of("moments", "term of moments")
     curved: np.ndarray = _own(
         "term of curved", "dimension", "dimension", "amplitude", "amplitude",
         about=f"coordinates, components of second order: {AMPLITUDES}",
     )  # fmt: skip
-    curved_weights: Weights = _weights("curved", "term of curved")
+    curved_weights: Weights = weights_of("curved", "term of curved")
 
     @classmethod
     def of(cls, floating: FloatingBody) -> Self:
@@ -195,11 +183,16 @@ class FloatingFile(Record):
         if kept is not None:
             kept = replace(kept, shapes=kept.shapes @ np.linalg.inv(self.parts)[:, -self.shapes.shape[2] :])
         return FloatingBody(
-            frames=component.frames, centres=component.centres, shapes=self.shapes,
+            frames=component.frames,
+            centres=component.centres,
+            shapes=self.shapes,
             moments=_terms(self.moments, self.moments_weights),
-            stiffness=_terms(self.stiffness, self.stiffness_weights), bent=self.bent,
-            curved=_terms(self.curved, self.curved_weights), recovery=kept, parts=self.parts,
-        )  # fmt: skip
+            stiffness=_terms(self.stiffness, self.stiffness_weights),
+            bent=self.bent,
+            curved=_terms(self.curved, self.curved_weights),
+            recovery=kept,
+            parts=self.parts,
+        )
 
 
 @dataclass(frozen=True)
@@ -219,9 +212,9 @@ class ComponentFile(Record):
 
     centres: np.ndarray = array("frame", "dimension", unit="m", about="of the frames, in the body's frame")
     mass: np.ndarray = _own("term of mass", "own unknown", "own unknown", about=f"mass of {UNKNOWNS}")
-    mass_weights: Weights = _weights("mass", "term of mass")
+    mass_weights: Weights = weights_of("mass", "term of mass")
     stiffness: np.ndarray = _own("term of stiffness", "own unknown", "own unknown", about=f"stiffness of {UNKNOWNS}")
-    stiffness_weights: Weights = _weights("stiffness", "term of stiffness")
+    stiffness_weights: Weights = weights_of("stiffness", "term of stiffness")
     fields: np.ndarray = array(
         "own unknown", "linear field", unit="m, 1", about=f"unknowns of the linear displacement fields: {UNKNOWNS}"
     )
@@ -271,13 +264,20 @@ class ComponentFile(Record):
             third = _terms(large.third, large.third_weights)
             large = LargeDeformation(third, _terms(large.stretching, large.stretching_weights), large.slenderness)
         found = Component(
-            frames=frames, centres=self.centres, mass=_terms(self.mass, self.mass_weights),
+            frames=frames,
+            centres=self.centres,
+            mass=_terms(self.mass, self.mass_weights),
             stiffness=_terms(self.stiffness, self.stiffness_weights),
-            moments={} if self.moments is None else _terms(self.moments, self.moments_weights), fields=self.fields,
-            probes=self.probes, n_mesh_dofs=self.n_mesh_dofs, error=self.error, centre_of_mass=self.centre_of_mass,
-            recovery=None if self.recovery is None else self.recovery.recovery, large=large,
+            moments={} if self.moments is None else _terms(self.moments, self.moments_weights),
+            fields=self.fields,
+            probes=self.probes,
+            n_mesh_dofs=self.n_mesh_dofs,
+            error=self.error,
+            centre_of_mass=self.centre_of_mass,
+            recovery=None if self.recovery is None else self.recovery.recovery,
+            large=large,
             foreshortening=self.foreshortening,
-        )  # fmt: skip
+        )
         if self.moments is None and not found.rigid and self.floating is None:
             raise ValueError("'floating' of a flexible body is missing")
         return found if self.floating is None else replace(found, floating=self.floating.floating(found))
@@ -351,40 +351,9 @@ class SecondOrderFile(Record):
         "configuration", "mass term", "pair of coordinates", "mode", "mode", unit=WEIGHT_FREE,
         about="D_k^T M_i D_l, k >= l, D_k = d(R Psi)/d theta_k",
     )  # fmt: skip
-    mass_weights: Weights = _weights("curved_inertia", "mass term", also=("gyroscopic", "spread"))
-    stiffness_weights: Weights = _weights("cubic", "stiffness term")
-    load_weights: Weights = _weights("curved_load", "load term")
-
-
-@dataclass(frozen=True)
-class StiffnessChangesFile(Record):
-    """How loads change the stiffness of the modes."""
-
-    influence: np.ndarray = array(
-        "configuration", "mode of the order", "load", unit="SI", gaps=True,
-        about="change of the modes' stiffness by unit loads and motions",
-    )  # fmt: skip
-    stiffness: np.ndarray = array(
-        "configuration", "stiffness term", "mode of the order", unit=WEIGHT_FREE, gaps=True,
-        about="psi_k.K_i psi_k of the modes",
-    )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class MissedFile(Record):
-    """Forces in bodies that the basis misses away from the nominal parameters."""
-
-    forces: np.ndarray = array(
-        "configuration", "term of forces", "vector", "vector", unit=WEIGHT_FREE,
-        about="[d rho/d theta, Psi]^T L_i, L the loads answered",
-    )  # fmt: skip
-    weights: Weights = _weights("forces", "term of forces")
-    answers: np.ndarray = array(
-        "configuration", "load", "unknown of stresses", unit=WEIGHT_FREE, about="K^-1 [L_i, K_i Psi]"
-    )
-    dofs: np.ndarray = array(
-        "unknown of stresses", at="unknowns", about="numbers of the unknowns among those of the projection"
-    )
+    mass_weights: Weights = weights_of("curved_inertia", "mass term", also=("gyroscopic", "spread"))
+    stiffness_weights: Weights = weights_of("cubic", "stiffness term")
+    load_weights: Weights = weights_of("curved_load", "load term")
 
 
 @dataclass(frozen=True)
@@ -404,19 +373,6 @@ class GapsFile(Record):
     )
     load: np.ndarray = array("configuration", "load term", "gap", unit=WEIGHT_FREE, about="Y^T f_j")
     shapes: np.ndarray = array("configuration", "unknown", "gap", unit=NODE_UNITS, about="Y in body frames")
-
-
-@dataclass(frozen=True)
-class PointsFile(Record):
-    """Parameter points whose modes the basis takes up."""
-
-    n_vectors: int = attribute("@n_vectors", about="vectors that the basis takes from them")
-    missed: np.ndarray = array(
-        "basis",
-        gaps=True,
-        about="share of the energy missed at the worst parameters tried: at first, with each point more",
-    )
-    values: dict[str, np.ndarray] = array("point", unit="SI", about="value of '{name}' at every point", ordered=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -453,9 +409,9 @@ class ModelFile(Record):
         "fine configuration", "mass term", "pair of coordinates", at="tables/rigid", unit=WEIGHT_FREE,
         about="(d rho/d theta_k)^T M_i (d rho/d theta_l), k >= l, theta on a fine grid",
     )  # fmt: skip
-    mass_weights: Weights = _weights("tables/mass", "mass term", also=("tables/inertia", "tables/rigid"))
-    stiffness_weights: Weights = _weights("tables/stiffness", "stiffness term")
-    load_weights: Weights = _weights("tables/load", "load term")
+    mass_weights: Weights = weights_of("tables/mass", "mass term", also=("tables/inertia", "tables/rigid"))
+    stiffness_weights: Weights = weights_of("tables/stiffness", "stiffness term")
+    load_weights: Weights = weights_of("tables/load", "load term")
     load_effects: tuple[str, ...] = attribute("tables/load@effects", "load term", about="effect of each term")
     second_order: SecondOrderFile | None = array(at="tables/second_order", absent=None)
     kinematics: BranchFile = array()
@@ -469,10 +425,10 @@ class ModelFile(Record):
     frequencies_hz: np.ndarray = array(
         "sample", "frequency", unit="Hz", about="full-order, nominal parameters", gaps=True
     )
-    stiffness_changes: StiffnessChangesFile | None = array(absent=None)
-    missed: MissedFile | None = array(absent=None)
+    stiffness_changes: StiffnessChanges | None = array(absent=None)
+    missed: MissedAnswers | None = array(absent=None)
     joint_gaps: GapsFile | None = array(absent=None)
-    parameter_points: PointsFile | None = array(absent=None)
+    parameter_points: ParameterPoints | None = array(absent=None)
     cosines: np.ndarray = array(
         "sample", about="cosine between neighbouring spaces of modes, 1 = the same space", gaps=True
     )

@@ -20,6 +20,7 @@ from itertools import product
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, Place
+from pgmp_petsc.declare.records import Record, array, attribute
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_names, length_range
 
@@ -128,8 +129,10 @@ class SampleGrid:
         return tuple(axis.periodic for axis in self.axes)
 
     def before(self, axis: int) -> np.ndarray:
-        """Return the number of the configuration before each one along an axis, shape (n,). Before the first one of a
-        periodic axis comes the last; before that of a limited one none, which is -1."""
+        """Return the number of the configuration before each one along an axis, shape (n,).
+
+        Before the first one of a periodic axis comes the last; before that of a limited one none, which is -1.
+        """
         before = np.roll(np.arange(self.n).reshape(self.shape), 1, axis)
         if not self.axes[axis].periodic:
             before[(slice(None),) * axis + (0,)] = -1
@@ -151,13 +154,16 @@ class SampleGrid:
 
 
 @dataclass(frozen=True)
-class ParameterPoints:
-    """The points of a greedy choice."""
+class ParameterPoints(Record):
+    """Parameter points whose modes the basis takes up, by a greedy choice."""
 
-    values: dict[str, np.ndarray]  # values of the parameters, shape (n_points,) each
-    #: largest share of the energy norm that the basis misses at any candidate: before, and with each further point
-    missed: np.ndarray
-    n_vectors: int  # number of vectors that the basis takes from them
+    n_vectors: int = attribute("@n_vectors", about="vectors that the basis takes from them")
+    missed: np.ndarray = array(
+        "basis",
+        gaps=True,
+        about="share of the energy missed at the worst parameters tried: at first, with each point more",
+    )
+    values: dict[str, np.ndarray] = array("point", unit="SI", about="value of '{name}' at every point", ordered=True)
 
     @property
     def points(self) -> list[dict[str, float]]:
@@ -168,7 +174,7 @@ class ParameterPoints:
     @classmethod
     def none(cls) -> ParameterPoints:
         """Return no points."""
-        return cls({}, np.ones(1), 0)
+        return cls(0, np.ones(1), {})
 
 
 @dataclass(frozen=True)
@@ -206,8 +212,10 @@ class LengthGrid:
         return {own.name: float(own.middle + own.half * x) for own, x in zip(self.places, places)}
 
     def shares(self, values: Mapping[str, np.ndarray | float], by: str = "") -> np.ndarray:
-        """Return L_p at values (numbers, or of shape (n,)), shape (n_p,) or (n_p, n); their sum is 1. With the name of
-        a parameter their derivatives by it, whose sum is 0."""
+        """Return L_p at values (numbers, or of shape (n,)), shape (n_p,) or (n_p, n); their sum is 1.
+
+        With the name of a parameter their derivatives by it, whose sum is 0.
+        """
         shape = np.shape(values[self.names[0]])
         found = np.ones((1, *shape)) if not by or by in self.names else np.zeros((1, *shape))
         for place in self.places:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.sparse as sp
 
+from pgmp_petsc.bodies.linear_fields import incommensurate
 from pgmp_petsc.effects import Load
 from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.modes.built_in import BuiltIn
@@ -67,19 +68,31 @@ class Sample:
 class Sampler:
     """Computes samples. Collective on the problem's communicator.
 
-    problem: eigenproblem at the nominal parameters
-    loads: load terms of the scene, local rows, inertial frame
-    static_loads: loads whose static answers extend the basis
-    snapshots: snapshots at other parameter values, or None
-    probe: of the influence of loads on the stiffness of modes, or None
-    built_in: what joints that are off build in, or None
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters.
+    loads
+        Load terms of the scene, local rows, inertial frame.
+    static_loads
+        Loads whose static answers extend the basis.
+    snapshots
+        Snapshots at other parameter values, or None.
+    probe
+        Of the influence of loads on the stiffness of modes, or None.
+    built_in
+        What joints that are off build in, or None.
     """
 
     def __init__(
-        self, problem: ModalProblem, loads: Sequence[Load], static_loads: StaticLoads,
-        snapshots: ParameterSnapshots | None = None, probe: InfluenceProbe | None = None,
+        self,
+        problem: ModalProblem,
+        loads: Sequence[Load],
+        static_loads: StaticLoads,
+        snapshots: ParameterSnapshots | None = None,
+        probe: InfluenceProbe | None = None,
         built_in: BuiltIn | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.problem = problem
         mechanism = problem.mechanism
         self._mass = _stacked([problem.matrices.mass[w] for w in mechanism.mass_weights])
@@ -91,10 +104,14 @@ class Sampler:
         self._probe, self._built_in = probe, built_in
 
     def sample(self, theta: np.ndarray, scramble: Scramble) -> Sample:
-        """Sample one configuration (n_theta,), rad. Raises `RunError` if the eigensolver fails; see
-        `ModalProblem.solve`."""
+        """Sample one configuration (n_theta,), rad.
+
+        Raises `RunError` if the eigensolver fails; see `ModalProblem.solve`.
+        """
         problem = self.problem
-        modes = _ascending(scramble(problem.solve(theta)))
+        modes = scramble(problem.solve(theta))
+        order = np.argsort(modes.eigenvalues, kind="stable")
+        modes = replace(modes, eigenvalues=modes.eigenvalues[order], flexible=modes.flexible[:, order])
         loads = self._loads.at(theta)
         static = static_modes(problem, modes, self._static_loads.at)
         shape = kept = np.hstack([modes.kept, static])
@@ -118,12 +135,17 @@ class Sampler:
         released = slice(problem.n_modes, problem.n_modes + problem.n_released)
         stiffness[:, released] = stiffness[:, :, released] = 0.0  # but for round-off
         return Sample(
-            eigenvalues=modes.eigenvalues, mass=_symmetric(problem.inner(basis, inertia)),
-            inertia=work.reshape(len(inertia), n_theta, n_theta, -1), stiffness=stiffness,
-            load=problem.inner(loads, basis), canonical=self._canonical(modes, kept.shape[1]), shape=shape,
-            mass_kept=problem.times_mass(kept), built_in=built_in,
+            eigenvalues=modes.eigenvalues,
+            mass=_symmetric(problem.inner(basis, inertia)),
+            inertia=work.reshape(len(inertia), n_theta, n_theta, -1),
+            stiffness=stiffness,
+            load=problem.inner(loads, basis),
+            canonical=self._canonical(modes, kept.shape[1]),
+            shape=shape,
+            mass_kept=problem.times_mass(kept),
+            built_in=built_in,
             influence=np.zeros((0, 0)) if self._probe is None else self._probe.at(modes, loads),
-        )  # fmt: skip
+        )
 
     def _canonical(self, modes: ModeSet, n_kept: int) -> np.ndarray:
         """Return the rotation that fixes the modes' signs whatever the solver made of them."""
@@ -135,13 +157,12 @@ class Sampler:
 
     def _incommensurate(self, n_waves: int) -> np.ndarray:
         """Return incommensurate waves, local rows: no mode shape of any mesh is orthogonal to its own one but by
-        accident. Internal coordinates of condensed bodies have no meaning of their own; the waves over the bodies'
-        meshes have."""
+        accident.
+
+        Internal coordinates of condensed bodies have no meaning of their own; the waves over the bodies' meshes have.
+        """
         mechanism, rows = self.problem.mechanism, self.problem.rows
-        numbers = np.arange(mechanism.n_dofs)
-        waves = np.cos(
-            np.outer(1.0 + numbers * (np.sqrt(5.0) / mechanism.n_dofs), 1.0 + np.sqrt(2.0) * np.arange(1, n_waves + 1))
-        )
+        waves = incommensurate(np.arange(mechanism.n_dofs), mechanism.n_dofs, np.arange(1, n_waves + 1))
         for body in mechanism.bodies:
             if body.probes is not None:
                 waves[body.dofs] = body.probes[:, np.arange(n_waves) % body.probes.shape[1]]
@@ -155,8 +176,12 @@ class Sampler:
 class TurnedLoads:
     """Load vectors in body frames at any configuration.
 
-    problem: eigenproblem; it has the rows and the ranks
-    loads: load terms, local rows, inertial frame but for those that are constant in the frames of the bodies
+    Parameters
+    ----------
+    problem
+        Eigenproblem; it has the rows and the ranks.
+    loads
+        Load terms, local rows, inertial frame but for those that are constant in the frames of the bodies.
     """
 
     def __init__(self, problem: ModalProblem, loads: Sequence[Load]) -> None:
@@ -188,8 +213,3 @@ def _stacked(terms: Sequence[sp.csr_matrix]) -> sp.csr_matrix | np.ndarray:
 def _symmetric(matrices: np.ndarray) -> np.ndarray:
     """Return the symmetric parts of matrices (n, k, k)."""
     return 0.5 * (matrices + np.swapaxes(matrices, 1, 2))
-
-
-def _ascending(modes: ModeSet) -> ModeSet:
-    order = np.argsort(modes.eigenvalues, kind="stable")
-    return replace(modes, eigenvalues=modes.eigenvalues[order], flexible=modes.flexible[:, order])

@@ -33,9 +33,14 @@ from pgmp_petsc.scene.parameters import spanning_values
 class ParameterSnapshots:
     """Bases at several parameter points. Collective on the problem's communicator.
 
-    problem: eigenproblem at the nominal parameters
-    loads: what static modes answer
-    points: values of all parameters at every point
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters.
+    loads
+        What static modes answer.
+    points
+        Values of all parameters at every point.
     """
 
     def __init__(self, problem: ModalProblem, loads: StaticLoads, points: Sequence[Mapping[str, float]]) -> None:
@@ -56,23 +61,35 @@ class ParameterSnapshots:
         modes and static modes. So signs, order and rotations at the point have no part in them, and where the nominal
         vectors are turned to be continuous, these turn with them.
 
-        Returns one of the same shape for every point.
+        Parameters
+        ----------
+        theta
+            The configuration, shape (n_theta,), rad.
+        kept
+            Nominal modes and static modes there, local rows, shape (n_local, n_kept).
 
-        theta: the configuration, shape (n_theta,), rad
-        kept: nominal modes and static modes there, local rows, shape (n_local, n_kept)
+        Returns
+        -------
+        list of ndarray
+            One of the same shape for every point.
         """
-        return [self._of_point(problem, theta, kept) for problem in self.problems]
-
-    def _of_point(self, problem: ModalProblem, theta: np.ndarray, kept: np.ndarray) -> np.ndarray:
-        modes = problem.solve(theta)
-        static = static_modes(problem, modes, self._loads.at)
-        own = np.hstack([modes.flexible, static])
-        return own @ problem.inner(own, problem.times_mass(kept))
+        found = []
+        for problem in self.problems:
+            modes = problem.solve(theta)
+            own = np.hstack([modes.flexible, static_modes(problem, modes, self._loads.at)])
+            found.append(own @ problem.inner(own, problem.times_mass(kept)))
+        return found
 
     def missed(self, snapshots: Sequence[np.ndarray], kept: np.ndarray) -> np.ndarray:
         """Return what vectors leave of the snapshots, side by side, M-orthogonal to them at the nominal parameters.
-        `snapshots`: as from `at`; `kept`: free rigid and flexible vectors that the basis has,
-        shape (n_local, n_kept)."""
+
+        Parameters
+        ----------
+        snapshots
+            As from `at`.
+        kept
+            Free rigid and flexible vectors that the basis has, shape (n_local, n_kept).
+        """
         if not snapshots:
             return np.empty((len(kept), 0))
         rest = np.hstack(snapshots)
@@ -103,11 +120,17 @@ class Compression:
         Raises `InputError` if they are not independent at every configuration: where one vanishes, the reduced mass
         would be singular.
 
-        grams: Gram matrices of the snapshots in the continuous basis, shape (n, n_snapshots, n_snapshots)
-        flipped: whether a snapshot changes its sign after a revolution of each coordinate, shape (n_theta,
-            n_snapshots): over two of them, those that do are orthogonal to those that do not
-        n_parameter: number of vectors wanted
-        fewer: whether fewer will do
+        Parameters
+        ----------
+        grams
+            Gram matrices of the snapshots in the continuous basis, shape (n, n_snapshots, n_snapshots).
+        flipped
+            Whether a snapshot changes its sign after a revolution of each coordinate, shape (n_theta, n_snapshots):
+            over two of them, those that do are orthogonal to those that do not.
+        n_parameter
+            Number of vectors wanted.
+        fewer
+            Whether fewer will do.
         """
         mean = np.where((flipped[:, :, None] == flipped[:, None, :]).all(axis=0), grams.mean(axis=0), 0.0)
         squares, vectors = np.linalg.eigh(mean)
@@ -136,8 +159,10 @@ class Compression:
 
 
 def _independent(grams: np.ndarray, squares: np.ndarray, vectors: np.ndarray, most: int) -> list[int]:
-    """Return the leading vectors, by number, that are independent at every configuration with those before them. One
-    that vanishes somewhere, as the answer to a spring does where that lies along a bar, is passed over."""
+    """Return the leading vectors, by number, that are independent at every configuration with those before them.
+
+    One that vanishes somewhere, as the answer to a spring does where that lies along a bar, is passed over.
+    """
     n = int(np.sum(squares > ROUND_OFF * squares[:1]))
     scaled = vectors[:, :n] / np.sqrt(squares[:n])
     everywhere, chosen = scaled.T @ grams @ scaled, []
@@ -155,9 +180,18 @@ DIGITS = 6  # of the shares that are compared: round-off must not choose
 
 
 def choose_points(scene: Scene, problem: ModalProblem, loads: StaticLoads, group: RankGroup) -> ParameterPoints:
-    """Choose the points for ``reduction.parameter_modes``. Collective on ``group.world``; the same on all ranks. Raises
-    `InputError` if no parameter has a distribution: there is nowhere to take modes; `RunError` if an eigenproblem
-    fails. `problem`: eigenproblem at the nominal parameters; `loads`: what static modes answer."""
+    """Choose the points for ``reduction.parameter_modes``. Collective on ``group.world``; the same on all ranks.
+
+    Raises `InputError` if no parameter has a distribution: there is nowhere to take modes; `RunError` if an
+    eigenproblem fails.
+
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters.
+    loads
+        What static modes answer.
+    """
     if not scene.reduction.parameter_modes:
         return ParameterPoints.none()
     spanned, n_samples = spanning_values(scene)
@@ -180,16 +214,20 @@ def choose_points(scene: Scene, problem: ModalProblem, loads: StaticLoads, group
         chosen, current = trial, found
         missed.append(current.max())
     values = {name: np.array([candidates[k][name] for k in chosen]) for name in spanned}
-    return ParameterPoints(values, np.array(missed), scene.reduction.parameter_modes)
+    return ParameterPoints(scene.reduction.parameter_modes, np.array(missed), values)
 
 
 class _Shares:
     """Missed shares of all candidates. Collective on ``group.world``."""
 
     def __init__(
-        self, scene: Scene, problem: ModalProblem, loads: StaticLoads, group: RankGroup,
+        self,
+        scene: Scene,
+        problem: ModalProblem,
+        loads: StaticLoads,
+        group: RankGroup,
         candidates: Sequence[Mapping[str, float]],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._group, self._n_candidates = group, len(candidates)
         self._n_vectors = scene.reduction.parameter_modes
         self._own: list[_Configuration] = []

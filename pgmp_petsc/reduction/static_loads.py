@@ -50,8 +50,11 @@ class StaticLoads:
 
         Raises `InputError` if the mesh has too few degrees of freedom for the whole basis.
 
-        patterns: load patterns of the effects; all are used where static modes are wanted, and those of linear springs
-            where nothing is said against them
+        Parameters
+        ----------
+        patterns
+            Load patterns of the effects; all are used where static modes are wanted, and those of linear springs where
+            nothing is said against them.
         """
         wanted = patterns.wanted(reduction)
         accelerations = _independent(problem) if reduction.inertia_modes else np.zeros(0, dtype=int)
@@ -178,8 +181,12 @@ def _independent_columns(gram: np.ndarray) -> np.ndarray:
 class InfluenceProbe:
     """Computes influences at any configuration. Collective on the problem's communicator.
 
-    problem: eigenproblem at the nominal parameters; the third derivative of its bodies' strain energy is known
-    actions: local effects of the scene
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters; the third derivative of its bodies' strain energy is known.
+    actions
+        Local effects of the scene.
     """
 
     def __init__(self, problem: ModalProblem, actions: Sequence[Action]) -> None:
@@ -191,8 +198,15 @@ class InfluenceProbe:
         self._mass = sp.vstack(masses, format="csr")
 
     def at(self, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
-        """Return the influences at the configuration that the problem is at, shape (n_modes, n_columns). `modes`: the
-        modes there; `loads`: load terms in body frames, local rows, shape (n_local, n_loads)."""
+        """Return the influences at the configuration that the problem is at, shape (n_modes, n_columns).
+
+        Parameters
+        ----------
+        modes
+            The modes there.
+        loads
+            Load terms in body frames, local rows, shape (n_local, n_loads).
+        """
         problem = self._problem
         answers = self._curvature.stiffness_answers(modes)
         motion = problem.kinematics.motion(modes.theta)
@@ -222,8 +236,12 @@ class BuiltInStress:
     """What the stress that joints that are off build in adds to the stiffness of modes. Collective on the problem's
     communicator.
 
-    problem: eigenproblem at the nominal parameters; the third derivative of its bodies' strain energy is known
-    scene, shapes: as of `BuiltIn`; the scene has the offsets
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters; the third derivative of its bodies' strain energy is known.
+    scene, shapes
+        As of `BuiltIn`; the scene has the offsets.
     """
 
     def __init__(self, problem: ModalProblem, scene: Scene, shapes: Mapping[str, BodyShape]) -> None:
@@ -232,8 +250,10 @@ class BuiltInStress:
         self._offsets = offset_values(scene, scene.values)
 
     def at(self, modes: ModeSet) -> np.ndarray:
-        """Return it in the modes, ``Psi^T K Psi``, shape (n_modes, n_modes), of first order in the offsets. Raises what
-        `BuiltIn.at` and `CurvatureProblem.solve` raise."""
+        """Return it in the modes, ``Psi^T K Psi``, shape (n_modes, n_modes), of first order in the offsets.
+
+        Raises what `BuiltIn.at` and `CurvatureProblem.solve` raise.
+        """
         problem, n = self._problem, modes.flexible.shape[1]
         if not self._offsets.size:
             return np.zeros((n, n))

@@ -44,8 +44,12 @@ def count_rows(axis):
 def stencil(theta, axis, rows, weights, slopes):
     """Fill the rows, weights and derivative weights for one theta.
 
-    theta: coordinate, rad; inside the range if the grid is not periodic
-    rows, weights, slopes: results, shape (4,): ``A = sum weights A[rows]``, ``dA/dtheta = sum slopes A[rows]``
+    Parameters
+    ----------
+    theta
+        Coordinate, rad; inside the range if the grid is not periodic.
+    rows, weights, slopes
+        Results, shape (4,): ``A = sum weights A[rows]``, ``dA/dtheta = sum slopes A[rows]``.
     """
     cell, s = locate(theta, axis)
     cell_stencil(cell, s, axis, rows, weights, slopes)
@@ -124,8 +128,10 @@ def _overhauser(s, step, weights, slopes):
 
 @njit(cache=True, error_model="numpy")
 def _extrapolate(outside, end, second, third, weights, slopes):
-    """Replace the row outside a limited range by quadratic extrapolation, 3 A_0 - 3 A_1 + A_2. The tangent at the end
-    becomes the one-sided one of second order."""
+    """Replace the row outside a limited range by quadratic extrapolation, 3 A_0 - 3 A_1 + A_2.
+
+    The tangent at the end becomes the one-sided one of second order.
+    """
     for table in (weights, slopes):
         lost = table[outside]
         table[outside] = 0.0
@@ -147,8 +153,10 @@ def _b_spline(s, step, weights, slopes):
 
 @njit(error_model="numpy", counted=False)
 def lane_stencil(cell, axis, lanes):
-    """Replace thetas of one cell, the first of four vectors (4, LANES), by the weights of the cell's rows. The weights
-    are those of `stencil` to the last bit."""
+    """Replace thetas of one cell, the first of four vectors (4, LANES), by the weights of the cell's rows.
+
+    The weights are those of `stencil` to the last bit.
+    """
     position = (load(lanes, 0) - axis.lower) / axis.step
     if axis.periodic:
         s = position - floor(position)

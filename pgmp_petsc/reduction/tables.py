@@ -46,16 +46,32 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
 from pgmp_petsc.bodies.matrices import inertia_moments
+from pgmp_petsc.declare.records import Record, array, attribute
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.cell_products import SecondOrderTables, congruent
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
+
+WEIGHT_FREE = "SI, weight taken out"
+WEIGHTS = (
+    lambda weights: tuple(str(weight) for weight in weights),
+    lambda texts: tuple(Monomial.parse(str(text)) for text in texts),
+)
+Weights = tuple[Monomial, ...]
+
+
+def weights_of(table: str, size: str, **how: Any) -> Any:
+    """Declare the monomials of the terms of a table; ``also``: of the tables beside it."""
+    also = tuple(f"{other}@weights" for other in how.pop("also", ()))
+    about = "monomial of parameters that each term is multiplied with"
+    return attribute(f"{table}@weights", size, code=WEIGHTS, also=also, about=about, **how)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,15 +86,25 @@ class ModeChanges:
 
 
 def mode_changes(
-    kinematics: RigidKinematics, masses: Mapping[Monomial, sp.csr_matrix], samples: SampleGrid, projection: np.ndarray,
-    scheme: str, n_given: int = 0,
-) -> ModeChanges:  # fmt: skip
+    kinematics: RigidKinematics,
+    masses: Mapping[Monomial, sp.csr_matrix],
+    samples: SampleGrid,
+    projection: np.ndarray,
+    scheme: str,
+    n_given: int = 0,
+) -> ModeChanges:
     """Return the tables of changing modes.
 
-    masses: all rows of the mass terms, in body frames, shape (n_dofs, n_dofs) each
-    projection: flexible vectors in body frames, shape (n, n_dofs, n_delta), continuous
-    scheme: interpolation over the samples
-    n_given: number of the last vectors whose coordinates do not change: with theirs alone D^T M Psi counts, all of it
+    Parameters
+    ----------
+    masses
+        All rows of the mass terms, in body frames, shape (n_dofs, n_dofs) each.
+    projection
+        Flexible vectors in body frames, shape (n, n_dofs, n_delta), continuous.
+    scheme
+        Interpolation over the samples.
+    n_given
+        Number of the last vectors whose coordinates do not change: with theirs alone D^T M Psi counts, all of it.
     """
     mechanism, r = kinematics.mechanism, kinematics.n_coordinates
     over = interpolant(samples, projection, scheme)
@@ -121,11 +147,17 @@ def _turned(bodies: list, felt: list[np.ndarray | None], turns: list[np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class StiffnessChanges:
-    """Influences of all loads on the stiffness of the modes at the samples."""
+class StiffnessChanges(Record):
+    """Influences of all loads on the stiffness of the modes at the samples, modes in ascending order at each."""
 
-    influence: np.ndarray  # shape (n, n_modes, n_columns), modes in ascending order at every sample
-    stiffness: np.ndarray  # ``psi_k.K_t psi_k`` of every stiffness term, shape (n, n_stiffness_terms, n_modes)
+    influence: np.ndarray = array(
+        "configuration", "mode of the order", "load", unit="SI", gaps=True,
+        about="change of the modes' stiffness by unit loads and motions",
+    )  # fmt: skip
+    stiffness: np.ndarray = array(
+        "configuration", "stiffness term", "mode of the order", unit=WEIGHT_FREE, gaps=True,
+        about="psi_k.K_i psi_k of the modes",
+    )  # fmt: skip
 
     def over_two_turns(self, samples: SampleGrid, axes: Sequence[int]) -> StiffnessChanges:
         """Append a second revolution of some coordinates, on which the influences are the same."""
@@ -178,20 +210,35 @@ class ReducedTables:
     def at(self, rows: np.ndarray) -> ReducedTables:
         """Return the tables at some of the samples of one coordinate, given by their increasing numbers."""
         return replace(
-            self, samples=self.samples.tabulated(self.samples.theta[rows]), mass=self.mass[rows],
-            inertia=self.inertia[rows], stiffness=self.stiffness[rows], load=self.load[rows],
-            second_order=None if self.second_order is None else self.second_order.at(rows), changes=None,
-        )  # fmt: skip
+            self,
+            samples=self.samples.tabulated(self.samples.theta[rows]),
+            mass=self.mass[rows],
+            inertia=self.inertia[rows],
+            stiffness=self.stiffness[rows],
+            load=self.load[rows],
+            second_order=None if self.second_order is None else self.second_order.at(rows),
+            changes=None,
+        )
 
     def turned(self, rotations: np.ndarray) -> ReducedTables:
-        """Express the flexible coordinates in another basis at every sample. `rotations`: matrices Q with
-        ``Psi_new = Psi Q``, shape (n, n_delta, n_new): orthogonal, or combinations of fewer vectors."""
+        """Express the flexible coordinates in another basis at every sample.
+
+        Parameters
+        ----------
+        rotations
+            Matrices Q with ``Psi_new = Psi Q``, shape (n, n_delta, n_new): orthogonal, or combinations of fewer
+            vectors.
+        """
         whole = beside_rigid(rotations, self.n_coordinates)
         return replace(
-            self, mass=congruent(whole, self.mass), inertia=np.einsum("nij,ntkli->ntklj", rotations, self.inertia),
-            stiffness=congruent(rotations, self.stiffness), load=np.einsum("nij,nti->ntj", whole, self.load),
-            second_order=None if self.second_order is None else self.second_order.turned(rotations), changes=None,
-        )  # fmt: skip
+            self,
+            mass=congruent(whole, self.mass),
+            inertia=np.einsum("nij,ntkli->ntklj", rotations, self.inertia),
+            stiffness=congruent(rotations, self.stiffness),
+            load=np.einsum("nij,nti->ntj", whole, self.load),
+            second_order=None if self.second_order is None else self.second_order.turned(rotations),
+            changes=None,
+        )
 
     def over_two_turns(self, flipped: np.ndarray, axis: int = 0) -> ReducedTables:
         """Append a second revolution along an axis, in which some flexible coordinates have the opposite sign."""
@@ -234,11 +281,18 @@ class ReducedTables:
     def frequencies_hz(
         self, mass_weights: np.ndarray, stiffness_weights: np.ndarray, free: Sequence[int] | None = None
     ) -> np.ndarray:
-        """Return the eigenfrequencies of the reduced model at every sample, rigid motion left out, shape (n, n_delta -
-        n_unstrained), Hz.
+        """Return the eigenfrequencies of the reduced model at every sample, rigid motion left out.
 
-        mass_weights, stiffness_weights: values of the weights, shapes (n_mass_terms,) and (n_stiffness_terms,)
-        free: numbers of the coordinates that are not prescribed, which are held; all by default
+        Parameters
+        ----------
+        mass_weights, stiffness_weights
+            Values of the weights, shapes (n_mass_terms,) and (n_stiffness_terms,).
+        free
+            Numbers of the coordinates that are not prescribed, which are held; all by default.
+
+        Returns
+        -------
+        ndarray, shape (n, n_delta - n_unstrained), Hz
         """
         if self.n_given:
             return self.moving().frequencies_hz(mass_weights, stiffness_weights, free)
@@ -286,13 +340,20 @@ def fine_grid(samples: SampleGrid) -> SampleGrid:
 def rigid_inertia(
     samples: SampleGrid, mass: Mapping[Monomial, sp.csr_matrix], kinematics: RigidKinematics
 ) -> np.ndarray:
-    """Return ``(d rho/d theta_k)^T M_i (d rho/d theta_l)`` of every mass term on the fine grid, shape (n_fine,
-    n_mass_terms, n_theta (n_theta + 1) / 2): lower triangles row by row.
+    """Return ``(d rho/d theta_k)^T M_i (d rho/d theta_l)`` of every mass term on the fine grid.
 
     In its own frame a body moves as a combination of constant vectors, so the mass that belongs to the velocities of
     all bodies is projected once.
 
-    mass: all rows of the mass terms, in body frames, shape (n_dofs, n_dofs) each
+    Parameters
+    ----------
+    mass
+        All rows of the mass terms, in body frames, shape (n_dofs, n_dofs) each.
+
+    Returns
+    -------
+    ndarray, shape (n_fine, n_mass_terms, n_theta (n_theta + 1) / 2)
+        Lower triangles row by row.
     """
     fine, mechanism = fine_grid(samples), kinematics.mechanism
     unit = np.zeros((mechanism.n_dofs, 0))
@@ -317,11 +378,19 @@ SMALLEST = 1e-6  # eigenvalue of a matrix with unit diagonal
 def indefinite_between(tables: ReducedTables, scheme: str, values: Mapping[str, np.ndarray], n_samples: int) -> str:
     """Say where flexible mass or stiffness is indefinite between samples; empty where it is nowhere.
 
-    Returns which matrix, where, with which parameters, and what helps.
+    Parameters
+    ----------
+    tables
+        In the continuous basis.
+    scheme
+        Interpolation over the samples.
+    values, n_samples
+        Parameter values to look at, shape (n_samples,) each.
 
-    tables: in the continuous basis
-    scheme: interpolation over the samples
-    values, n_samples: parameter values to look at, shape (n_samples,) each
+    Returns
+    -------
+    str
+        Which matrix, where, with which parameters, and what helps.
     """
     samples, r = tables.samples, tables.n_coordinates
     places = PLACES if samples.n_coordinates == 1 else MIDDLE

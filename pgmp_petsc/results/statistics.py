@@ -58,9 +58,7 @@ class Statistics(Record):
         about="level of the intervals",
     )  # fmt: skip
     constant: bool = attribute(
-        "@constant",
-        absent=False,
-        about="whether all values are the same but for round-off; then they have no deviation",
+        "@constant", absent=False, about="whether all values are the same but for round-off: they have no deviation"
     )
 
     def __post_init__(self) -> None:
@@ -104,11 +102,11 @@ class Chance(Record):
 
     def doubt(self, model_error: float = float("nan"), full_order_stops: bool = False) -> str:
         """Return why the model does not decide it, and what does, unless the full-order run stops before its end."""
-        error = np.fmax(self.model_error, model_error)
-        why = (
-            f"too many samples are nearer to the level than its error, {share_text(error, 3)} of the output's largest "
-            f"value (it would take one below {share_text(self.holds_to, 3)})"
+        error, needed = np.fmax(self.model_error, model_error), share_text(self.holds_to, 3)
+        near = (
+            f"too many samples are nearer to the level than its error, {share_text(error, 3)} of the output's largest"
         )
+        why = f"{near} value (it would take one below {needed})"
         why = "too many samples lie on the level itself" if self.holds_to == 0.0 else why
         why = "its error is not known" if np.isnan(error) else "no sample tells" if np.isnan(self.holds_to) else why
         stops = "nor by the full-order model, whose run stops before its end"
@@ -121,23 +119,18 @@ class Chance(Record):
         return f"{self.n} samples{failed}"
 
 
+def _over_time(label: str, about: str, *sizes: str) -> Any:
+    return array("time", *sizes, unit="{unit}", about=about, gaps=True, label=f"{label}.{{name}}")
+
+
 @dataclass(frozen=True)
 class Band(Record):
     """An output over time: what its samples do together; NaN where there are too few."""
 
     time: np.ndarray = array("time", unit="s", about="instants", label="time", is_axis=True)
-    mean: np.ndarray = array(
-        "time", unit="{unit}", about="mean of output '{name}' over the samples at each instant", gaps=True,
-        label="mean.{name}",
-    )  # fmt: skip
-    std: np.ndarray = array(
-        "time", unit="{unit}", about="standard deviation of output '{name}' at each instant", gaps=True,
-        label="std.{name}",
-    )  # fmt: skip
-    quantiles: np.ndarray = array(
-        "time", "probability", unit="{unit}", about="quantiles of output '{name}', instant by instant", gaps=True,
-        label="quantile.{name}",
-    )  # fmt: skip
+    mean: np.ndarray = _over_time("mean", "mean of output '{name}' over the samples at each instant")
+    std: np.ndarray = _over_time("std", "standard deviation of output '{name}' at each instant")
+    quantiles: np.ndarray = _over_time("quantile", "quantiles of output '{name}', instant by instant", "probability")
     probabilities: np.ndarray = attribute(
         "quantiles@probabilities", "probability", about="of the quantiles", label="probability", is_axis=True
     )

@@ -27,7 +27,7 @@ import io
 import json
 import os
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from pgmp_petsc.files.hdf5 import RunRecord
     from pgmp_petsc.results.ensemble import Ensemble, Joined, ShardSamples, Stopping
     from pgmp_petsc.results.gradients import Derivatives
-    from pgmp_petsc.results.statistics import Statistics
+    from pgmp_petsc.results.statistics import Chance, Sensitivity, Statistics
     from pgmp_petsc.results.tradeoff import Tradeoff
     from pgmp_petsc.results.trajectory import ModesTable, Trajectory
 
@@ -100,7 +100,6 @@ def origin_of(record: RunRecord) -> dict[str, Any]:
 
 
 def _parts(of: object, *names: str) -> dict[str, Any]:
-    """Return attributes by their names."""
     return {name: getattr(of, name) for name in names}
 
 
@@ -110,155 +109,106 @@ def _shard(shard: ShardSamples) -> dict[str, Any]:
     return {"model": shard.model, "shard": f"{place.number}/{place.count}", **ends}
 
 
+def _rows(keys: str, *columns: Iterable[Any]) -> list[dict[str, Any]]:
+    """Return the rows of columns with names."""
+    return [dict(zip(keys.split(), row)) for row in zip(*columns)]
+
+
 def _run(run: Trajectory) -> dict[str, Any]:
-    outputs = {}
+    outputs, errors, balance = {}, run.errors, run.balance
     for name, values in run.outputs.items():
-        low, high = int(np.argmin(values)), int(np.argmax(values))
-        outputs[name] = {
-            "unit": run.units.get(name, "1"),
-            "at_end": values[-1],
-            "min": values[low],
-            "time_of_min": run.time[low],
-            "max": values[high],
-            "time_of_max": run.time[high],
-        }
-    errors, balance = run.errors, run.balance
-    return {
-        **_parts(run, "model", "status"),
-        "why_stopped": run.why_stopped or None,
-        "end_time": run.time[-1],
-        "steps": len(run.time) - 1,
-        "steps_divided": run.steps_divided,
-        "outputs": outputs,
-        "errors": (
-            None
-            if errors is None
-            else {
-                name: {"maximum": errors.maximum(name), "share": errors.share(name)}
-                | ({"not_estimated": errors.absent[name]} if name in errors.absent else {})
-                for name in errors.outputs
-            }
-        ),
-        "errors_of": None if errors is None else errors.what,
-        "errors_until": None if errors is None else errors.time[-1],
-        "validity": run.validity,
-        "balance": (
-            None if balance is None else {"residual": np.abs(balance.residual).max(), "exchanged": balance.exchanged}
-        ),
-    }
+        found = {"unit": run.units.get(name, "1"), "at_end": values[-1]}
+        for key, at in (("min", int(np.argmin(values))), ("max", int(np.argmax(values)))):
+            found |= {key: values[at], f"time_of_{key}": run.time[at]}
+        outputs[name] = found
+    about = {**_parts(run, "model", "status"), "why_stopped": run.why_stopped or None, "end_time": run.time[-1]}
+    about |= {"steps": len(run.time) - 1, "steps_divided": run.steps_divided, "outputs": outputs}
+    about |= dict.fromkeys(("errors", "errors_of", "errors_until"))
+    if errors is not None:
+        found = {name: {"maximum": errors.maximum(name), "share": errors.share(name)} for name in errors.outputs}
+        for name in found.keys() & errors.absent.keys():
+            found[name]["not_estimated"] = errors.absent[name]
+        about |= {"errors": found, "errors_of": errors.what, "errors_until": errors.time[-1]}
+    residual = None if balance is None else np.abs(balance.residual).max()
+    moved = None if balance is None else {"residual": residual, "exchanged": balance.exchanged}
+    return about | {"validity": run.validity, "balance": moved}
 
 
 def _ensemble(ensemble: Ensemble) -> dict[str, Any]:
     units, status = ensemble.units, ensemble.status
+    reasons = {ensemble.meanings[int(k)]: int(np.count_nonzero(status == k)) for k in np.unique(status[status != 0])}
     errors = {}
     for name, values in ensemble.errors.items():
         known = values[np.isfinite(values)]
         found = {"median": np.median(known), "largest": known.max()} if known.size else {}
         errors[name] = {"unit": units.get(name, "1"), "samples": known.size, **found}
+    statistics = {name: {"unit": units.get(name, "1"), **_statistics(s)} for name, s in ensemble.statistics.items()}
     return {
         "model": ensemble.model,
         "samples": len(status),
         "failed": int(np.count_nonzero(status)),
-        "reasons": {
-            ensemble.meanings[int(number)]: int(np.count_nonzero(status == number))
-            for number in np.unique(status[status != 0])
-        },
-        "statistics": {
-            name: {"unit": units.get(name, "1"), **_statistics(s)} for name, s in ensemble.statistics.items()
-        },
-        "probabilities": {
-            label: {
-                **_parts(chance, "event", "estimate", "interval", "confidence", "count"),
-                "samples": chance.n,
-                "failed": chance.n_failed,
-                "decided": chance.is_decided(),
-                "decided_by": "" if chance.is_decided() else chance.decided_by,
-                **_parts(chance, "model_error", "holds_to"),
-            }
-            for label, chance in ensemble.probabilities.items()
-        },
-        "sobol": {
-            name: {
-                **_parts(found, "parameters", "confidence"),
-                "S1": found.first,
-                "S1_interval": found.first_interval,
-                "ST": found.total,
-                "ST_interval": found.total_interval,
-            }
-            for name, found in ensemble.sobol.items()
-        },
+        "reasons": reasons,
+        "statistics": statistics,
+        "probabilities": {label: _chance(chance) for label, chance in ensemble.probabilities.items()},
+        "sobol": {name: _indices(found) for name, found in ensemble.sobol.items()},
         "errors": errors,
         "corrected": None if ensemble.joined is None else _joined(ensemble.joined),
         "stopping": None if ensemble.stopping is None else _stopping(ensemble.stopping),
     }
 
 
-def _joined(joined: Joined) -> dict[str, Any]:
+def _chance(chance: Chance) -> dict[str, Any]:
+    decided = {"decided": chance.is_decided(), "decided_by": "" if chance.is_decided() else chance.decided_by}
+    known = _parts(chance, "event", "estimate", "interval", "confidence", "count")
     return {
-        "models": joined.models,
-        "confidence": joined.confidence,
-        "figures": {
-            name: {
-                "samples": found.counts,
-                **{key: _parts(one, "estimate", "interval", "narrower") for key, one in found.figures.items()},
-            }
-            for name, found in joined.corrected.items()
-        },
+        **known,
+        "samples": chance.n,
+        "failed": chance.n_failed,
+        **decided,
+        **_parts(chance, "model_error", "holds_to"),
     }
+
+
+def _indices(found: Sensitivity) -> dict[str, Any]:
+    values = {"S1": found.first, "S1_interval": found.first_interval, "ST": found.total}
+    return {**_parts(found, "parameters", "confidence"), **values, "ST_interval": found.total_interval}
+
+
+def _joined(joined: Joined) -> dict[str, Any]:
+    figures = {}
+    for name, found in joined.corrected.items():
+        known = {key: _parts(one, "estimate", "interval", "narrower") for key, one in found.figures.items()}
+        figures[name] = {"samples": found.counts, **known}
+    return {**_parts(joined, "models", "confidence"), "figures": figures}
 
 
 def _stopping(stopping: Stopping) -> dict[str, Any]:
-    looks = zip(stopping.rules, stopping.met, stopping.estimates[:, -1], stopping.intervals[:, -1])
-    return {
-        "why": stopping.why,
-        "samples": stopping.samples[-1],
-        "rules": [
-            {"rule": rule, "met": met, "estimate": estimate, "interval": interval}
-            for rule, met, estimate, interval in looks
-        ],
-    }
+    looks = (stopping.rules, stopping.met, stopping.estimates[:, -1], stopping.intervals[:, -1])
+    rules = _rows("rule met estimate interval", *looks)
+    return {"why": stopping.why, "samples": stopping.samples[-1], "rules": rules}
 
 
 def _statistics(s: Statistics) -> dict[str, Any]:
-    quantiles = zip(s.probabilities, s.quantiles, s.quantile_intervals, s.quantile_bounds)
-    return {
-        **_parts(s, "count", "constant", "confidence", "mean", "mean_interval", "std", "std_interval"),
-        "quantiles": [
-            {"probability": p, "value": value, "interval": ends, "bounds": bounds}
-            for p, value, ends, bounds in quantiles
-        ],
-    }
+    quantiles = (s.probabilities, s.quantiles, s.quantile_intervals, s.quantile_bounds)
+    known = _parts(s, "count", "constant", "confidence", "mean", "mean_interval", "std", "std_interval")
+    return {**known, "quantiles": _rows("probability value interval bounds", *quantiles)}
 
 
 def _study(study: Tradeoff) -> dict[str, Any]:
-    return {
-        **_parts(study, "samples", "reference"),
-        "settings": [
-            {
-                "name": study.name(row),
-                "flags": study.flags[row],
-                "errors": dict(zip(study.outputs, study.errors[row])),
-                "offline": study.times.offline[row],
-                "sample": study.times.batch[row],
-                "single": study.times.single[row],
-                "reason": study.reasons[row],
-            }
-            for row in range(len(study.families))
-        ],
-        "advice": study.advice,
-    }
+    names = [study.name(row) for row in range(len(study.families))]
+    errors = [dict(zip(study.outputs, row)) for row in study.errors]
+    times = (study.times.offline, study.times.batch, study.times.single)
+    settings = _rows(
+        "name flags errors offline sample single reason", names, study.flags, errors, *times, study.reasons
+    )
+    return {**_parts(study, "samples", "reference"), "settings": settings, "advice": study.advice}
 
 
 def _modes(table: ModesTable) -> dict[str, Any]:
     tables = {"full": table.full_hz, "reduced": table.reduced_hz}
-    return {
-        "configurations": len(table.full_hz),
-        **{
-            f"{name}_frequencies_hz": {"min": values.min(axis=0), "max": values.max(axis=0)}
-            for name, values in tables.items()
-            if values is not None
-        },
-    }
+    known = {f"{name}_frequencies_hz": values for name, values in tables.items() if values is not None}
+    ranges = {name: {"min": values.min(axis=0), "max": values.max(axis=0)} for name, values in known.items()}
+    return {"configurations": len(table.full_hz), **ranges}
 
 
 #: Unit ("1" or "" for none) and values, shape (n_rows,), by name.
@@ -314,12 +264,13 @@ def _of_run(run: Trajectory) -> Columns:
 
 def _of_ensemble(ensemble: Ensemble) -> Columns:
     columns: Columns = {"sample": ("1", np.arange(len(ensemble.status))), "status": ("1", ensemble.status)}
-    for name, values in ensemble.parameters.items():
-        # an output may have the name of a parameter
-        label = f"parameter.{name}" if name in ensemble.outputs else name
+    of_parameters = {  # an output may have the name of a parameter
+        f"parameter.{name}" if name in ensemble.outputs else name: (name, values)
+        for name, values in ensemble.parameters.items()
+    }
+    of_outputs = {name: (name, values) for name, values in ensemble.outputs.items()}
+    for label, (name, values) in (of_parameters | of_outputs).items():
         columns[label] = (ensemble.units.get(name, "1"), values)
-    for name, values in ensemble.outputs.items():
-        columns[name] = (ensemble.units.get(name, "1"), values)
     for key, values in ensemble.extremes.items():
         name, _, which = key.rpartition("/")
         columns[f"{name}.{which}"] = ("s" if which.startswith("time") else ensemble.units.get(name, "1"), values)

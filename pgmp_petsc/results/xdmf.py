@@ -10,6 +10,7 @@ would overwrite the trajectory. The two files have to stay together.
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -51,10 +52,8 @@ def write_xdmf(trajectory_path: str | os.PathLike[str], xdmf_path: str | os.Path
     xdmf_path = check_output(xdmf_path, "xdmf", [trajectory_path])
     with open_file(trajectory_path, "trajectory") as file:
         if "frames" not in file:
-            raise InputError(
-                f"file '{trajectory_path}' has no frames to export; run the simulation again with "
-                "--override simulation.frames=100"
-            )
+            cure = "run the simulation again with --override simulation.frames=100"
+            raise InputError(f"file '{trajectory_path}' has no frames to export; {cure}")
         heavy = _reference(Path(trajectory_path), xdmf_path)
         with shapes_of(file):
             tree, n_frames = _tree(file, heavy)
@@ -69,69 +68,55 @@ def _reference(trajectory_path: Path, xdmf_path: Path) -> str:
     heavy = os.path.relpath(trajectory_path.resolve(), xdmf_path.resolve().parent)
     # readers split references at these, and cut spaces off their ends
     if set(heavy) & set(":|") or not heavy.isprintable() or heavy != heavy.strip():
-        raise InputError(
-            f"file '{trajectory_path}': XDMF cannot refer to the path {heavy!r} (a colon, a bar, a space at its ends "
-            "or a character that cannot be printed); rename it"
-        )
+        why = "a colon, a bar, a space at its ends or a character that cannot be printed"
+        raise InputError(f"file '{trajectory_path}': XDMF cannot refer to the path {heavy!r} ({why}); rename it")
     return heavy
 
 
 def _tree(file: h5py.File, heavy: str) -> tuple[ElementTree.ElementTree, int]:
-    """Build the XML: a temporal collection with one uniform grid a frame."""
+    """Build the XML: temporal collections with one uniform grid a frame, of the mechanism and of each body's cells."""
     root = ElementTree.Element("Xdmf", Version="3.0")
     domain = ElementTree.SubElement(root, "Domain")
     # tells `check_output` that the file is ours to replace
     root.append(ElementTree.Comment(f" written by pgmp_petsc {__version__} "))
-    series = ElementTree.SubElement(domain, "Grid", Name="mechanism", GridType="Collection", CollectionType="Temporal")
-    time = take(file, "frames/time", 1)
-    for number, instant in enumerate(time):
-        name = number_name(number)
-        grid = ElementTree.SubElement(series, "Grid", Name=f"frame {name}", GridType="Uniform")
-        ElementTree.SubElement(grid, "Time", Value=repr(float(instant)))
-        cells = file["mesh/cells"]
-        topology = ElementTree.SubElement(
-            grid, "Topology", TopologyType="Polyline", NodesPerElement="2", NumberOfElements=str(len(cells))
-        )
-        _refer(topology, cells, heavy)
-        geometry = ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ")
-        _refer(geometry, file[f"frames/points/{name}"], heavy)
-        for attribute in ("displacement", "rotation"):
-            data = file[f"frames/{attribute}/{name}"]
-            _refer(_attribute(grid, attribute, "Scalar" if data.ndim == 1 else "Vector"), data, heavy)
-        _refer(_attribute(grid, "body", "Scalar"), file["mesh/body"], heavy)
+    time, frames = take(file, "frames/time", 1), file["frames"]
+    parts = [(name, "Node", frames[name]) for name in ("displacement", "rotation")]
+    parts.append(("body", "Node", file["mesh/body"]))
+    _add_series(domain, "mechanism", "frame", time, file["mesh/cells"], frames["points"], parts, heavy)
     for body, group in file.get(GROUP, {}).items():
-        _add_field(domain, body, group, time, heavy)
+        parts = [(name, "Node", group[name]) for name in ("displacement", "deformation")]
+        for place, centre in zip(PLACES, ("Node", "Cell")):
+            parts += [(quantity, centre, values) for quantity, values in group.get(place, {}).items()]
+        _add_series(domain, body, body, time, group["cells"], group["points"], parts, heavy)
     return ElementTree.ElementTree(root), len(time)
 
 
-def _add_field(domain: ElementTree.Element, body: str, group: h5py.Group, time: np.ndarray, heavy: str) -> None:
-    """Add the series of a body with its real cells."""
-    series = ElementTree.SubElement(domain, "Grid", Name=body, GridType="Collection", CollectionType="Temporal")
-    cells = group["cells"]
+def _add_series(
+    domain: ElementTree.Element,
+    name: str,
+    of_frame: str,
+    time: np.ndarray,
+    cells: h5py.Dataset,
+    points: h5py.Group,
+    parts: Sequence[tuple[str, str, h5py.Dataset | h5py.Group]],
+    heavy: str,
+) -> None:
+    """Add a series with `parts` at nodes or in cells: one for all frames, or one for each."""
+    series = ElementTree.SubElement(domain, "Grid", Name=name, GridType="Collection", CollectionType="Temporal")
+    topology = {"NumberOfElements": str(len(cells)), **TOPOLOGY[str(cells.attrs.get("kind", "line"))]}
     for number, instant in enumerate(time):
         frame = number_name(number)
-        grid = ElementTree.SubElement(series, "Grid", Name=f"{body} {frame}", GridType="Uniform")
+        grid = ElementTree.SubElement(series, "Grid", Name=f"{of_frame} {frame}", GridType="Uniform")
         ElementTree.SubElement(grid, "Time", Value=repr(float(instant)))
-        topology = ElementTree.SubElement(
-            grid, "Topology", NumberOfElements=str(len(cells)), **TOPOLOGY[str(cells.attrs["kind"])]
-        )
-        _refer(topology, cells, heavy)
-        geometry = ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ")
-        _refer(geometry, group[f"points/{frame}"], heavy)
-        for vector in ("displacement", "deformation"):
-            _refer(_attribute(grid, vector, "Vector"), group[f"{vector}/{frame}"], heavy)
-        for place, centre in zip(PLACES, ("Node", "Cell")):
-            for quantity, values in group.get(place, {}).items():
-                _refer(_attribute(grid, quantity, "Scalar", centre), values[frame], heavy)
-
-
-def _attribute(grid: ElementTree.Element, name: str, kind: str, centre: str = "Node") -> ElementTree.Element:
-    """Add an attribute on the nodes or on the cells."""
-    return ElementTree.SubElement(grid, "Attribute", Name=name, AttributeType=kind, Center=centre)
+        _refer(ElementTree.SubElement(grid, "Topology", topology), cells, heavy)
+        _refer(ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ"), points[frame], heavy)
+        for title, centre, values in parts:
+            data = values if isinstance(values, h5py.Dataset) else values[frame]
+            what = {"Name": title, "AttributeType": "Scalar" if data.ndim == 1 else "Vector", "Center": centre}
+            _refer(ElementTree.SubElement(grid, "Attribute", what), data, heavy)
 
 
 def _refer(parent: ElementTree.Element, dataset: h5py.Dataset, heavy: str) -> None:
-    """Add a reference to a dataset of the trajectory's file."""
     item = ElementTree.SubElement(
         parent,
         "DataItem",

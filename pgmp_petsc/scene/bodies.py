@@ -1,8 +1,5 @@
-"""Materials, cross-sections of beams (see `bodies.sections`) and bodies.
-
-A body that is given by its assembled matrices, from another finite element program, in place of a mesh; a rigid body
-that is given by its mass properties.
-"""
+"""Materials, cross-sections of beams (see `bodies.sections`) and bodies: of a mesh, of matrices that another finite
+element program assembled, or rigid, of mass properties."""
 
 from __future__ import annotations
 
@@ -10,11 +7,12 @@ from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from pgmp_petsc.base.units import UnitSystem, UnknownUnit, measure, times
 from pgmp_petsc.declare.ideas import SECTIONS, Found, refuse
 from pgmp_petsc.scene.fields import (
+    NAMED,
     Along,
     Angle,
     Axis,
@@ -31,6 +29,7 @@ from pgmp_petsc.scene.fields import (
     at_most,
     exactly_one,
     is_number,
+    needed,
     no_parameter,
     quantities_of,
     refusal,
@@ -113,20 +112,22 @@ QUANTITIES = {
 }
 
 
-def _node_set(value: object) -> object:
-    named = isinstance(value, str) and value
-    if not (named or isinstance(value, (list, tuple)) and value and all(type(number) is int for number in value)):
-        raise refusal("the name of a set of the nodes' file, or numbers of nodes in brackets, is needed")
-    return value
+def _is_full_list(value: object, fits: Callable[[Any], bool]) -> bool:
+    return isinstance(value, (list, tuple)) and bool(value) and all(map(fits, value))
 
 
-def _numbers(value: object) -> object:
-    if not (isinstance(value, (list, tuple)) and value and all(map(is_number, value))):
-        raise refusal("finite numbers in brackets are needed")
-    return value
-
-
-Numbers = Annotated[tuple[float, ...], BeforeValidator(_numbers)]
+#: A set of nodes by its name, or numbers of nodes.
+NodeSet = Annotated[
+    str | tuple[int, ...],
+    needed(
+        "the name of a set of the nodes' file, or numbers of nodes in brackets, is needed",
+        lambda value: value if isinstance(value, str) else _is_full_list(value, lambda number: type(number) is int),
+    ),
+]
+Numbers = Annotated[
+    tuple[float, ...],
+    needed("finite numbers in brackets are needed", lambda value: _is_full_list(value, is_number)),
+]
 
 
 class FileUnits(Table):
@@ -187,7 +188,7 @@ class Matrices(Table):
         description="file that says of which node and direction each row is, such as Ansys' .mapping",
     )
     units: FileUnits = Field(FileUnits(), description="units of the files: length, mass, time")
-    faces: dict[Name, Annotated[str | tuple[int, ...], BeforeValidator(_node_set)]] = Field(
+    faces: dict[Name, NodeSet] = Field(
         {}, description="points of the body: a set of the nodes' file, or numbers of nodes"
     )
     stiffness_scale: Annotated[PositiveOrParameter, Unit("1")] = Field(
@@ -268,24 +269,18 @@ MOST_ELEMENTS = 100_000
 class Material(Table):
     """An isotropic linear elastic material."""
 
-    E: Annotated[PositiveOrParameter, Unit("Pa")] = Field(
-        description="Young's modulus (Pa), a number or a parameter's name"
-    )
+    E: Annotated[PositiveOrParameter, Unit("Pa")] = Field(description=f"Young's modulus (Pa), {NAMED}")
     nu: Annotated[
         Number,
         no_parameter("stiffness is no sum of products of parameters with it; build once for each value (--override)"),
     ] = Field(gt=-1.0, lt=0.5, description="Poisson's ratio")
-    rho: Annotated[PositiveOrParameter, Unit("kg/m3")] = Field(
-        description="density (kg/m3), a number or a parameter's name"
-    )
+    rho: Annotated[PositiveOrParameter, Unit("kg/m3")] = Field(description=f"density (kg/m3), {NAMED}")
 
 
 class StraightBeam(Table):
     """A straight line of equal elements along the x axis of the body's frame, with points hinge and tip at its ends."""
 
-    length: Annotated[PositiveOrParameter, Unit("m")] = Field(
-        description="length (m), a number or a parameter's name; see docs/method.md"
-    )
+    length: Annotated[PositiveOrParameter, Unit("m")] = Field(description=f"length (m), {NAMED}; see docs/method.md")
     elements: Annotated[Integer, at_most(MOST_ELEMENTS, "no straight beam needs more, and they fill memory")] = Field(
         ge=1, description="number of elements"
     )
@@ -335,7 +330,7 @@ class Body(Table):
         "body's frame; circles need none",
     )
     thickness: Annotated[PositiveOrParameter | None, Unit("m")] = Field(
-        None, description="thickness of solid2d (m), a number or a parameter's name"
+        None, description=f"thickness of solid2d (m), {NAMED}"
     )
     section_scale: Annotated[PositiveOrParameter | None, Unit("1")] = Field(
         None,
@@ -414,11 +409,8 @@ class Body(Table):
             raise refusal('missing; needed: a cross-section, such as { shape = "circle", radius = 0.01 }', "section")
         section = self.section
         if self.element not in section.elements:
-            alike = (
-                name
-                for name, other in zip(SECTIONS.names, SECTIONS.found())
-                if self.element in other.elements and other.of_material == section.of_material
-            )
+            kinds = {name: one for name, one in zip(SECTIONS.names, SECTIONS.found()) if self.element in one.elements}
+            alike = (name for name, one in kinds.items() if one.of_material == section.of_material)
             raise refusal(f'a {self.element} has the shape "{" or ".join(alike)}"', "section")
         if not section.of_material and self.material is not None:
             raise refusal("a section given by coefficients has no material", "material")

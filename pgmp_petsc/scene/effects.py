@@ -18,6 +18,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import UNITS, UnknownUnit, take_unit
 from pgmp_petsc.declare.ideas import EFFECTS, PACKAGE, Found, refuse
 from pgmp_petsc.scene.fields import (
+    NAMED,
     AnyScene,
     LoadHarmonic,
     LoadTable,
@@ -177,7 +178,7 @@ def _check(cls: type[EffectEntry]) -> None:
     except ValueError as error:
         raise refuse(cls, str(error)) from None
     for key, (_, unit) in cls.quantities.items():
-        for one in (*unit.turning, *unit.sliding):
+        for one in filter(None, (unit.on_turning, unit.on_sliding)):
             try:
                 take_unit(one)
             except UnknownUnit:
@@ -221,9 +222,7 @@ class OverTime(EffectEntry):
 
     table: LoadTable | None = Field(None, description=TABLE)
     harmonic: LoadHarmonic | None = Field(None, description="{ amplitude, frequency_hz, phase = 0, mean = 0 }")
-    scale: Annotated[NumberOrParameter, Unit("1")] = Field(
-        1.0, description="factor on it, a number or a parameter's name"
-    )
+    scale: Annotated[NumberOrParameter, Unit("1")] = Field(1.0, description=f"factor on it, {NAMED}")
     changeable: ClassVar[tuple[str, ...]] = ("table", "harmonic")
     nothing_without: ClassVar[str] = "scale"
     cause: ClassVar[bool] = True
@@ -307,20 +306,16 @@ class OnJoint(EffectEntry):
         if not cls.strength or not exchanged:
             return None
         _, of = cls.quantities[cls.strength]
-        unit = scene.system.unit
-        for motion, (own,) in (("turning", of.turning), ("sliding", of.sliding), ("spin", of.turning)):
-            works = {
-                joint: cls.work(rate, run.time, motion == "spin")
-                for (joint, own_motion), rate in run.joints.items()
-                if own_motion == motion
-            }
+        for motion in ("turning", "sliding", "spin"):
+            spins, own = motion == "spin", [(joint, rate) for (joint, its), rate in run.joints.items() if its == motion]
+            works = {joint: cls.work(rate, run.time, spins) for joint, rate in own}
             if not any(works.values()):
                 continue
-            joint = max(works, key=works.get)
+            joint, unit = max(works, key=works.get), scene.system.unit(of.where(motion == "sliding"))
             kind = scene.joints[joint]
-            about = f", {motion}" if len(kind.motions) > 1 else f", {kind.type}" if motion == "spin" else ""
-            texts.append(f"{tolerance * exchanged / works[joint]:.2g} {unit(own)} on ({joint}{about})")
-            note = "; none can be on joints that turn about several axes" if motion == "spin" else ""
+            about = f", {motion}" if len(kind.motions) > 1 else f", {kind.type}" if spins else ""
+            texts.append(f"{tolerance * exchanged / works[joint]:.2g} {unit} on ({joint}{about})")
+            note = "; none can be on joints that turn about several axes" if spins else ""
         return (np.nan, f"would matter from {', '.join(texts)}{note}") if texts else None
 
 

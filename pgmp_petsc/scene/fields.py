@@ -39,6 +39,7 @@ Sign = Literal["positive", "not negative", "not zero", "any"]
 LARGEST, SMALLEST = 1e30, 1e-30
 MOST_RADIANS = 1e6  # beyond it an angle is rounded by more than 1e-10 rad
 NAME = "[A-Za-z_][A-Za-z0-9_-]*"
+NAMED = "a number or a parameter's name"  # in descriptions of entries
 LONGEST_NAME = 100  # characters: names become data sets, columns and titles
 
 
@@ -62,15 +63,9 @@ class Unit:
     on_turning: str = ""
     on_sliding: str = ""
 
-    @property
-    def turning(self) -> tuple[str, ...]:
-        """The units that a parameter may be in where a rotation is acted on."""
-        return (self.on_turning,)
-
-    @property
-    def sliding(self) -> tuple[str, ...]:
-        """The units that a parameter may be in where something slides."""
-        return (self.on_sliding or self.on_turning,)
+    def where(self, slides: bool) -> str:
+        """Return the unit where something slides, or a rotation is acted on."""
+        return self.on_sliding or self.on_turning if slides else self.on_turning
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.with_info_before_validator_function(self._numbers, handler(source))
@@ -82,11 +77,9 @@ class Unit:
         """Return numbers in the units of the scene; texts that are none, such as names of parameters, as they are."""
         if isinstance(value, (list, tuple)):
             return [self._numbers(one, info) for one in value]
-        if not isinstance(value, str):
-            return value
-        units = dict.fromkeys(one for one in (self.on_turning, self.on_sliding) if one)
+        units = tuple(filter(None, dict.fromkeys((self.on_turning, self.on_sliding))))
         try:
-            number = number_of(value, tuple(units), (info.context or {}).get("system", SI))
+            number = number_of(value, units, (info.context or {}).get("system", SI)) if isinstance(value, str) else None
         except UnknownUnit as error:
             raise refusal(str(error)) from error
         return value if number is None else number
@@ -102,12 +95,8 @@ def _or_text(schema: dict[str, Any]) -> dict[str, Any]:
         limits = {key: schema[key] for key in _OF_NUMBERS if key in schema}
         return {key: one for key, one in schema.items() if key not in limits} | {"anyOf": [limits, TEXT]}
     if schema.get("type") == "array":
-        found = dict(schema)
-        if "items" in schema:
-            found["items"] = _or_text(schema["items"])
-        if "prefixItems" in schema:
-            found["prefixItems"] = [_or_text(one) for one in schema["prefixItems"]]
-        return found
+        changed = {"items": _or_text, "prefixItems": lambda items: [_or_text(one) for one in items]}
+        return schema | {key: change(schema[key]) for key, change in changed.items() if key in schema}
     kinds = schema.get("anyOf", ())
     if not kinds or any(one.get("type") == "string" for one in kinds):
         return schema
@@ -126,7 +115,6 @@ class Quantified:
 
 
 def _notes(hint: Any) -> list[Any]:
-    """Return the notes within a type."""
     return [*getattr(hint, "__metadata__", ()), *(note for part in get_args(hint) for note in _notes(part))]
 
 
@@ -153,11 +141,12 @@ def named_numbers(table: Table, slides: bool = False) -> Iterator[tuple[str, flo
     `slides` is whether they are of what slides; what is rigid, with an infinite stiffness, is none.
     """
     for key, (sign, unit) in quantities_of(type(table)).items():
-        found, units = getattr(table, key), tuple(filter(None, unit.sliding if slides else unit.turning))
-        pairs = found.items() if isinstance(found, dict) else ()
-        yield from ((f"{key}.{name}", value, sign, units) for name, value in pairs)
-        values = () if isinstance(found, dict) else found if isinstance(found, tuple) else (found,)
-        yield from ((key, value, sign, units) for value in values if value is not None and value != math.inf)
+        found, units = getattr(table, key), tuple(filter(None, (unit.where(slides),)))
+        if isinstance(found, dict):
+            yield from ((f"{key}.{name}", value, sign, units) for name, value in found.items())
+        else:
+            values = found if isinstance(found, tuple) else (found,)
+            yield from ((key, value, sign, units) for value in values if value is not None and value != math.inf)
 
 
 def refusal(allowed: str, key: str = "") -> PydanticCustomError:
@@ -206,49 +195,28 @@ def split_point(point: str) -> tuple[str, str]:
     return owner, name
 
 
-def _of_sensible_size(value: float) -> float:
-    if value and not SMALLEST <= abs(value) <= LARGEST:
-        raise refusal(f"0 or a magnitude from {SMALLEST:g} to {LARGEST:g} is needed")
-    return value
+Words = str | Callable[[Any], str]
 
 
-def _sensible_numbers(value: object) -> object:
-    """Check the size of a number, or of each in a tuple; names of parameters pass."""
-    for number in value if isinstance(value, tuple) else (value,):
-        if not isinstance(number, str) and number != math.inf:
-            _of_sensible_size(number)
-    return value
-
-
-def _no_more_turns(value: float) -> float:
-    if abs(value) > MOST_RADIANS:
-        raise refusal(f"must be within {MOST_RADIANS:,.0f} rad of 0; larger angles are rounded")
-    return value
-
-
-def _name(value: str) -> str:
-    if len(value) > LONGEST_NAME:
-        raise refusal(f"a name has at most {LONGEST_NAME} characters, this one has {len(value)}")
-    if not re.fullmatch(NAME, value):
-        raise refusal("a name starts with a letter or _ and goes on with letters, digits, _ or -")
-    return value
-
-
-def _one_line(value: str) -> str:
-    if visible(value) != value or "\n" in value or "\t" in value:
-        raise refusal("control characters and line ends have no place in it: titles and terminals show it")
-    return value
-
-
-def _needed(what: str, fits: Callable[[Any], bool]) -> BeforeValidator:
-    """Return the check of a value as it is written, which says `what` is needed where it does not fit."""
+def needed(what: Words, fits: Callable[[Any], object], kind: Any = BeforeValidator) -> Any:
+    """Return the check of a value, by default as it is written, which says `what` is needed where it does not fit."""
 
     def check(value: object) -> object:
         if not fits(value):
-            raise refusal(what)
+            raise refusal(what(value) if callable(what) else what)
         return value
 
-    return BeforeValidator(check)
+    return kind(check)
+
+
+def _read(what: Words, fits: Callable[[Any], object]) -> AfterValidator:
+    """Return the check of a value that was read."""
+    return needed(what, fits, AfterValidator)
+
+
+def _parts(value: object) -> tuple[Any, ...]:
+    """Return the entries of a tuple or list, or the one value."""
+    return tuple(value) if isinstance(value, (list, tuple)) else (value,)
 
 
 def _is_list(value: object, *lengths: int) -> bool:
@@ -266,39 +234,10 @@ def _is_number_or_name(value: object) -> bool:
 def no_parameter(why: str) -> BeforeValidator:
     """Return the check of an entry that is a number, or numbers, alone: a name is refused with why, and the cure."""
 
-    def check(value: object) -> object:
-        parts = value if isinstance(value, (list, tuple)) else (value,)
-        parts = [one for part in parts for one in (part if isinstance(part, (list, tuple)) else (part,))]
-        if any(isinstance(part, str) for part in parts):
-            raise refusal(f"numbers are needed, no parameter: {why}")
-        return value
+    def has_no_name(value: object) -> bool:
+        return not any(isinstance(one, str) for part in _parts(value) for one in _parts(part))
 
-    return BeforeValidator(check)
-
-
-def _increasing(value: tuple[float, float]) -> tuple[float, float]:
-    if not value[0] < value[1]:
-        raise refusal("the first number must be below the second")
-    return value
-
-
-def _nonzero(value: tuple[float, ...]) -> tuple[float, ...]:
-    if not any(value):
-        raise refusal(f"a direction other than [{', '.join('0' for _ in value)}] is needed")
-    return value
-
-
-def _inertia(value: object) -> object:
-    several = isinstance(value, (list, tuple))
-    numbers = list(value) if several else [value]
-    if len(numbers) != (6 if several else 1) or not all(isinstance(n, str) or is_number(n) for n in numbers):
-        raise refusal(
-            "a moment of inertia in the plane, or six entries [ixx, iyy, izz, ixy, ixz, iyz] in space, each a number "
-            "or a parameter's name, are needed"
-        )
-    if any(not isinstance(n, str) and n <= 0.0 for n in numbers[:3]):
-        raise refusal("moments of inertia are positive")
-    return value
+    return needed(f"numbers are needed, no parameter: {why}", has_no_name)
 
 
 def _either(**bounds: float) -> WithJsonSchema:
@@ -314,16 +253,25 @@ def _or_parameter(
     def is_one(value: object) -> bool:
         return isinstance(value, str) or (is_number(value) or infinite and value == math.inf) and fits(value)
 
-    notes = [_needed(f"{what} or the name of a parameter is needed", is_one), AfterValidator(_sensible_numbers)]
-    return Annotated[(float | str, *notes, *([_either(**bounds)] if bounds else []), Quantified(sign))]
+    check = needed(f"{what} or the name of a parameter is needed", is_one)
+    return Annotated[(float | str, check, _SENSIBLE, *([_either(**bounds)] if bounds else []), Quantified(sign))]
 
 
+def _of_sensible_size(value: object) -> bool:
+    numbers = (n for n in _parts(value) if not isinstance(n, str))
+    return all(not n or n == math.inf or SMALLEST <= abs(n) <= LARGEST for n in numbers)
+
+
+_SENSIBLE = _read(f"0 or a magnitude from {SMALLEST:g} to {LARGEST:g} is needed", _of_sensible_size)
+_FEW_TURNS = _read(
+    f"must be within {MOST_RADIANS:,.0f} rad of 0; larger angles are rounded", lambda x: abs(x) <= MOST_RADIANS
+)
 #: A finite number; text and booleans are refused.
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False), AfterValidator(_of_sensible_size)]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False), _SENSIBLE]
 #: An angle (rad).
-Angle = Annotated[Number, AfterValidator(_no_more_turns), Unit("rad")]
+Angle = Annotated[Number, _FEW_TURNS, Unit("rad")]
 #: An angle (rad), or a displacement (m) where what it is of slides.
-AngleOrPlace = Annotated[Number, AfterValidator(_no_more_turns), Unit("rad", "m")]
+AngleOrPlace = Annotated[Number, _FEW_TURNS, Unit("rad", "m")]
 #: A time (s).
 Time = Annotated[Number, Unit("s")]
 #: An integer; numbers with a decimal point are refused.
@@ -337,13 +285,11 @@ PositiveOrParameter = _or_parameter("a positive number", "positive", lambda x: x
 #: Two positive numbers, or names of parameters.
 PositivePair = Annotated[
     tuple[float | str, float | str],
-    _needed(
+    needed(
         "two positive numbers in brackets are needed, such as [0.05, 0.1], each a number or a parameter's name",
-        lambda value: (
-            _is_list(value, 2) and all(_is_number_or_name(x) and (isinstance(x, str) or x > 0) for x in value)
-        ),
+        lambda value: _is_list(value, 2) and all(isinstance(x, str) or is_number(x) and x > 0 for x in value),
     ),
-    AfterValidator(_sensible_numbers),
+    _SENSIBLE,
     WithJsonSchema({"type": "array", "items": _either(exclusiveMinimum=0).json_schema, "minItems": 2, "maxItems": 2}),
     Quantified("positive"),
 ]
@@ -360,21 +306,21 @@ NotNegative = Annotated[Number, Field(ge=0.0)]
 #: Two finite numbers (x, y).
 Pair = Annotated[
     tuple[float, float],
-    _needed("two finite numbers in brackets are needed, such as [0.0, 1.0]", _are_numbers(2)),
-    AfterValidator(_sensible_numbers),
+    needed("two finite numbers in brackets are needed, such as [0.0, 1.0]", _are_numbers(2)),
+    _SENSIBLE,
 ]
 #: A time (s), and a number or the name of a parameter.
 Row = Annotated[
     tuple[float, float | str],
-    _needed(
+    needed(
         "a finite number, and one or the name of a parameter, are needed in brackets, such as [0.0, 1.0]",
         lambda value: _is_list(value, 2) and is_number(value[0]) and _is_number_or_name(value[1]),
     ),
-    AfterValidator(_sensible_numbers),
+    _SENSIBLE,
     WithJsonSchema({"type": "array", "prefixItems": [{"type": "number"}, _either().json_schema]}),
 ]
 #: Two finite numbers (low, high), low < high.
-Interval = Annotated[Pair, AfterValidator(_increasing)]
+Interval = Annotated[Pair, _read("the first number must be below the second", lambda ends: ends[0] < ends[1])]
 #: A place along a line (m) that no parameter can be.
 Along = Annotated[
     Number,
@@ -387,39 +333,50 @@ Along = Annotated[
 #: A point or vector: two finite numbers (x, y) in the plane, three (x, y, z) in space.
 Vector = Annotated[
     tuple[float, ...],
-    _needed("two finite numbers in brackets (three in space) are needed, such as [0.0, 1.0]", _are_numbers(2, 3)),
-    AfterValidator(_sensible_numbers),
+    needed("two finite numbers in brackets (three in space) are needed, such as [0.0, 1.0]", _are_numbers(2, 3)),
+    _SENSIBLE,
     WithJsonSchema({"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3}),
 ]
 #: A place (m): two entries (x, y) in the plane, three in space, each a number or the name of a parameter.
 Place = Annotated[
     tuple[float | str, ...],
-    _needed(
+    needed(
         "two finite numbers in brackets (three in space) are needed, such as [0.0, 1.0], each a number or a "
         "parameter's name",
         lambda value: _is_list(value, 2, 3) and all(map(_is_number_or_name, value)),
     ),
-    AfterValidator(_sensible_numbers),
+    _SENSIBLE,
     WithJsonSchema({"type": "array", "items": _either().json_schema, "minItems": 2, "maxItems": 3}),
     Unit("m"),
 ]
 #: Places in a body's frame or in space (m), which no parameter can be.
 FixedPlace = Annotated[Vector, Unit("m")]
+_NOT_ZERO = _read(lambda value: f"a direction other than [{', '.join('0' for _ in value)}] is needed", any)
 #: A vector other than zero; its length does not matter.
-Direction = Annotated[Vector, AfterValidator(_nonzero)]
+Direction = Annotated[Vector, _NOT_ZERO]
 #: Three finite numbers (x, y, z).
 Triple = Annotated[
     tuple[float, float, float],
-    _needed("three finite numbers in brackets are needed, such as [0.0, 0.0, 1.0]", _are_numbers(3)),
-    AfterValidator(_sensible_numbers),
+    needed("three finite numbers in brackets are needed, such as [0.0, 0.0, 1.0]", _are_numbers(3)),
+    _SENSIBLE,
 ]
 #: A direction in space.
-Axis = Annotated[Triple, AfterValidator(_nonzero)]
+Axis = Annotated[Triple, _NOT_ZERO]
 #: A moment of inertia, or the six entries of a tensor, each a number or the name of a parameter.
 Inertia = Annotated[
     float | str | tuple[float | str, ...],
-    BeforeValidator(_inertia),
-    AfterValidator(_sensible_numbers),
+    needed(
+        "moments of inertia are positive", lambda value: all(isinstance(n, str) or n > 0.0 for n in _parts(value)[:3])
+    ),
+    needed(
+        "a moment of inertia in the plane, or six entries [ixx, iyy, izz, ixy, ixz, iyz] in space, each a number or a "
+        "parameter's name, are needed",
+        lambda value: (
+            len(_parts(value)) == (6 if isinstance(value, (list, tuple)) else 1)
+            and all(map(_is_number_or_name, _parts(value)))
+        ),
+    ),
+    _SENSIBLE,
     WithJsonSchema(
         {
             "anyOf": [
@@ -431,13 +388,31 @@ Inertia = Annotated[
     ),
     Unit("kg m2"),
 ]
+#: A text that titles and terminals show.
+OneLine = Annotated[
+    str,
+    _read(
+        "control characters and line ends have no place in it: titles and terminals show it",
+        lambda text: visible(text) == text and "\n" not in text and "\t" not in text,
+    ),
+]
 #: Name of a table that the user chooses; it becomes the name of a data set.
-OneLine = Annotated[str, AfterValidator(_one_line)]
-Name = Annotated[str, AfterValidator(_name), WithJsonSchema({"type": "string", "pattern": f"^{NAME}$"})]
+Name = Annotated[
+    str,
+    _read(
+        lambda name: f"a name has at most {LONGEST_NAME} characters, this one has {len(name)}",
+        lambda name: len(name) <= LONGEST_NAME,
+    ),
+    _read(
+        "a name starts with a letter or _ and goes on with letters, digits, _ or -",
+        lambda name: re.fullmatch(NAME, name),
+    ),
+    WithJsonSchema({"type": "string", "pattern": f"^{NAME}$"}),
+]
 #: Names of two joints.
 TwoNames = Annotated[
     tuple[Name, Name],
-    _needed(
+    needed(
         'the names of two joints in brackets are needed, such as ["input", "output"]',
         lambda value: _is_list(value, 2) and all(isinstance(name, str) for name in value),
     ),
@@ -445,7 +420,7 @@ TwoNames = Annotated[
 #: "body:point" or "ground:point".
 Point = Annotated[
     str,
-    _needed(
+    needed(
         'a point is needed, written "body:point" or "ground:point"',
         lambda value: isinstance(value, str) and all(split_point(value)),
     ),
@@ -454,7 +429,7 @@ Point = Annotated[
 #: The two points that a joint connects.
 Connection = Annotated[
     tuple[Point, Point],
-    _needed(
+    needed(
         'two points in brackets are needed, such as ["ground:origin", "crank:hinge"]', lambda value: _is_list(value, 2)
     ),
 ]
@@ -510,14 +485,10 @@ class Harmonic(Table):
 class LoadHarmonic(Table):
     """``mean + amplitude sin(2 pi frequency_hz t + phase)`` of a torque (N m) or force (N)."""
 
-    amplitude: Annotated[NumberOrParameter, Unit()] = Field(
-        description="amplitude (N m) or (N), a number or a parameter's name"
-    )
+    amplitude: Annotated[NumberOrParameter, Unit()] = Field(description=f"amplitude (N m) or (N), {NAMED}")
     frequency_hz: Annotated[Number, _OF_TIME, Unit("Hz")] = Field(gt=0.0, description="frequency (Hz)")
     phase: Annotated[Angle, _OF_TIME, Unit("rad")] = Field(0.0, description="phase at time 0 (rad)")
-    mean: Annotated[NumberOrParameter, Unit()] = Field(
-        0.0, description="mean value (N m) or (N), a number or a parameter's name"
-    )
+    mean: Annotated[NumberOrParameter, Unit()] = Field(0.0, description=f"mean value (N m) or (N), {NAMED}")
 
 
 class SpinUp(Table):

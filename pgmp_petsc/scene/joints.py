@@ -100,6 +100,82 @@ class Elastic(Table):
                 yield problem(f"{entry}.{damped}", words, list(damping))
 
 
+#: Speed of an impact (m/s) of which the restitution comes out where a scene says none.
+IMPACT_SPEED = 1.0
+
+
+class Clearance(Table):
+    """A table ``clearance`` of a joint: how much room it has, and what happens where its parts touch.
+
+    The rigid mechanism closes with the joint locked, and has as many coordinates as without. In the motion the pin is
+    free within its room, and beyond that a force acts on it that hangs on how deep it is (`effects.clearance`).
+    """
+
+    radius: Annotated[PositiveOrParameter, Unit("m")] = Field(
+        description="how far the pin moves from the middle until it touches (m): bore's radius less the pin's, in a "
+        "guide half of its play; a number or a parameter's name"
+    )
+    stiffness: Annotated[PositiveOrParameter, Unit()] = Field(
+        description="K of the normal force K depth^exponent (N/m^exponent), a number or a parameter's name"
+    )
+    exponent: Annotated[PositiveOrParameter, Unit("1")] = Field(
+        1.5, description="of the depth, at least 1: 1.5 of Hertz for points, about 1 for lines; or a parameter's name"
+    )
+    restitution: Annotated[PositiveOrParameter, Unit("1")] = Field(
+        description="speed after an impact over that before it, above 0 and at most 1, of an impact at "
+        "restitution_speed; slower ones lose less; or a parameter's name"
+    )
+    restitution_speed: Annotated[PositiveOrParameter | None, Unit("m/s")] = Field(
+        None, description="speed of the impact that restitution is of (m/s), 1 m/s if not given; or a parameter's name"
+    )
+    friction: Annotated[NotNegativeOrParameter, Unit("1")] = Field(
+        0.0, description="coefficient of Coulomb's friction in contact, or a parameter's name"
+    )
+    friction_speed: Annotated[PositiveOrParameter | None, Unit("m/s")] = Field(
+        None,
+        description="speed (m/s) up to which friction grows: friction N tanh(v / friction_speed); needed with "
+        "friction; or a parameter's name",
+    )
+
+    @model_validator(mode="after")
+    def _of_one_kind(self) -> Self:
+        if self.friction and self.friction_speed is None:
+            raise refusal("friction needs the speed up to which it grows (m/s), such as 1e-3", "friction_speed")
+        if self.friction_speed is not None and not self.friction:
+            raise refusal("without effect, as there is no friction; leave it out", "friction_speed")
+        return self
+
+    @property
+    def structure(self) -> tuple[Any, ...]:
+        """What a built model is made of: that there is a clearance, and whether it rubs."""
+        return ("clearance", bool(self.friction))
+
+    def problems(self, scene: AnyScene, entry: str) -> Iterator[str]:
+        """Yield a line if exponent or restitution, or a value that a parameter of them has, is none that can be."""
+        for key, low, high, words in (
+            ("exponent", 1.0, math.inf, "must be at least 1, so that the force begins without a jump of its slope"),
+            ("restitution", 0.0, 1.0, "must be above 0 and at most 1: no impact makes anything faster"),
+        ):
+            given = getattr(self, key)
+            if not isinstance(given, str):
+                values = {f"{entry}.{key}": given}
+            elif given in scene.parameters:
+                parameter, where = scene.parameters[given], f"parameters.{given}"
+                values = {f"{where}.nominal": parameter.nominal, f"{where}.value": parameter.current}
+                least, most = parameter.bounds or (low, high)
+                if parameter.distribution is not None:
+                    ends = parameter.distribution.support
+                    least, most = (max(least, ends[0]), min(most, ends[1])) if parameter.bounds else ends
+                values[f"{where}.bounds"] = least if least < low else most
+            else:
+                continue
+            for where, value in values.items():
+                if not low <= value <= high:
+                    of = "" if where.startswith(entry) else f"{entry}.{key}: "
+                    yield problem(where, of + words, value)
+                    break
+
+
 class Offset(Table):
     """A table ``offset`` of a joint: how far it is from where it should be.
 
@@ -127,9 +203,7 @@ class Offset(Table):
         def of(value: float | str) -> float:
             return sizes.get(value, 0.0) if isinstance(value, str) else sizes.get(None, 0.0) * value
 
-        return self.model_copy(
-            update={key: tuple(of(value) for value in getattr(self, key)) for key in ("place", "turn")}
-        )
+        return self.model_copy(update={"place": tuple(map(of, self.place)), "turn": tuple(map(of, self.turn))})
 
     def problems(self, dimension: int, entry: str) -> Iterator[str]:
         """Yield a line if it has nothing, or not as many numbers as directions or turns."""
@@ -193,6 +267,8 @@ class JointTable(Table):
     motions: ClassVar[tuple[str, ...]] = ()
     #: Another that it leaves free in the plane, where coordinates, effects and outputs say which one they mean.
     also_in_plane: ClassVar[tuple[str, ...]] = ()
+    #: Directions in which it may have a clearance: "across" its first axis, "everywhere", or none.
+    loose: ClassVar[str] = ""
     #: Whether in the motion it holds to the run of nodes along its first axis, as they bend.
     rides: ClassVar[bool] = False
 
@@ -227,6 +303,7 @@ class JointEntry(JointTable):
     offset: Offset | None = Field(
         None, description="how far it is from where it should be, in the frame of the first point's owner"
     )
+    clearance: Clearance | None = Field(None, description="how much room it has across its axis, and contact beyond")
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
@@ -251,12 +328,17 @@ class JointEntry(JointTable):
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         found = handler(schema)
-        where = " and ".join({2: "in the plane", 3: "in space"}[d] for d in cls.dimensions)
+        where = " and ".join(WHERE[d] for d in cls.dimensions)
         free = f"; {' and '.join(cls.motions)} can be acted on and measured" if {*cls.motions} & {*MEASURED} else ""
         free += f", in the plane {' and '.join(cls.also_in_plane)} too" if cls.also_in_plane else ""
         of = handler.resolve_ref_schema(found)
         of["description"] = f"{of['description']} {where.capitalize()}{free}."
         return found
+
+    @property
+    def gives_way(self) -> str:
+        """The entry by which it releases directions in the motion, empty where it is rigid."""
+        return "elastic" if self.elastic is not None else "clearance" if self.clearance is not None else ""
 
     @property
     def axes(self) -> tuple[tuple[float, ...], ...]:
@@ -325,12 +407,18 @@ class CouplingEntry(JointTable):
     #: Whether the sum keeps the value that it has as the bodies are placed; it is zero otherwise.
     from_placements: ClassVar[bool] = True
     offset: ClassVar[None] = None
+    clearance: ClassVar[None] = None
     elastic: ElasticCoupling | None = Field(None, description="how it gives way in the motion")
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
         if JOINTS.take(cls) and cls.shares is CouplingEntry.shares:
             raise refuse(cls, "a coupling has the method shares(self, motion), which returns what it couples")
+
+    @property
+    def gives_way(self) -> str:
+        """As of `JointEntry`."""
+        return "elastic" if self.elastic is not None else ""
 
     @property
     def connect(self) -> tuple[str, ...]:
@@ -347,15 +435,13 @@ class CouplingEntry(JointTable):
 
     def with_numbers(self, values: Mapping[str, float]) -> Self:
         """Return the coupling with numbers in place of parameters, by their names."""
-        numbers = {}
-        for key in quantities_of(type(self)):
-            given = getattr(self, key)
+
+        def number(given: Any) -> Any:
             if isinstance(given, dict):
-                numbers[key] = {name: values.get(one, one) for name, one in given.items()}
-            else:
-                found = tuple(values.get(one, one) for one in (given if isinstance(given, tuple) else (given,)))
-                numbers[key] = found if isinstance(given, tuple) else found[0]
-        return self.model_copy(update=numbers)
+                return {name: number(one) for name, one in given.items()}
+            return tuple(map(number, given)) if isinstance(given, tuple) else values.get(given, given)
+
+        return self.model_copy(update={key: number(getattr(self, key)) for key in quantities_of(type(self))})
 
     def shares_in(self, scene: AnyScene) -> list[Share]:
         """Return what is added in a scene whose joints it has."""
@@ -380,11 +466,9 @@ class CouplingEntry(JointTable):
                 words = f"{share.joint} is {joint.type}, which turns and slides; couple it by a gear, a rack or a screw"
                 yield problem(entry, words, share.joint)
             elif share.motion not in free:
-                needed = (
-                    f"a joint that has the motion {share.motion}" if share.motion else "a joint that turns or slides"
-                )
+                needed = f"has the motion {share.motion}" if share.motion else "turns or slides"
                 moves = f"this one is {joint.type}" + (f", which has {' and '.join(free)}" if free else "")
-                yield problem(entry, f"{needed} is needed; {moves}", share.joint)
+                yield problem(entry, f"a joint that {needed} is needed; {moves}", share.joint)
         if scene.dimension == 3:
             yield from self._turns_unknown(scene, name, found)
         moved = [(share.joint, share.motion) for share in found]
@@ -398,11 +482,11 @@ class CouplingEntry(JointTable):
         turning = [share for share in found if share.motion == "turning" and not share.table]
         loose = [share for share in turning if share.joint not in known]
         if len(loose) > 1:
-            words = (
-                "in space turns are counted from the coordinates: all but one of the joints that turn must be those of "
-                f"coordinates; couple each of these with one: {', '.join(share.joint for share in loose)}"
+            why = (
+                "in space turns are counted from the coordinates: all but one of the joints that turn must be those of"
             )
-            yield problem(f"joints.{name}.{loose[0].entry}", words)
+            cure = f"couple each of these with one: {', '.join(share.joint for share in loose)}"
+            yield problem(f"joints.{name}.{loose[0].entry}", f"{why} coordinates; {cure}")
 
 
 #: A table of ``[joints]``.

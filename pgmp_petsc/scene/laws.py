@@ -34,44 +34,22 @@ PROBES = np.array([1e-6, 1e-3, *np.linspace(0.02, 0.98, 25), 1.0 - 1e-3, 1.0 - 1
 
 
 class Law:
-    """What a law of our own answers, by the names of scipy.stats."""
+    """A law of our own. By the names of scipy.stats it has its `support`, `mean` and `std`, the shares up to numbers
+    (`cdf`) and above them (`sf`), and the smallest numbers that have shares up to them (`ppf`), or above (`isf`)."""
 
     has_atoms = False  # whether single values have shares
 
-    def support(self) -> tuple[float, float]:
-        """Return the smallest and the largest value."""
-        raise NotImplementedError
-
-    def mean(self) -> float:
-        """Return the mean."""
-        raise NotImplementedError
-
-    def std(self) -> float:
-        """Return the standard deviation."""
-        raise NotImplementedError
-
     def median(self) -> float:
-        """Return the median."""
         return float(self.ppf(0.5))
-
-    def cdf(self, x: np.ndarray | float) -> np.ndarray:
-        """Return the share up to x."""
-        raise NotImplementedError
 
     def below(self, x: np.ndarray | float) -> np.ndarray:
         """Return the share below x."""
         return self.cdf(x)
 
     def sf(self, x: np.ndarray | float) -> np.ndarray:
-        """Return the share above x."""
         return 1.0 - self.cdf(x)
 
-    def ppf(self, share: np.ndarray | float) -> np.ndarray:
-        """Return the smallest numbers that have shares up to them."""
-        raise NotImplementedError
-
     def isf(self, share: np.ndarray | float) -> np.ndarray:
-        """Return the numbers that have shares above them."""
         return self.ppf(1.0 - np.asarray(share))
 
 
@@ -257,13 +235,13 @@ class Mixture(Law):
         return float(np.sqrt(self._shares @ squares))
 
     def cdf(self, x: np.ndarray | float) -> np.ndarray:
-        return self._sum("cdf", x)
+        return sum(share * law.cdf(x) for share, law in zip(self._shares, self._laws))
 
     def below(self, x: np.ndarray | float) -> np.ndarray:
         return sum(share * getattr(law, "below", law.cdf)(x) for share, law in zip(self._shares, self._laws))
 
     def sf(self, x: np.ndarray | float) -> np.ndarray:
-        return self._sum("sf", x)
+        return sum(share * law.sf(x) for share, law in zip(self._shares, self._laws))
 
     def ppf(self, share: np.ndarray | float) -> np.ndarray:
         """Return the smallest numbers that have shares up to them, by bisection between the laws' own."""
@@ -272,9 +250,6 @@ class Mixture(Law):
     def isf(self, share: np.ndarray | float) -> np.ndarray:
         """Return the numbers that have shares above them, as `ppf`."""
         return self._inverse(share, "isf", lambda x, share: self.sf(x) > share)
-
-    def _sum(self, name: str, x: np.ndarray | float) -> np.ndarray:
-        return sum(share * getattr(law, name)(x) for share, law in zip(self._shares, self._laws))
 
     def _inverse(self, share: np.ndarray | float, name: str, is_too_low: Any) -> np.ndarray:
         share = np.asarray(share, dtype=float)
@@ -352,12 +327,10 @@ class _Counted:
     """Densities of a distribution, as many as a table may take: some have no end, as they repeat themselves."""
 
     def __init__(self, own: rv_frozen) -> None:
-        self.own, self._n = own, 0
+        self.own, self._left = own, iter(range(MOST_DENSITIES))
 
     def pdf(self, x: float) -> float:
-        """Return the density."""
-        self._n += 1
-        if self._n > MOST_DENSITIES:
+        if next(self._left, None) is None:
             raise _TooManyError
         return float(self.own.pdf(x))
 

@@ -1,14 +1,11 @@
 """From a TOML file to a scene, and back to the resolved TOML that every result file carries.
 
-Changes from the command line, on raw tables: `--override dotted.key=VALUE` and `--set NAME=VALUE`.
+Changes from the command line, `--override dotted.key=VALUE` and `--set NAME=VALUE`, are of raw tables, before they are
+validated. Deep tables end in recursion, null bytes and lone surrogates in system calls and HDF5: they are refused here
+for all entries.
 
-Raw tables of a scene before they are validated: what no entry may hold, wherever it stands.
-
-Deep tables end in recursion, null bytes and lone surrogates in system calls and HDF5: they are refused here for all.
-
-Commented scenes that run as they are, to begin with: package data in ``scene/templates``.
-
-A template is a scene, and where its bodies need meshes the files that it names, which are written beside it.
+Templates are commented scenes that run as they are, with the meshes that they name: package data in
+``scene/templates``.
 """
 
 from __future__ import annotations
@@ -49,14 +46,12 @@ def read_text(path: Path) -> str:
         if irregular(kind.st_mode):
             raise InputError(f"{path}: this is {irregular(kind.st_mode)}; a scene is a TOML file")
         if kind.st_size > MOST_BYTES:
-            raise InputError(
-                f"{path}: has {kind.st_size:,} bytes; a scene is a TOML file of at most {MOST_BYTES:,} bytes"
-            )
+            allowed = f"a scene is a TOML file of at most {MOST_BYTES:,} bytes"
+            raise InputError(f"{path}: has {kind.st_size:,} bytes; {allowed}")
         content = path.read_bytes()
         if SIGNATURE in content[: SIZE + len(SIGNATURE)]:
-            raise InputError(
-                f"{path}: an HDF5 file (pgmp info and pgmp.read read the program's own); a scene is a TOML file"
-            )
+            what = "an HDF5 file (pgmp info and pgmp.read read the program's own)"
+            raise InputError(f"{path}: {what}; a scene is a TOML file")
         text = content.decode("utf-8")
     except FileNotFoundError as error:
         raise InputError(f"{path}: there is no such scene file{_beside(path)}") from error
@@ -87,9 +82,8 @@ def check_tables(data: Mapping[str, Any]) -> None:
     while waiting:
         keys, value = waiting.pop()
         if len(keys) > DEEPEST:
-            raise InputError(
-                problem(dotted_name(keys[:SHOWN_KEYS]), f"tables or lists within each other, deeper than {DEEPEST}")
-            )
+            words = f"tables or lists within each other, deeper than {DEEPEST}"
+            raise InputError(problem(dotted_name(keys[:SHOWN_KEYS]), words))
         if isinstance(value, Mapping):
             for key, item in value.items():
                 _check_text(key, dotted_name(keys) or "the scene", "a key")
@@ -103,19 +97,9 @@ def check_tables(data: Mapping[str, Any]) -> None:
 def _check_text(text: str, entry: str, what: str) -> None:
     if len(text) > LONGEST_TEXT:
         raise InputError(f"{shortened(entry)}: {what} of {len(text):,} characters; at most {LONGEST_TEXT:,} are taken")
-    if "\0" in text or not _encodable(text):
-        raise InputError(
-            f"{shortened(entry)}: {what} with characters that no file takes (null, or bytes that are no UTF-8): "
-            f"{toml_text(text)}"
-        )
-
-
-def _encodable(text: str) -> bool:
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
+    if "\0" in text or text.encode(errors="ignore").decode() != text:
+        why = f"{what} with characters that no file takes (null, or bytes that are no UTF-8)"
+        raise InputError(f"{shortened(entry)}: {why}: {toml_text(text)}")
 
 
 def _beside(path: Path) -> str:
@@ -148,14 +132,12 @@ def _numbers_of(name: str, entry: str, directory: Path) -> list[float]:
         except ValueError as error:
             if line == 1 and "," not in cell and ";" not in cell:
                 continue  # the name of the column
-            raise InputError(
-                problem(entry, f"line {line} is '{shortened(cell, 40)}'; one number is needed in each line", name)
-            ) from error
+            words = f"line {line} is '{shortened(cell, 40)}'; one number is needed in each line"
+            raise InputError(problem(entry, words, name)) from error
     return numbers
 
 
 def _text_of(name: str, entry: str, directory: Path) -> str:
-    """Return the text of a file of numbers."""
     try:
         path = directory / name
         kind = path.stat()
@@ -203,8 +185,8 @@ def _rows_of(given: str | dict[str, Any], entry: str, directory: Path) -> list[l
         if names[0] is None and len(cells) != 2:
             words = f"line {line} has {len(cells)} columns; two are needed, or say which: {{ file, x, y }}"
             raise InputError(problem(entry, words, given))
-        row = [_number_in(cells, place) for place in places]
-        if is_first and not any(map(_is_number, cells)):
+        row = [_finite(cells[place]) if place < len(cells) else None for place in places]
+        if is_first and all(_finite(cell) is None for cell in cells):
             continue  # the names of the columns
         if None in row:
             shown = shortened(", ".join(cells), 40)
@@ -231,16 +213,13 @@ def _cells_of(name: str, entry: str, directory: Path) -> Iterator[tuple[int, lis
         yield line, [cell.strip().strip('"') for cell in row.split(",")]
 
 
-def _number_in(cells: Sequence[str], place: int) -> float | None:
-    """Return a cell as a finite number; None where it is none."""
-    return float(cells[place]) if place < len(cells) and _is_number(cells[place]) else None
-
-
-def _is_number(cell: str) -> bool:
+def _finite(text: str) -> float | None:
+    """Return the finite number that a text is; None where it is none."""
     try:
-        return math.isfinite(float(cell))
+        number = float(text)
     except ValueError:
-        return False
+        return None
+    return number if math.isfinite(number) else None
 
 
 def load_scene(path: Path | str, overrides: Sequence[str] = (), settings: Sequence[str] = ()) -> Scene:
@@ -310,10 +289,9 @@ def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:
         for depth, key in enumerate(keys[:-1], start=1):
             table = table.setdefault(key, {})
             if not isinstance(table, dict):
-                raise InputError(
-                    f"--override {shortened(override)}: {dotted_name(keys[:depth])} is not a table, so it has no key "
-                    f"'{keys[depth]}'; override {dotted_name(keys[:depth])} itself"
-                )
+                parent = dotted_name(keys[:depth])
+                why = f"{parent} is not a table, so it has no key '{keys[depth]}'; override {parent} itself"
+                raise InputError(f"--override {shortened(override)}: {why}")
         table[keys[-1]] = value
 
 
@@ -330,47 +308,32 @@ def apply_settings(data: dict[str, Any], settings: Sequence[str], system: UnitSy
         if not isinstance(parameters, dict) or not isinstance(parameters.get(name, {}), dict):
             return  # the validation of the scene says what is wrong with its parameters
         if name not in parameters:
-            raise InputError(
-                f"--set {shortened(setting)}: the scene has no parameter '{name}'{nearest_name(name, parameters)}"
-            )
-        parameters[name]["value"] = _finite(setting, text, parameters[name], system)
-
-
-def _finite(setting: str, text: str, parameter: dict[str, Any], system: UnitSystem) -> float:
-    try:
-        with_unit = setting_of(text.strip("\"'"), parameter, system)
-        value = float(text) if with_unit is None else with_unit
-    except UnknownUnit as error:
-        raise InputError(f"--set {shortened(setting)}: {error}") from error
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        needed = f"a number of the scene's units ({system}), or one with its unit, such as '5 mm', is needed"
-        raise InputError(f"--set {shortened(setting)}: '{shortened(text)}' is not a finite number; {needed}")
-    return value
+            hint = nearest_name(name, parameters)
+            raise InputError(f"--set {shortened(setting)}: the scene has no parameter '{name}'{hint}")
+        try:
+            value = setting_of(text.strip("\"'"), parameters[name], system)
+        except UnknownUnit as error:
+            raise InputError(f"--set {shortened(setting)}: {error}") from error
+        value = _finite(text) if value is None else value
+        if value is None or not math.isfinite(value):
+            needed = f"a number of the scene's units ({system}), or one with its unit, such as '5 mm', is needed"
+            raise InputError(f"--set {shortened(setting)}: '{shortened(text)}' is not a finite number; {needed}")
+        parameters[name]["value"] = value
 
 
 def _parse_override(override: str) -> tuple[list[str], Any]:
     """Split ``dotted.key=VALUE`` at the first equals sign that leaves a TOML key before it."""
+    said = f"--override {shortened(override)}"
     if "=" not in override:
-        raise InputError(
-            f"--override {shortened(override)}: dotted.key=VALUE is needed, such as --override reduction.modes=10"
-        )
-    position = override.find("=")
-    while position >= 0:
+        raise InputError(f"{said}: dotted.key=VALUE is needed, such as --override reduction.modes=10")
+    for position in (k for k, letter in enumerate(override) if letter == "="):
         keys = _parse_key(override[:position])
+        if len(keys) > DEEPEST:
+            raise InputError(f"{said}: a key of {len(keys)} names; a scene's entries are at most {DEEPEST} deep")
         if keys:
-            if len(keys) > DEEPEST:
-                raise InputError(
-                    f"--override {shortened(override)}: a key of {len(keys)} names; a scene's entries are at most "
-                    f"{DEEPEST} deep"
-                )
-            return keys, _parse_value(override, override[position + 1 :])
-        position = override.find("=", position + 1)
-    raise InputError(
-        f"--override {shortened(override)}: '{shortened(override.partition('=')[0])}' is not a dotted key of TOML; "
-        "an example is reduction.modes=10"
-    )
+            return keys, _parse_value(said, override[:position], override[position + 1 :].strip())
+    key = shortened(override.partition("=")[0])
+    raise InputError(f"{said}: '{key}' is not a dotted key of TOML; an example is reduction.modes=10")
 
 
 def _parse_key(text: str) -> list[str]:
@@ -388,18 +351,14 @@ def _parse_key(text: str) -> list[str]:
     return keys
 
 
-def _parse_value(override: str, text: str) -> Any:
+def _parse_value(said: str, key: str, text: str) -> Any:
     try:
-        table = tomllib.loads(f"value = {text.strip()}")
+        table = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):
         table = {}
     if list(table) != ["value"]:
-        key = override[: len(override) - len(text) - 1].strip()
-        raise InputError(
-            f"--override {shortened(override)}: '{shortened(text.strip())}' is not a TOML value; text needs quotes, as "
-            "in "
-            f"--override '{shortened(key)}=\"text\"'"
-        )
+        cure = f"text needs quotes, as in --override '{shortened(key.strip())}=\"text\"'"
+        raise InputError(f"{said}: '{shortened(text)}' is not a TOML value; {cure}")
     return table["value"]
 
 
@@ -432,10 +391,10 @@ def write_template(name: str, path: Path, force: bool = False) -> list[Path]:
     force
         Whether files that are there may be replaced.
     """
-    if name not in template_names():
-        known = ", ".join(template_names())
-        close = nearest_name(name, template_names())
-        raise InputError(f"template '{name}': there is none{close if 'known' not in close else ''}; known: {known}")
+    if name not in (known := template_names()):
+        close = nearest_name(name, known)
+        close = "" if "known" in close else close
+        raise InputError(f"template '{name}': there is none{close}; known: {', '.join(known)}")
     if path.is_dir():
         raise InputError(f"scene file '{path}' is a directory; give the name of a file in it, FILE{ENDING}")
     if path.suffix.lower() != ENDING:

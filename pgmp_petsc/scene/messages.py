@@ -1,7 +1,4 @@
-"""Messages about wrong entries: `dotted.name = received: what is allowed`, one line a problem.
-
-What is strange about an entry of a scene.
-"""
+"""Messages about wrong and strange entries: `dotted.name = received: what is allowed`, one line a problem."""
 
 from __future__ import annotations
 
@@ -68,13 +65,7 @@ def toml_text(value: object) -> str:
 
 def dotted_name(keys: Sequence[str | int]) -> str:
     """Return the dotted name of an entry, with keys quoted as in TOML and rows of a list in brackets."""
-    name = ""
-    for key in keys:
-        if isinstance(key, int):
-            name += f"[{key}]"
-        else:
-            name += ("." if name else "") + _toml_key(key)
-    return name
+    return "".join(f"[{key}]" if isinstance(key, int) else f".{_toml_key(key)}" for key in keys).removeprefix(".")
 
 
 def explain(error: ValidationError, model: type[BaseModel], units: Mapping[str, str], system: UnitSystem) -> InputError:
@@ -102,47 +93,31 @@ def _explain(details: Mapping[str, Any], model: type[BaseModel]) -> str:
     location, kind, context, received = (details["loc"], details["type"], details.get("ctx", {}), details["input"])
     keys, members = _follow(model, location)
     entry = dotted_name(keys)
-    if kind == "missing":
+    if kind in ("missing", "extra_forbidden"):
         (parent,) = _follow(model, location[:-1])[1]
+        if kind == "extra_forbidden":
+            return problem(entry, _choice(keys[-1], list(parent.model_fields), "unknown key"), received)
         return problem(entry, f"missing; needed: {parent.model_fields[location[-1]].description}")
-    if kind == "extra_forbidden":
-        (parent,) = _follow(model, location[:-1])[1]
-        allowed = list(parent.model_fields)
-        return problem(entry, f"unknown key{_nearest(keys[-1], allowed)} (allowed: {', '.join(allowed)})", received)
-    if kind in ("union_tag_invalid", "union_tag_not_found"):
-        return _explain_tag(entry, [_tag(member) for member in members], details)
+    if kind in ("union_tag_invalid", "union_tag_not_found"):  # of the key that says which kind of table it is
+        key, allowed = context["discriminator"].strip("'"), [_tag(member) for member in members]
+        if kind == "union_tag_not_found":
+            return problem(f"{entry}.{key}", f"missing (allowed: {', '.join(allowed)})")
+        return problem(f"{entry}.{key}", _choice(received[key], allowed), received[key])
     if kind == "literal_error":
         return problem(entry, _choice(received, re.findall(r"'([^']*)'", context["expected"])), received)
-    if kind == "refusal":
-        return _explain_refusal(keys, context, _NOTHING if location[-1] == KEY_MARK else received)
+    if kind == "refusal":  # by one of the scene's own validators, perhaps on account of one key of a table
+        received = _NOTHING if location[-1] == KEY_MARK else received
+        if context["key"]:
+            keys = [*keys, context["key"]]
+            received = received.get(context["key"], _NOTHING) if isinstance(received, Mapping) else _NOTHING
+        return problem(dotted_name(keys), context["allowed"], received)
     return problem(entry, ALLOWED[kind].format(**context) if kind in ALLOWED else details["msg"], received)
 
 
-def _explain_refusal(keys: list[str | int], context: Mapping[str, Any], received: object) -> str:
-    """Explain what one of the scene's own validators refused, perhaps on account of one key of a table."""
-    if context["key"]:
-        keys = [*keys, context["key"]]
-        received = received.get(context["key"], _NOTHING) if isinstance(received, Mapping) else _NOTHING
-    return problem(dotted_name(keys), context["allowed"], received)
-
-
-def _explain_tag(entry: str, allowed: Sequence[str], details: Mapping[str, Any]) -> str:
-    """Explain a missing or unknown `type` (or `shape`), the key that says which kind of table it is."""
-    key = details["ctx"]["discriminator"].strip("'")
-    if details["type"] == "union_tag_not_found":
-        return problem(f"{entry}.{key}", f"missing (allowed: {', '.join(allowed)})")
-    received = details["input"][key]
-    return problem(f"{entry}.{key}", _choice(received, allowed), received)
-
-
-def _choice(received: object, allowed: Sequence[str]) -> str:
-    return f"unknown{_nearest(received, allowed)} (allowed: {', '.join(allowed)})"
-
-
-def _nearest(received: object, allowed: Sequence[str]) -> str:
-    """Return the nearest of the allowed names, or nothing: the list of all follows anyway."""
+def _choice(received: object, allowed: Sequence[str], what: str = "unknown") -> str:
+    """Return what is allowed, with the nearest name ahead where there is one."""
     hint = nearest_name(received, allowed) if isinstance(received, str) else ""
-    return hint if "did you mean" in hint else ""
+    return f"{what}{hint if 'did you mean' in hint else ''} (allowed: {', '.join(allowed)})"
 
 
 def _follow(model: type[BaseModel], location: Sequence[str | int]) -> tuple[list[str | int], list[Any]]:
@@ -162,8 +137,7 @@ def _follow(model: type[BaseModel], location: Sequence[str | int]) -> tuple[list
         keys.append(key)
         (kind,) = members
         if get_origin(kind) is None:
-            field = kind.model_fields.get(key)
-            members = _members(field.annotation) if field else []
+            members = _members(kind.model_fields[key].annotation) if key in kind.model_fields else []
         else:
             members = _members(get_args(kind)[1 if get_origin(kind) is dict else 0])
     return keys, members
@@ -196,11 +170,8 @@ def _toml_key(key: str) -> str:
 def inline_toml(value: object) -> str:
     """Return a value as TOML on one line, whatever its length."""
     if isinstance(value, Mapping):
-        return (
-            "{}"
-            if not value
-            else "{ " + ", ".join(f"{_toml_key(str(key))} = {inline_toml(item)}" for key, item in value.items()) + " }"
-        )
+        inside = ", ".join(f"{_toml_key(str(key))} = {inline_toml(item)}" for key, item in value.items())
+        return f"{{ {inside} }}" if value else "{}"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(map(inline_toml, value)) + "]"
     if isinstance(value, (str, bool)):

@@ -10,7 +10,9 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 from pgmp_petsc.declare.ideas import OUTPUTS, Found, refuse
-from pgmp_petsc.scene.fields import AnyScene, Table
+from pgmp_petsc.scene.fields import AnyScene, Table, named_numbers
+from pgmp_petsc.scene.messages import Finding
+from pgmp_petsc.scene.uses import Use
 
 Axis = Literal["x", "y", "z"]
 #: Quantities of a stress output by the kind of element, with their units.
@@ -30,7 +32,7 @@ STRESSES = {
     },
 }
 #: What outputs may read.
-READS = ("frames", "outputs", "time", "parameters", "stresses", "multipliers")
+READS = ("frames", "outputs", "time", "parameters", "stresses", "multipliers", "history")
 #: Quantities of beams that need the shape of the section.
 OF_FIBRES = ("stress_max", "stress_min")
 
@@ -40,7 +42,7 @@ class OutputEntry(Table):
 
     #: What it reads of a motion, of `READS`: ``frames`` of nodes with their rates and accelerations, the ``time`` and
     #: values of ``parameters``, of which it is what `reading` returns; or ``stresses`` or
-    #: ``multipliers`` of constraints, which models observe.
+    #: ``multipliers`` of constraints, which models observe; or the ``history`` of others, which is counted.
     reads: ClassVar[tuple[str, ...]]
     #: Motions of which the joint that it is of leaves one free: ``turning``, ``sliding``.
     joints: ClassVar[tuple[str, ...]] = ()
@@ -82,7 +84,7 @@ class OutputEntry(Table):
     @classmethod
     def of_frames(cls) -> bool:
         """Whether frames and their rates are all that it reads."""
-        return {"stresses", "multipliers"}.isdisjoint(cls.reads)
+        return {"stresses", "multipliers", "history"}.isdisjoint(cls.reads)
 
     def unit_in(self, scene: AnyScene) -> str:
         """Return its unit, where that is not the same for all."""
@@ -107,6 +109,15 @@ class OutputEntry(Table):
     def kinked_in(self, scene: AnyScene) -> bool:
         """Whether it is the largest at many points: its history has kinks where another point takes over."""
         return any(scene.outputs[one].kinked_in(scene) for one in self.made_in(scene))
+
+    def uses(self, scene: AnyScene, entry: str) -> Iterator[Use]:
+        """Yield the entries that may name a parameter; `entry` is the output's own."""
+        for key, *use in named_numbers(self):
+            yield Use(f"{entry}.{key}", *use)
+
+    def doubts(self, scene: AnyScene, name: str) -> Iterator[Finding]:
+        """Yield what probably is not meant."""
+        yield from ()
 
     def problems(self, scene: AnyScene, name: str) -> Iterator[str]:
         """Yield a line for each entry that does not fit the rest of the scene; joints and points are looked at."""
@@ -140,7 +151,7 @@ def per_second(unit: str) -> str:
 
 
 def models_alone(scene: AnyScene, name: str) -> bool:
-    """Whether an output, or one that it is made of, is of what models alone know: stresses, multipliers."""
+    """Whether an output, or one that it is made of, is of what models alone know: stresses, multipliers, histories."""
     entry = scene.outputs[name]
     return not entry.of_frames() or any(models_alone(scene, one) for one in entry.made_in(scene))
 

@@ -1,8 +1,7 @@
-"""Uncertain parameters and their distributions, by the names and conventions of scipy.stats, and some of our own.
+"""Uncertain parameters and their distributions, by the names and conventions of scipy.stats, and some of our own; how
+they depend on each other; random fields over bodies; parameter values that span the distributions.
 
-Correlation between uncertain parameters: a Gaussian copula or Student's, whatever their own distributions are.
-
-A coefficient r is that of the normal variables ``Phi^-1(F(x))`` behind two parameters. Between values themselves it is
+A correlation r is that of the normal variables ``Phi^-1(F(x))`` behind two parameters. Between values themselves it is
 the same for normal distributions, and about as large for others; their rank correlation (Spearman's) is
 ``6 / pi asin(r / 2)`` (Kruskal, Journal of the American Statistical Association 53 (1958) 814-861).
 
@@ -14,17 +13,13 @@ normal ones 0.
 With ``clayton``, ``gumbel`` and ``frank`` all pairs depend on each other alike, with Kendall's coefficient ``2 / pi
 asin(r)`` of their common r.
 
-Random fields over bodies, and the parameters that they are made of.
-
 Field NAME with n terms has the parameters ``NAME_1`` .. ``NAME_n``, its uncorrelated variables of mean 0 and variance 1
 (`bodies.random_fields`): uniform, or normal and cut off at a number of deviations. They are put among the scene's
 parameters when it is read, and from there on are parameters like any others.
 
-Parameter values that span a scene's distributions: what bases and steps are tried on before the samples come.
-
-Parameters take their nominal value, their quantiles at three standard deviations of a normal distribution (bounds
-applied as an ensemble does), and the values half-way: alone, the others nominal (a star), and the outermost ones
-together (corners).
+Bases and steps are tried, before samples come, on nominal values, quantiles at three standard deviations of a normal
+distribution (bounds applied as an ensemble does), and the values half-way: alone, the others nominal (a star), and the
+outermost ones together (corners).
 """
 
 from __future__ import annotations
@@ -152,9 +147,8 @@ class Distribution(Table):
         allowed = [*shapes, "loc", "scale"]
         for key in self.arguments:
             if key not in allowed:
-                raise refusal(
-                    f"unknown argument of {self.name}{nearest_name(key, allowed)} (allowed: {', '.join(allowed)})", key
-                )
+                what = f"unknown argument of {self.name}{nearest_name(key, allowed)}"
+                raise refusal(f"{what} (allowed: {', '.join(allowed)})", key)
         for key in shapes:
             if key not in self.arguments:
                 raise refusal(f"missing; {self.name} needs the shape parameters {', '.join(shapes)}", key)
@@ -177,9 +171,8 @@ class Distribution(Table):
             raise refusal("all values are the same, so nothing is drawn; leave the distribution out", needed)
         if self.weights is None:
             return
-        if len(self.weights) != len(parts):
-            given = f"{len(self.weights)} are given"
-            raise refusal(f"{len(parts)} are needed, one for each of {needed}; {given}", "weights")
+        if (n := len(self.weights)) != len(parts):
+            raise refusal(f"{len(parts)} are needed, one for each of {needed}; {n} are given", "weights")
         least = min(self.weights)
         if least < 0.0 or (least == 0.0 and self.name == "mixture") or not max(self.weights) > 0.0:
             raise refusal("numbers above 0 are needed, of discrete values 0 too but not of all", "weights")
@@ -247,7 +240,7 @@ class Parameter(Table):
 
     @property
     def _limits(self) -> tuple[float, float]:
-        return (-np.inf, np.inf) if self.bounds is None else (float(self.bounds[0]), float(self.bounds[1]))
+        return (-np.inf, np.inf) if self.bounds is None else self.bounds
 
     @model_validator(mode="after")
     def _inside_bounds(self) -> Self:
@@ -266,12 +259,9 @@ class Parameter(Table):
             raise refusal(f"gives no samples inside the parameter's bounds [{low}, {high}]", "distribution")
         # scipy.stats counts the turns of circular distributions, such as vonmises: no truncation can draw from that
         if not (0.0 <= below[0] and below[1] <= 1.0 + 1e-9):
-            raise refusal(
-                f"has {below[0]:.3g} of its samples below the parameter's bounds [{low}, {high}] and {below[1]:.3g} "
-                "below their upper end, which are no shares, as it repeats itself within them; take narrower bounds, "
-                "or another distribution",
-                "distribution",
-            )
+            shares = f"{below[0]:.3g} of its samples below the parameter's bounds [{low}, {high}] and {below[1]:.3g}"
+            why = "below their upper end, which are no shares, as it repeats itself within them"
+            raise refusal(f"has {shares} {why}; take narrower bounds, or another distribution", "distribution")
         return self
 
 
@@ -281,7 +271,6 @@ def _below(law: object) -> Callable[[float], float]:
 
 
 def _continuous(name: str) -> rv_continuous:
-    """Return the continuous distribution `name` of scipy.stats."""
     from scipy import stats  # half a second, which a scene without distributions need not wait for
 
     distribution = getattr(stats, name, None)
@@ -289,13 +278,12 @@ def _continuous(name: str) -> rv_continuous:
         return distribution
     known = [key for key, value in vars(stats).items() if isinstance(value, stats.rv_continuous)] + list(OWN)
     nearest = nearest_name(name, known)
-    examples = nearest if len(nearest) < 50 else "; known are norm, uniform, lognorm, truncnorm, weibull_min, ..."
-    examples += f", and {', '.join(OWN)}" if len(nearest) >= 50 else ""
-    raise refusal(f"no continuous distribution of scipy.stats{examples}", "name")
+    if len(nearest) >= 50:
+        nearest = f"; known are norm, uniform, lognorm, truncnorm, weibull_min, ..., and {', '.join(OWN)}"
+    raise refusal(f"no continuous distribution of scipy.stats{nearest}", "name")
 
 
 def _shapes(distribution: rv_continuous) -> list[str]:
-    """Return the names of the shape parameters."""
     return distribution.shapes.split(", ") if distribution.shapes else []
 
 
@@ -318,12 +306,8 @@ def correlation_matrix(scene: AnyScene, names: Sequence[str]) -> np.ndarray | No
 def correlation_problems(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each coefficient that cannot be, or for a matrix that is none of correlations."""
     seen: dict[frozenset[str], str] = {}
-    lines = [
-        line
-        for one, others in scene.correlation.items()
-        for other, coefficient in others.items()
-        for line in _of_pair(scene, one, other, coefficient, seen)
-    ]
+    pairs = [(one, *pair) for one, others in scene.correlation.items() for pair in others.items()]
+    lines = [line for pair in pairs for line in _of_pair(scene, *pair, seen)]
     yield from lines
     if not seen and scene.ensemble.copula != "gaussian":
         yield problem("ensemble.copula", "[correlation] names no parameters that it could join", scene.ensemble.copula)
@@ -335,11 +319,9 @@ def correlation_problems(scene: AnyScene) -> Iterator[str]:
         yield from _not_alike(scene.ensemble.copula, names, matrix)
     smallest = float(np.linalg.eigvalsh(matrix)[0])
     if smallest < SMALLEST_EIGENVALUE:
-        yield problem(
-            "correlation",
-            f"no parameters have all these coefficients together: the matrix of {', '.join(names)} must be positive "
-            f"definite, and its smallest eigenvalue is {smallest:.4g}; make some coefficients smaller",
-        )
+        what = f"the matrix of {', '.join(names)} must be positive definite, and its smallest eigenvalue is"
+        why = f"no parameters have all these coefficients together: {what} {smallest:.4g}"
+        yield problem("correlation", f"{why}; make some coefficients smaller")
     if scene.ensemble.sampler == "saltelli":
         what = "Sobol indices are of independent parameters; leave the correlation out, or take another sampler"
         yield problem("correlation", f'ensemble.sampler = "saltelli" has no part for it: {what}')
@@ -436,12 +418,8 @@ class RandomField(Table):
         law = {"name": "norm", "loc": 0.0, "scale": self.scale}
         if self.distribution == "uniform":
             law = {"name": "uniform", "loc": -self.reach, "scale": 2.0 * self.reach}
-        return {
-            "nominal": 0.0,
-            "description": f"variable {number} of the random field {name}",
-            "distribution": law,
-            "bounds": [-self.reach, self.reach],
-        }
+        about = f"variable {number} of the random field {name}"
+        return {"nominal": 0.0, "description": about, "distribution": law, "bounds": [-self.reach, self.reach]}
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -536,15 +514,13 @@ def spanning_values(scene: AnyScene, names: Sequence[str] | None = None) -> tupl
     """
     names = uncertain_names(scene) if names is None else names
     levels = {name: _levels(scene, name) for name in names}
-    samples = [dict(scene.nominal)]
+    nominal = scene.nominal
+    samples = [nominal]
     for name, (low, high) in levels.items():
-        nominal = scene.nominal[name]
-        for value in (low, 0.5 * (low + nominal), 0.5 * (nominal + high), high):
-            samples.append(scene.nominal | {name: value})
-    if 1 < len(names) <= MOST_CORNERS:
-        samples += [scene.nominal | dict(zip(names, corner)) for corner in product(*levels.values())]
-    elif len(names) > MOST_CORNERS:
-        samples += [scene.nominal | {name: levels[name][side] for name in names} for side in (0, 1)]
+        half_way = (0.5 * (low + nominal[name]), 0.5 * (nominal[name] + high))
+        samples += [nominal | {name: value} for value in (low, *half_way, high)]
+    corners = product(*levels.values()) if len(names) <= MOST_CORNERS else zip(*levels.values())
+    samples += [nominal | dict(zip(names, corner)) for corner in corners if len(names) > 1]
     samples.append(scene.values)
     once = [sample for k, sample in enumerate(samples) if sample not in samples[:k]]
     return {name: np.array([sample[name] for sample in once]) for name in scene.parameters}, len(once)

@@ -1,10 +1,9 @@
-"""The JSON schema of scenes, for editors that complete and check TOML; made from the models that validate scenes.
+"""The JSON schema of scenes, for editors that complete and check TOML, made from the models that validate scenes; and
+every entry that a scene may have as a page, made from that schema.
 
 Draft 4 of JSON Schema, which the language servers of TOML know. It holds names, types, choices, limits of single
 numbers and descriptions. What entries ask of each other (names that exist, exactly one of two keys, units) is left to
 `pgmp_petsc.scene.loading`: a scene that the schema refuses is refused there too, and not the other way round.
-
-Every entry that a scene may have, as a page: made from the schema for editors, and so from the models themselves.
 """
 
 from __future__ import annotations
@@ -113,7 +112,6 @@ def _entry(node: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _sentence(text: str) -> str:
-    """Return a description on one line."""
     return " ".join(text.replace("``", "`").split())
 
 
@@ -146,8 +144,8 @@ def reference_page() -> str:
     parts, done = [HEAD], set()
     waiting: list[tuple[str, str]] = []
     for name in Scene.model_fields:
-        entry = schema["properties"][name]
-        parts.append(f"## {name}\n\n{_first_capital(entry['description'])}.{_is_needed(name, schema)}\n")
+        entry, needed = schema["properties"][name], " *Needed.*" if name in schema["required"] else ""
+        parts.append(f"## {name}\n\n{entry['description'][:1].upper()}{entry['description'][1:]}.{needed}\n")
         kinds = list(_references(entry))
         for kind in kinds:
             place = f"[{name}]" if entry.get("allOf") else f"[{name}.NAME]"
@@ -174,10 +172,6 @@ def _free(name: str, entry: Mapping[str, Any]) -> str:
     return f"`[{name}]` holds `NAME = {{ OTHER_NAME = {allowed(value)} }}`.\n"
 
 
-def _is_needed(name: str, schema: Mapping[str, Any]) -> str:
-    return " *Needed.*" if name in schema["required"] else ""
-
-
 def _table(model: Mapping[str, Any], place: str, kind: str, waiting: list[tuple[str, str]]) -> str:
     """Return a model as a heading, a sentence and a table of its entries; note the tables that these hold."""
     lines = [f"### {heading(model, kind)}\n"] if kind else []
@@ -193,10 +187,8 @@ def _table(model: Mapping[str, Any], place: str, kind: str, waiting: list[tuple[
         default = "*needed*" if name in model.get("required", ()) else default
         text = entry.get("description", "").replace("|", "\\|")
         rows.append(f"| `{name}` | {allowed(entry)} | {unit_of(entry)} | {default} | {text} |")
-    if isinstance(model["additionalProperties"], Mapping):
-        rows.append(
-            f"| any other name | {allowed(model['additionalProperties'])} | | | its arguments, by their names |"
-        )
+    if isinstance(more := model["additionalProperties"], Mapping):
+        rows.append(f"| any other name | {allowed(more)} | | | its arguments, by their names |")
     if rows:
         lines += ["| entry | allowed | unit | default | meaning |", "|---|---|---|---|---|", *rows, ""]
     return "\n".join(lines)
@@ -245,13 +237,11 @@ def allowed(entry: Mapping[str, Any]) -> str:
 
 
 def _bounds(entry: Mapping[str, Any]) -> str:
-    """Return the limits of a number in words."""
-    words = []
-    if "minimum" in entry:
-        words.append(f"{'above' if entry.get('exclusiveMinimum') else 'from'} {_toml(entry['minimum'])}")
-    if "maximum" in entry:
-        words.append(f"{'below' if entry.get('exclusiveMaximum') else 'to'} {_toml(entry['maximum'])}")
-    return f" {' '.join(words)}" if words else ""
+    words = ""
+    for limit, is_open, closed in (("minimum", "above", "from"), ("maximum", "below", "to")):
+        if limit in entry:
+            words += f" {is_open if entry.get(f'exclusive{limit.capitalize()}') else closed} {_toml(entry[limit])}"
+    return words
 
 
 def unit_of(entry: Mapping[str, Any]) -> str:
@@ -283,13 +273,8 @@ def _references(entry: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _toml(value: object) -> str:
-    """Return a value as a scene has it."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(_toml, value))}]"
     return f'"{value}"' if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else f"{value}"
-
-
-def _first_capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

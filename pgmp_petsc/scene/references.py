@@ -1,12 +1,9 @@
-"""Checks across tables: names that entries refer to exist and are of the right kind, and values fit.
+"""Checks across tables: names that entries refer to exist and are of the right kind, and values fit the others and
+where the mechanism moves: the plane, or space where bodies are beam3d or solid3d. Places on a mesh are checked where
+there is a mesh.
 
-Checks that entries belong to where the mechanism moves: the plane, or space where bodies are beam3d or solid3d.
-
-Checks of effects against the rest of a scene: joints and points of the right kind, mutually exclusive effects.
-
-Loads whose values over time name parameters, as several loads: numbers, and one for each parameter.
-
-A function of time whose values are numbers or parameters is affine in the parameters,
+Loads whose values over time name parameters are several loads. A function of time whose values are numbers or
+parameters is affine in the parameters,
 
     f(t, p) = f_0(t) + sum_k p_k f_k(t),
 
@@ -14,14 +11,9 @@ where f_0 has the numbers with zeros in place of the names, and f_k ones where p
 is a load of its own with a function that holds numbers alone, and p_k for its `scale`: what models, samples and
 derivatives know of loads holds for it as it is.
 
-The impulse of a table over time, and what the integrator sees of it: the trapezoidal rule on its steps.
-
-A table is linear between its rows, so that the rule is exact in every step without a row inside: whatever the number of
-steps, only those with rows are looked at.
-
-Checks of stress outputs against the bodies that they name; places on a mesh are checked where there is a mesh.
-
-The points of bodies that a scene names: where its joints, effects and outputs hold.
+Of the impulse of a table over time the integrator sees the trapezoidal rule on its steps. A table is linear between its
+rows, so that the rule is exact in every step without a row inside: whatever the number of steps, only those with rows
+are looked at.
 """
 
 from __future__ import annotations
@@ -29,7 +21,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,10 +29,10 @@ from pgmp_petsc.base.errors import nearest_name, shortened
 from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.fields import GROUND, AnyScene, split_point
-from pgmp_petsc.scene.joints import MEASURED, CouplingEntry, JointEntry, joints_with
+from pgmp_petsc.scene.joints import MEASURED, WHERE, CouplingEntry, JointEntry, joints_with
 from pgmp_petsc.scene.messages import COMPONENTS, MAX_RECEIVED, problem
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry, circle_of
-from pgmp_petsc.scene.uses import Use, motion_over, ordered_ends, slides, uses_of
+from pgmp_petsc.scene.uses import motion_over, ordered_ends, slides, uses_of
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.bodies import Body, Rigid
@@ -83,12 +74,9 @@ def joint_problems(scene: AnyScene, entry: str, joint: str, allowed: tuple[type,
     if joint not in scene.joints:
         yield problem(entry, f"there is no such {named} joint{nearest_name(joint, fitting)}", joint)
     elif joint not in fitting:
-        yield problem(
-            entry,
-            f"a {named} joint is needed, this one is a {scene.joints[joint].type}"
-            f" (allowed: {', '.join(fitting) or 'none is defined'})",
-            joint,
-        )
+        allowed_ones = f"(allowed: {', '.join(fitting) or 'none is defined'})"
+        found = f"a {named} joint is needed, this one is a {scene.joints[joint].type} {allowed_ones}"
+        yield problem(entry, found, joint)
 
 
 def over_problems(scene: AnyScene, entry: str, effect: Any) -> Iterator[str]:
@@ -98,16 +86,21 @@ def over_problems(scene: AnyScene, entry: str, effect: Any) -> Iterator[str]:
             yield problem(f"{entry}.over_motion", "needs over, the joint that has it", effect.over_motion)
         return
     known = list(joint_problems(scene, f"{entry}.over", effect.over, joints_with(*MEASURED, dimension=scene.dimension)))
-    yield from known
-    if known:
-        return
-    joint, motion = scene.joints[effect.over], motion_over(scene, effect)
-    free = [one for one in joint.motions_in(scene.dimension) if one in MEASURED]
+    motion = motion_over(scene, effect)
+    yield from known or _not_free(scene, f"{entry}.over_motion", effect.over, MEASURED, motion, motion is None)
+
+
+def _not_free(
+    scene: AnyScene, entry: str, name: str, allowed: Sequence[str], motion: str | None, is_missing: bool
+) -> Iterator[str]:
+    """Yield a line if a motion is missing, or none of the allowed ones that a joint leaves free."""
+    joint = scene.joints[name]
+    free = [one for one in joint.motions_in(scene.dimension) if one in allowed]
     needed = " or ".join(f'"{one}"' for one in free)
-    if motion is None:
-        yield problem(f"{entry}.over_motion", f"missing; {effect.over} is {joint.type}: {needed} is needed")
-    elif motion not in free:
-        yield problem(f"{entry}.over_motion", f"{effect.over} is {joint.type}: allowed is {needed}", motion)
+    if is_missing:
+        yield problem(entry, f"missing; {name} is {joint.type}: {needed} is needed")
+    elif motion is not None and free and motion not in free:
+        yield problem(entry, f"{name} is {joint.type}: allowed is {needed}", motion)
 
 
 def motion_problems(
@@ -120,13 +113,9 @@ def motion_problems(
     joint, motion = scene.joints.get(on_joint.joint), getattr(on_joint, "motion", None)
     if joint is None or "motion" not in type(on_joint).model_fields:
         return
-    free = [one for one in joint.motions_in(scene.dimension) if one in allowed]
-    needed = " or ".join(f'"{one}"' for one in free)
-    meant = None if all_said and len(free) > 1 else joint.motion_of(None, allowed, scene.dimension)
-    if motion is None and len(free) > 1 and meant is None:
-        yield problem(f"{entry}.motion", f"missing; {on_joint.joint} is {joint.type}: {needed} is needed")
-    elif motion is not None and free and motion not in free:
-        yield problem(f"{entry}.motion", f"{on_joint.joint} is {joint.type}: allowed is {needed}", motion)
+    several = sum(one in allowed for one in joint.motions_in(scene.dimension)) > 1
+    is_missing = motion is None and several and (all_said or joint.motion_of(None, allowed, scene.dimension) is None)
+    yield from _not_free(scene, f"{entry}.motion", on_joint.joint, allowed, motion, is_missing)
 
 
 def point_problems(scene: AnyScene, entry: str, point: str, ground_allowed: bool) -> Iterator[str]:
@@ -170,15 +159,9 @@ def apart_problems(scene: AnyScene, entry: str, points: tuple[str, str]) -> Iter
 
 def load_problems(scene: AnyScene, name: str, effect: OverTime) -> Iterator[str]:
     """Yield a line for each part of a load that steps do not resolve; harmonics have one frequency, told once."""
+    check = _impulse_problems if effect.harmonic is None else harmonic_problems
     parts = parts_of(name, effect).values()
-    yield from dict.fromkeys(line for part in parts for line in _part_problems(scene, f"effects.{name}", part))
-
-
-def _part_problems(scene: AnyScene, entry: str, effect: OverTime) -> Iterator[str]:
-    if effect.harmonic is not None:
-        yield from harmonic_problems(scene, entry, effect)
-    elif scene.simulation.tolerance is None:  # otherwise the step is not known yet
-        yield from _impulse(scene, f"{entry}.table", effect)
+    yield from dict.fromkeys(line for part in parts for line in check(scene, f"effects.{name}", part))
 
 
 def harmonic_problems(scene: AnyScene, entry: str, effect: OverTime | Driving) -> Iterator[str]:
@@ -193,15 +176,17 @@ def harmonic_problems(scene: AnyScene, entry: str, effect: OverTime | Driving) -
         )
 
 
-def _impulse(scene: AnyScene, entry: str, effect: OverTime) -> Iterator[str]:
+def _impulse_problems(scene: AnyScene, entry: str, effect: OverTime) -> Iterator[str]:
     run = scene.simulation
+    if run.tolerance is not None:
+        return  # the step is not known yet
     n_steps = max(1, math.ceil(run.duration / run.step * (1 - 1e-12)))
     found = impulse_of(effect.table, run.duration, n_steps)
     # what sets in within a step is seen half a step early or late; that is as it should be
     tolerated = max(LOST_IMPULSE * found.whole, 0.5 * run.step * found.largest)
     if abs(found.seen - found.exact) > tolerated:
         yield problem(
-            entry,
+            f"{entry}.table",
             f"has an impulse of {found.exact:.4g} {effect.strength_unit} s, but {found.seen:.4g} with a {effect.type} "
             f"read every {run.step:g} s; take a smaller simulation.step, or a pulse that lasts several steps",
         )
@@ -229,14 +214,11 @@ def parts_of(name: str, effect: EffectEntry) -> dict[str, EffectEntry]:
     Several are named after the effect and their parameters, ``NAME_PARAMETER``; the one of numbers has the effect's
     name, and so has one that is alone.
     """
-    if not isinstance(effect, OverTime):
+    if not isinstance(effect, OverTime) or not effect.parameters_over_time:
         return {name: effect}
-    parameters = effect.parameters_over_time
-    if not parameters:
-        return {name: effect}
-    parts: dict[str, EffectEntry] = {} if _is_zero(effect) else {name: _part(effect, None)}
-    for parameter in parameters:
-        parts[f"{name}_{parameter}"] = _part(effect, parameter)
+    has_numbers = any(value for _, value in effect.values_over_time if not isinstance(value, str))
+    parts: dict[str, EffectEntry] = {name: _part(effect, None)} if has_numbers else {}
+    parts |= {f"{name}_{parameter}": _part(effect, parameter) for parameter in effect.parameters_over_time}
     return parts if len(parts) > 1 else {name: next(iter(parts.values()))}
 
 
@@ -248,14 +230,7 @@ def part_problems(scene: AnyScene) -> Iterator[str]:
                 yield problem(f"effects.{part}", f"a part of effects.{name} has this name; give it another one")
 
 
-def _is_zero(effect: OverTime) -> bool:
-    """Return whether all values that are numbers are zero."""
-    return not any(value for _, value in effect.values_over_time if not isinstance(value, str))
-
-
 def _part(effect: OverTime, parameter: str | None) -> OverTime:
-    """Return the load of one parameter, or of the numbers."""
-
     def value_of(value: float | str) -> float:
         if parameter is None:
             return 0.0 if isinstance(value, str) else value
@@ -271,13 +246,13 @@ def _part(effect: OverTime, parameter: str | None) -> OverTime:
 
 @dataclass(frozen=True)
 class Impulse:
-    """Integrals of a table over a run, in its unit times s."""
+    """Integrals of a table over a run, in its unit times s: of itself, of its values at the ends of steps by the
+    trapezoidal rule, and of its magnitude; the largest magnitude at the end of a step, in the table's unit."""
 
-    #: exact, seen: of the table, and of its values at the ends of steps by the trapezoidal rule
     exact: float
     seen: float
-    whole: float  # of its magnitude
-    largest: float  # largest magnitude at the end of a step, in the table's unit
+    whole: float
+    largest: float
 
 
 def impulse_of(table: Sequence[tuple[float, float]], duration: float, n_steps: int) -> Impulse:
@@ -293,16 +268,12 @@ def impulse_of(table: Sequence[tuple[float, float]], duration: float, n_steps: i
     knots = np.union1d(ends, inside)
 
     at_knots, at_ends = np.interp(knots, times, values), np.interp(ends, times, values)
-    return Impulse(
-        exact=float(_trapezoid(at_knots, knots)),
-        seen=float(_trapezoid(at_ends, ends)),
-        whole=float(_magnitude(at_knots, knots)),
-        largest=float(np.max(np.abs(at_ends))),
-    )
+    exact, seen = _trapezoid(at_knots, knots), _trapezoid(at_ends, ends)
+    return Impulse(exact, seen, _magnitude(at_knots, knots), float(np.max(np.abs(at_ends))))
 
 
 def _trapezoid(values: np.ndarray, at: np.ndarray) -> float:
-    return 0.5 * np.sum((values[1:] + values[:-1]) * np.diff(at))
+    return float(0.5 * np.sum((values[1:] + values[:-1]) * np.diff(at)))
 
 
 def _magnitude(values: np.ndarray, at: np.ndarray) -> float:
@@ -312,7 +283,7 @@ def _magnitude(values: np.ndarray, at: np.ndarray) -> float:
     total = np.abs(a) + np.abs(b)
     # two triangles where the sign changes
     share = np.where(turns, (a * a + b * b) / np.where(turns, total, 1.0), total)
-    return 0.5 * np.sum(share * np.diff(at))
+    return float(0.5 * np.sum(share * np.diff(at)))
 
 
 PLACES = ("at", "group", "region")
@@ -327,7 +298,7 @@ def stress_problems(scene: AnyScene, name: str, output: OutputEntry) -> Iterator
     """Yield one line for each entry of a stress output that does not fit the body it names."""
     entry = f"outputs.{name}"
     if output.body not in scene.bodies:
-        yield problem(f"{entry}.body", f"there is no such body{nearest_name(output.body, scene.bodies)}", output.body)
+        yield unknown(f"{entry}.body", "body", output.body, scene.bodies)
         return
     body = scene.bodies[output.body]
     if not body.flexible:
@@ -392,20 +363,11 @@ MOST_RADIANS_OF_RANGE = 100.0  # 5,000 configurations to be assembled one after 
 DEGREES, FEW_TURNS = 5.0, 25.0  # angles in degrees are multiples of 5 as a rule; rad that nobody gives as such a range
 
 
-def reference_problems(scene: AnyScene) -> list[str]:
-    """Return one line for each entry that does not fit the others, empty if the scene is consistent."""
-    return list(
-        chain(
-            _bodies(scene),
-            _joints(scene),
-            _coordinates(scene),
-            effect_problems(scene),
-            _outputs(scene),
-            _initial_states(scene),
-            _parameter_uses(scene),
-            space_problems(scene),
-        )
-    )
+def reference_problems(scene: AnyScene) -> Iterator[str]:
+    """Yield one line for each entry that does not fit the others."""
+    checks = (_bodies, _joints, _coordinates, effect_problems, _outputs, _initial_states, _parameter_uses, _vectors)
+    for check in (*checks, _in_space if scene.dimension == 3 else _in_the_plane):
+        yield from check(scene)
 
 
 def _bodies(scene: AnyScene) -> Iterator[str]:
@@ -446,20 +408,13 @@ def _joints(scene: AnyScene) -> Iterator[str]:
         for point in joint.connect:
             yield from point_problems(scene, entry, point, ground_allowed=True)
         if owners and owners[0] == owners[1]:
-            yield problem(
-                entry,
-                f"a joint connects two different bodies, or a body and the ground; both points are on {owners[0]}",
-                joint.connect,
-            )
+            words = "a joint connects two different bodies, or a body and the ground; both points are on"
+            yield problem(entry, f"{words} {owners[0]}", joint.connect)
         if scene.dimension not in joint.dimensions:
-            here, elsewhere = ("in the plane", "in space")[:: 1 if scene.dimension == 2 else -1]
             alike = JointEntry if isinstance(joint, JointEntry) else CouplingEntry
-            kinds = (
-                one
-                for one, kind in zip(JOINTS.names, JOINTS.found())
-                if scene.dimension in kind.dimensions and issubclass(kind, alike)
-            )
-            words = f"for mechanisms {elsewhere} (allowed {here}: {', '.join(kinds)})"
+            found = {one: kind for one, kind in zip(JOINTS.names, JOINTS.found()) if issubclass(kind, alike)}
+            kinds = ", ".join(one for one, kind in found.items() if scene.dimension in kind.dimensions)
+            words = f"for mechanisms {WHERE[5 - scene.dimension]} (allowed {WHERE[scene.dimension]}: {kinds})"
             yield problem(f"joints.{name}.type", words, joint.type)
         else:
             yield from joint.problems(scene, name)
@@ -467,9 +422,32 @@ def _joints(scene: AnyScene) -> Iterator[str]:
                 yield from joint.offset.problems(scene.dimension, f"joints.{name}.offset")
             if joint.elastic is not None and isinstance(joint, JointEntry):
                 yield from joint.elastic.problems(scene.dimension, f"joints.{name}.elastic")
-            if joint.elastic is not None and name in scene.effects:
-                words = f"joints.{name} is elastic, and its springs have this name; give the effect another one"
+            if joint.clearance is not None:
+                yield from _loose(scene, name, joint)
+            if joint.gives_way and name in scene.effects:
+                words = (
+                    f"joints.{name} has {joint.gives_way}, and its forces have this name; give the effect another one"
+                )
                 yield problem(f"effects.{name}", words)
+
+
+def _loose(scene: AnyScene, name: str, joint: JointEntry) -> Iterator[str]:
+    """Yield a line for what does not fit a joint with a clearance."""
+    entry = f"joints.{name}.clearance"
+    if not joint.loose:
+        able = (
+            one for one, kind in zip(JOINTS.names, JOINTS.found()) if kind.loose and scene.dimension in kind.dimensions
+        )
+        yield problem(entry, f"a joint of type {joint.type} has none; those that have are {', '.join(able)}")
+        return
+    for other in ("elastic", "offset"):
+        if getattr(joint, other) is not None:
+            words = f"a joint has {other} or clearance, not both: let a body between two joints have the other one"
+            yield problem(f"joints.{name}.{other}", words)
+    yield from joint.clearance.problems(scene, entry)
+    if joint.clearance.friction:
+        words = "friction in contact is not made yet; leave it out, or take an effect of type joint_friction"
+        yield problem(f"{entry}.friction", words, joint.clearance.friction)
 
 
 def _coordinates(scene: AnyScene) -> Iterator[str]:
@@ -488,23 +466,16 @@ def _coordinates(scene: AnyScene) -> Iterator[str]:
                 words = "a distance is positive, and has no direction where it is zero"
                 yield problem(f"coordinates.{name}.range", words, list(coordinate.range))
             continue
-        turns = f"{(high - low) / (2 * math.pi):.4g} turns"
+        turns, why = f"{(high - low) / (2 * math.pi):.4g} turns", ""
         if high - low >= FEW_TURNS and low % DEGREES == 0.0 == high % DEGREES:
             inside = ", ".join(f"{math.radians(end):.5g}" for end in (low, high))
-            yield problem(
-                f"coordinates.{name}.range",
-                f"looks like degrees: it is in rad, and {turns} long; write [{inside}]. What turns for ever has range "
-                f"= [0.0, {2 * math.pi!r}] and periodic = true",
-                list(coordinate.range),
-            )
+            why = f"looks like degrees: it is in rad, and {turns} long; write [{inside}]"
         elif high - low > MOST_RADIANS_OF_RANGE:
-            yield problem(
-                f"coordinates.{name}.range",
-                f"is {turns} long, and each is followed in small steps; at most "
-                f"{MOST_RADIANS_OF_RANGE:g} rad are taken. What turns for ever has range = [0.0, {2 * math.pi!r}] and "
-                "periodic = true",
-                list(coordinate.range),
-            )
+            most = f"at most {MOST_RADIANS_OF_RANGE:g} rad are taken"
+            why = f"is {turns} long, and each is followed in small steps; {most}"
+        if why:
+            cure = f"What turns for ever has range = [0.0, {2 * math.pi!r}] and periodic = true"
+            yield problem(f"coordinates.{name}.range", f"{why}. {cure}", list(coordinate.range))
 
 
 def _joint_of_coordinate(
@@ -538,6 +509,9 @@ def _outputs(scene: AnyScene) -> Iterator[str]:
         for other, key in output.made_in(scene).items():
             if other not in scene.outputs:
                 yield unknown(f"outputs.{name}.{key}", "output", other, [one for one in scene.outputs if one != name])
+            elif "history" in scene.outputs[other].reads:
+                words = f"{other} is counted over the run, and an output is made of what is known at an instant"
+                yield problem(f"outputs.{name}.{key}", f"{words}; name what {other} is of", getattr(output, key))
         circle = circle_of(scene, name)
         if circle:
             key, *_ = output.made_in(scene).values()
@@ -557,46 +531,34 @@ def _initial_states(scene: AnyScene) -> Iterator[str]:
             )
     for name in scene.simulation.initial:
         if name not in scene.coordinates:
-            yield problem(
-                f"simulation.initial.{name}", f"there is no such coordinate{nearest_name(name, scene.coordinates)}"
-            )
+            what = f"there is no such coordinate{nearest_name(name, scene.coordinates)}"
+            yield problem(f"simulation.initial.{name}", what)
     prescribed = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
     for name, coordinate in scene.coordinates.items():
         (low, high), position = coordinate.range, scene.initial_state(name).position
         if name not in prescribed and not (coordinate.periodic or low <= position <= high):
-            yield problem(
-                f"simulation.initial.{name}.position", f"must lie in the coordinate's range [{low}, {high}]", position
-            )
+            words = f"must lie in the coordinate's range [{low}, {high}]"
+            yield problem(f"simulation.initial.{name}.position", words, position)
+
+
+#: What numbers must be, by their sign, and which ones are not.
+SIGNS = {
+    "positive": ("must be positive", lambda number: number <= 0.0),
+    "not negative": ("must not be negative", lambda number: number < 0.0),
+    "not zero": ("must not be 0", lambda number: number == 0.0),
+    "any": ("", lambda number: False),
+}
 
 
 def _parameter_uses(scene: AnyScene) -> Iterator[str]:
     for use in uses_of(scene):
-        if use.parameter is None:
-            continue
-        if use.parameter not in scene.parameters:
+        parameter, (must, is_wrong) = scene.parameters.get(use.parameter), SIGNS[use.sign]
+        if use.parameter is not None and parameter is None:
             yield unknown(use.entry, "parameter", use.parameter, scene.parameters)
-        else:
-            parameter = scene.parameters[use.parameter]
-            for key in ("nominal", "value"):
-                number = getattr(parameter, key)
-                if number is not None:
-                    yield from _sign(use, f"parameters.{use.parameter}.{key}", number)
-
-
-def _sign(use: Use, entry: str, number: float) -> Iterator[str]:
-    if use.sign == "positive" and number <= 0.0:
-        yield problem(entry, f"must be positive, because {use.entry} uses it", number)
-    elif use.sign == "not negative" and number < 0.0:
-        yield problem(entry, f"must not be negative, because {use.entry} uses it", number)
-    elif use.sign == "not zero" and number == 0.0:
-        yield problem(entry, f"must not be 0, because {use.entry} uses it", number)
-
-
-def space_problems(scene: AnyScene) -> Iterator[str]:
-    """Yield one line for each entry that does not fit the space."""
-    space = scene.dimension == 3
-    yield from _vectors(scene)
-    yield from _in_space(scene) if space else _in_the_plane(scene)
+        for key in ("nominal", "value") if parameter is not None else ():
+            number = getattr(parameter, key)
+            if number is not None and is_wrong(number):
+                yield problem(f"parameters.{use.parameter}.{key}", f"{must}, because {use.entry} uses it", number)
 
 
 def _vectors(scene: AnyScene) -> Iterator[str]:
@@ -630,17 +592,12 @@ def _in_the_plane(scene: AnyScene) -> Iterator[str]:
 def _in_space(scene: AnyScene) -> Iterator[str]:
     for name, body in scene.bodies.items():
         if body.dimension == 2:
-            others = ", ".join(
-                f"{other} ({entry.kind})" for other, entry in scene.bodies.items() if entry.dimension == 3
-            )
+            others = ", ".join(f"{one} ({entry.kind})" for one, entry in scene.bodies.items() if entry.dimension == 3)
             if body.rigid is not None:
                 words = f"is one number, for the plane, but {others} in space; there it has six entries"
                 yield problem(f"bodies.{name}.rigid.inertia", words, body.rigid.inertia)
                 continue
-            yield problem(
-                f"bodies.{name}.element",
-                f"in the plane, but {others} in space; all bodies are beam2d and solid2d, or beam3d and solid3d",
-                body.element,
-            )
+            words = f"in the plane, but {others} in space; all bodies are beam2d and solid2d, or beam3d and solid3d"
+            yield problem(f"bodies.{name}.element", words, body.element)
         if body.placement is not None and body.placement.angle:
             yield problem(f"bodies.{name}.placement.angle", "for the plane; give rotation", body.placement.angle)

@@ -124,7 +124,9 @@ def unit_problems(scene: AnyScene, given: Mapping[str, str]) -> Iterator[str]:
     for name, parameter in scene.parameters.items():
         unit, allowed = given.get(name, parameter.unit), _allowed(uses[name])
         if uses[name] and not allowed:
-            yield _contradiction(name, uses[name])
+            used = " and ".join(f"{use.entry} ({' or '.join(use.units)})" for use in uses[name][:3])
+            words = f"{used} use it, which are different quantities; take a parameter for each"
+            yield problem(f"parameters.{name}", words)
             continue
         entry = f"parameters.{name}.unit"
         try:
@@ -138,22 +140,12 @@ def unit_problems(scene: AnyScene, given: Mapping[str, str]) -> Iterator[str]:
             system = scene.system
             fitting = dict.fromkeys(label for use in uses[name] for label in use.units if UNITS[label] in allowed)
             words = " or ".join("1 (no unit)" if label == "1" else system.unit(label) for label in fitting)
-            yield problem(
-                entry,
-                f"{uses[name][0].entry} uses it, which needs {words}, or what can be converted to it; this is the unit "
-                f"of {named(dimension)}",
-                unit,
-            )
+            needs = f"{uses[name][0].entry} uses it, which needs {words}, or what can be converted to it"
+            yield problem(entry, f"{needs}; this is the unit of {named(dimension)}", unit)
 
 
 def _allowed(uses: list[Use]) -> set[Dimension]:
-    """Return the dimensions that all uses take."""
     return set.intersection(*({UNITS[unit] for unit in use.units} for use in uses)) if uses else set()
-
-
-def _contradiction(name: str, uses: list[Use]) -> str:
-    used = " and ".join(f"{use.entry} ({' or '.join(use.units)})" for use in uses[:3])
-    return problem(f"parameters.{name}", f"{used} use it, which are different quantities; take a parameter for each")
 
 
 def text_problems(scene: AnyScene, raw: Mapping[str, Any]) -> Iterator[str]:
@@ -192,7 +184,6 @@ def _at(raw: object, entry: str) -> object:
 
 
 def _strings(value: object) -> Iterator[str]:
-    """Yield the texts of a value, or in a list or table."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, (list, tuple, dict)):
@@ -213,15 +204,9 @@ def _unit_behind(text: str) -> str:
 
 def _texts_in(parameter: Mapping[str, Any]) -> list[str]:
     """Return the numbers of a raw parameter that are texts."""
-    found: list[str] = []
-
-    def look(value: object) -> object:
-        if isinstance(value, str) and re.match(QUANTITY, value):
-            found.append(value)
-        return value
-
-    _converted(parameter, look)
-    return found
+    found: list[object] = []
+    _converted(parameter, found.append)
+    return [value for value in found if isinstance(value, str) and re.match(QUANTITY, value)]
 
 
 def _check(name: str, text: str, dimension: Dimension) -> None:
@@ -244,7 +229,6 @@ def _number(value: object, factor: float, system: UnitSystem) -> object:
 
 
 def _converted(parameter: Mapping[str, Any], number: Callable[[object], object]) -> dict[str, Any]:
-    """Return a raw parameter with all its numbers converted."""
     converted = dict(parameter)
     for key in ("nominal", "value"):
         if key in converted:

@@ -1,13 +1,9 @@
-"""Entries of a scene that hold a number or the name of a parameter: which sign and which unit they must have.
+"""Entries of a scene that hold a number or the name of a parameter: which sign and which unit they must have, and
+whether they act on a rotation or along a line.
 
-What an effect on a joint, or between points, acts on: a rotation, or a displacement along a line.
-
-Parameters that are lengths, places or ratios: the length of a straight body, the place of a joint on the ground, a
-factor of a coupling.
-
-They change the rigid motion, and nothing is affine in them: a reduced model is built at some of their values and
-interpolates between these (`reduction.length_family`), so that each needs a range: its bounds, within what its
-distribution gives.
+Parameters that are lengths of straight bodies, places of joints on the ground, or factors of couplings change the rigid
+motion, and nothing is affine in them: a reduced model is built at some of their values and interpolates between these
+(`reduction.length_family`), so that each needs a range: its bounds, within what its distribution gives.
 """
 
 from __future__ import annotations
@@ -78,14 +74,15 @@ def uses_of(scene: AnyScene) -> Iterator[Use]:
         yield Use(f"simulation.initial.{coordinate}.velocity", name, "any", (unit,))
     for name, joint in scene.joints.items():
         slid = isinstance(joint, CouplingEntry) and joint.shares_in(scene)[0].motion == "sliding"
-        for table in ("elastic", "offset"):
+        for table in ("elastic", "offset", "clearance"):
             yield from _of_table(f"joints.{name}.{table}", getattr(joint, table), slid)
     for name, effect in scene.effects.items():
         yield from effect.uses(f"effects.{name}", not slides(scene, effect))
+    for name, output in scene.outputs.items():
+        yield from output.uses(scene, f"outputs.{name}")
 
 
 def _of_table(entry: str, table: Any, slides: bool = False) -> Iterator[Use]:
-    """Yield the entries of a table, if there is one."""
     for key, *use in named_numbers(table, slides) if table is not None else ():
         yield Use(f"{entry}.{key}", *use)
 
@@ -236,49 +233,36 @@ def with_numbers(scene: SomeScene, values: Mapping[str, float]) -> SomeScene:
 def length_problems(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each length, place or ratio that a parameter cannot be as it is given."""
     names = [name for name in length_names(scene) if name in scene.parameters]
-    first = {use.parameter: use for use in reversed(list(length_uses(scene)))}
-    others = {use.parameter: use for use in uses_of(scene) if use.entry not in _entries(scene)}
+    lengths = list(length_uses(scene))
+    first, entries = {use.parameter: use for use in reversed(lengths)}, {use.entry for use in lengths}
+    others = {use.parameter: use for use in uses_of(scene) if use.entry not in entries}
     for name in names:
         yield from _of_parameter(scene, name, first[name], others.get(name))
     count = scene.reduction.length_points ** len(names)
     if count > MOST_BUILDS:
-        yield problem(
-            "reduction.length_points",
-            f"of {len(names)} lengths, places and ratios ({', '.join(names)}) make {count} builds; at most "
-            f"{MOST_BUILDS} are made. Take fewer points, or numbers in place of some parameters",
-            scene.reduction.length_points,
-        )
+        words = f"of {len(names)} lengths, places and ratios ({', '.join(names)}) make {count} builds; at most"
+        cure = "Take fewer points, or numbers in place of some parameters"
+        n_points = scene.reduction.length_points
+        yield problem("reduction.length_points", f"{words} {MOST_BUILDS} are made. {cure}", n_points)
     for name, field in scene.fields.items():
         body = scene.bodies.get(field.body)
         if body is not None and body.line is not None and isinstance(body.line.length, str):
-            yield problem(
-                f"fields.{name}.body",
-                f"its length is the parameter {body.line.length}, and a field is over one mesh; give a number to "
-                f"bodies.{field.body}.line.length",
-                field.body,
-            )
-
-
-def _entries(scene: AnyScene) -> set[str]:
-    return {use.entry for use in length_uses(scene)}
+            words = f"its length is the parameter {body.line.length}, and a field is over one mesh"
+            cure = f"give a number to bodies.{field.body}.line.length"
+            yield problem(f"fields.{name}.body", f"{words}; {cure}", field.body)
 
 
 def _of_parameter(scene: AnyScene, name: str, use: Use, other: Use | None) -> Iterator[str]:
     entry, parameter = f"parameters.{name}", scene.parameters[name]
     if other is not None:
-        yield problem(
-            entry,
-            f"{use.entry} and {other.entry} use it; what is a length, a place or a ratio cannot be anything else, so "
-            "take a parameter for each",
-        )
+        words = f"{use.entry} and {other.entry} use it; what is a length, a place or a ratio cannot be anything else"
+        yield problem(entry, f"{words}, so take a parameter for each")
     low, high = length_range(scene, name)
     if not (math.isfinite(low) and math.isfinite(high)):
         in_unit = f" ({scene.system.unit('m')})" if use.units == ("m",) else ""
-        yield problem(
-            f"{entry}.bounds",
-            f"missing; {use.entry} uses it, and the reduced model is built between its ends: give bounds = [low, high]"
-            f"{in_unit}, or a distribution that has both, such as uniform",
-        )
+        why = f"missing; {use.entry} uses it, and the reduced model is built between its ends"
+        cure = f"give bounds = [low, high]{in_unit}, or a distribution that has both, such as uniform"
+        yield problem(f"{entry}.bounds", f"{why}: {cure}")
     elif use.sign == "positive" and low <= 0.0:
         yield problem(f"{entry}.bounds", f"must be positive, because {use.entry} uses it", [low, high])
     elif use.sign == "not zero" and low <= 0.0 <= high:
@@ -288,6 +272,5 @@ def _of_parameter(scene: AnyScene, name: str, use: Use, other: Use | None) -> It
         for key in ("nominal", "value"):
             number = getattr(parameter, key)
             if number is not None and not low <= number <= high:
-                yield problem(
-                    f"{entry}.{key}", f"must lie inside [{low:g}, {high:g}], between which {use.entry} is", number
-                )
+                words = f"must lie inside [{low:g}, {high:g}], between which {use.entry} is"
+                yield problem(f"{entry}.{key}", words, number)

@@ -57,12 +57,21 @@ NO_FILES = -90
 class ShiftedFactor:
     """A factor that is made anew for matrices of one nonzero pattern, after one analysis. Collective on the matrices.
 
-    Raises `InputError` if PETSc refuses an option with the prefix.
+    Parameters
+    ----------
+    comm
+        That of the matrices.
+    prefix
+        Of the options that reach its linear solver.
+    memory
+        What the factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
+    counts
+        Only count eigenvalues.
 
-    comm: that of the matrices
-    prefix: of the options that reach its linear solver
-    memory: what the factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is
-    counts: only count eigenvalues
+    Raises
+    ------
+    InputError
+        If PETSc refuses an option with the prefix.
     """
 
     def __init__(self, comm: PETSc.Comm, prefix: str, memory: float | None = None, counts: bool = False) -> None:
@@ -103,9 +112,14 @@ class ShiftedFactor:
         Raises `InputError` if files are needed and no folder can be made for them; `RunError` if the factorisation
         fails.
 
-        a, b: symmetric matrices of one pattern
-        shift: sigma
-        what: what it is for, in messages
+        Parameters
+        ----------
+        a, b
+            Symmetric matrices of one pattern.
+        shift
+            sigma.
+        what
+            What it is for, in messages.
         """
         from petsc4py import PETSc
 
@@ -205,8 +219,10 @@ def use_cholesky(ksp: PETSc.KSP) -> None:
 
 
 def check_factor(ksp: PETSc.KSP, what: str, files: FactorFiles | None = None) -> None:
-    """Raise where a direct solver's last factorisation, or its last solve, failed. Collective on the solver. Raises
-    `RunError`, with MUMPS' own error and the size of the system."""
+    """Raise where a direct solver's last factorisation, or its last solve, failed. Collective on the solver.
+
+    Raises `RunError`, with MUMPS' own error and the size of the system.
+    """
     pc = ksp.getPC()
     factor = pc.getFactorMatrix() if pc.getType() in ("cholesky", "lu") else None
     if factor and factor.handle and pc.getFactorSolverType() == MUMPS and factor.getMumpsInfog(1) < 0:
@@ -219,8 +235,10 @@ def check_factor(ksp: PETSc.KSP, what: str, files: FactorFiles | None = None) ->
 
 
 def apply_inverse(ksp: PETSc.KSP, columns: np.ndarray, what: str) -> np.ndarray:
-    """Return what a solver answers to local columns (n_local, k). Collective on the solver. Raises `RunError` if a
-    solve fails, or its answer is not finite."""
+    """Return what a solver answers to local columns (n_local, k). Collective on the solver.
+
+    Raises `RunError` if a solve fails, or its answer is not finite.
+    """
     if ksp.getType() == "preonly" and ksp.getPC().getType() == "cholesky":
         # all columns at once: many times faster than one by one, above all on several ranks and with files
         result = solve_columns(ksp.getPC().getFactorMatrix(), columns)
@@ -279,7 +297,13 @@ LONGEST = 200  # characters of a path that MUMPS takes, and its names besides
 
 
 class FactorFiles:
-    """A new folder. Of one rank; who makes it closes it. Raises `InputError` if it cannot be made."""
+    """A new folder. Of one rank; who makes it closes it.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made.
+    """
 
     def __init__(self) -> None:
         given = os.environ.get(VARIABLE)
@@ -328,32 +352,38 @@ RESIDUAL_TOLERANCE = 1e-6  # of |lambda| |B x|; the eigenvalue's own error is of
 def check_residuals(
     a: PETSc.Mat, b: PETSc.Mat, values: np.ndarray, vectors: np.ndarray, floor: float, where: str
 ) -> None:
-    """Check residuals relative to the eigenvalue; those of zero eigenvalues to the first positive one.
+    """Check the residuals of ``A x = lambda B x`` for values (n,) and local rows of vectors (n_local, n).
 
-    Raises `RunError` if one is too large.
-
-    a, b: of ``A x = lambda B x``
-    values, vectors: shape (n,), and local rows (n_local, n)
-    floor: the first positive eigenvalue
-    where: configuration, for messages
+    `floor` and errors are those of `refuse_residuals`; `where` is the configuration, for messages.
     """
     x, ax, bx = a.createVecRight(), a.createVecLeft(), a.createVecLeft()
+    residuals = np.empty(len(values))
     try:
-        for value, column in zip(values, vectors.T):
-            x.setArray(column)
+        for k, value in enumerate(values):
+            x.setArray(vectors[:, k])
             a.mult(x, ax)
             b.mult(x, bx)
-            scale = bx.norm() * max(abs(value), floor)
             ax.axpy(-value, bx)
-            residual = ax.norm() / scale
-            if not residual < RESIDUAL_TOLERANCE:
-                raise RunError(
-                    f"eigenproblem at {where}: eigenvalue {value:.6g} has the relative residual {residual:.2g}, "
-                    f"above {RESIDUAL_TOLERANCE:g}; the mesh may be too fine for double precision"
-                )
+            residuals[k] = ax.norm() / bx.norm()
     finally:
         for work in (x, ax, bx):
             work.destroy()
+    refuse_residuals(values, residuals, floor, f"eigenproblem at {where}")
+
+
+def refuse_residuals(values: np.ndarray, residuals: np.ndarray, floor: float, what: str) -> None:
+    """Refuse residuals ``|A x - lambda B x| / |B x|`` that are large beside the eigenvalues.
+
+    Those of zero eigenvalues are compared with the first positive one, `floor`. Raises `RunError`, beginning with
+    `what`.
+    """
+    relative = residuals / np.maximum(np.abs(values), floor)
+    wrong = np.flatnonzero(~(relative < RESIDUAL_TOLERANCE))
+    if wrong.size:
+        raise RunError(
+            f"{what}: eigenvalue {values[wrong[0]]:.6g} has the relative residual {relative[wrong[0]]:.2g}, above "
+            f"{RESIDUAL_TOLERANCE:g}; the mesh may be too fine for double precision"
+        )
 
 
 def check_complete(
@@ -363,10 +393,16 @@ def check_complete(
 
     Raises `RunError` if eigenvalues are missing.
 
-    count_below: number of eigenvalues below a value
-    values: all that were found, ascending
-    n_pairs: number of the lowest ones that are wanted
-    where, cure: configuration, and what may help, for messages
+    Parameters
+    ----------
+    count_below
+        Number of eigenvalues below a value.
+    values
+        All that were found, ascending.
+    n_pairs
+        Number of the lowest ones that are wanted.
+    where, cure
+        Configuration, and what may help, for messages.
     """
     # the widest relative gap at or above the last wanted pair, so that the count is not ambiguous
     candidates = np.arange(n_pairs, values.size)
@@ -400,11 +436,19 @@ class EigenPairs:
 class ShiftInvertSolver:
     """SLEPc solver that is set up once and reused for matrices of one nonzero pattern. Collective on the matrices.
 
-    Raises `InputError` if PETSc refuses an option with the prefix.
+    Parameters
+    ----------
+    comm
+        That of the matrices.
+    shift
+        sigma, below all eigenvalues.
+    prefix
+        Of the options that reach this solver.
 
-    comm: that of the matrices
-    shift: sigma, below all eigenvalues
-    prefix: of the options that reach this solver
+    Raises
+    ------
+    InputError
+        If PETSc refuses an option with the prefix.
     """
 
     def __init__(self, comm: PETSc.Comm, shift: float, prefix: str) -> None:
@@ -450,9 +494,14 @@ class ShiftInvertSolver:
         Raises `RunError` if a factorisation fails, the solver did not converge, a residual is too large, or eigenvalues
         are missing.
 
-        a, b: symmetric matrices of one pattern
-        n_rigid, n_flexible: number of eigenvalues of A that are or may be zero, and of others to be found
-        where: configuration, for messages
+        Parameters
+        ----------
+        a, b
+            Symmetric matrices of one pattern.
+        n_rigid, n_flexible
+            Number of eigenvalues of A that are or may be zero, and of others to be found.
+        where
+            Configuration, for messages.
         """
         size, n_pairs = a.getSize()[0], n_rigid + n_flexible
         wanted = min(size, n_pairs + SPARE_PAIRS)
@@ -474,8 +523,10 @@ class ShiftInvertSolver:
         raise failure
 
     def _subspaces(self, size: int, wanted: int) -> list[int]:
-        """Return the subspace sizes to try: the user's, or growing ones. Copies of equal eigenvalues can escape a small
-        Krylov space, which grows from a single vector."""
+        """Return the subspace sizes to try: the user's, or growing ones.
+
+        Copies of equal eigenvalues can escape a small Krylov space, which grows from a single vector.
+        """
         if self._user_subspace:
             return [min(size, self._user_subspace)]
         usual = max(2 * wanted, wanted + 16)
@@ -501,8 +552,10 @@ class ShiftInvertSolver:
         return EigenPairs(values[:n_pairs], vectors[:, :n_pairs], values[n_pairs:])
 
     def factor(self, a: PETSc.Mat, b: PETSc.Mat) -> None:
-        """Factor ``A - sigma B`` for `apply_inverse`, without solving for eigenpairs. Raises `RunError` if the
-        factorisation fails."""
+        """Factor ``A - sigma B`` for `apply_inverse`, without solving for eigenpairs.
+
+        Raises `RunError` if the factorisation fails.
+        """
         self._eps.setOperators(a, b)
         ksp = self._eps.getST().getKSP()
         with petsc_solver(self._prefix, f"factorisation with the shift {self.shift:.6g}"):
@@ -511,8 +564,10 @@ class ShiftInvertSolver:
         check_factor(ksp, f"factorisation with the shift {self.shift:.6g}")
 
     def apply_inverse(self, columns: np.ndarray) -> np.ndarray:
-        """Return ``(A - sigma B)^-1`` times local columns (n_local, k), with the last factor. Raises `RunError` if a
-        solve fails."""
+        """Return ``(A - sigma B)^-1`` times local columns (n_local, k), with the last factor.
+
+        Raises `RunError` if a solve fails.
+        """
         ksp, what = self._eps.getST().getKSP(), f"linear system with the shift {self.shift:.6g}"
         with petsc_solver(self._prefix, what):
             return apply_inverse(ksp, columns, what)
@@ -529,7 +584,9 @@ class ShiftInvertSolver:
         return values[order], vectors[:, order]
 
     def count_below(self, a: PETSc.Mat, b: PETSc.Mat, tau: float) -> int:
-        """Return the number of eigenvalues below tau, from the inertia of ``A - tau B``. Raises `RunError` if the
-        factorisation fails."""
+        """Return the number of eigenvalues below tau, from the inertia of ``A - tau B``.
+
+        Raises `RunError` if the factorisation fails.
+        """
         self._count.factor(a, b, tau, f"count of the eigenvalues below {tau:.6g}")
         return self._count.negative_pivots()

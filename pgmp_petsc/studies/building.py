@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
-import numpy as np
-
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bench.choice import choose_over_lengths, leaves_open
@@ -142,18 +140,15 @@ def _check_outputs(scene: Scene, meshes: Mapping[str, BodyShape]) -> None:
 def _price(scene: Scene, resume: bool) -> str:
     """Say what lengths as parameters make of the build."""
     names, reduction = length_names(scene), scene.reduction
-    n_points = reduction.length_points ** len(names)
-    angles = np.broadcast_to(reduction.angles, len(scene.coordinates))
+    n_points, n = reduction.length_points ** len(names), reduction.angles ** len(scene.coordinates)
     first = ""
     if reduction.sampling_tolerance is not None:
         count = len(list(extremes(scene))) + 1
         first = f"; reduction.sampling_tolerance takes {count} builds before, to find angles, and may add some to all"
     anew = "; a build over lengths keeps nothing on the way, so --resume begins anew" if resume else ""
-    return (
-        f"lengths, places and ratios ({', '.join(names)}): models at {n_points} points, {reduction.length_points} "
-        f"along each, and one more to compare with, times {np.prod(angles)} configurations are "
-        f"{(n_points + 1) * np.prod(angles)} eigenproblems{first}{anew}"
-    )
+    points = f"models at {n_points} points, {reduction.length_points} along each, and one more to compare with"
+    what = f"lengths, places and ratios ({', '.join(names)}): {points}, times {n} configurations"
+    return f"{what} are {(n_points + 1) * n} eigenproblems{first}{anew}"
 
 
 def _with_remarks(rom: ReducedOrderModel, scene: Scene, meshes: Mapping[str, BodyShape]) -> ReducedOrderModel:

@@ -35,7 +35,6 @@ BYTES = 8
 ROUND_OFF = 1e-12  # of the largest moment of inertia
 
 
-#: What effects add that are neither loads nor local forces.
 def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     """Return the report of ``pgmp check``.
 
@@ -68,10 +67,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     flexible_bodies, few = any(body.flexible for body in mechanism.bodies), len(coordinates) <= MOST_COORDINATES
     reducible = flexible_bodies and few
     if reducible and scene.reduction.modes > n_flexible and not left_open:
-        raise InputError(
-            f"reduction.modes = {scene.reduction.modes}: the mesh has only {n_flexible} flexible modes; "
-            "take fewer modes or a finer mesh"
-        )
+        why = f"reduction.modes = {scene.reduction.modes}: the mesh has only {n_flexible} flexible modes"
+        raise InputError(f"{why}; take fewer modes or a finer mesh")
     lines = [
         f"scene {scene.name}",
         *_bodies(mechanism),
@@ -171,10 +168,8 @@ def _joints(mechanism: Mechanism, n_redundant: int, n_rigid: int) -> list[str]:
     lines = [f"  joints        {names}: {mechanism.n_constraints} constraints{redundant}"]
     for connection in mechanism.connections:
         if connection.released:
-            n = counted(len(connection.released), "direction")
-            lines.append(
-                f"  elastic       {connection.name}: {n} of {len(connection.statements)} give way in the motion"
-            )
+            n, how = counted(len(connection.released), "direction"), mechanism.scene.joints[connection.name].gives_way
+            lines.append(f"  {how:12}  {connection.name}: {n} of {len(connection.statements)} give way in the motion")
     lines += [f"  elastic       {one.name}: gives way in the motion" for one in mechanism.couplings if one.elastic]
     return lines
 
@@ -186,20 +181,16 @@ def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:
         drawn = f", drawn from {law.name}({', '.join(f'{k}={v:g}' for k, v in law.arguments.items())})" if law else ""
         lines.append(f"  parameter     {name} = {f'{parameter.current:g} {parameter.unit}'.rstrip()}{drawn}")
     mass, stiffness = (_weights(mechanism, kind) for kind in ("mass", "stiffness"))
-    lines.append(
-        f"  affine terms  {len(mass)} of mass ({', '.join(map(str, mass))}), "
-        f"{len(stiffness)} of stiffness ({', '.join(map(str, stiffness))})"
-    )
+    of_mass = f"{len(mass)} of mass ({', '.join(map(str, mass))})"
+    lines.append(f"  affine terms  {of_mass}, {len(stiffness)} of stiffness ({', '.join(map(str, stiffness))})")
     return lines
 
 
 def _weights(mechanism: Mechanism, kind: str) -> list[Monomial]:
-    """Return the weights of the reduced model's terms."""
     return sorted({weight for body in mechanism.bodies for weight in body.condensed_weights(kind)})
 
 
 def _effects(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load]) -> list[str]:
-    """Say of every effect what it adds to the model."""
     if not scene.effects:
         return ["  effects       none"]
     actions = actions_of(effects)
@@ -254,7 +245,6 @@ def _flexible(scene: Scene, mechanism: Mechanism, n_patterns: int) -> dict[str, 
 
 
 def _memory(scene: Scene, mechanism: Mechanism, matrices, n_loads: int, n_flexible: int) -> list[str]:
-    """Estimate what a build holds and writes."""
     n_theta = len(mechanism.coordinates)
     n_modes, n_angles = n_flexible, scene.reduction.angles**n_theta
     n_eta = n_modes + n_theta
@@ -285,7 +275,6 @@ def describe_trial(trial: Trial) -> str:
 
 
 def _condensing(mechanism: Mechanism) -> list[str]:
-    """Estimate what condensing the continuum bodies holds."""
     solids = [framed.solid for body in mechanism.bodies for framed in body.to_condense]
     entries = sum(solid.n_entries for solid in solids)
     largest = max(solids, key=lambda solid: solid.n_dofs)

@@ -90,10 +90,9 @@ def estimate_effects(
     exchanged = run.balance.exchanged if run.balance.exchanged > AT_REST * scale else 0.0
     sizes = [*_named(scene, run, exchanged, tolerance), *_terms(scene, shapes, kinematics, run, tolerance)]
     sizes += _unnamed(scene, run, exchanged, tolerance)
-    names = [coordinate for coordinate in scene.coordinates]
-    speeds = {name: float(np.max(np.abs(run.speed[:, k]))) for k, name in enumerate(names)}
-    told, joule = tuple(_warnings(scene, sizes, tolerance)), scene.system.unit("J")
-    return EffectSizes(tolerance, tuple(sizes), speeds, exchanged, told, run.units, joule)
+    speeds = {name: float(np.max(np.abs(run.speed[:, k]))) for k, name in enumerate(scene.coordinates)}
+    told = tuple(_warning(size, tolerance) for size in sizes if _is_missing(scene, size))
+    return EffectSizes(tolerance, tuple(sizes), speeds, exchanged, told, run.units, scene.system.unit("J"))
 
 
 def remarks_on_sizes(
@@ -103,48 +102,27 @@ def remarks_on_sizes(
 
     Parameters are those of `estimate_effects`.
     """
-    continuum = [name for name, body in scene.bodies.items() if body.continuum]
+    continuum = ", ".join(f"bodies.{name}" for name, body in scene.bodies.items() if body.continuum)
     if continuum:
-        return (
-            note(
-                "sizes of effects were not estimated: with bodies of continuum elements "
-                f"({', '.join(f'bodies.{name}' for name in continuum)}) that takes them condensed with terms of second "
-                "order; pgmp check --effects does it"
-            ),
-        )
+        why = f"with bodies of continuum elements ({continuum}) that takes them condensed with terms of second order"
+        return (note(f"sizes of effects were not estimated: {why}; pgmp check --effects does it"),)
     try:
         sizes = estimate_effects(scene, meshes, branch)
     except PgmpError as error:
         return (note(f"sizes of effects were not estimated: {error}"),)
     missing = [size for size in sizes.sizes if _is_missing(scene, size)]
-    remarks = [
-        warning(
-            f"the scene leaves out {size.kind} ({size.measure}), whose share in the motion of the rigid mechanism is "
-            f"{size.share:.2g}: name it in [effects]; compare with pgmp simulate SCENE --full"
-        )
-        for size in missing
-        if size.share > SERIOUS and size.kind != "gravity"
-    ]
     small = [size for size in missing if size.share <= SERIOUS or size.kind == "gravity"]
-    beyond = [f"{size.kind} {size.share:.2g}" for size in small if size.share > sizes.tolerance]
+    remarks = []
+    for size in (one for one in missing if one not in small):
+        share = f"({size.measure}), whose share in the motion of the rigid mechanism is {size.share:.2g}"
+        cure = "name it in [effects]; compare with pgmp simulate SCENE --full"
+        remarks.append(warning(f"the scene leaves out {size.kind} {share}: {cure}"))
+    beyond = ", ".join(f"{size.kind} {size.share:.2g}" for size in small if size.share > sizes.tolerance)
     if beyond:
-        remarks.append(
-            note(
-                f"the scene leaves out effects with shares beyond {sizes.tolerance:g}: {', '.join(beyond)}; see pgmp "
-                "check --effects"
-            )
-        )
+        text = f"the scene leaves out effects with shares beyond {sizes.tolerance:g}: {beyond}"
+        remarks.append(note(f"{text}; see pgmp check --effects"))
     remarks += [note(_beside_another(size)) for size in small if size.share <= sizes.tolerance]
     return tuple(remarks)
-
-
-def present_terms(scene: Scene) -> dict[str, bool]:
-    """Return which terms of the reduced model a scene has."""
-    return {
-        "gyroscopic": scene.gyroscopic,
-        "geometric_stiffening": scene.second_order,
-        "mode_inertia": scene.second_order,
-    }
 
 
 def _named(scene: Scene, run: RigidRun, exchanged: float, tolerance: float) -> list[EffectSize]:
@@ -171,7 +149,6 @@ def _named(scene: Scene, run: RigidRun, exchanged: float, tolerance: float) -> l
 def _terms(
     scene: Scene, shapes: Mapping[str, BodyShape], kinematics: RigidKinematics, run: RigidRun, tolerance: float
 ) -> list[EffectSize]:
-    """Return the sizes of the terms of the reduced model."""
     if not any(body.flexible for body in scene.bodies.values()):
         return []
     names = {effect.type: name for name, effect in scene.effects.items()}
@@ -185,11 +162,7 @@ def _terms(
     }
     # both halves of what is of second order are needed together
     second_order = max(shares["geometric_stiffening"], shares["mode_inertia"]) > tolerance
-    keeps = {
-        "gyroscopic": shares["gyroscopic"] > tolerance or second_order,
-        "geometric_stiffening": second_order,
-        "mode_inertia": second_order,
-    }
+    keeps = dict.fromkeys(TERMS, second_order) | {"gyroscopic": shares["gyroscopic"] > tolerance or second_order}
     return [EffectSize(names.get(kind, ""), kind, shares[kind], keeps[kind], about[kind]) for kind in TERMS]
 
 
@@ -227,13 +200,9 @@ def _shares_of_terms(
             spins.append(_fastest_spin(kinematics, theta, speed) / np.sqrt(modes.eigenvalues[0]))
     by_speed, by_acceleration = np.abs(by_speed).max(initial=0.0), np.abs(by_acceleration).max(initial=0.0)
     largest = max(by_speed, by_acceleration)
-    shares = {
-        "gyroscopic": by_speed / largest if largest > 0.0 else 0.0,
-        "geometric_stiffening": max(stiffening),
-        "mode_inertia": max(spins),
-    }
+    shares = (by_speed / largest if largest > 0.0 else 0.0, max(stiffening), max(spins))
     # plain numbers: what is chosen by them becomes an entry of a scene, and is written as one
-    return {kind: float(share) for kind, share in shares.items()}
+    return dict(zip(TERMS, map(float, shares)))
 
 
 def _fastest_spin(kinematics: RigidKinematics, theta: np.ndarray, speed: np.ndarray) -> float:
@@ -267,27 +236,22 @@ def _unnamed(scene: Scene, run: RigidRun, exchanged: float, tolerance: float) ->
     return sizes
 
 
-def _warnings(scene: Scene, sizes: list[EffectSize], tolerance: float) -> list[str]:
-    return [
-        f"the scene leaves out {size.kind}, whose share of {size.share:.2g} exceeds the tolerance"
-        if size.share > tolerance
-        else _beside_another(size)
-        for size in sizes
-        if _is_missing(scene, size)
-    ]
+def _warning(size: EffectSize, tolerance: float) -> str:
+    if size.share > tolerance:
+        return f"the scene leaves out {size.kind}, whose share of {size.share:.2g} exceeds the tolerance"
+    return _beside_another(size)
 
 
 def _beside_another(size: EffectSize) -> str:
     """Return what is said of a term that is too small to matter by itself."""
-    return (
-        f"the scene leaves out {size.kind} (share {size.share:.2g}), without which another term that it leaves out is "
-        "not taken"
-    )
+    text = f"the scene leaves out {size.kind} (share {size.share:.2g})"
+    return f"{text}, without which another term that it leaves out is not taken"
 
 
 def _is_missing(scene: Scene, size: EffectSize) -> bool:
     """Return whether an effect of known size matters and is not in the scene."""
-    left_out = not present_terms(scene)[size.kind] if size.kind in TERMS else not size.name
+    terms = dict.fromkeys(TERMS, scene.second_order) | {"gyroscopic": scene.gyroscopic}
+    left_out = not terms.get(size.kind, size.name)
     return bool(left_out and size.keeps and not np.isnan(size.share))
 
 
@@ -314,9 +278,8 @@ def choose_effects(
     for term in wanted:
         name, effect = given.get(term.type, (_free_name(term.type, effects), term))
         effects[name] = term if term.type == "gyroscopic" else effect
-    reduction = scene.reduction.model_copy(
-        update={"effects": "named", "second_order": second_order and keeps["geometric_stiffening"]}
-    )
+    changed = {"effects": "named", "second_order": second_order and keeps["geometric_stiffening"]}
+    reduction = scene.reduction.model_copy(update=changed)
     return scene.model_copy(update={"effects": effects, "reduction": reduction}), sizes
 
 

@@ -69,10 +69,8 @@ def fields_at(model: ReducedModel, run: Trajectory, times: Sequence[float]) -> d
     n_eta = tables.n_coordinates + tables.n_modes
     columns = run.coordinates if run.modal is None else np.hstack([run.coordinates, run.modal])
     if run.model != "reduced" or columns.shape[1] != n_eta:
-        raise InputError(
-            f"the run is of a {run.model} model with {columns.shape[1]} coordinates, the reduced model has {n_eta}; "
-            "give the reduced model that it was made with"
-        )
+        why = f"the run is of a {run.model} model with {columns.shape[1]} coordinates, the reduced model has {n_eta}"
+        raise InputError(f"{why}; give the reduced model that it was made with")
     outside = instants[~((instants >= run.time[0]) & (instants <= run.time[-1]))]
     if outside.size:
         raise InputError(f"times: {outside[0]:g} s is outside the run, from {run.time[0]:g} to {run.time[-1]:g} s")
@@ -136,12 +134,18 @@ def shape_frames(mechanism: Mechanism, nodal: np.ndarray, time: np.ndarray) -> F
         Their instants, shape (n_f,), s.
     """
     shapes = {body.name: _shape(mechanism, body, nodal[:, body.nodes]) for body in mechanism.bodies}
-    d = mechanism.space.dimension
     turned = _rotation_vectors if mechanism.space is SPATIAL else (lambda shape: shape[..., 2])
+    return _frames(mechanism, time, shapes, {name: turned(shape) for name, shape in shapes.items()})
+
+
+def _frames(
+    mechanism: Mechanism, time: np.ndarray, shapes: Mapping[str, np.ndarray], rotations: dict[str, np.ndarray]
+) -> Frames:
+    """Return the frames of bodies of shapes (n_f, n_shape, d or more), m, and rotations, rad."""
     return Frames(
         time=time,
-        positions={name: shape[..., :d] for name, shape in shapes.items()},
-        rotations={name: turned(shape) for name, shape in shapes.items()},
+        positions={name: shape[..., : mechanism.space.dimension] for name, shape in shapes.items()},
+        rotations=rotations,
         nodes={body.name: body.shape.nodes for body in mechanism.bodies},
         cells={body.name: body.shape.cells for body in mechanism.bodies},
         rigid=frozenset(body.name for body in mechanism.bodies if not body.flexible),
@@ -181,20 +185,10 @@ def assembly_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> Ass
         body.name: space.place(pose, body.shape.nodes).reshape(len(body.shape.nodes), -1)
         for body, pose in zip(mechanism.bodies, poses)
     }
-    angles = (lambda n: (1, n)) if d == 2 else (lambda n: (1, n, 3))
-    frames = Frames(
-        time=np.zeros(1),
-        positions={name: at[None, :, :d] for name, at in places.items()},
-        rotations={name: np.zeros(angles(len(at))) for name, at in places.items()},
-        nodes={body.name: body.shape.nodes for body in mechanism.bodies},
-        cells={body.name: body.shape.cells for body in mechanism.bodies},
-        rigid=frozenset(body.name for body in mechanism.bodies if not body.flexible),
-    )
-    points = {
-        f"{body.name}:{name}": places[body.name][node, :d]
-        for body in mechanism.bodies
-        for name, node in body.shape.points.items()
-    }
+    unturned = {name: np.zeros((1, len(at)) if d == 2 else (1, len(at), 3)) for name, at in places.items()}
+    frames = _frames(mechanism, np.zeros(1), {name: at[None] for name, at in places.items()}, unturned)
+    named = ((body.name, *point) for body in mechanism.bodies for point in body.shape.points.items())
+    points = {f"{body}:{name}": places[body][node, :d] for body, name, node in named}
     used = {side for joint in scene.joints.values() for side in joint.connect}
     for name in [*(("origin",) if f"{GROUND}:origin" in used else ()), *scene.ground.points]:
         points[f"{GROUND}:{name}"] = np.asarray(scene.ground_position(name))

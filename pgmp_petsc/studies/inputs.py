@@ -25,11 +25,10 @@ def scene_and_meshes(
 
     Raises `InputError` if it is none, or has what the purpose cannot do with it.
     """
-    if isinstance(source, (str, PathLike)):
-        return read_scene(Path(source), overrides, settings, comm, purpose)
 
     def preparing_the_scene() -> tuple[Scene, dict[str, BodyShape]]:
-        return with_meshes(changed(source, overrides, settings), purpose)
+        is_file = isinstance(source, (str, PathLike))
+        return with_meshes((load_scene if is_file else changed)(source, overrides, settings), purpose)
 
     return on_root(comm, preparing_the_scene)
 
@@ -46,11 +45,7 @@ def read_scene(
     Raises `InputError` if the scene or a mesh cannot be read, says what cannot be meant, or has what the purpose cannot
     do with it.
     """
-
-    def read() -> tuple[Scene, dict[str, BodyShape]]:
-        return with_meshes(load_scene(path, overrides, settings), purpose)
-
-    return on_root(comm, read)
+    return scene_and_meshes(path, purpose, overrides, settings, comm)
 
 
 def with_meshes(scene: Scene, purpose: Purpose) -> tuple[Scene, dict[str, BodyShape]]:

@@ -66,7 +66,6 @@ def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> Mod
 
 
 def _left_out(model: ReducedModel, seen: FieldSet) -> tuple[str, ...]:
-    """Say what the mode is without."""
     springs = dict.fromkeys(action.effect for action in model.actions.actions if action.stiffness)
     said = [f"{', '.join(springs)}: springs have no part in this mode"] if springs else []
     return (*said, *(f"{name} is not drawn: {why}" for name, why in seen.left_out.items()))
@@ -111,10 +110,8 @@ def _modes(model: ReducedModel, theta: np.ndarray) -> tuple[np.ndarray, np.ndarr
         values, vectors = eigh(stiffness * scale * scale[:, None], mass * scale * scale[:, None])
     except LinAlgError as error:
         place = ", ".join(f"{c.name} = {angle:g}" for c, angle in zip(model.kinematics.coordinates, theta))
-        raise InputError(
-            f"--at {place}: the interpolated mass matrix is not positive definite there; build with "
-            f"{smoother(scheme)}, or take a sampled angle"
-        ) from error
+        why = f"--at {place}: the interpolated mass matrix is not positive definite there"
+        raise InputError(f"{why}; build with {smoother(scheme)}, or take a sampled angle") from error
     n_rigid = free.size + tables.unstrained.size
     return np.sqrt(np.maximum(values[n_rigid:], 0.0)) / (2.0 * np.pi), scale[:, None] * vectors[:, n_rigid:]
 

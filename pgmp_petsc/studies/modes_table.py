@@ -105,10 +105,8 @@ def reduced_vibrations(
 
 
 STRESSED = "the frequencies are of bodies under the stress that joints that are off build in, of first order in how far"
-UNSTRESSED = (
-    "the stress that joints that are off build in has no part in the frequencies; it has with geometric_stiffening in "
-    "[effects] and without springs"
-)
+_BUT = "it has with geometric_stiffening in [effects] and without springs"
+UNSTRESSED = f"the stress that joints that are off build in has no part in the frequencies; {_BUT}"
 MESH_ERROR = "errors of the mesh in the frequencies were not estimated; compare with more elements a body"
 STRUCTURE = ("ground", "materials", "bodies", "joints", "coordinates")
 
@@ -145,7 +143,6 @@ def _tabulated(
     group: RankGroup,
     timings: Timings,
 ) -> ModesTable | None:
-    """As `tabulate_modes`, with condensed bodies."""
     own = np.empty((0, scene.reduction.modes))
     with (
         timings.phase("eigenproblems"),
@@ -208,12 +205,9 @@ def springs_of(scene: Scene, kinematics: RigidKinematics) -> tuple[SpringStiffne
     said = spring_remarks(effects)
     if preload:
         loads = [*dict.fromkeys(spring.effect for spring in springs), *(effect.name for effect in weights)]
-        said += (
-            note(
-                f"reduction.preload: the vibrations are about the state loaded by {', '.join(loads) or 'nothing'}; "
-                "torques and forces over time, and what axial forces do to the stiffness of each body, are left out"
-            ),
-        )
+        state = f"the vibrations are about the state loaded by {', '.join(loads) or 'nothing'}"
+        but = "torques and forces over time, and what axial forces do to the stiffness of each body, are left out"
+        said += (note(f"reduction.preload: {state}; {but}"),)
     if not springs and not weights:
         return None, said
     return SpringStiffness(kinematics, springs, scene.values, weights), said
@@ -236,16 +230,13 @@ def _frequencies(problem: ModalProblem, theta: np.ndarray, stress: BuiltInStress
 
 @gathered
 def _unstable(full_hz: np.ndarray, theta: np.ndarray, coordinates: Sequence[Coordinate]) -> Iterator[Remark]:
-    """Warn of motions that grow."""
     growing = np.flatnonzero((full_hz < 0.0).any(axis=1))
     if not growing.size:
         return
     worst = growing[np.argmin(full_hz[growing, 0])]
-    where = words_of(coordinates, theta[worst], 4)
-    yield warning(
-        f"at {growing.size} of {len(full_hz)} configurations the mechanism is unstable on its springs: negative "
-        f"frequencies f are motions that grow as exp(2 pi |f| t); lowest {full_hz[worst, 0]:.4g} Hz at {where}"
-    )
+    lowest = f"lowest {full_hz[worst, 0]:.4g} Hz at {words_of(coordinates, theta[worst], 4)}"
+    where = f"at {growing.size} of {len(full_hz)} configurations the mechanism is unstable on its springs"
+    yield warning(f"{where}: negative frequencies f are motions that grow as exp(2 pi |f| t); {lowest}")
 
 
 def reduced_frequencies(

@@ -85,7 +85,6 @@ class FullRecord:
         return joined_fields(self._fields)
 
     def _evaluate(self) -> None:
-        """Evaluate the states that wait."""
         states, self._pending = self._pending, []
         if not states:
             return
@@ -104,7 +103,6 @@ class FullRecord:
                     self._evaluate_fields()
 
     def _evaluate_fields(self) -> None:
-        """Evaluate the fields that wait."""
         waiting, self._unknowns = self._unknowns, []
         if waiting:
             values = {name: float(np.ravel(value)[0]) for name, value in self._system.values.items()}

@@ -34,6 +34,7 @@ from pgmp_petsc.estimates.validity import Validity, remarks_of
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.mechanism import words_of
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, first_ranks
 from pgmp_petsc.reduced.energy import least_stiffness
@@ -98,13 +99,14 @@ def simulate_full(model: FullModel, comm: Comm) -> Trajectory | None:
 
 @dataclass(frozen=True)
 class _Part:
-    """Results of one attempt at a run, up to its end or its failure."""
+    """Results of one attempt at a run, up to its end or its failure: an instant whose state or outputs are no finite
+    numbers is one."""
 
-    run: Run  # its end. An instant whose state or outputs are no finite numbers is a failure
-    attempt: Attempt  # what was integrated
+    run: Run
+    attempt: Attempt
     time: np.ndarray  # instants that were computed, shape (n_t,), s; the first one always
-    outputs: dict[str, np.ndarray]  # the outputs at these, by name, each of shape (n_t,)
-    recorded: dict[str, Any]  # what else the model keeps of them
+    outputs: dict[str, np.ndarray]  # by name, each of shape (n_t,)
+    recorded: dict[str, Any]  # what else the model keeps of these
 
     @classmethod
     def of(
@@ -120,7 +122,7 @@ class _Part:
         of has the shape (n_observed, n_t)."""
         time = np.array(times)
         with np.errstate(all="ignore"):
-            outputs = model.outputs.evaluate(observed)
+            outputs = cls._outputs(model, time, observed)
         known = [observed, *outputs.values()]
         known += [values.T for values in recorded.values() if isinstance(values, np.ndarray)]
         finite = np.all([np.isfinite(values.reshape(-1, time.size)).all(axis=0) for values in known], axis=0)
@@ -135,8 +137,13 @@ class _Part:
         kept = max(1, kept)
         recorded = {name: values[:kept] for name, values in recorded.items()}
         if kept < time.size:
-            outputs = model.outputs.evaluate(observed[..., :kept])
+            outputs = cls._outputs(model, time[:kept], observed[..., :kept])
         return cls(done, attempt, time[:kept], outputs, recorded)
+
+    @staticmethod
+    def _outputs(model: FullModel | ReducedModel, time: np.ndarray, observed: np.ndarray) -> dict[str, np.ndarray]:
+        found = model.outputs.evaluate(observed)
+        return counted_after(model.outputs.counts, time, found, model.scene.values)
 
     @property
     def reach(self) -> float:
@@ -168,10 +175,8 @@ def _furthest(once: Callable[[Attempt], _Part], simulation: Simulation) -> tuple
         return part, []
     if part.run.status[0] == Status.FINE:
         what = f"with {step} the run stopped at {first[0].failure_time[0]:.6g} s ({status.meaning})"
-        cure = (
-            f"it was integrated again with 1/{divisor} of it (steps_divided), which is fine; the step is large for it"
-        )
-        return part, [note(f"{what}; {cure}")]
+        again = f"it was integrated again with 1/{divisor} of it (steps_divided), which is fine"
+        return part, [note(f"{what}; {again}; the step is large for it")]
     kept = f"what was computed with {'it' if divisor == 1 else f'1/{divisor} of it'} went furthest and is kept"
     return part, [note(f"the run was tried with steps down to 1/{tried} of {step} before it was given up; {kept}")]
 
@@ -209,27 +214,21 @@ def _full_on_all_ranks(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory
     frames = frames.reshape(len(frames), model.kinematics.mechanism.n_nodes, -1 if len(frames) else space.n_pose)
     balance = balance_of(part.time, recorded["energies"])
     errors, estimated = _step_errors(model, part)
+    remarks = (
+        *why_stopped(model, part.run, ""),
+        *steps,
+        *balance_remarks(balance, part.attempt.simulation.step, model.scene.system.unit("J")),
+        *estimated,
+        *why_not_of_full_order(model),
+        *started,
+        *left_out_of_fields(fields.seen),
+    )
     return Trajectory(
         coordinates=recorded["coordinates"],
         errors=errors,
-        fields=field_frames(fields.seen, model.kinematics, frames, recorded["fields"]),
         balance=balance,
-        **_described(
-            model,
-            part,
-            frames,
-            n_ranks,
-            timings,
-            (
-                *why_stopped(model, part.run, ""),
-                *steps,
-                *balance_remarks(balance, part.attempt.simulation.step, model.scene.system.unit("J")),
-                *estimated,
-                *why_not_of_full_order(model),
-                *started,
-                *left_out_of_fields(fields.seen),
-            ),
-        ),
+        fields=field_frames(fields.seen, model.kinematics, frames, recorded["fields"]),
+        **_described(model, part, frames, n_ranks, timings, remarks),
     )
 
 
@@ -255,12 +254,9 @@ def _step_errors(model: FullModel, part: _Part) -> tuple[EstimatedErrors | None,
     found = step_errors(model.scene, part.time, part.outputs, other)
     if found is None:
         return None, list(step_remarks(model, part.time, part.outputs, other, found))
-    largest = {name: float(np.max(np.abs(values))) for name, values in part.outputs.items()}
-    errors = EstimatedErrors(found.time, found.outputs, largest, OF_STEP)
-    return errors, [
-        *large_errors(*errors.of_one_run(), model.outputs.units, model.name),
-        *step_remarks(model, part.time, part.outputs, other, found),
-    ]
+    errors = EstimatedErrors(found.time, found.outputs, _largest(part.outputs), OF_STEP)
+    large = large_errors(*errors.of_one_run(), model.outputs.units, model.name)
+    return errors, [*large, *step_remarks(model, part.time, part.outputs, other, found)]
 
 
 def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
@@ -304,12 +300,8 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
         with timings.phase("errors"):
             estimate = watched.estimate(status)
         errors = _errors(estimate, part.outputs)
-        remarks += [
-            *steps,
-            *large_errors(*errors.of_one_run(), model.outputs.units),
-            *not_estimated(errors, model.scene),
-        ]
-        remarks += [*few_steps(part.time.size - 1), *left_out_of_estimates(model)]
+        remarks += [*steps, *large_errors(*errors.of_one_run(), model.outputs.units)]
+        remarks += [*not_estimated(errors, model.scene), *few_steps(part.time.size - 1), *left_out_of_estimates(model)]
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
@@ -374,12 +366,12 @@ def _described(
 def _errors(estimate: Estimate, outputs: dict[str, np.ndarray]) -> EstimatedErrors:
     """Return the estimate of the only sample."""
     time, errors = estimate.histories[0]
-    return EstimatedErrors(
-        time=time,
-        outputs=errors,
-        largest={name: float(np.max(np.abs(values))) for name, values in outputs.items()},
-        absent={name: why for name, (why,) in estimate.absent.items() if why},
-    )
+    absent = {name: why for name, (why,) in estimate.absent.items() if why}
+    return EstimatedErrors(time, errors, _largest(outputs), absent=absent)
+
+
+def _largest(outputs: Mapping[str, np.ndarray]) -> dict[str, float]:
+    return {name: float(np.max(np.abs(values))) for name, values in outputs.items()}
 
 
 LOOK_BACK = 400  # steps before a failure in which its cause is looked for
@@ -398,10 +390,8 @@ def why_stopped(model: FullModel | ReducedModel, run: Run, reason: str) -> list[
     status = Status(run.status[0])
     if status == Status.FINE:
         return []
-    what = (
-        f"{model.name} simulation stopped at {run.failure_time[0]:.6g} s of "
-        f"{model.scene.simulation.duration:g} s: {status.meaning}"
-    )
+    when = f"{run.failure_time[0]:.6g} s of {model.scene.simulation.duration:g} s"
+    what = f"{model.name} simulation stopped at {when}: {status.meaning}"
     return [warning("; ".join(filter(None, (what, reason or status.cure(model.name)))))]
 
 
@@ -411,12 +401,9 @@ def lost_definiteness(model: ReducedModel, values: Mapping[str, np.ndarray], tim
     share = least_stiffness(model.terms, values, eta[looked_at])
     unsound = np.isnan(share)
     if unsound.any():
-        first = eta[looked_at][np.argmax(unsound)]
-        where = words_of(model.kinematics.coordinates, first, 4)
-        return (
-            f"the stiffness at rest, interpolated between sampled angles, is not positive definite at {where}; build "
-            f"with {smoother(model.scene.reduction.interpolation)}"
-        )
+        where = words_of(model.kinematics.coordinates, eta[looked_at][np.argmax(unsound)], 4)
+        what = f"the stiffness at rest, interpolated between sampled angles, is not positive definite at {where}"
+        return f"{what}; build with {smoother(model.scene.reduction.interpolation)}"
     lost = share <= 0.0
     if not lost[-1]:
         return ""

@@ -68,7 +68,6 @@ def lines_of(ensemble: Ensemble) -> list[str]:
 
 
 def _moments(ensemble: Ensemble) -> Iterator[str]:
-    """Yield the table of means and deviations."""
     if not ensemble.statistics:
         return
     interval = f"{_percent(next(iter(ensemble.statistics.values())).confidence)} interval"
@@ -139,7 +138,6 @@ def _corrected(ensemble: Ensemble) -> Iterator[str]:
 
 
 def _times(narrower: float) -> str:
-    """Return how much narrower an interval is, or wider."""
     return f"{narrower:.2g} times narrower" if narrower >= 1.0 else f"{1 / narrower:.2g} times wider"
 
 
@@ -148,7 +146,6 @@ def _fixed(ends: np.ndarray) -> str:
 
 
 def _bounds(ends: np.ndarray) -> str:
-    """Return between what a quantile of all samples lies."""
     low, high = ends
     lower = "no bound below" if np.isinf(low) else f"at least {low:.6g}"
     upper = "no bound above" if np.isinf(high) else f"at most {high:.6g}"
@@ -194,15 +191,11 @@ def _probability(result: RareEvent) -> Iterator[str]:
         return
     low, high = result.interval
     n_weighted = int(np.count_nonzero(result.weight))
-    yield (
-        f"  probability             {result.estimate:.4g} [{low:.4g}, {high:.4g}], a {100 * result.confidence:g} % "
-        f"interval; coefficient of variation {share_text(result.variation)}"
-    )
+    known = f"a {100 * result.confidence:g} % interval; coefficient of variation {share_text(result.variation)}"
+    yield f"  probability             {result.estimate:.4g} [{low:.4g}, {high:.4g}], {known}"
     as_good = (1.0 / result.estimate - 1.0) / result.variation**2 if result.variation > 0.0 else np.inf
-    yield (
-        f"  {n_weighted} weighted samples, worth {result.n_effective:.0f} equally weighted ones in the event; as many "
-        f"random samples as are as good: {plain(as_good)}"
-    )
+    worth = f"  {n_weighted} weighted samples, worth {result.n_effective:.0f} equally weighted ones in the event"
+    yield f"{worth}; as many random samples as are as good: {plain(as_good)}"
 
 
 def _most_likely(result: RareEvent) -> Iterator[str]:

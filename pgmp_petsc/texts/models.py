@@ -65,17 +65,17 @@ def report_of_build(made: Built, path: Path, said: Sequence[Remark] = ()) -> str
 
 def report(rom: ReducedOrderModel, path: Path, said: Sequence[Remark] = ()) -> str:
     """Say what was built, and what is doubtful about it."""
-    tables = rom.tables
+    tables, (n, n_modes) = rom.tables, rom.frequencies_hz.shape
+    low, high = rom.frequencies_hz[:, 0].min(), rom.frequencies_hz[:, -1].max()
+    places = f"{n} {'angles' if tables.n_coordinates == 1 else 'configurations'}"
+    n_mass, n_stiffness, n_load = (table.shape[1] for table in (tables.mass, tables.stiffness, tables.load))
     lines = [
-        f"{path}: {len(rom.frequencies_hz)} {'angles' if tables.n_coordinates == 1 else 'configurations'}, "
-        f"{rom.frequencies_hz.shape[1]} modes from {rom.frequencies_hz[:, 0].min():.4g} to "
-        f"{rom.frequencies_hz[:, -1].max():.4g} Hz{beside_modes(rom)}",
+        f"{path}: {places}, {n_modes} modes from {low:.4g} to {high:.4g} Hz{beside_modes(rom)}",
         *points_report(rom),
-        f"  tables: {tables.mass.shape[1]} mass, {tables.stiffness.shape[1]} stiffness and "
-        f"{tables.load.shape[1]} load terms",
+        f"  tables: {n_mass} mass, {n_stiffness} stiffness and {n_load} load terms",
         f"  neighbouring spaces of modes agree to a cosine of {rom.cosines.min():.6f}",
     ]
-    if tables.samples.n > len(rom.frequencies_hz):
+    if tables.samples.n > n:
         lines.append("  one mode changes its sign after a turn: the tables cover two turns")
     return "\n".join([*lines, *closing(rom.record, said)])
 
@@ -93,15 +93,10 @@ def points_report(rom: ReducedOrderModel) -> list[str]:
     """Say where in the parameter space the basis has further modes."""
     if not rom.n_parameter:
         return []
-    places = "; ".join(
-        ", ".join(f"{name} = {value:.4g}" for name, value in point.items()) for point in rom.points.points
-    )
+    points = (", ".join(f"{name} = {value:.4g}" for name, value in point.items()) for point in rom.points.points)
     first, last = rom.points.missed[[0, -1]]
-    return [
-        f"  modes at other parameters: {places}",
-        f"  at the worst parameters tried, the basis misses {last:.2g} of the modes' energy norm instead of "
-        f"{first:.2g}",
-    ]
+    missed = f"the basis misses {last:.2g} of the modes' energy norm instead of {first:.2g}"
+    return [f"  modes at other parameters: {'; '.join(points)}", f"  at the worst parameters tried, {missed}"]
 
 
 #: How the values of `VALIDITY` are written; those that are not known are left out.
@@ -175,10 +170,9 @@ def of_balance(ensemble: Ensemble) -> list[str]:
     if not known.size:
         return ["  balance of energy: no sample is fine and moves any energy"]
     shares = residual[known] / exchanged[known]
-    worst = int(known[np.argmax(shares)])
+    worst = f"{share_text(shares.max())} at most (sample {int(known[np.argmax(shares)])})"
     return [
-        f"  balance of energy: residual {share_text(np.median(shares))} of what is moved around in the median, "
-        f"{share_text(shares.max())} at most (sample {worst})"
+        f"  balance of energy: residual {share_text(np.median(shares))} of what is moved around in the median, {worst}"
     ]
 
 

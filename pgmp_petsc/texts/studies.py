@@ -58,7 +58,6 @@ def lines_of(found: Derivatives) -> Iterator[str]:
 
 
 def _rows(found: Derivatives, output: str, figure: Figure, shown: str) -> Iterator[str]:
-    """Yield the rows of one figure."""
     unit = _named(found.units.get(output, "1"))
     effects = found.effects(figure)
     for k, place in enumerate(np.argsort(-np.abs(effects), kind="stable")):
@@ -146,7 +145,6 @@ def shown_rows(study: Tradeoff) -> list[int]:
 
 
 def _table(study: Tradeoff) -> list[str]:
-    """Return the aligned table: a setting a line, times last."""
     header = ["", "setting", *(name.replace("_", " ") for name in study.outputs)]
     header += ["offline s", "online ms", "alone ms", f"{study.samples} in s"]
     front, total = study.pareto, study.total_seconds(study.samples)
@@ -158,23 +156,16 @@ def _table(study: Tradeoff) -> list[str]:
         times = [study.times.offline[row], 1e3 * study.times.batch[row], 1e3 * study.times.single[row], total[row]]
         own = ">" if row == 0 else ""
         body.append([own, study.name(row), *errors, *(plain(value, 3) for value in times)])
-    widths = [max(len(line[column]) for line in [header, *body]) for column in range(len(header))]
-    aligned = [
-        "  ".join(
-            text.ljust(width) if column < 2 else text.rjust(width)
-            for column, (text, width) in enumerate(zip(line, widths))
-        ).rstrip()
-        for line in [header, *body]
+    columns = [
+        [f"{text:{'<' if number < 2 else '>'}{max(map(len, column))}}" for text in column]
+        for number, column in enumerate(zip(header, *body))
     ]
-    legend = (
-        "Largest errors in % of the output's largest value; * on the front of its family: none is both cheaper online "
-        f"and better; > the scene as it is. Online: a sample of {study.batch} together."
-    )
-    busy = (
-        f"The machine was busy: the timed runs took {study.waiting:.2g} times their processor time. Times are "
-        "processor times, which a quiet machine takes."
-    )
-    return [*aligned, *textwrap.wrap(legend, WIDTH), *textwrap.wrap(busy if study.busy else "", WIDTH)]
+    aligned = ["  ".join(line).rstrip() for line in zip(*columns)]
+    front = "* on the front of its family: none is both cheaper online and better; > the scene as it is"
+    legend = f"Largest errors in % of the output's largest value; {front}. Online: a sample of {study.batch} together."
+    busy = f"The machine was busy: the timed runs took {study.waiting:.2g} times their processor time."
+    busy = f"{busy} Times are processor times, which a quiet machine takes." if study.busy else ""
+    return [*aligned, *textwrap.wrap(legend, WIDTH), *textwrap.wrap(busy, WIDTH)]
 
 
 def _reference(study: Tradeoff) -> list[str]:
@@ -194,14 +185,12 @@ def _mesh(study: Tradeoff) -> list[str]:
     mesh = study.mesh
     if not mesh.cells.size:
         return ["mesh error: not measured; meshes of continuum cells are not cut"]
-    return [
-        f"mesh error, {cells} cells: {_errors(study, errors)}"
-        for cells, errors in zip(mesh.cells[:-1], mesh.errors[:-1])
-    ] + [f"  against {mesh.cells[-1]} cells; not part of the errors above"]
+    rows = zip(mesh.cells[:-1], mesh.errors[:-1])
+    lines = [f"mesh error, {cells} cells: {_errors(study, errors)}" for cells, errors in rows]
+    return [*lines, f"  against {mesh.cells[-1]} cells; not part of the errors above"]
 
 
 def _failures(study: Tradeoff) -> list[str]:
-    """List the settings that failed, with their reasons."""
     failed = [row for row, reason in enumerate(study.reasons) if reason]
     # a setting with times only cost too much to be run to its end
     what = ["not run" if np.isfinite(batch) else "failed" for batch in study.times.batch]
@@ -217,12 +206,8 @@ def _errors(study: Tradeoff, errors: np.ndarray) -> str:
 
 def _wrapped(advice: str) -> list[str]:
     """Wrap a piece of advice; options to paste stay on one line, however long."""
-    lines = []
+    lines: list[str] = []
     for line in advice.splitlines():
-        first = "  " if lines else ""
-        lines += (
-            [f"    {line}"]
-            if line.startswith("--")
-            else textwrap.wrap(line, WIDTH, initial_indent=first, subsequent_indent="  ")
-        )
+        wrapped = textwrap.wrap(line, WIDTH, initial_indent="  " if lines else "", subsequent_indent="  ")
+        lines += [f"    {line}"] if line.startswith("--") else wrapped
     return lines

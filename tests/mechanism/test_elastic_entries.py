@@ -32,7 +32,7 @@ joints.hub.elastic={reference=[[1.0,0.0]],turning_stiffness=[inf]} -> joints.hub
 joints.hub.elastic={reference=[[1.0,0.0]],turning_stiffness=["k"]} -> parameters.k: joints.hub.elastic.turning_stiffness
 joints.hub.elastic={reference=[[1.0,0.0]],turning_stiffness=[0.0],turning_damping=[1.0]} ->
     joints.hub.elastic.turning_damping = [1.0]: the joint leaves turning free
-effects.one={type="gravity"} -> effects.one: joints.one is elastic, and its springs have this name
+effects.one={type="gravity"} -> effects.one: joints.one has elastic, and its forces have this name
 """)
 IN_SPACE = cases("""
 joints.left.elastic.reference=[[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]] -> = [[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]: the axes

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from pgmp_petsc.bodies.linear_fields import TURNS, linear_fields
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import triad
-from pgmp_petsc.mechanism.space import PLANE, SPATIAL, Space, cross_matrix, directors
+from pgmp_petsc.mechanism.space import PLANE, SPATIAL, Space, directors
 from pgmp_petsc.mechanism.statements import angle
 
 SPACES = {"plane": PLANE, "space": SPATIAL}
@@ -79,45 +79,6 @@ def test_placed_points_agree_for_motions_in_the_plane() -> None:
     np.testing.assert_array_equal(deep[:, 2], 0.0)
     # the frames have the same direction
     np.testing.assert_allclose(deep, np.moveaxis(lifted(np.moveaxis(flat, 1, 0)), 0, 1), rtol=0, atol=EPSILON)
-
-
-def test_fields_agree_for_motions_in_the_plane() -> None:
-    flat_pose, flat_rate, flat_curvature = along(planar, 0.3)
-    deep_pose, deep_rate, deep_curvature = along(lambda time: lifted(planar(time)), 0.3)
-    both = [
-        space.velocity_field(pose, rate[:, None])[:, 0]
-        for space, pose, rate in ((PLANE, flat_pose, flat_rate), (SPATIAL, deep_pose, deep_rate))
-    ] + [
-        space.acceleration_field(pose, rate[:, None], curvature[:, None, None])[:, 0, 0]
-        for space, pose, rate, curvature in (
-            (PLANE, flat_pose, flat_rate, flat_curvature), (SPATIAL, deep_pose, deep_rate, deep_curvature),
-        )
-    ]  # fmt: skip
-    # v_i, then A row by row
-    kept = [0, 1, 3, 4, 6, 7]
-    for flat, deep, allowed in ((both[0], both[1], FIRST), (both[2], both[3], SECOND)):
-        np.testing.assert_allclose(deep[kept], flat, rtol=0, atol=allowed)
-        np.testing.assert_allclose(np.delete(deep, kept), 0.0, rtol=0, atol=allowed)
-
-
-def test_rotations_agree_for_motions_in_the_plane() -> None:
-    pose = planar(0.3)
-    flat, deep = PLANE.rotation(pose), SPATIAL.rotation(lifted(pose))
-    kept = [0, 1, 5]  # u_x, u_y and the rotation about z
-    np.testing.assert_allclose(deep[np.ix_(kept, kept)], flat, rtol=0, atol=EPSILON)
-    vectors = np.random.default_rng(0).normal(size=(3, 4))
-    turned = SPATIAL.to_body(lifted(pose)[:, None], vectors)
-    np.testing.assert_allclose(turned[:2], PLANE.to_body(pose[:, None], vectors[:2]), rtol=0, atol=EPSILON)
-    np.testing.assert_array_equal(turned[2], vectors[2])
-
-
-def test_nodes_in_a_field_move_alike_in_the_plane_and_in_space() -> None:
-    flat = np.random.default_rng(1).normal(size=6)
-    deep = np.zeros(12)
-    deep[[0, 1, 3, 4, 6, 7]] = flat
-    moved = at_nodes(deep, IN_THE_PLANE)
-    np.testing.assert_allclose(moved[:, [0, 1, 5]], at_nodes(flat, IN_THE_PLANE[:, :2]), rtol=0, atol=EPSILON)
-    np.testing.assert_array_equal(moved[:, [2, 3, 4]], 0.0)
 
 
 # --- each of them ----------------------------------------------------------------------------------------------------
@@ -231,20 +192,6 @@ def test_nodes_in_a_rigid_field_move_as_the_gradient_of_their_frames(name: str) 
     slope = (8 * (frames[..., 3] - frames[..., 1]) - (frames[..., 4] - frames[..., 0])) / (12 * step)
     for node, expected, frame in zip(moved, slope, frames[..., 2]):
         np.testing.assert_allclose(space.frame_gradient(frame) @ node, expected, rtol=0, atol=FIRST)
-
-
-def test_only_the_skew_part_of_a_field_turns_nodes() -> None:
-    gradient = np.random.default_rng(4).normal(size=(3, 3))
-    skew = 0.5 * (gradient - gradient.T)
-    moved = at_nodes(np.concatenate([np.zeros(3), gradient.ravel()]), POINTS)
-    np.testing.assert_allclose(moved[:, :3], POINTS @ gradient.T, rtol=0, atol=EPSILON)
-    for turn in moved[:, 3:]:
-        np.testing.assert_allclose(cross_matrix(turn), skew, rtol=0, atol=EPSILON)
-
-
-def test_cross_products() -> None:
-    for left, right in np.random.default_rng(6).normal(size=(3, 2, 3)):
-        np.testing.assert_allclose(cross_matrix(left) @ right, np.cross(left, right), rtol=0, atol=EPSILON)
 
 
 def test_angles_count_turns_in_the_plane_and_are_nearest_to_what_is_known_in_space() -> None:

@@ -145,25 +145,6 @@ def test_motions_that_no_coordinate_has() -> None:
     assert str(caught.value).endswith(words)
 
 
-def test_the_placement_chooses_the_branch() -> None:
-    mirrored = kinematics_of(
-        five_bar(
-            "bodies.left.placement.angle=-2.0",
-            "bodies.right.placement.angle=-1.0",
-            "bodies.first.placement={origin=[-0.1,-0.2],angle=-0.8}",
-            "bodies.second.placement={origin=[0.75,-0.2],angle=-2.3}",
-        )
-    )
-    pin = mirrored.positions(mirrored.mechanism.node("first:tip", "test"), THETA)
-    np.testing.assert_allclose(pin[:2], five_bar_pin(-THETA) * [[1.0], [-1.0]], rtol=0, atol=1e-11)
-
-
-def test_a_constraint_that_is_there_twice_is_dropped(linkage: RigidKinematics) -> None:
-    again = kinematics_of(five_bar('joints.again={type="revolute",connect=["second:tip","first:tip"]}'))
-    assert again.n_redundant == 2
-    np.testing.assert_allclose(again.poses(THETA), linkage.poses(THETA), rtol=0, atol=1e-11)
-
-
 def test_a_branching_chain() -> None:
     arm = (
         'bodies.branch={mesh="0.0:0.3:2",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',

@@ -72,9 +72,11 @@ def volume(mesh: meshio.Mesh, kind: str, group: str) -> float:
 
 
 def lost_by_parabolas(n_edges: int) -> float:
-    """Return the share of a circle's area that is lost with equal quadratic edges whose nodes are on the circle. The
-    edge (1 - (1 - c) t^2, s t), -1 <= t <= 1, with s, c = sin, cos(pi / n_edges), has a sector of the area s (1 + (1 -
-    c) / 3)."""
+    """Return the share of a circle's area that is lost with equal quadratic edges whose nodes are on the circle.
+
+    The edge (1 - (1 - c) t^2, s t), -1 <= t <= 1, with s, c = sin, cos(pi / n_edges), has a sector of the area
+    s (1 + (1 - c) / 3).
+    """
     half_angle = math.pi / n_edges
     return 1.0 - math.sin(half_angle) * (1.0 + (1.0 - math.cos(half_angle)) / 3.0) / half_angle
 

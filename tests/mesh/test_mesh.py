@@ -133,11 +133,6 @@ def test_unknown_points_are_refused(mesh: LineMesh, name: str, message: str) -> 
         mesh.point(name, "joints.a.connect")
 
 
-def test_a_mesh_is_frozen(mesh: LineMesh) -> None:
-    with pytest.raises(AttributeError):
-        mesh.nodes = np.zeros((3, 2))
-
-
 @pytest.mark.parametrize(
     ("points", "cells", "message"),
     [

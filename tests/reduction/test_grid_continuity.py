@@ -53,8 +53,10 @@ def grid(shape: tuple[int, int], periodic: tuple[bool, bool] = (True, True)) -> 
 
 
 def sampled(space: Space, samples: SampleGrid, apart: bool = False) -> tuple[np.ndarray, GridNeighbours]:
-    """Return orthonormal vectors (n, N_ROWS, m) as a solver may, and how neighbours see them. Eigenvalues are equal, so
-    that any basis may come, or `apart`, with random signs."""
+    """Return orthonormal vectors (n, N_ROWS, m) as a solver may, and how neighbours see them.
+
+    Eigenvalues are equal, so that any basis may come, or `apart`, with random signs.
+    """
     random, vectors = np.random.default_rng(1), []
     for theta in samples.theta:
         basis, triangle = np.linalg.qr(space(*theta))

@@ -231,8 +231,10 @@ class _Third(ThirdPart):
 
 
 def axes_of(scene: Scene, name: str, mesh: LineMesh) -> np.ndarray:
-    """Return the axes of the elements of a body of beams in space, shape (n_elements, 3, 3). Raises `InputError` if the
-    orientation of its section is parallel to one of its elements."""
+    """Return the axes of the elements of a body of beams in space, shape (n_elements, 3, 3).
+
+    Raises `InputError` if the orientation of its section is parallel to one of its elements.
+    """
     entry = scene.bodies[name]
     edges = np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0]
     axes = beam3d.section_axes(edges, None if entry.orientation is None else np.array(entry.orientation))

@@ -61,9 +61,11 @@ class RigidBody(Body):
 
     @classmethod
     def of_lines(cls, name: str, mesh: LineMesh, section: BeamSection) -> RigidBody:
-        """Return a rigid body in the plane with the mass of beams along the lines of a mesh. A line of length L at the
-        distance d of its middle from the centre of mass has the moment of inertia
-        ``rho A L (d^2 + L^2 / 12) + rho I L``."""
+        """Return a rigid body in the plane with the mass of beams along the lines of a mesh.
+
+        A line of length L at the distance d of its middle from the centre of mass has the moment of inertia
+        ``rho A L (d^2 + L^2 / 12) + rho I L``.
+        """
         lengths, middles = mesh.lengths, mesh.nodes[mesh.cells].mean(axis=1)
         centre = lengths @ middles / lengths.sum()
         arms = np.sum((middles - centre) ** 2, axis=1) + lengths**2 / 12.0

@@ -99,7 +99,8 @@ double of_term(const struct term *term, double s, double *slope, double *bend) {
     const struct spline_piece *piece = spline_pieces + term->first;
     *slope = term->factor, *bend = 0.0;
     if (!term->n_pieces) return term->factor * s;
-    double period = piece[term->n_pieces - 1].end - piece->begin, x = s - period * floor((s - piece->begin) / period);
+    double period = piece[term->n_pieces - 1].end - piece->begin, x = s;
+    if (period > 0.0) x -= period * floor((s - piece->begin) / period);
     for (int k = 1; k < term->n_pieces && x >= piece[1].begin; k++) piece++;
     const double *c = piece->cubic;
     x -= piece->begin;

@@ -91,23 +91,14 @@ def material_findings(scene: Scene, system: UnitSystem) -> Iterator[Finding]:
         density_entry, density = named(scene, f"{entry}.rho", material.rho)
         modulus_entry, modulus = named(scene, f"{entry}.E", material.E)
         if not lightest <= density <= heaviest:
-            steel = 7800.0 / system.size(DENSITY)
-            yield doubt(
-                density_entry,
-                f"a density outside {plain(lightest)} to {plain(heaviest)} {of_density}, which solids have; steel has "
-                f"{plain(steel)}",
-                density,
-            )
+            limits = f"a density outside {plain(lightest)} to {plain(heaviest)} {of_density}, which solids have"
+            yield doubt(density_entry, f"{limits}; steel has {plain(7800.0 / system.size(DENSITY))}", density)
         speed = math.sqrt(modulus / density)
         if not slowest <= speed <= fastest:
-            steel = 210e9 / system.size(STRESS)
-            yield doubt(
-                modulus_entry,
-                f"with rho = {density:g} {of_density} waves run through {name} at sqrt(E / rho) = {speed:.3g} "
-                f"{of_speed}, outside {plain(slowest)} to {plain(fastest)} {of_speed}; E is in {system.unit('Pa')}: "
-                f"steel has {plain(steel)}",
-                modulus,
-            )
+            waves = f"with rho = {density:g} {of_density} waves run through {name} at sqrt(E / rho) = {speed:.3g}"
+            limits = f"outside {plain(slowest)} to {plain(fastest)} {of_speed}"
+            steel = f"E is in {system.unit('Pa')}: steel has {plain(210e9 / system.size(STRESS))}"
+            yield doubt(modulus_entry, f"{waves} {of_speed}, {limits}; {steel}", modulus)
 
 
 def plain(value: float) -> str:
@@ -137,26 +128,20 @@ def body_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem) -
             if body.thickness is not None:
                 thickness_entry, thickness = named(scene, f"{entry}.thickness", body.thickness)
                 if thickness > size.length:
-                    yield doubt(
-                        thickness_entry,
-                        f"{name} is thicker than its length of {size.length:.3g} {metre}; solid2d is for plates "
-                        "(plane stress)",
-                        thickness,
-                    )
+                    words = f"{name} is thicker than its length of {size.length:.3g} {metre}"
+                    yield doubt(thickness_entry, f"{words}; solid2d is for plates (plane stress)", thickness)
             continue
         if body.rigid is not None:
             yield from _drawn_inertia(scene, f"{entry}.rigid.inertia", body.rigid)
             continue
         if body.flexible or body.section.sizes:  # coefficients of a rigid body say its mass only
             yield from _slenderness(scene, name, size, metre)
-        if body.line is not None and body.line.elements > MANY_ELEMENTS:
-            yield doubt(
-                f"{entry}.line.elements",
-                "errors of elements fall with the square of their length; so many only lose digits and time",
-                body.line.elements,
-            )
-        if body.flexible and body.line is not None and body.line.elements < FEW_ELEMENTS:
-            yield doubt(f"{entry}.line.elements", _too_few(body.line.elements), body.line.elements)
+        n, where = ENOUGH_ELEMENTS if body.line is None else body.line.elements, f"{entry}.line.elements"
+        if n > MANY_ELEMENTS:
+            why = "errors of elements fall with the square of their length; so many only lose digits and time"
+            yield doubt(where, why, n)
+        if body.flexible and n < FEW_ELEMENTS:
+            yield doubt(where, _too_few(n), n)
 
 
 def _drawn_inertia(scene: Scene, entry: str, rigid: Rigid) -> Iterator[Finding]:
@@ -204,12 +189,9 @@ def _slenderness(scene: Scene, name: str, size: Size, metre: str) -> Iterator[Fi
         else:
             yield doubt(entry, f"{words} (sizes are in {metre})", *received)
     elif size.length < SLENDERNESS * size.thickness and body.flexible:
-        yield doubt(
-            entry,
-            f"{name} is only {size.length / size.thickness:.2g} times as long as thick; below {SLENDERNESS:g} a beam "
-            "does not describe it; take continuum elements (solid2d, solid3d), or make it rigid",
-            *received,
-        )
+        words = f"{name} is only {size.length / size.thickness:.2g} times as long as thick; below {SLENDERNESS:g}"
+        cure = "take continuum elements (solid2d, solid3d), or make it rigid"
+        yield doubt(entry, f"{words} a beam does not describe it; {cure}", *received)
 
 
 def _thickness_entry(scene: Scene, body: Body, entry: str) -> tuple[str, tuple[object, ...]]:
@@ -275,26 +257,18 @@ def matrix_findings(scene: Scene, meshes: Mapping[str, BodyShape], system: UnitS
         units = body.matrices.units.model_dump(exclude_none=True)
         speed, box = _speed(scene, body, mesh), float(np.prod(np.ptp(mesh.nodes, axis=0)))
         mass = scene.number(body.matrices.mass_scale) * mesh.properties.mass
+        of_speed, kg, cure = system.unit("m/s"), system.unit("kg"), "programs that take mm and N have mass in t"
         if not WAVE_SPEEDS[0] <= speed * system.speed <= WAVE_SPEEDS[1]:
-            yield doubt(
-                entry,
-                f"with these, waves run through {name} at {speed:.3g} {system.unit('m/s')}, outside {speeds} "
-                f"{system.unit('m/s')}, which solids have; programs that take mm and N have mass in t",
-                units,
-            )
+            waves = f"with these, waves run through {name} at {speed:.3g} {of_speed}, outside {speeds} {of_speed}"
+            yield doubt(entry, f"{waves}, which solids have; {cure}", units)
         densest = DENSITIES[1] / system.size(DENSITY)
         if mesh.dimension == 3 and mass / box > densest:
-            yield doubt(
-                entry,
-                f"with these, {name} has {mass:.3g} {system.unit('kg')} in a box of {box:.3g} {system.unit('m3')}, "
-                f"more than solids have (up to {plain(densest)} {system.unit('kg/m3')}); programs that take mm and N "
-                "have mass in t",
-                units,
-            )
+            heavy = f"with these, {name} has {mass:.3g} {kg} in a box of {box:.3g} {system.unit('m3')}"
+            most = f"more than solids have (up to {plain(densest)} {system.unit('kg/m3')})"
+            yield doubt(entry, f"{heavy}, {most}; {cure}", units)
 
 
 def _material(scene: Scene, body: Body) -> tuple[float, float]:
-    """Return density and speed of waves."""
     material = scene.materials[body.material]
     density = scene.number(material.rho)
     return density, math.sqrt(scene.number(material.E) / density)

@@ -10,7 +10,6 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
-from itertools import chain
 
 import numpy as np
 from pydantic import BaseModel
@@ -21,11 +20,11 @@ from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.fields import GROUND, split_point
+from pgmp_petsc.scene.fields import GROUND
 from pgmp_petsc.scene.joints import ORIGIN
 from pgmp_petsc.scene.messages import Finding, doubt, input_error, refusal
 from pgmp_petsc.scene.parameters import Parameter
-from pgmp_petsc.scene.references import DEGREES, stressed_bodies
+from pgmp_petsc.scene.references import DEGREES, points_used, stressed_bodies
 from pgmp_petsc.scene.uses import length_names, slides, uses_of
 from pgmp_petsc.studies.plausibility.bodies import (
     Size,
@@ -54,24 +53,21 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
     """
     first = cache(lambda: first_frequency(scene, meshes or {}))
     sizes, system = sizes_of(scene, meshes or {}), scene.system
-    findings = list(
-        chain(
-            parameter_findings(scene),
-            material_findings(scene, system),
-            system_findings(scene),
-            body_findings(scene, sizes, system),
-            matrix_findings(scene, meshes or {}, system),
-            load_findings(scene, sizes, system, first),
-            motion_findings(scene, sizes, system),
-            setting_findings(scene, sizes, first),
-            unused_findings(scene),
-        )
-    )
+    findings = [
+        *parameter_findings(scene),
+        *material_findings(scene, system),
+        *system_findings(scene),
+        *body_findings(scene, sizes, system),
+        *matrix_findings(scene, meshes or {}, system),
+        *load_findings(scene, sizes, system, first),
+        *motion_findings(scene, sizes, system),
+        *setting_findings(scene, sizes, first),
+        *unused_findings(scene),
+    ]
+    if not any(finding.refused for finding in findings):  # the mechanism of a scene with sense can be put together
+        findings += stop_findings(scene, meshes, max((size.length for size in sizes.values()), default=1.0))
+        findings += formula_findings(scene, meshes)
     refused = [finding.text for finding in findings if finding.refused]
-    if not refused:  # the mechanism of a scene with sense can be put together
-        stops = list(stop_findings(scene, meshes, max((size.length for size in sizes.values()), default=1.0)))
-        stops += formula_findings(scene, meshes)
-        refused, findings = [finding.text for finding in stops if finding.refused], findings + stops
     if refused:
         raise input_error(refused)
     return tuple(warning(text) for text in _each_once(scene, [finding.text for finding in findings]))
@@ -118,15 +114,14 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) 
         low, high = coordinate.range
         if slides(scene, coordinate):
             continue
+        entry, what = (
+            f"coordinates.{name}.range",
+            f"{(high - low) / (2 * math.pi):.3g} turns; is it in degrees? {IN_RAD}",
+        )
         if high - low < SMALL_RANGE:
-            yield doubt(
-                f"coordinates.{name}.range",
-                "hardly a range; it is in rad, and a run ends where it leaves it",
-                list(coordinate.range),
-            )
+            yield doubt(entry, "hardly a range; it is in rad, and a run ends where it leaves it", [low, high])
         elif _like_degrees(low, high):
-            turns = f"{(high - low) / (2 * math.pi):.3g} turns; is it in degrees? {IN_RAD}"
-            yield doubt(f"coordinates.{name}.range", turns, list(coordinate.range))
+            yield doubt(entry, what, [low, high])
     for name, body in scene.bodies.items():
         if (given := body.placement) is None:
             continue
@@ -142,6 +137,8 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) 
             yield doubt(where, f"{position / (2 * math.pi):.3g} turns; is it in degrees? {IN_RAD}", position)
     yield from _tables(scene)
     yield from _without_effect(scene)
+    for name, output in scene.outputs.items():
+        yield from output.doubts(scene, name)
     if not scene.outputs:
         yield doubt("outputs", "none: a run reports nothing, and an ensemble has no statistics; add [outputs.NAME]")
 
@@ -157,9 +154,8 @@ def _steps(scene: Scene, sizes: Mapping[str, Size], first: Frequency) -> Iterato
     simulation = scene.simulation
     step, n_steps = simulation.step, simulation.duration / simulation.step
     if n_steps <= 1.0:
-        yield refusal(
-            "simulation.step", f"one step for the whole run of {simulation.duration:g} s; take a smaller one", step
-        )
+        whole = f"one step for the whole run of {simulation.duration:g} s"
+        yield refusal("simulation.step", f"{whole}; take a smaller one", step)
     elif n_steps < FEW_STEPS:
         yield doubt("simulation.step", f"only {n_steps:.2g} steps for the whole run of {simulation.duration:g} s", step)
     elif n_steps > MANY_STEPS:
@@ -172,12 +168,9 @@ def _steps(scene: Scene, sizes: Mapping[str, Size], first: Frequency) -> Iterato
             if frequency is None:
                 frequency, what = bending[softest], f"between hinged ends {softest} bends with about"
             if step * frequency * STEPS_A_PERIOD > 1.0:
-                yield doubt(
-                    "simulation.step",
-                    f"{what} {frequency:.3g} Hz, of which a period has {1 / (step * frequency):.2g} steps; at least "
-                    f"{STEPS_A_PERIOD} are needed to see it: take {0.05 / frequency:.1g} s",
-                    step,
-                )
+                few = f"{what} {frequency:.3g} Hz, of which a period has {1 / (step * frequency):.2g} steps"
+                cure = f"at least {STEPS_A_PERIOD} are needed to see it: take {0.05 / frequency:.1g} s"
+                yield doubt("simulation.step", f"{few}; {cure}", step)
 
 
 def _tables(scene: Scene) -> Iterator[Finding]:
@@ -189,14 +182,10 @@ def _tables(scene: Scene) -> Iterator[Finding]:
         return  # a build is refused, and nothing else has tables
     count = float(reduction.angles) ** n
     n_bytes = BYTES * count * n_vectors**2 * (n_vectors if scene.second_order else 1)
-    words = (
-        f"{count:.3g} configurations with {n_vectors} vectors each make tables of at least {n_bytes / 1e9:.3g} GB; "
-        "take fewer angles or modes"
-    )
-    if n_bytes > LARGEST_TABLES:
-        yield refusal("reduction.angles", words, reduction.angles)
-    elif n_bytes > LARGE_TABLES:
-        yield doubt("reduction.angles", words, reduction.angles)
+    if n_bytes > LARGE_TABLES:
+        size = f"make tables of at least {n_bytes / 1e9:.3g} GB; take fewer angles or modes"
+        words = f"{count:.3g} configurations with {n_vectors} vectors each {size}"
+        yield (refusal if n_bytes > LARGEST_TABLES else doubt)("reduction.angles", words, reduction.angles)
 
 
 def _without_effect(scene: Scene) -> Iterator[Finding]:
@@ -222,7 +211,6 @@ def _without_effect(scene: Scene) -> Iterator[Finding]:
 
 
 def _is_set(settings: BaseModel, name: str) -> bool:
-    """Return whether an entry differs from its default."""
     return getattr(settings, name) != type(settings).model_fields[name].default
 
 
@@ -236,20 +224,10 @@ def unused_findings(scene: Scene) -> Iterator[Finding]:
     for name in scene.materials:
         if name not in materials:
             yield doubt(f"materials.{name}", "no body is made of it; leave it out")
-    ground = {point for owner, point in map(split_point, _addresses(scene)) if owner == GROUND}
+    attached = {ORIGIN, *points_used(scene, GROUND)}
     for name in scene.ground.points:
-        if name not in ground and name != ORIGIN:
+        if name not in attached:
             yield doubt(f"ground.points.{name}", "nothing is attached to it; leave it out")
-
-
-def _addresses(scene: Scene) -> Iterator[str]:
-    for joint in scene.joints.values():
-        yield from joint.connect
-    for effect in scene.effects.values():
-        yield from getattr(effect, "points", None) or ()
-        for key in ("point", "towards"):
-            if getattr(effect, key, None) is not None:
-                yield getattr(effect, key)
 
 
 CUT_OFF = 0.01  # share of a distribution beyond its bounds
@@ -275,37 +253,21 @@ def _distribution(entry: str, parameter: Parameter, sign: str) -> Iterator[Findi
     if not np.isfinite(median):
         yield refusal(f"{entry}.distribution", "has no median that is a number; other arguments are needed")
     elif beyond < FAR and nominal * median > 0 and not 1 / OTHER_UNIT < median / nominal < OTHER_UNIT:
-        yield refusal(
-            f"{entry}.nominal",
-            f"the median of its distribution is {median:.4g}{unit}, {median / nominal:.3g} times as much; is one of "
-            "them in another unit? `unit` holds for both",
-            nominal,
-        )
+        much = f"the median of its distribution is {median:.4g}{unit}, {median / nominal:.3g} times as much"
+        yield refusal(f"{entry}.nominal", f"{much}; is one of them in another unit? `unit` holds for both", nominal)
     elif beyond < FAR:
-        yield doubt(
-            f"{entry}.nominal",
-            f"lies outside its distribution, which has half of its samples below {median:.4g}{unit} and less than "
-            f"{FAR:g} of them beyond this; the reduced basis is built where no sample is",
-            nominal,
-        )
-    if parameter.bounds is not None:
-        low, high = parameter.bounds
-        lost = float(law.cdf(low) + law.sf(high))
-        if lost > CUT_OFF:
-            yield doubt(
-                f"{entry}.bounds",
-                f"{100 * lost:.3g} % of its distribution lies beyond them; widen them, or give a narrower distribution",
-                list(parameter.bounds),
-            )
-    least = 0.0 if parameter.bounds is None else max(0.0, parameter.bounds[0])
-    without_sense = float(law.cdf(0.0)) if least == 0.0 else 0.0
-    one_sided = sign in ("positive", "not negative") and (parameter.bounds is None or parameter.bounds[0] < 0.0)
-    if one_sided and without_sense > NOT_POSITIVE:
-        yield doubt(
-            f"{entry}.distribution",
-            f"{100 * without_sense:.3g} % of it is below 0, where this parameter makes no sense; give bounds, or a "
-            "distribution of positive numbers such as lognorm",
-        )
+        half = f"half of its samples below {median:.4g}{unit} and less than {FAR:g} of them beyond this"
+        words = f"lies outside its distribution, which has {half}; the reduced basis is built where no sample is"
+        yield doubt(f"{entry}.nominal", words, nominal)
+    low, high = (-np.inf, np.inf) if parameter.bounds is None else parameter.bounds
+    lost = float(law.cdf(low) + law.sf(high)) if parameter.bounds is not None else 0.0
+    if lost > CUT_OFF:
+        cure = "widen them, or give a narrower distribution"
+        yield doubt(f"{entry}.bounds", f"{100 * lost:.3g} % of its distribution lies beyond them; {cure}", [low, high])
+    if sign in ("positive", "not negative") and low < 0.0 and (below := float(law.cdf(0.0))) > NOT_POSITIVE:
+        words = f"{100 * below:.3g} % of it is below 0, where this parameter makes no sense"
+        cure = "give bounds, or a distribution of positive numbers such as lognorm"
+        yield doubt(f"{entry}.distribution", f"{words}; {cure}")
 
 
 def system_findings(scene: Scene) -> Iterator[Finding]:
@@ -317,29 +279,18 @@ def system_findings(scene: Scene) -> Iterator[Finding]:
     say = 'say scene.units = "mm"' if system == MM else ""
     name, material = next(iter(scene.materials.items()))
     shown = f"{name} has rho = {scene.number(material.rho):g} and E = {scene.number(material.E):g}"
-    missing = [
-        name
-        for name, effect in scene.effects.items()
-        if effect.uniform and "acceleration" not in effect.model_fields_set
-    ]
-    for effect in missing if system.gravity != STANDARD_GRAVITY else ():
-        yield refusal(
-            f"effects.{effect}.acceleration",
-            f"missing, and {STANDARD_GRAVITY:g} m/s2 does not fit: the materials are in {system} ({shown}); "
-            f"{say and say + ', or '}say acceleration = {system.gravity:g} ({system.unit('m/s2')}), or give materials "
-            "and lengths in SI units",
+    unsaid = (name for name, one in scene.effects.items() if one.uniform and "acceleration" not in one.model_fields_set)
+    for effect in unsaid if system.gravity != STANDARD_GRAVITY else ():
+        why = f"missing, and {STANDARD_GRAVITY:g} m/s2 does not fit: the materials are in {system} ({shown})"
+        cure = (
+            f"say acceleration = {system.gravity:g} ({system.unit('m/s2')}), or give materials and lengths in SI units"
         )
-    yield doubt(
-        "materials",
-        f"they are in {system} ({shown}), and all numbers are computed with as they are: outputs are in these units, "
-        f"but files and messages that say m, kg, N or Pa mean {system}, {system.force} and {system.pressure}"
-        f"{say and '; ' + say}",
-    )
+        yield refusal(f"effects.{effect}.acceleration", f"{why}; {say and say + ', or '}{cure}")
+    what = f"they are in {system} ({shown}), and all numbers are computed with as they are: outputs are in these units"
+    but = f"but files and messages that say m, kg, N or Pa mean {system}, {system.force} and {system.pressure}"
+    yield doubt("materials", f"{what}, {but}{say and '; ' + say}")
     for name, parameter in scene.parameters.items():
         if parameter.unit not in ("", "-", "1", "rad"):
-            yield doubt(
-                f"parameters.{name}.unit",
-                f"numbers with a unit are converted to SI, but the materials are in {system}; leave the unit out and "
-                f"give the number in these{say and ', or ' + say}",
-                parameter.unit,
-            )
+            why = f"numbers with a unit are converted to SI, but the materials are in {system}"
+            cure = f"leave the unit out and give the number in these{say and ', or ' + say}"
+            yield doubt(f"parameters.{name}.unit", f"{why}; {cure}", parameter.unit)

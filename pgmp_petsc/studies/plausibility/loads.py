@@ -65,9 +65,8 @@ def load_findings(
         if isinstance(effect, AddedMass) and whole:
             where, value = named(scene, f"{entry}.mass", effect.mass)
             if value > HEAVY * mass:
-                yield doubt(
-                    where, f"more than {HEAVY:,.0f} times the {mass:.3g} {kg} of all bodies (it is in {kg})", value
-                )
+                words = f"more than {HEAVY:,.0f} times the {mass:.3g} {kg} of all bodies (it is in {kg})"
+                yield doubt(where, words, value)
         if effect.stiff_by:
             yield from _spring(scene, entry, effect, mass, length, whole)
         yield from effect.doubts(scene, entry, {body: size.frequency_hz for body, size in sizes.items()}, first)
@@ -87,23 +86,19 @@ def _over_time(scene: Scene, entry: str, effect: OverTime) -> Iterator[Finding]:
         if effect.harmonic.amplitude == 0.0 and effect.harmonic.mean == 0.0:
             yield doubt(f"{entry}.harmonic.amplitude", "makes it zero; leave it out", 0.0)
         return
-    first, last = effect.table[0][0], effect.table[-1][0]
+    first, last, why = effect.table[0][0], effect.table[-1][0], ""
     if first > duration or len(effect.table) > 1 and last < 0.0:
         when = "after the run's end" if first > duration else "before the run's start"
         value = effect.table[0 if first > duration else -1][1]
-        yield doubt(
-            f"{entry}.table",
-            f"all its rows, from {first:g} to {last:g} s, are {when} (simulation.duration = {duration:g} s); it is "
-            f"{value:g} all the time",
-        )
+        rows = f"all its rows, from {first:g} to {last:g} s, are {when} (simulation.duration = {duration:g} s)"
+        why = f"{rows}; it is {value:g} all the time"
     elif not any(value for _, value in effect.table):
-        yield doubt(f"{entry}.table", "is zero in all its rows; leave it out")
+        why = "is zero in all its rows; leave it out"
     elif impulse_of(effect.table, duration, 1).whole == 0.0:
         start = next(time for (time, _), (_, value) in zip(effect.table, effect.table[1:]) if value)
-        yield doubt(
-            f"{entry}.table",
-            f"is zero until {start:g} s, but the run ends at simulation.duration = {duration:g} s; it never acts",
-        )
+        why = f"is zero until {start:g} s, but the run ends at simulation.duration = {duration:g} s; it never acts"
+    if why:
+        yield doubt(f"{entry}.table", why)
 
 
 def _speed(
@@ -124,10 +119,9 @@ def _speed(
     speed = abs(scale) * impulse / inertia
     metres = speed * system.speed
     unit, what = (system.unit("N m s"), "torque") if turns else (system.unit("N s"), "force")
-    words = (
-        f"its impulse of {abs(scale) * impulse:.3g} {unit} would make the mechanism, {mass:.3g} {system.unit('kg')} "
-        f"and {length:.3g} {system.unit('m')}, as fast as {speed:.3g} {system.unit('m/s')}"
-    )
+    whole = f"the mechanism, {mass:.3g} {system.unit('kg')} and {length:.3g} {system.unit('m')}"
+    fast = f"as fast as {speed:.3g} {system.unit('m/s')}"
+    words = f"its impulse of {abs(scale) * impulse:.3g} {unit} would make {whole}, {fast}"
     if metres > LIGHT:
         yield refusal(place, f"{words}, faster than light")
     elif metres > FAST:
@@ -149,21 +143,15 @@ def _spring(
 ) -> Iterator[Finding]:
     where, stiffness = named(scene, f"{entry}.{effect.stiff_by}", getattr(effect, effect.stiff_by))
     if stiffness < 0.0:
-        yield doubt(
-            where, "negative: it drives the mechanism away from its rest, as a magnet or a toggle does", stiffness
-        )
-    if not whole:
-        return
-    turns = not slides(scene, effect)
-    inertia = mass * length**2 / 3.0 if turns else mass
-    shortest = SHORTEST_STEPS * scene.simulation.step
-    if _step_given(scene) and stiffness > 0.0 and math.sqrt(inertia / stiffness) < shortest:
-        yield doubt(
-            where,
-            f"so stiff that the mechanism would swing on it {1 / math.sqrt(inertia / stiffness):.3g} rad/s fast, "
-            f"far beyond simulation.step = {scene.simulation.step:g} s; take a joint for what does not give way",
-            stiffness,
-        )
+        words = "negative: it drives the mechanism away from its rest, as a magnet or a toggle does"
+        yield doubt(where, words, stiffness)
+    step = scene.simulation.step
+    step_given = scene.simulation.tolerance is None or "step" in scene.simulation.model_fields_set
+    inertia = mass if slides(scene, effect) else mass * length**2 / 3.0
+    if whole and step_given and stiffness > 0.0 and math.sqrt(inertia / stiffness) < SHORTEST_STEPS * step:
+        fast = f"so stiff that the mechanism would swing on it {1 / math.sqrt(inertia / stiffness):.3g} rad/s fast"
+        cure = f"far beyond simulation.step = {step:g} s; take a joint for what does not give way"
+        yield doubt(where, f"{fast}, {cure}", stiffness)
 
 
 def _twice(scene: Scene) -> Iterator[Finding]:
@@ -178,10 +166,6 @@ def _twice(scene: Scene) -> Iterator[Finding]:
                 yield doubt(f"effects.{name}", f"the same as effects.{other}; both act")
                 break
         seen.append((name, effect))
-
-
-def _step_given(scene: Scene) -> bool:
-    return scene.simulation.tolerance is None or "step" in scene.simulation.model_fields_set
 
 
 DEEPEST = 1.0  # rad, or the size of the mechanism: a stop beyond is no stop
@@ -217,13 +201,9 @@ def stop_findings(
             where, end = named(scene, f"effects.{name}.{key}", getattr(effect, key))
             depth = side * (start - end)
             if depth > 1e-9 * deepest:
-                make = refusal if depth > deepest else doubt
-                yield make(
-                    where,
-                    f"{effect.joint} starts at {start:.4g} {unit}, {depth:.3g} {unit} beyond this stop, which throws "
-                    "it back; move the stop or the start (simulation.initial)",
-                    end,
-                )
+                words = f"{effect.joint} starts at {start:.4g} {unit}, {depth:.3g} {unit} beyond this stop"
+                cure = "which throws it back; move the stop or the start (simulation.initial)"
+                yield (refusal if depth > deepest else doubt)(where, f"{words}, {cure}", end)
 
 
 def _measured(kinematics: RigidKinematics, scene: Scene, effect: EffectEntry) -> tuple[float, str]:
@@ -348,11 +328,9 @@ def _out_of_range(scene: Scene, name: str, effect: Driving) -> Iterator[Finding]
     furthest = angles.min() if low - angles.min() > angles.max() - high else angles.max()
     if not low <= furthest <= high:
         unit = scene.system.unit("m") if slides(scene, coordinate) else "rad"
-        yield doubt(
-            f"effects.{name}",
-            f"moves {effect.coordinate} to {furthest:.6g} {unit}, beyond coordinates.{effect.coordinate}.range = "
-            f"[{low:g}, {high:g}], where reduced runs end; widen the range, or move less",
-        )
+        limits = f"coordinates.{effect.coordinate}.range = [{low:g}, {high:g}], where reduced runs end"
+        words = f"moves {effect.coordinate} to {furthest:.6g} {unit}, beyond {limits}; widen the range, or move less"
+        yield doubt(f"effects.{name}", words)
 
 
 def _fast(entry: str, speed: float, length: float | None, system: UnitSystem, *received: float) -> Iterator[Finding]:

@@ -1,0 +1,103 @@
+"""A clearance in a joint: a pin in a bore that is larger, a ball in its socket, a slider in a guide with play.
+
+With e the way of the pin's middle from that of the bore, in the plane across the joint's axis, and in the frame of the
+first body, the parts touch where ``d = |e| - radius`` is positive. On the pin acts, along -e / |e|, Hunt and Crossley's
+normal force (1975, J. Appl. Mech. 42, 440-445)
+
+    N = K d^n (1 + c d'),    not below zero,
+
+which begins at zero, so that it is continuous in contact. All of it is a law of one scalar that is smooth everywhere,
+``s = |e|^2``, in the middle too: the frames feel ``F ds`` with ``F = -N / (2 |e|)``.
+
+Restitution. An impact of a mass m at the speed v, with no other force, goes by ``m d'' = -K d^n (1 + c d')``. With
+``x = d'`` as the variable that is ``m x dx / (1 + c x) = -K d^n dd``, whose right side comes to nothing over the whole
+impact, from v to -e v. So ``a = c v`` and the restitution e are tied, whatever K, n and m are, by
+
+    (1 + e) a = log((1 + a) / (1 - e a)).
+
+The linear formula ``c = 3 (1 - e^2) / (4 v)`` of Lankarani and Nikravesh (1990) is its limit as e goes to 1, but for a
+factor, and leaves more speed than was asked for. `RESTITUTION` is the polynomial ``e a / (1 - e)`` of e, within 6e-5 of
+e. As c is constant, slower impacts are more elastic than that at the speed that e is of, as Hunt and Crossley's are.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.effect import ActionEffect
+from pgmp_petsc.effects.law import Law
+from pgmp_petsc.effects.laws import SOURCE
+from pgmp_petsc.mechanism.joints import Connection
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.statements import Combination, Function
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.joints import IMPACT_SPEED
+
+RESTITUTION = (
+    1.00492702, 0.72557631, 5.55295772, -26.68819243, 55.68048401, -64.97565655, 42.75255961, -14.28554436, 1.73280757,
+)  # fmt: skip
+# what is beside the room's edge is evaluated too: no roots of zero, and no powers of what is negative
+FAR = "sqrt(s + 1e-30)"  # |e|
+DEPTH = f"(({FAR} - radius)**2 + 1e-40)"  # d^2
+
+
+def _horner(coefficients: tuple[float, ...]) -> str:
+    """Return a polynomial of the restitution as an expression."""
+    text = repr(coefficients[-1])
+    for one in coefficients[-2::-1]:
+        text = f"({one!r} + restitution * {text})"
+    return text
+
+
+SLOPE = f"(1 - restitution) * {_horner(RESTITUTION)} / (restitution * speed)"  # c of the module's equation
+
+
+class OfSquare(Law):
+    """A law of a measure that is not negative: others that a law is tried at are none of it."""
+
+    def _check_finite(self, code: Any) -> None:
+        """It is finite everywhere from zero on, with a positive radius."""
+
+
+CONTACT = OfSquare(
+    "contact",
+    ("k", "radius", "exponent", "restitution", "speed"),
+    potential=f"k * {DEPTH} ** (exponent / 2 + 0.5) / (exponent + 1) if s > radius**2 else 0",
+    force=f"elastic * max(0, 1 + {SLOPE} * rate / (2 * {FAR}))",
+    edges=("(s - radius**2) / (2 * radius)",),
+    left_out="it is a contact beyond a clearance, not linear",
+)
+
+
+class ClearanceEffect(ActionEffect):
+    """What acts in a joint with a clearance. In the middle of the room no force has a direction: static answers are to
+    unit forces along all directions in which there is room."""
+
+    def __init__(self, actions: list[Action], connection: Connection, mechanism: Mechanism) -> None:
+        super().__init__(connection.name, actions, mechanism)
+        self._units = [
+            Action(connection.name, part.statement, *connection.sides, SOURCE, (Quantity(1.0),))
+            for part in connection.released
+        ]
+
+    @property
+    def entry(self) -> str:
+        """The entry of the scene that it is of."""
+        return f"joints.{self.name}.clearance"
+
+    def turning_patterns(self) -> list[Action]:
+        """Return the unit forces."""
+        return self._units
+
+
+def loose_joint(name: str, scene: Scene, mechanism: Mechanism) -> ClearanceEffect:
+    """Return what acts in a joint by a name that has a clearance."""
+    connection, entry = mechanism.connection(name), scene.joints[name].clearance
+    speed = IMPACT_SPEED / scene.system.speed if entry.restitution_speed is None else entry.restitution_speed
+    parameters = tuple(map(Quantity.of, (entry.stiffness, entry.radius, entry.exponent, entry.restitution, speed)))
+    distance = Combination(tuple((part.statement, Function.square()) for part in connection.released))
+    sides = [side for _ in connection.released for side in connection.sides]
+    contact = Action(name, distance, *sides[:2], CONTACT, parameters, further=tuple(sides[2:]))
+    return ClearanceEffect([contact], connection, mechanism)

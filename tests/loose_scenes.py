@@ -1,0 +1,46 @@
+"""Scenes with clearance in joints: a ball in a bore, a slider-crank with a worn pin."""
+
+from pgmp_petsc.scene import Scene, scene_from_toml
+from scenes import HEADER, tables
+
+PIN = "{radius=1e-3,stiffness='K',exponent=1.5,restitution=0.7,restitution_speed=0.2}"
+BALL = HEADER + tables("""
+parameters.K: nominal = 1e8
+bodies.ball: rigid = { mass = 0.5, centre = [0, 0], inertia = 2e-4, points = { far = [0.1, 0] } }
+joints.bore: type = "revolute"; connect = ["ground:origin", "ball:centre"];
+    clearance = { radius = 1e-3, stiffness = "K", exponent = 1.5, restitution = 0.7, restitution_speed = 0.2 }
+coordinates.theta: joint = "bore"; range = [-3.0, 3.0]
+effects.weight: type = "gravity"; direction = [0.4, -1.0]; acceleration = 20.0
+simulation: duration = 0.03; step = 1e-4
+outputs.x: type = "position"; point = "ball:centre"; axis = "x"
+outputs.y: type = "position"; point = "ball:centre"; axis = "y"
+""")
+
+CRANK = HEADER + tables("""
+parameters.radius: nominal = 1e-4; distribution = { name = "uniform", loc = 8e-5, scale = 6e-5 }
+parameters.K: nominal = 5e8
+bodies.crank: line = { length = 0.1, elements = 2 }; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 0.01 }
+bodies.rod: line = { length = 0.3, elements = 4 }; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 0.008 }
+joints.main: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.pin: type = "revolute"; connect = ["crank:tip", "rod:hinge"];
+    clearance = { radius = "radius", stiffness = "K", exponent = 1.5, restitution = 0.9, restitution_speed = 0.1 }
+joints.guide: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [1.0, 0.0]
+coordinates.theta: joint = "main"; range = [0.0, 6.283185307179586]; periodic = true
+effects.slider: type = "point_mass"; point = "rod:tip"; mass = 0.5
+reduction: modes = 4; angles = 24; static_modes = true
+simulation: duration = 0.02; step = 2e-5; initial = { theta = { position = 0.5, velocity = 30.0 } }
+outputs.theta: type = "angle"; joint = "main"
+outputs.x: type = "position"; point = "rod:tip"; axis = "x"
+""")
+
+
+def ball(*overrides: str) -> Scene:
+    """Return a rigid ball in a bore, which falls from the middle to the side and bounces."""
+    return scene_from_toml(BALL, ".", overrides)
+
+
+def worn(*overrides: str) -> Scene:
+    """Return a flexible slider-crank whose pin has room."""
+    return scene_from_toml(CRANK, ".", overrides)

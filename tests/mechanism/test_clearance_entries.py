@@ -1,0 +1,73 @@
+"""What is refused of clearance in joints, with the entry's name."""
+
+import pytest
+from loose_scenes import ball, worn
+from refusals import cases, check_said
+from runs import overridden, read_meshes, refused
+
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.scene import scene_to_toml
+
+REFUSED = cases("""
+joints.pin.clearance.radius=1.0 -> joints.pin.clearance.radius = 1.0: is larger than crank, which is 0.1 m long
+joints.pin.clearance.radius=-1e-4 -> joints.pin.clearance.radius = -0.0001: a positive number
+joints.pin.clearance.radius=0.0 -> joints.pin.clearance.radius = 0.0: a positive number
+joints.pin.clearance.stiffness=-1e8 -> joints.pin.clearance.stiffness = -100000000.0: a positive number
+joints.pin.clearance.exponent=0.9 -> joints.pin.clearance.exponent = 0.9: must be at least 1
+joints.pin.clearance.restitution=0.0 -> joints.pin.clearance.restitution = 0.0: a positive number
+joints.pin.clearance.restitution=1.1 -> joints.pin.clearance.restitution = 1.1: must be above 0 and at most 1
+joints.pin.clearance.restitution="K" -> parameters.K.nominal = 500000000.0: joints.pin.clearance.restitution: must be
+joints.pin.clearance.restitution_speed=0.0 -> joints.pin.clearance.restitution_speed = 0.0: a positive number
+joints.pin.clearance.friction=-0.1 -> joints.pin.clearance.friction = -0.1: a number that is not negative
+joints.pin.clearance.friction=0.1 -> joints.pin.clearance.friction_speed: friction needs the speed up to which it
+joints.pin.clearance.friction_speed=0.1 -> joints.pin.clearance.friction_speed = 0.1: without effect, as there is no
+joints.pin.clearance.radios=0.1 -> joints.pin.clearance.radios = 0.1: unknown key; did you mean 'radius'
+joints.pin.elastic={reference=[[1.0,0.0]],stiffness=[1e6,1e6]} -> joints.pin.elastic: a joint has elastic or clearance
+joints.pin.offset={place=[1e-4,0.0]} -> joints.pin.offset: a joint has offset or clearance, not both
+joints.pin.type="fixed" -> joints.pin.clearance: a joint of type fixed has none; those that have are | revolute
+joints.guide.clearance={radius=1e-4,stiffness=1e8,restitution=0.9,friction=0.1,friction_speed=1e-3} ->
+    joints.guide.clearance.friction = 0.1: friction in contact is not made yet
+effects.pin={type="gravity"} -> effects.pin: joints.pin has clearance, and its forces have this name
+""")
+
+
+@pytest.mark.parametrize(("asked", "said"), REFUSED)
+def test_refused(asked, said):
+    with pytest.raises(InputError) as error:
+        scene = worn(asked)
+        Mechanism.from_scene(scene, read_meshes(scene))
+    check_said(str(error.value), said, asked)
+
+
+def test_a_ball_in_its_socket_has_no_friction_and_a_parameter_keeps_within_bounds():
+    socket = (
+        "joints.bore={type='spherical',connect=['ground:origin','ball:centre'],clearance={radius=1e-3,stiffness=1e8,"
+    )
+    with pytest.raises(InputError, match="for mechanisms in space"):
+        ball(socket + "restitution=0.9,friction=0.1,friction_speed=1e-3}}")
+    drawn = "parameters.e={nominal=0.8,distribution={name='norm',loc=0.8,scale=0.1}}"
+    with pytest.raises(
+        InputError, match="parameters.e.bounds = -inf: joints.pin.clearance.restitution: must be above 0"
+    ):
+        worn(drawn, "joints.pin.clearance.restitution='e'")
+    assert worn(drawn.replace("}}", "},bounds=[0.5,1.0]}"), "joints.pin.clearance.restitution='e'").parameters["e"]
+    bounds = "parameters.e={nominal=0.8,bounds=[0.5,1.2]}"
+    with pytest.raises(
+        InputError, match=r"parameters.e.bounds = 1.2: joints.pin.clearance.restitution: must be above 0"
+    ):
+        worn(bounds, "joints.pin.clearance.restitution='e'")
+
+
+def test_refused_on_several_ranks(tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(scene_to_toml(worn()))
+    asked = (REFUSED[0][0], REFUSED[6][0])
+    for said in refused(3, [["check", scene, *overridden(one)] for one in asked]):
+        assert said.count("joints.pin.clearance") == 1
+
+
+def test_what_knows_no_released_directions_says_so():
+    with pytest.raises(InputError, match="joints.pin.clearance: sizes of effects are those on rigid joints"):
+        check_capabilities(worn(), Purpose.SIZES)

@@ -1,0 +1,123 @@
+"""Clearance in joints against closed forms, scipy's integrators, other models, and the rigid joint."""
+
+import exported
+import numpy as np
+import pytest
+from differences import compare
+from loose_scenes import ball, worn
+from machine_scenes import MODELS
+from runs import history, motion, reduced_model, samples
+from scipy.integrate import solve_ivp
+
+from pgmp_petsc.effects.clearance import CONTACT
+from pgmp_petsc.scene import Scene
+
+
+def _outputs(scene: Scene, model: str, **values: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    time, found = history(MODELS[model](scene), samples(scene, 1, **values), 1)
+    return time, {name: own[:, 0] for name, own in found.items()}
+
+
+def _normal(p: list[float], x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return the force on a pin at x with the speed v, each (2,)."""
+    return CONTACT.evaluate(p, float(x @ x), float(2.0 * x @ v)).force * 2.0 * x
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 2.2])
+@pytest.mark.parametrize("restitution", [0.05, 0.3, 0.6, 0.9, 0.99, 1.0])
+def test_an_impact_has_the_restitution_that_was_asked_for(restitution, exponent):
+    """To 1e-3, whatever mass, stiffness and exponent; Lankarani and Nikravesh's formula would leave 0.64 of 0.6."""
+    speed, radius, mass = 0.3, 1e-3, 0.7
+    p = [1e9 * 30.0 ** (exponent - 1.5), radius, exponent, restitution, speed]
+
+    def rates(_, state):
+        return [state[1], _normal(p, np.array([state[0], 0.0]), np.array([state[1], 0.0]))[0] / mass]
+
+    def left(_, state):
+        return state[0] - radius * (1.0 - 1e-9)
+
+    left.terminal, left.direction = True, -1.0
+    run = solve_ivp(rates, (0.0, 1.0), [radius, speed], events=left, rtol=1e-9, atol=1e-13, max_step=1e-5)
+    assert run.status == 1
+    assert -run.y[1, -1] / speed == pytest.approx(restitution, abs=1e-3)
+
+
+def test_slower_impacts_lose_less_and_nothing_pulls():
+    p = [1e8, 1e-3, 1.5, 0.5, 1.0]
+    assert CONTACT.evaluate(p, 1.1e-3**2, -1.0).force == 0.0  # leaves faster than the contact gives way
+    for s in (0.0, 1e-9, 0.99e-6):
+        found = CONTACT.evaluate(p, s, 3.0)
+        assert found.force == found.stored == 0.0 and found.damping == found.stiffness == 0.0
+    assert CONTACT.depths(p, 1.1e-3**2)[0] == pytest.approx(0.105e-3) and CONTACT.depths(p, 0.0)[0] < 0.0
+
+
+@pytest.mark.parametrize("model", ["full", "components"])
+def test_a_ball_that_bounces_in_a_bore_is_that_of_another_integrator(model):
+    """The error falls as the square of the step, as instants of contact are found: 1 s in the bore of a ball with a
+    weight at an angle."""
+    scene = ball()
+    p, mass, g = [1e8, 1e-3, 1.5, 0.7, 0.2], 0.5, 20.0 * np.array([0.4, -1.0]) / np.hypot(0.4, 1.0)
+
+    def rates(_, state):
+        return [*state[2:], *(g + _normal(p, state[:2], state[2:]) / mass)]
+
+    errors = []
+    for step in ("1e-4", "5e-5", "2.5e-5"):
+        time, found = _outputs(ball(f"simulation.step={step}"), model)
+        exact = solve_ivp(rates, (0.0, time[-1]), np.zeros(4), t_eval=time, rtol=1e-11, atol=1e-15, max_step=1e-5).y
+        errors.append(max(np.max(np.abs(found[name] - own)) for name, own in zip("xy", exact)))
+    assert scene.joints["bore"].gives_way == "clearance"
+    depth = np.hypot(*exact[:2]).max() - 1e-3
+    assert depth > 1e-5 and errors[2] < 0.02 * depth, (depth, errors)
+    assert 3.2 < errors[0] / errors[1] < 5.0 and 3.2 < errors[1] / errors[2] < 5.0, errors
+
+
+def test_a_radius_to_zero_gives_the_rigid_joint():
+    """What the slider is off falls as the radius does, at a stiffness at which contact gives way by less."""
+    rigid = _outputs(worn("joints.pin={type='revolute',connect=['crank:tip','rod:hinge']}", *SHORT), "full")[1]["x"]
+    off = []
+    for radius in (4e-4, 1e-4, 2.5e-5):
+        found = _outputs(worn(*SHORT, "parameters.K.nominal=1e12"), "full", radius=radius)[1]["x"]
+        off.append(np.max(np.abs(found - rigid)))
+    assert off[0] > 1e-4
+    assert 2.5 < off[0] / off[1] < 6.0 and 2.5 < off[1] / off[2] < 6.0, off
+
+
+SHORT = ("simulation.duration=0.01", "simulation.step=1e-5")
+
+
+def test_reduced_and_component_runs_are_those_of_full_order():
+    """A few impacts; later ones hang on every one before. Terms of second order are worth it: without them the reduced
+    run is off by six times as much."""
+    scene = worn(*SHORT, "reduction.second_order=true", "reduction.inertia_modes=true")
+    full, components, reduced = (_outputs(scene, name)[1] for name in ("full", "components", "reduced"))
+    rigid = _outputs(worn("joints.pin={type='revolute',connect=['crank:tip','rod:hinge']}", *SHORT), "full")[1]
+    room = np.max(np.abs(full["x"] - rigid["x"]))
+    for other in (components, reduced):
+        assert np.max(np.abs(other["x"] - full["x"])) < 0.03 * room
+
+
+def test_radius_and_stiffness_of_a_built_model_are_those_of_a_new_build():
+    other = worn("parameters.radius.nominal=1.3e-4", "parameters.K.nominal=3e8", *SHORT)
+    changed = _outputs(worn(*SHORT), "reduced", radius=1.3e-4, K=3e8)[1]
+    for name, own in _outputs(other, "reduced")[1].items():
+        assert np.max(np.abs(changed[name] - own)) < 1e-7 * np.max(np.abs(own)), name
+
+
+def test_derivatives_are_central_differences():
+    compare(reduced_model(worn("simulation.duration=4e-3")))
+
+
+@exported.needs_compiler
+def test_c_code_runs_as_the_model(tmp_path):
+    exported.assert_same_in_c(reduced_model(worn()), tmp_path)
+
+
+def test_the_balance_of_energy_holds_at_second_order():
+    """What contacts take is in it, by the name of the joint."""
+    residuals = []
+    for step in ("2e-5", "1e-5"):
+        balance = motion(reduced_model(worn(f"simulation.step={step}"))).balance
+        residuals.append(np.max(np.abs(balance.residual)))
+    assert np.min(balance.work["pin"]) < -10.0 * residuals[-1]
+    assert 2.5 < residuals[0] / residuals[1] < 6.0, residuals
