@@ -8,7 +8,7 @@ import pytest
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bench.candidates import Limits
-from pgmp_petsc.bench.cases import Load, Training
+from pgmp_petsc.bench.cases import Load, Setting, Training
 from pgmp_petsc.bench.history import Errors, Ledger, Trial
 from pgmp_petsc.bench.reduction_choice import ReductionChoice
 from pgmp_petsc.bench.step_choice import StepChoice, fine_enough
@@ -421,9 +421,9 @@ class Reduced(Steps):
         super().__init__(0.0, 0.0)
         self.per_step, self.compared = per_step, []
 
-    def moved_reduced(self, trial: Trial, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
-        self.compared.append((coarse, fine))
-        return errors_of((self.per_step / coarse**2,), 0.0)
+    def errors(self, names: tuple[str, ...], found: Setting, exact: Setting) -> Errors:
+        self.compared.append((found.n_steps, exact.n_steps))
+        return errors_of((self.per_step / found.n_steps**2,), 0.0)
 
 
 @pytest.mark.parametrize(("per_step", "n_steps"), [(1.0, 64), (5.0, 128), (20.0, 256), (1e2, 512), (1e4, 1024)])
