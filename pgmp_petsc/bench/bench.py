@@ -107,11 +107,8 @@ class Bench:
     """Runs what is to be compared; methods are collective on `comm` unless they say otherwise.
 
     - `reference`: what errors are measured against; any model where its own steps alone are compared.
-    - `training`: the samples, and loads, to run.
-    - `comm`: ranks that share the loads.
+    - `training`: the samples, and loads, to run, which the ranks of `comm` share.
     - `subject`: the scene and its bodies, condensed for all settings; None where only the reference runs.
-    - `group`: ranks that share an eigenproblem.
-    - `bar`: counts the runs.
     - `finished`: what an earlier run of the program left, and where results are kept; None where nothing is.
     - `timed`: whether each model is made from nothing, and kept for its times; `comm` is this rank alone then.
       Processor times, s, of what was done once for all settings, of families by name, are to be added: condensing the

@@ -43,17 +43,12 @@ class Finished:
 class Checkpoint:
     """Finished batches of one ensemble; used by rank 0.
 
-    - `plan`: the ensemble.
-    - `scene_toml`: the resolved scene: a checkpoint of another one is refused.
-    - `model`: ``full`` or ``reduced``.
-    - `tables`: identity of what the model is made of besides the scene (see `Model`): two reduced models of the same
-      scene may differ, and so may meshes of the same name.
-    - `design`: where samples come from, in words, and the identity of the numbers (`Sampler.named`): a checkpoint of
-      another design is refused.
-    - `extends`: whether a longer run has the samples of a shorter one, so that it may take up what that left.
+    A checkpoint of another resolved scene is refused, of another model, of other `tables` (identity of what the model is
+    made of besides the scene: two reduced models of the same scene may differ, and so may meshes of the same name), or
+    of another design (where samples come from, in words, and the identity of the numbers: `Sampler.named`). Where it
+    `extends`, a longer run has the samples of a shorter one, and may take up what that left.
 
-    - `remarks`: what was found and not taken up.
-    - `run`: what the whole ensemble is, by key; the same for all its shards.
+    `remarks` are of what was found and not taken up, `run` is what the whole ensemble is, the same for all its shards.
     """
 
     def __init__(

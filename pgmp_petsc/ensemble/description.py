@@ -245,11 +245,8 @@ def tail_remarks(
 def over_time_remarks(
     counts: Mapping[str, int], over_time: Mapping[str, Collection[str]], n_fine: int
 ) -> Iterator[Remark]:
-    """Return which figures over time are of a part of the samples that are fine.
-
-    - `counts`: number of values that the statistics of each quantity are of.
-    - `over_time`: names of what is known, as in `Ensemble`: of ``extremes`` and of ``first_passages``.
-    """
+    """Return which figures over time are of a part of the samples that are fine, by the number of values that the
+    statistics of each quantity are of; `over_time` has names of ``extremes`` and ``first_passages`` that are known."""
     for label in over_time["first_passages"]:
         if counts[label] < n_fine:
             yield note(

@@ -265,10 +265,7 @@ def allocation(costs: np.ndarray, correlations: np.ndarray) -> np.ndarray:
 
     Theorem 3.4 of Peherstorfer et al.: ``r_i = sqrt(w_1 (rho_i^2 - rho_(i+1)^2) / (w_i (1 - rho_2^2)))``. Where models
     are not in the order of their correlations, or a cheaper one would have fewer samples, r_i is that of the one
-    before.
-
-    - `costs`: of a sample of every model, the best first, (k,).
-    - `correlations`: with the best one, (k,), that of the best itself is 1.
+    before. Costs are of a sample of every model, the best first, (k,), correlations with that, (k,).
     """
     squared = np.append(np.minimum(correlations**2, 1.0 - 1e-12), 0.0)
     squared[0] = 1.0
@@ -298,15 +295,12 @@ class Integrated(Protocol):
 def allot(
     own: Integrated, better: Sequence[Integrated], given: Sequence[int | None], limit: int | None, stop: Stop
 ) -> tuple[list[int], int]:
-    """Integrate as many samples of all models as the budget pays for. Collective.
+    """Integrate as many samples of all models as the budget pays for; return how many these are, of the better models
+    and of the ensemble's own. Collective.
 
-    Raises `InputError` if the budget does not pay for what is given; `RunError` if the outputs of the pilot's samples
-    are not known, or do not vary.
-
-    - `given`: numbers of the better models' samples that are not to be chosen, None for the others.
-    - `limit`: number of the ensemble's samples, None where it is to be chosen.
-
-    Returns list of int, int: numbers of samples of the better models, and of the ensemble's own.
+    Numbers that are given, or the ensemble's limit, are not to be chosen; None where they are. Raises `InputError` if
+    the budget does not pay for what is given; `RunError` if the outputs of the pilot's samples are not known, or do not
+    vary.
     """
     comm, models = own.comm, (*better, own)
     kept = on_root(comm, lambda: own.checkpoint.counts)

@@ -261,10 +261,8 @@ def find(
     """Find and weigh the event ``g <= 0``.
 
     - `limit_state`: g of points (n, d), shape (n,); NaN where it is not known.
-    - `d`: number of variables.
-    - `n_samples`: evaluations of g at most, with those of `slopes`; those that subset simulation leaves are weighted.
-      At least 500.
-    - `seed`: of all random numbers.
+    - `n_samples`: evaluations of g at most, with those of `slopes`, at least 500; those that subset simulation leaves
+      are weighted.
     - `slopes`: g and its derivatives, for design points; None: from differences, where samples allow them.
     - `has_design`: whether design points are looked for, which events of variables that step have none of.
     """
@@ -616,12 +614,8 @@ def apart(points: np.ndarray, others: np.ndarray) -> np.ndarray:
 def entrances(
     limit_state: Callable[[np.ndarray], np.ndarray], directions: np.ndarray, probability: float
 ) -> np.ndarray:
-    """Return points in the event near where rays enter it, shape (n_entrances, d); of rays that do not, none.
-
-    - `limit_state`: g of points (n, d), shape (n,); all rays are followed at once.
-    - `directions`: unit vectors, shape (n, d).
-    - `probability`: of the event, as nearly as it is known.
-    """
+    """Return points in the event near where rays along unit vectors (n, d) enter it, (n_entrances, d); of rays that do
+    not, none. All rays are followed at once; the probability is that of the event, as nearly as it is known."""
     far = -float(ndtri(RARER * probability))
     if len(directions):
         most = -(-len(directions) // STEPS)

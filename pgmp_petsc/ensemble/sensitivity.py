@@ -103,13 +103,9 @@ def sensitivities(
     quantities: Iterable[tuple[str, np.ndarray]], parameters: Mapping[str, np.ndarray], names: list[str],
     fine: np.ndarray, n_replicates: int | None, confidence: float,
 ) -> dict[str, Sensitivity]:  # fmt: skip
-    """Return the indices of all quantities that have them.
-
-    - `quantities`: names and columns (N,); one is in memory at a time.
-    - `parameters`, `names`: columns (N,), and which of them are drawn.
-    - `fine`: which samples are fine, (N,).
-    - `n_replicates`: number of Sobol sequences that Saltelli's blocks are of in turn; None of other samples.
-    """
+    """Return the indices of all quantities, columns (N,) of which one is in memory at a time, that have them, by the
+    parameters of some names; `n_replicates` is the number of Sobol sequences that Saltelli's blocks are of in turn,
+    None of other samples."""
     if n_replicates is None and len(names) < 2:
         return {}
     places, n = np.flatnonzero(fine), fine.size

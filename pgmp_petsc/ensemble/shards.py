@@ -42,14 +42,8 @@ def shard_of(origin: Origin, plan: Plan, checkpoint: Checkpoint, ranks: int, tim
 
 
 class Shards:
-    """All shards of an ensemble, in their order; in place of a checkpoint.
-
-    - `paths`: their files.
-    - `shards`: what is in them.
-    - `folder`: where there is space for their columns.
-
-    Raises `InputError` if they are not all shards of one ensemble, each once.
-    """
+    """All shards of an ensemble, in their order, from their files; in place of a checkpoint. The folder has space for
+    their columns. Raises `InputError` if they are not all shards of one ensemble, each once."""
 
     def __init__(self, paths: Sequence[Path], shards: Sequence[ShardSamples], folder: Path) -> None:
         _check(paths, [shard.place for shard in shards])

@@ -142,12 +142,10 @@ def _turning(model: ReducedModel | LengthLanes, coordinates: np.ndarray) -> np.n
 
 
 class BodyStrains:
-    """Elastic rotations and strains from displacements in body frames.
+    """Elastic rotations and strains from displacements in body frames, with parameter values, each a number or (n,).
 
-    - `scene`, `mechanism`: the scene and its mechanism.
-    - `values`: parameter values, each a number or of shape (n,).
-    - `curved`: whether displacements are of second order in the deformation, so that bending shortens a beam: strains
-      are then geometrically exact, in space to second order. Without, the linear ones are what the model has.
+    `curved` displacements are of second order in the deformation, so that bending shortens a beam: strains are then
+    geometrically exact, in space to second order. Without, the linear ones are what the model has.
     """
 
     def __init__(

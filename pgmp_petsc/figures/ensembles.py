@@ -48,12 +48,10 @@ def densities(
     in the file's statistics. Dashed lines mark the means; the band reaches a standard deviation to both sides of the
     first ensemble's mean. Above each panel are mean and standard deviation, each with its confidence interval in
     brackets. With two ensembles a lower panel shows by how much the second density differs, in % of the first one's
-    peak. Raises `InputError` if the ensembles do not share one of `names`, or have no quantity in common or one has no
-    sample that is fine.
-
-    - `ensembles`: the first is drawn as an area, the others as steps over it.
-    - `labels`: by default the model, how many of its samples are fine, and what else tells the ensembles apart.
-    - `names`: only these quantities, in this order.
+    peak. The first ensemble is drawn as an area, the others as steps over it; labels are by default the model, how many
+    of its samples are fine, and what else tells the ensembles apart; names are of the only quantities, in this order.
+    Raises `InputError` if the ensembles do not share one of them, or have no quantity in common or one has no sample
+    that is fine.
     """
     labels = labels_of(ensembles) if labels is None else labels
     names = _common(ensembles, names)
