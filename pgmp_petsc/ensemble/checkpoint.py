@@ -43,9 +43,9 @@ class Finished:
 class Checkpoint:
     """Finished batches of one ensemble; used by rank 0.
 
-    A checkpoint of another resolved scene is refused, of another model, of other `tables` (identity of what the model is
-    made of besides the scene: two reduced models of the same scene may differ, and so may meshes of the same name), or
-    of another design (where samples come from, in words, and the identity of the numbers: `Sampler.named`). Where it
+    A checkpoint of another resolved scene is refused, of another model, of other `tables` (identity of what the model
+    is made of besides the scene: two reduced models of the same scene may differ, and so may meshes of the same name),
+    or of another design (where samples come from, in words, and the identity of the numbers: `Sampler.named`). Where it
     `extends`, a longer run has the samples of a shorter one, and may take up what that left.
 
     `remarks` are of what was found and not taken up, `run` is what the whole ensemble is, the same for all its shards.

@@ -136,8 +136,8 @@ def of_probability(
 ) -> np.ndarray:
     """Return the interval (low, high) of a probability of which `count` of `n` trials came true.
 
-    Numbers are of independent trials, or of those of each independent replicate, (n_replicates,). Of further trials that
-    failed it is not known: none of them came true at the lower end, all at the upper one.
+    Numbers are of independent trials, or of those of each independent replicate, (n_replicates,). Of further trials
+    that failed it is not known: none of them came true at the lower end, all at the upper one.
     """
     count, failed = np.atleast_1d(count).astype(float), np.atleast_1d(n_failed).astype(float)
     sizes = np.atleast_1d(n) + failed
