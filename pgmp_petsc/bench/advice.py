@@ -107,8 +107,7 @@ def _choices(study: Tradeoff, errors: np.ndarray) -> tuple[Choice, ...]:
 
 
 def _piece(study: Tradeoff, choice: Choice, aim: str, errors: np.ndarray, said: dict[int, str]) -> str:
-    """Return the piece of advice for a choice; `said` has the settings whose options were given before, with what for,
-    and is extended."""
+    """Return a piece of advice; `said` has the settings whose options were given before, and is extended."""
     row = choice.row
     if row is None:
         lines = [f"For {aim} no setting is good enough{_nearest(study, errors)}."]

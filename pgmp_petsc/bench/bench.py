@@ -207,8 +207,7 @@ class Bench:
         return Errors(values, round_off, tuple(names), self.outputs, self.training)
 
     def _run(self, cases: Sequence[Case], setting: Setting) -> None:
-        """Do the runs that are missing; what candidates are compared with has no numbers of samples that leave the
-        range of their coordinate."""
+        """Do missing runs; what candidates are compared with has no numbers of samples that leave their range."""
         todo = [case for case in cases if (case, setting) not in self._ran]
         if not todo:
             return

@@ -259,8 +259,7 @@ DEPENDENT = 1e-9  # of the largest singular value of the constraints: those belo
 
 
 def first_period(scene: Scene, kinematics: RigidKinematics, comm: Comm, group: Comm) -> float:
-    """Return the period of meshes, beams and condensed bodies (s). Collective on `comm`; the ranks of `group` share an
-    eigenproblem."""
+    """Return the period of meshes, beams and condensed bodies (s). Collective on `comm`; `group` shares a problem."""
     frequency = 0.0
     with agreed(comm, "first mode"), ModalProblem(kinematics, scene.nominal, 1, group) as problem:
         frequency = float(problem.solve(start_of_coordinates(scene, kinematics)).frequencies_hz[0])

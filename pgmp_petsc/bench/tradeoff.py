@@ -101,8 +101,7 @@ def measure_tradeoff(
 
 
 def _of_one_mechanism(scene: Scene) -> Scene:
-    """Return a scene whose lengths, places and ratios are numbers, those of its run, with what that means for the
-    figures."""
+    """Return a scene whose lengths, places and ratios are numbers, and what that means for the figures."""
     names = length_names(scene)
     if not names:
         return scene

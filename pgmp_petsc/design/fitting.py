@@ -434,8 +434,7 @@ class _Condensed:
                 self.rest[name] += float(np.sum((values[first:last] - q @ own) ** 2))
 
     def rows(self, spline: CubicSpline, output: str) -> np.ndarray:
-        """Return what the cubics of an output differ by from what was measured, and its derivatives, shape (4 n_steps,
-        n_parameters + 1)."""
+        """Return by what the cubics of an output differ, and the derivatives, (4 n_steps, n_parameters + 1)."""
         scaled = spline.c * self._steps[:, None] ** np.arange(3, -1, -1)[:, None, None]
         found = np.einsum("kij,jkp->kip", self._factors, scaled)
         found[:, :, 0] -= self._measured[output]

@@ -96,8 +96,7 @@ def _change(scene: Scene, name: str) -> tuple[float, str]:
 def _of_own_error(
     model: ReducedModel | LengthLanes, run: DifferentiatedRun, names: Sequence[str]
 ) -> tuple[Remark, ...]:
-    """Return what errors of the model do to the effects at the end: they change from here to the next value of each
-    parameter."""
+    """Return what errors of the model do to effects at the end, from here to the next value of each parameter."""
     scene, what = model.scene, "derivatives"
     moved = [_moved(scene, name) for name in names]
     points = [scene.values, *(scene.values | {name: value} for name, value in zip(names, moved))]

@@ -278,8 +278,7 @@ def _partial_bands(bands: Mapping[str, Band], n_fine: int) -> Iterator[Remark]:
 def _estimate_remarks(
     origin: Origin, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray, peaks: Peaks
 ) -> Iterator[Remark]:
-    """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are large or not
-    known."""
+    """Return what is beyond the limits of small deformations, and which errors are large or not known."""
     scene = origin.scene
     yield from origin.said
     why = "the run with a coarser step, which they are taken from, failed; take a smaller simulation.step"

@@ -70,8 +70,7 @@ class _Tangents:
         self._slopes = np.concatenate([self._slopes, slope])
 
     def beyond(self, u: np.ndarray, g: np.ndarray) -> np.ndarray:
-        """Return how far g at points (n, d), or 0 where it is less, is below all planes, shape (n,); negative where one
-        explains it."""
+        """Return how far g at points (n, d), or 0, is below all planes, shape (n,); negative where one explains it."""
         near = self._of - NEAR_PLANE * np.sqrt(np.sum(self._slopes**2, axis=1))
         least = np.min(np.einsum("nd,md->nm", u, self._slopes) + near, axis=1, initial=np.inf)
         return least - np.maximum(g, 0.0)

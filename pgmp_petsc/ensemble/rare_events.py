@@ -150,8 +150,7 @@ class RareSamples:
 
     @property
     def contributions(self) -> np.ndarray:
-        """Of every weighted sample, shape (n_weighted,): their mean is the probability; failed ones count as not in the
-        event."""
+        """Of every weighted sample, (n_weighted,): their mean is the probability; failed ones are not in the event."""
         own = self.limit_state[self.limit_state.size - self.weights.size :]
         return np.where(own <= self.weighed, self.weights, 0.0)
 

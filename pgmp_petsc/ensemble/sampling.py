@@ -439,8 +439,7 @@ def draw_remarks(scene: Scene) -> Iterator[Remark]:
 
 
 def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return which samples lie inside all bounds, finite, positive or not negative where that is needed, lower ends of
-    stops below upper ones."""
+    """Return which samples are within all bounds, finite, of the sign that is needed, ends of stops in order."""
     fine = np.ones(len(next(iter(values.values()))), dtype=bool)
     for name, parameter in scene.parameters.items():
         fine &= np.isfinite(values[name])

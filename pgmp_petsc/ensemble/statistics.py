@@ -80,8 +80,7 @@ class Peaks:
         return np.where(known, found, stand_in)
 
     def sizes(self, units: Mapping[str, str], fine: np.ndarray, length: float = 0.0) -> dict[str, float]:
-        """Return beside what each quantity may vary by round-off: `sizes_of` the outputs, and a length of the
-        mechanism's in m."""
+        """Return beside what each quantity may vary by round-off: `sizes_of` outputs, and a length (m)."""
         sizes = sizes_of({output: self.largest(output)[fine] for output in self.outputs}, units, length)
         return sizes | {f"{output}.{which}": size for output, size in sizes.items() for which in DESCRIBED}
 

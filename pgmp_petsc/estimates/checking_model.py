@@ -190,8 +190,7 @@ class ErrorSystem(SecondOrderSystem):
 
 
 def _in_floating_frames(rom: ReducedOrderModel, reduced: Mechanism, full: Mechanism) -> ReducedOrderModel:
-    """Return a reduced model with its flexible vectors in the unknowns of a mechanism whose condensed bodies have
-    floating frames."""
+    """Return a reduced model whose flexible vectors are unknowns of a mechanism with floating frames."""
 
     def moved(vectors: np.ndarray) -> np.ndarray:
         found = np.zeros((len(vectors), full.n_dofs, vectors.shape[2]))

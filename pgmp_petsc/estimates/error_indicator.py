@@ -293,8 +293,7 @@ class _Observed(Observer):
         self._waiting.clear()
 
     def _multipliers(self, numbers: np.ndarray, motion: tuple[np.ndarray, ...], errors: State) -> np.ndarray:
-        """Return the multipliers of joints of the corrected motion at instants, (n_e, n_multipliers, n), where outputs
-        are made of them."""
+        """Return the multipliers of joints at instants, (n_e, n_multipliers, n), where outputs are made of them."""
         if not self._model.outputs.forces:
             return np.empty((numbers.size, 0, self._batch.n_samples))
         found = []

@@ -62,8 +62,7 @@ class Schedule:
 
 
 def schedules(n_steps: int, duration: float, most: int = MOST) -> list[Schedule]:
-    """Return the schedules of a run from the coarsest, which is there to be compared with, to the densest with no more
-    than `most` evaluations."""
+    """Return the schedules of a run, from the coarsest to the densest with no more than `most` evaluations."""
     most = min(max(most, LEAST), MOST)
     stride = -(-n_steps // most)
     strides = [FINER * max(2, 2 * stride - 1), FINER * stride]

@@ -51,8 +51,7 @@ LARGEST = 2**17  # displacements that are evaluated together, no more than stay 
 
 
 class Validity(Observer):
-    """The observer of a batch of a reduced model, with parameter values (n_samples,), that keeps the largest values of
-    every sample."""
+    """The observer of a batch, with parameter values (n_samples,), that keeps the largest values of every sample."""
 
     every = EVERY
 
@@ -180,8 +179,7 @@ class BodyStrains:
         return rotation, strain
 
     def _of_planar_beam(self, body: Body, local: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """Return the largest strain of a beam from displacements of all nodes (n, n_nodes, 3), shape (n,); enlarge the
-        rotation."""
+        """Return the largest strain of a beam from displacements (n, n_nodes, 3), (n,); enlarge the rotation."""
         strain, angles = np.empty(len(local)), np.asarray(body.directions, dtype=float)
         look_at_planar_beam(
             np.ascontiguousarray(local), (body.nodes.start, body.nodes.stop), body.mesh.cells, body.mesh.lengths,

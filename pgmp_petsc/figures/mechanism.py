@@ -183,8 +183,7 @@ def _can_be_enlarged(frames: Frames, body: str) -> bool:
 
 
 def _view(positions: Iterable[np.ndarray]) -> np.ndarray:
-    """Return what projects positions onto the paper, shape (d, 2): along z, or obliquely where a motion leaves the
-    plane."""
+    """Return what projects positions onto the paper, (d, 2): along z, or obliquely for a motion in space."""
     points = np.concatenate([part.reshape(-1, part.shape[-1]) for part in positions])
     extents = np.ptp(points, axis=0)
     if extents.size == 2 or extents[2] < FLAT * extents.max():

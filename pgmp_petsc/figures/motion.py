@@ -260,8 +260,7 @@ def skin_of(name: str, own: BodyField, scale: float, values: Callable[[BodyField
 
 
 def in_unit(skins: list[Skin], colour: str, unit: str) -> tuple[list[Skin], str, float, int]:
-    """Return skins with values in the unit of a picture, the words of these, the largest one, and the instant that has
-    it."""
+    """Return skins with values in the unit of a picture, the words of these, the largest one, and its instant."""
     known = [skin.values for skin in skins if skin.values is not None]
     if not known:
         return skins, "", 0.0, -1

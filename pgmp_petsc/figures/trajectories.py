@@ -57,8 +57,7 @@ class Comparison:
 
     @property
     def same_steps(self) -> bool:
-        """Whether both runs have the same instants, as far as both go, so that what the time step does wrong in both
-        does not show."""
+        """Whether both runs have the same instants: what the time step does wrong in both does not show then."""
         n = min(len(run.time) for run in self.runs)
         return len({(run.time[:n].tobytes(), run.steps_divided) for run in self.runs}) == 1
 

@@ -132,8 +132,7 @@ class Contacts:
     def _through_part(
         self, part: Part, before: Moment, moment: np.ndarray, moved: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the sensitivities at the end of a part of fixed length, (4, n_parameters, n_eta), and those with its
-        length, (4, n_eta)."""
+        """Return sensitivities at the end of a part of fixed length, (4, n_parameters, n_eta), and with its length."""
         h, scheme = part.duration, Scheme.of(self._radius, part.duration)
         weight, (start, behind) = 1.0 / (1.0 - scheme.alpha_m), before
         there = self._linearisation.at(np.array([part.end]), part.state, scheme, with_time=True)

@@ -134,8 +134,7 @@ def _propagated(
     model: ReducedModel | LengthLanes, linearisation: Linearisation, contacts: Contacts, times: np.ndarray,
     states: State,
 ) -> np.ndarray:  # fmt: skip
-    """Return the derivatives of the reduced coordinates, their rates and their accelerations over the run, shape (3,
-    n_t, n_parameters, n_eta)."""
+    """Return the derivatives of eta, its rates and accelerations over the run, (3, n_t, n_parameters, n_eta)."""
     n_t, n = states.q.shape
     step = times[-1] / (n_t - 1)
     scheme = Scheme.of(model.scene.simulation.spectral_radius, step)
@@ -226,8 +225,7 @@ DIFFERENCE = 1e-3  # of second differences of fourth order: rounding and truncat
 
 
 def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Linearisation, start: State) -> np.ndarray:
-    """Return S_q, S_v, S_a and S_A of a sample at time zero, (4, n_parameters, n_eta), from its state there, arrays of
-    shape (1, n_eta)."""
+    """Return S_q, S_v, S_a and S_A at time zero, (4, n_parameters, n_eta), from the state there, arrays (1, n_eta)."""
     n_parameters, n = len(linearisation.names), start.q.shape[1]
     moment = np.zeros((4, n_parameters, n))
     prescribed = model.terms.tables.prescribed(model.motions)
