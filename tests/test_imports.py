@@ -16,9 +16,9 @@ FREE = ("base", "lanes", "ranks", "files")  # what every package may import
 # A package may import those that stand before it. This is the order that the code really has: `outputs`
 # and `results` need less than their place in the flow of data would allow (see `NEEDS`).
 ORDER = (
-    *FREE, "declare", "scene", "mesh", "bodies", "solvers", "components", "mechanism", "joints", "effects", "modes", "outputs",
-    "reduction", "stepping", "full", "reduced", "models", "gradients", "results", "estimates", "ensemble",
-    "bench", "design", "studies", "figures", "c_export", "report", "texts", "api", "cli",
+    *FREE, "declare", "scene", "mesh", "bodies", "solvers", "components", "mechanism", "joints", "effects", "modes",
+    "outputs", "controllers", "reduction", "stepping", "full", "reduced", "models", "gradients", "results", "estimates",
+    "ensemble", "bench", "design", "studies", "figures", "c_export", "report", "texts", "api", "cli",
 )  # fmt: skip
 # packages that keep to fewer than their place allows
 NEEDS = {

@@ -116,8 +116,9 @@ class Family:
 EFFECTS = Family("effect", "EffectEntry", "pgmp_petsc.effects", "effects")
 OUTPUTS = Family("output", "OutputEntry", "pgmp_petsc.outputs", "outputs")
 JOINTS = Family("joint", "JointEntry", "pgmp_petsc.joints", "joints")
+CONTROLLERS = Family("controller", "ControllerEntry", "pgmp_petsc.controllers", "controllers")
 SECTIONS = Family("section", "SectionEntry", "pgmp_petsc.bodies.sections", "sections", "shape")
-FAMILIES = (EFFECTS, OUTPUTS, JOINTS, SECTIONS)
+FAMILIES = (EFFECTS, OUTPUTS, JOINTS, CONTROLLERS, SECTIONS)
 #: What is done when a family has grown after it was looked through.
 WHEN_GROWN: list[Callable[[], object]] = []
 

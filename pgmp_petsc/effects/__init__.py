@@ -23,12 +23,13 @@ AT_REST = 1e-12  # rad over a run: less is round-off of sines
 
 
 def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
-    """Return the effects that a scene names and that act by forces, in its order, the springs of elastic joints, and
-    what holds coordinates at first.
+    """Return the effects that a scene names and that act by forces, in its order, the controllers, the springs of
+    elastic joints, and what holds coordinates at first.
 
     Raises `InputError` if an effect names a point that its body's mesh does not have.
     """
     named = [entry.forces(name, mechanism) for name, entry in scene.plain_effects.items() if entry.acts == "forces"]
+    named += [entry.forces(name, mechanism) for name, entry in scene.controllers.items()]
     named += springs_of_joints(scene, mechanism)
     held = scene.initial.equilibrium and scene.initial.coordinates == "held"
     return (*named, *(HoldingTorque(c) for c in mechanism.coordinates if held and not c.prescribed))

@@ -282,16 +282,16 @@ def obey(typing, address, p, amplitude, s, rate, about, depths):
     depths
         Result: how far each edge is crossed, negative where it is not.
     """
-    return _FOUND(types.int64, p, *(_NUMBER,) * 4, depths), _calling(_FOUND, _EVALUATE)
+    return _FOUND(types.int64, p, *(_NUMBER,) * 4, depths), calling(_FOUND, _EVALUATE)
 
 
 @intrinsic
 def differentiate(typing, address, p, amplitude, s, rate, found):
     """Fill the derivatives of a law's force with its parameters and, behind them, with the amplitude."""
-    return _NUMBER(types.int64, p, *(_NUMBER,) * 3, found), _calling(_NUMBER, _SLOPES)
+    return _NUMBER(types.int64, p, *(_NUMBER,) * 3, found), calling(_NUMBER, _SLOPES)
 
 
-def _calling(result: types.Type, takes: tuple[types.Type, ...]) -> Any:
+def calling(result: types.Type, takes: tuple[types.Type, ...]) -> Any:
     """Return what builds the call of a function by its address, with arrays handed over by where they begin."""
 
     def build(context, builder, sig, args):

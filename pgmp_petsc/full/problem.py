@@ -13,6 +13,8 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import MassesOnDemand
+from pgmp_petsc.controllers.acting import ACTING_LAW
+from pgmp_petsc.controllers.running import Controls
 from pgmp_petsc.effects import Action, Effect, Load, Motion, actions_of, loads_of
 from pgmp_petsc.effects.action import amplitudes_over, compile_actions, counted_from
 from pgmp_petsc.effects.loads import Weights
@@ -56,10 +58,23 @@ class Sources:
         Actions of all effects.
     motions
         Prescribed motions.
+
+    Attributes
+    ----------
+    controls
+        Controllers of the only sample; None where there are none.
     """
 
     def __init__(self, loads: Sequence[Effect], actions: Sequence[Action], motions: Sequence[Motion]) -> None:
         self.loads, self.actions, self.motions = tuple(loads), tuple(actions), tuple(motions)
+        self.controls: Controls | None = None
+
+    @property
+    def controlled(self) -> tuple[list[int], list[int]]:
+        """Numbers of the actions here that are forces of controllers, and numbers of these controllers."""
+        names = [] if self.controls is None else list(self.controls.names)
+        found = [k for k, action in enumerate(self.actions) if names and action.law is ACTING_LAW]
+        return found, [names.index(self.actions[k].effect) for k in found]
 
     def at(self, times: np.ndarray) -> Strengths:
         """Return what acts at times of shape (n,), s."""
@@ -68,7 +83,11 @@ class Sources:
         loads = np.array([of_effects[id(effect)] for effect in self.loads]).reshape(-1, n)
         moved = np.array([motion.at(times)[:2] for motion in self.motions]).reshape(-1, 2, n)
         angles, speeds = (np.ascontiguousarray(moved[:, k].T) for k in range(2))
-        return Strengths(np.ascontiguousarray(loads.T), amplitudes_over(self.actions, times), angles, speeds)
+        amplitudes = amplitudes_over(self.actions, times)
+        if self.controls is not None:
+            columns, numbers = self.controlled
+            amplitudes[:, columns] += self.controls.forces(times)[:, 0, numbers]
+        return Strengths(np.ascontiguousarray(loads.T), amplitudes, angles, speeds)
 
 
 class FullEquations:

@@ -33,6 +33,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.base.surroundings import Comm, alone
+from pgmp_petsc.controllers.running import Controls
 from pgmp_petsc.effects import Effect, Held, Motion, driven
 from pgmp_petsc.effects.law import rubs
 from pgmp_petsc.full.energy import EnergyNames, energies_of
@@ -138,7 +139,10 @@ class FullSystem(SecondOrderSystem):
 
     def start(self) -> State:
         """Return the start, undeformed or settled, with consistent accelerations and multipliers."""
-        return self._begun.copy()
+        found = self._begun.copy()
+        if self.beside is not None:
+            self.beside.start(found)
+        return found
 
     @cached_property
     def _begun(self) -> State:
@@ -160,8 +164,10 @@ class FullSystem(SecondOrderSystem):
         q, v = q.reshape(self.n_dofs, -1), v.reshape(self.n_dofs, -1)
         n = max(q.shape[1], v.shape[1])
         q, v = (np.repeat(part, n // part.shape[1], axis=1) for part in (q, v))
-        drift = self._against(self._equations.constraints.drift(q, v, accelerations))
-        return self._accelerated(0.0, self._state(q, v, turns), drift, np.ones(self.n_samples, dtype=bool), True)
+        drift, state = self._against(self._equations.constraints.drift(q, v, accelerations)), self._state(q, v, turns)
+        if self.beside is not None:
+            self.beside.start(state)
+        return self._accelerated(0.0, state, drift, np.ones(self.n_samples, dtype=bool), True)
 
     def project(self, time: float, state: State, step: float, samples: np.ndarray) -> None:
         """Make velocities and accelerations of some samples consistent with the constraints at the end of a step.
@@ -208,7 +214,22 @@ class FullSystem(SecondOrderSystem):
         trial = state.copy()
         trial.a[:] = 0.0
         self._correct(time, trial, (0.0, 1.0, 0.0), drift, samples, fresh)
-        return State(state.q, state.v, trial.a, trial.multipliers, state.turns)
+        return State(state.q, state.v, trial.a, trial.multipliers, state.turns, state.beside)
+
+    def accelerate(self, time: float, state: State, samples: np.ndarray) -> None:
+        """Give samples their accelerations; see `SecondOrderSystem`. Collective on `comm`."""
+        accelerations = driven(self._sources.motions, time).acceleration
+        drift = self._equations.constraints.drift(self.unpack(state.q), self.unpack(state.v), accelerations)
+        self.restore(state, self._accelerated(time, state, self._against(drift), samples, True), samples)
+
+    def control(self, controls: Controls) -> None:
+        """Let controllers act on the only sample."""
+        self.beside = self._sources.controls = controls
+
+    def put_forces(self, forces: np.ndarray) -> None:
+        """Take forces of controllers, with their stiffness and damping, (n_controllers, 1, 3)."""
+        columns, numbers = self._sources.controlled
+        self._equations.problem.actions.parameters[:, columns, :, :3] = forces[numbers]
 
     def begin_iteration(self) -> None:
         """Forget at which rates laws were evaluated; see `SecondOrderSystem`."""

@@ -74,7 +74,7 @@ class LocalDerivatives:
         for row, name in zip(self._changes, names):
             for action, table in zip(self._actions, row):
                 for k, quantity in enumerate(action.parameters):
-                    table[k] = quantity.coefficient * quantity.monomial.derivative(name, values)
+                    table[k] = quantity.derivative(name, values)
 
     @property
     def present(self) -> bool:

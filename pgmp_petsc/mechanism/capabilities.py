@@ -89,12 +89,21 @@ def _lengths(scene: Scene) -> Iterator[str]:
             yield f'{use.entry} = "{use.parameter}"'
 
 
+def _by_tolerance(scene: Scene) -> Iterator[str]:
+    yield from _given("simulation.tolerance", scene.simulation.tolerance)
+    yield from _given("reduction.tolerance", scene.reduction.tolerance)
+    yield from _automatic(scene)
+
+
 def _elastic(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.{joint.gives_way}" for name, joint in scene.joints.items() if joint.gives_way)
 
 
-def _off(scene: Scene) -> Iterator[str]:
-    return (f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset is not None)
+def _off_beside_clearance(scene: Scene) -> Iterator[str]:
+    loose = [name for name, joint in scene.joints.items() if joint.gives_way == "clearance"]
+    for name, joint in scene.joints.items():
+        if joint.offset is not None and loose and not scene.initial.equilibrium:
+            yield f"joints.{name}.offset with joints.{loose[0]}.clearance"
 
 
 def _riding_in_space(scene: Scene) -> Iterator[str]:
@@ -112,7 +121,7 @@ def _rigid_of_several_factors(scene: Scene) -> Iterator[str]:
 def _with(
     joints: Callable[[Scene], Iterable[str]], which: Callable[[Scene], Iterable[str]]
 ) -> Callable[[Scene], Iterator[str]]:
-    """Return what finds entries of a scene beside its elastic joints, or those that are off."""
+    """Return what finds entries of a scene beside its elastic joints."""
     return lambda scene: (f"{one} with {entry}" for one in which(scene) for entry in joints(scene))
 
 
@@ -122,6 +131,10 @@ def _of_second_order(scene: Scene) -> Iterator[str]:
 
 def _forces(scene: Scene) -> Iterator[str]:
     return (f"outputs.{n} ({one.type})" for n, one in scene.outputs.items() if "multipliers" in one.reads)
+
+
+def _controllers(scene: Scene) -> Iterator[str]:
+    return (f"controllers.{name} ({one.type})" for name, one in scene.controllers.items())
 
 
 def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
@@ -196,19 +209,46 @@ FEATURES = (
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "elastic joints that are off themselves",
-        lambda scene: (entry for entry in _off(scene) if scene.joints[entry.split(".")[1]].elastic is not None),
-        EVERYWHERE,
-        why_not="not made for a joint with elastic, whose springs keep to where it should be",
-        cure="leave it out, or take an effect of type bushing in place of elastic",
+        "controllers with lengths, places and ratios",
+        _with(_lengths, _controllers),
+        OF_THE_REDUCTION,
+        why_not="models at several lengths have no controllers",
+        cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "joints that are off beside elastic ones",
-        _with(_elastic, _off),
+        "controllers beside forces in joints",
+        _with(_forces, _controllers),
         OF_THE_REDUCTION,
-        why_not="reduced models begin with what is built in without springs, which elastic joints need",
-        cure="leave it out, take pgmp simulate SCENE --full or --components, or effects of type bushing in place of "
-        "joints with elastic",
+        why_not="forces in joints of reduced models do not know those of controllers",
+        cure="leave the output out, or take pgmp simulate SCENE --full",
+    ),
+    Feature(
+        "controllers with a choice by a tolerance",
+        _with(_by_tolerance, _controllers),
+        EVERYWHERE - {Purpose.MODES},
+        why_not="what is chosen hangs on errors that are not known with controllers",
+        cure="give the numbers themselves",
+    ),
+    Feature(
+        "sizes of effects with controllers",
+        _controllers,
+        frozenset({Purpose.SIZES}),
+        why_not="sizes of effects are those without control",
+        cure="take pgmp check without --effects",
+    ),
+    Feature(
+        "trade-off with controllers",
+        _controllers,
+        frozenset({Purpose.TRADEOFF}),
+        why_not="runs are compared without control",
+        cure="compare pgmp simulate SCENE --full with reduced runs",
+    ),
+    Feature(
+        "joints that are off beside clearance",
+        _off_beside_clearance,
+        EVERYWHERE - {Purpose.MODES},
+        why_not="runs begin with what is built in without loads, and parts with room around them rest nowhere then",
+        cure="leave it out, or let the run start under its loads (initial.equilibrium = true)",
     ),
     Feature(
         "rigid beams in space with a section of parameters",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -28,6 +28,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.models.measures import Measures
 from pgmp_petsc.models.model import require_lengths, search_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.ranks.petsc import has_options
@@ -35,12 +36,13 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 from pgmp_petsc.stepping.second_order_system import Settled, State
-from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, settle
+from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, UNBALANCED, settle
 
 if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import FullFields
 
 
+SomeSystem = TypeVar("SomeSystem", FullBatch, FullDistributed)
 CLOSED = 1e-12  # of what is off, that least squares may leave
 MOST_IN_LANES = 3500  # unknowns; beyond, the fill-in of a mesh in space outgrows the caches, and PETSc's solvers win
 
@@ -69,6 +71,7 @@ class FullModel:
         self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
         self._start = start_of(scene, mechanism)
         self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])
+        self._measures = Measures(scene, self.kinematics, self._start[0]) if scene.controllers else None
         self._stresses = None
         if self.outputs.stresses:
             from pgmp_petsc.models.stresses import FullStresses  # few scenes have them
@@ -92,7 +95,8 @@ class FullModel:
         """Most samples that a batch may have; of large meshes, or where meshes differ, it is one."""
         drawn = {name for name, parameter in self.scene.parameters.items() if parameter.distribution is not None}
         own_meshes = drawn & self._scaling
-        return self.scene.ensemble.batch if self._in_lanes and not own_meshes else 1
+        alone = own_meshes or self.scene.controllers  # whose forces are of one sample
+        return self.scene.ensemble.batch if self._in_lanes and not alone else 1
 
     @property
     def identity(self) -> str:
@@ -107,7 +111,21 @@ class FullModel:
         settled = sized.settled(values, n_samples) if self.scene.initial.equilibrium else None
         start = sized.start_of_samples(values, n_samples)
         built_in = sized.built_in(values, start, n_samples) if settled is None else None
-        return FullBatch(sized.kinematics, sized._effects, values, start, n_samples, sized._motions, settled, built_in)
+        system = FullBatch(
+            sized.kinematics, sized._effects, values, start, n_samples, sized._motions, settled, built_in
+        )
+        return sized._controlled(system, values)
+
+    def _controlled(self, system: SomeSystem, values: Mapping[str, np.ndarray]) -> SomeSystem:
+        """Return a system of one sample with its controllers."""
+        if self._measures is not None:
+            nodes, unknowns = list(self._measures.nodes), Unknowns(self.kinematics.mechanism)
+
+            def frames(state: State) -> list[np.ndarray]:
+                return [system.frames(state)[nodes], unknowns.frames(system.unpack(state.v))[nodes]]
+
+            system.control(self._measures.controls(frames, values, 1, system.put_forces))
+        return system
 
     def built_in(
         self, values: Mapping[str, np.ndarray], start: tuple[np.ndarray, np.ndarray], n_samples: int
@@ -155,7 +173,8 @@ class FullModel:
         start = (positions, rates.reshape(-1)) if settled is None else (settled.theta[0], np.zeros(len(positions)))
         built_in = sized._built_in(values, start[1], comm) if settled is None and sized.is_off else None
         equations = sized._equations(sized.kinematics, values, start, comm)
-        return FullDistributed(equations, comm, sized._motions, settled, built_in)
+        system = FullDistributed(equations, comm, sized._motions, settled, built_in)
+        return sized._controlled(system, {name: np.array([value]) for name, value in values.items()})
 
     def _equations(
         self,
@@ -202,7 +221,10 @@ class FullModel:
             def deformed(at: np.ndarray) -> np.ndarray:
                 _, lost = statics.hold(at[None], np.ones(1, dtype=bool))
                 if lost[0]:
-                    self._refuse(self._residual(equations.start()[0][:, None]), theta)
+                    residual = self._residual(equations.start()[0][:, None])
+                    if self._furthest(residual)[2] == 0.0:
+                        raise InputError(UNBALANCED.format(statics.cause(0)))
+                    self._refuse(residual, theta)
                 return statics.unknowns()
 
             q = deformed(theta)
@@ -258,7 +280,7 @@ class FullModel:
                 text = f"{what} {residual[row]:.3g} {system.unit('m') if part.is_length else 'rad'}"
                 found.append((residual[row] / unit, connection.name, text))
                 row += 1
-        far, name, gap = max(found)
+        far, name, gap = max(found, default=(0.0, "", ""))
         return name, gap, far
 
     def settled(self, values: Mapping[str, np.ndarray], n_samples: int) -> Settled:

@@ -129,6 +129,7 @@ class LengthLanes:
     """
 
     name, title = ReducedModel.name, ReducedModel.title
+    measures = None  # controllers are refused
 
     def __init__(self, model: ReducedModel) -> None:
         self._model, self.scene, self.kinematics = model, model.scene, model.kinematics

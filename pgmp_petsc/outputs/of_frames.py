@@ -156,6 +156,11 @@ class Speed(OutputEntry):
     )
     absolute: bool = Field(False, strict=True, description=ABSOLUTE)
 
+    @property
+    def derivative(self) -> int:
+        """1."""
+        return 1
+
     @model_validator(mode="after")
     def _of_one(self) -> Self:
         exactly_one(self, "point", "joint")

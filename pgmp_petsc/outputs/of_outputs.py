@@ -54,6 +54,11 @@ class RateOfOutput(OutputEntry):
         """The output, by its entry."""
         return {self.of: "of"}
 
+    @property
+    def derivative(self) -> int:
+        """The order."""
+        return self.order
+
     def unit_in(self, scene: Scene) -> str:
         """Return the output's by s or s2."""
         unit = unit_of(scene, self.of)

@@ -25,6 +25,7 @@ from pgmp_petsc.outputs.readings import (
     AnyReading,
     Base,
     Frames,
+    Jet,
     ModelReading,
     Needs,
     RigidReference,
@@ -107,6 +108,15 @@ class OutputSet:
         if poses is not None:
             seen = replace(seen, poses=poses(seen.frames[0]))
         return {name: reading.jet(seen, 0)[0] for name, reading in self.functions.items()}
+
+    def jets(self, observed: np.ndarray, readings: Sequence[tuple[AnyReading, bool]]) -> list[Jet]:
+        """Return the values and rates of readings of these outputs, each (n,), for what a model observes; rates are
+        zero of those that none is asked for of."""
+        seen = self._seen(observed)
+        if self.rigid is not None:
+            seen = replace(seen, poses=self.rigid.poses(seen.frames[0]))
+        found = [reading.jet(seen, int(with_rate)) for reading, with_rate in readings]
+        return [[*jet, np.zeros_like(jet[0])][:2] for jet in found]
 
     def forces_of(
         self, frames: Sequence[np.ndarray], multipliers: np.ndarray, values: Mapping[str, np.ndarray | float]

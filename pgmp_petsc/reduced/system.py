@@ -15,6 +15,8 @@ import numpy as np
 
 from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.controllers.acting import ACTING_LAW
+from pgmp_petsc.controllers.running import Controls
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
 from pgmp_petsc.full.part_reference import Reference
@@ -248,6 +250,7 @@ class ReducedSystem(SecondOrderSystem):
         names = [effect.name for effect in self._load_effects]
         self._actions = actions or ReducedActions.none(len(layout.rigid))
         self.built_in = given if tables.n_given else None
+        self._begun: tuple[np.ndarray, np.ndarray] | None = None
         self._prescribed = tables.prescribed(motions)
         self._is_rigid = np.arange(self.n_eta) < tables.n_coordinates
         self._lanes = ReducedLanes(terms, self._actions, names, values, self._prescribed, n_samples)
@@ -258,9 +261,18 @@ class ReducedSystem(SecondOrderSystem):
         self._strengths = ReducedStrengths(
             self._load_effects, self._actions.actions, motions, self.tables.n_coordinates
         )
+        self.controlled = [k for k, action in enumerate(self._actions.actions) if action.law is ACTING_LAW]
         self.n_events = self._memory.depths.shape[1]
         searched = (self._load_effects, self._actions.actions, motions) if self.n_events else ((), (), {})
         self._functions = functions_of_time(*searched, self.tables.n_coordinates)
+
+    def control(self, controls: Controls) -> None:
+        """Let controllers act."""
+        self.beside = controls
+
+    def put_forces(self, forces: np.ndarray) -> None:
+        """Take forces of controllers, with their stiffness and damping, (n_controllers, n_samples, 3)."""
+        self._equations.local.actions.parameters[self.controlled, :, :3] = forces
 
     @property
     def n_eta(self) -> int:
@@ -286,21 +298,28 @@ class ReducedSystem(SecondOrderSystem):
         r = self.tables.n_coordinates
         q = self.undeformed(self._initial[0])
         v = np.zeros_like(q)
-        if self.settled is None:
+        if self._begun is not None:
+            q, v = (part.copy() for part in self._begun)
+        elif self.settled is None:
             if self.built_in is not None:
                 self._answer_offsets(q)
             v[:, :r] = self._initial[1]
         else:
             q[:] = self.settled.unknowns.T
         state = State(q, v, np.zeros_like(q), np.zeros(0))
-        # accelerations enter linearly: with stiffness negligible in the matrix, a correction solves M a = -r
-        trial = state.copy()
-        only_mass = Scheme(0.0, 0.0, 0.0, 0.0, gain_v=0.0, gain_a=LARGE)
-        everyone = np.ones(self.n_samples, dtype=bool)
-        self.correct(0.0, trial, only_mass, everyone, fresh=True)
-        state.a = trial.a
-        self._strengths.prescribe(0.0, state, everyone)
+        if self.beside is not None:
+            self.beside.start(state)
+        self.accelerate(0.0, state, np.ones(self.n_samples, dtype=bool))
         return state if self.settled is None else self.settled.at_rest(state, len(self._motions))
+
+    def accelerate(self, time: float, state: State, samples: np.ndarray) -> None:
+        """Give samples their accelerations; see `SecondOrderSystem`."""
+        # they enter linearly: with stiffness negligible in the matrix, a correction solves M a = -r
+        trial = state.copy()
+        trial.a[:] = 0.0
+        self.correct(time, trial, Scheme(0.0, 0.0, 0.0, 0.0, gain_v=0.0, gain_a=LARGE), samples, fresh=True)
+        state.a[samples] = trial.a[samples]
+        self._strengths.prescribe(time, state, samples)
 
     def _answer_offsets(self, q: np.ndarray) -> None:
         """Give the flexible coordinates of q what they add to the static answer to offsets, without loads, in place:
@@ -331,6 +350,10 @@ class ReducedSystem(SecondOrderSystem):
         size, gains = self._lanes.zeros(), (scheme.gain_v, scheme.gain_a)
         correct(equations, memory, strengths, _parts(state), gains, self._lanes.sets(active), np.bool_(fresh), size)
         return self._lanes.unpacked(size).copy()
+
+    def begin_at(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Let the samples start from coordinates and velocities (n_samples, n_eta)."""
+        self._begun = q, v
 
     def settle(self, settled: Settled) -> None:
         """Let the samples start at rest in static equilibria."""
@@ -569,6 +592,9 @@ class ReducedSystem(SecondOrderSystem):
         found = np.zeros((times.size, self.n_samples, 3, len(actions)))
         if found.size:
             given = amplitudes_over(actions, times)[:, None] if amplitudes is None else amplitudes
+            if self.beside is not None:
+                given = np.repeat(given, self.n_samples // given.shape[1], axis=1)
+                given[:, :, self.controlled] += self.beside.forces(times)
             act_on(
                 *self._passed, self._lanes.packed_over(given), np.ascontiguousarray(trail), lanes, gain_v,
                 np.bool_(with_tangent), found,

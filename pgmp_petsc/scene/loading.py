@@ -155,12 +155,18 @@ def _text_of(name: str, entry: str, directory: Path) -> str:
 
 
 def _read_tables(data: dict[str, Any], directory: Path) -> None:
-    """Put the rows of files in the place of their names, in the tables of effects."""
-    effects = data.get("effects")
-    for name, effect in (effects if isinstance(effects, dict) else {}).items():
-        given = effect.get("table") if isinstance(effect, dict) else None
+    """Put the rows of files in the place of their names, in the tables of effects and of controllers' references."""
+    found = []
+    for group, *within in (("effects",), ("controllers", "reference")):
+        tables = data.get(group)
+        for name, table in (tables if isinstance(tables, dict) else {}).items():
+            for key in within:
+                table = table.get(key) if isinstance(table, dict) else None
+            found.append(((group, name, *within), table))
+    for place, table in found:
+        given = table.get("table") if isinstance(table, dict) else None
         if isinstance(given, (str, dict)):
-            effect["table"] = _rows_of(given, f"{dotted_name(('effects', name))}.table", directory)
+            table["table"] = _rows_of(given, f"{dotted_name(place)}.table", directory)
 
 
 def _rows_of(given: str | dict[str, Any], entry: str, directory: Path) -> list[list[float]]:

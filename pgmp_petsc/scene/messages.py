@@ -134,6 +134,8 @@ def _follow(model: type[BaseModel], location: Sequence[str | int]) -> tuple[list
         if len(members) > 1:
             members = [member for member in members if _tag(member) == key]
             continue
+        if key == _only_tag(members):
+            continue
         keys.append(key)
         (kind,) = members
         if get_origin(kind) is None:
@@ -141,6 +143,12 @@ def _follow(model: type[BaseModel], location: Sequence[str | int]) -> tuple[list
         else:
             members = _members(get_args(kind)[1 if get_origin(kind) is dict else 0])
     return keys, members
+
+
+def _only_tag(members: Sequence[Any]) -> str | None:
+    """Return the `type` of the only member of a family, which pydantic puts into locations as those of several."""
+    fields = getattr(members[0], "model_fields", {}) if len(members) == 1 else {}
+    return _tag(members[0]) if "type" in fields and get_args(fields["type"].annotation) else None
 
 
 def _members(annotation: Any) -> list[Any]:

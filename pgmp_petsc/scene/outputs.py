@@ -69,6 +69,11 @@ class OutputEntry(Table):
             raise refuse(cls, 'an output with the entry joint says what of it is free: joints = ("turning",)')
 
     @property
+    def derivative(self) -> int:
+        """Which derivative over time it takes of what it reads: 1 if that is a speed of it."""
+        return 0
+
+    @property
     def made_of(self) -> Mapping[str, str]:
         """The other outputs that it is made of, each with the entry that names it."""
         return {}

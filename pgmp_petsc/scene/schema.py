@@ -12,6 +12,7 @@ from pgmp_petsc.base.errors import Remark
 from pgmp_petsc.base.units import SAID, SI, UnitSystem, system_of
 from pgmp_petsc.declare.ideas import WHEN_GROWN
 from pgmp_petsc.scene.bodies import Body, Material
+from pgmp_petsc.scene.controllers import Controller, controller_problems
 from pgmp_petsc.scene.effects import Effect
 from pgmp_petsc.scene.fields import Name, Number, OneLine, Table
 from pgmp_petsc.scene.joints import Coordinate, Ground, Joint
@@ -60,6 +61,7 @@ class Scene(Table):
         min_length=1, description="a table for each rigid coordinate, [coordinates.NAME]"
     )
     effects: dict[Name, Effect] = Field({}, description="what acts on the mechanism")
+    controllers: dict[Name, Controller] = Field({}, description="a table for each controller, [controllers.NAME]")
     reduction: Reduction = Field(Reduction(), description="the reduced model")
     initial: Initial = Field(Initial(), description="start from static equilibrium")
     simulation: Simulation = Field(Simulation(), description="a run over time")
@@ -230,6 +232,7 @@ class Scene(Table):
         given, raw = context.get("units", {}), context.get("raw", {})
         problems = [
             *reference_problems(self),
+            *controller_problems(self),
             *correlation_problems(self),
             *field_problems(self),
             *length_problems(self),

@@ -78,6 +78,8 @@ def uses_of(scene: AnyScene) -> Iterator[Use]:
             yield from _of_table(f"joints.{name}.{table}", getattr(joint, table), slid)
     for name, effect in scene.effects.items():
         yield from effect.uses(f"effects.{name}", not slides(scene, effect))
+    for name, controller in scene.controllers.items():
+        yield from controller.uses(f"controllers.{name}")
     for name, output in scene.outputs.items():
         yield from output.uses(scene, f"outputs.{name}")
 

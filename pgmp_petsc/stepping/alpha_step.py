@@ -126,7 +126,7 @@ class AlphaStep:
         ends, scheme = ends[:1] if self._projects else ends, self.scheme(step)
         probed = (np.rint(ends / step) % PROBED_EVERY == 0) | self._system.rubs
         asked = StepsAsked(moment, ends, step, probed, scheme, samples)
-        taken = self._system.take_steps(asked)
+        taken = None if self._system.beside is not None else self._system.take_steps(asked)
         if taken is None:
             taken = _taken_by_corrections(self._system, asked)
         self.count(taken.n_corrections, -(-taken.n_corrections // REFRESH_EVERY), taken.n_calls)
@@ -174,7 +174,7 @@ class AlphaStep:
 
     def advance(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
         """Take some samples through equal steps; see `SecondOrderSystem.advance`."""
-        found = self._system.advance(stretch)
+        found = None if self._system.beside is not None else self._system.advance(stretch)
         return self._advanced_together(stretch) if found is None else found
 
     def _advanced_together(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
@@ -223,9 +223,14 @@ class AlphaStep:
         like their linearisation: nodes turn by half a revolution. A correction is shortened to `LONGEST`.
         """
         active, lost = alive.copy(), np.zeros_like(alive)
+        beside = self._system.beside
         self._system.begin_iteration()
+        if beside is not None:
+            beside.begin(time, state, scheme)
         for _ in range(CAREFUL_ITERATIONS):
             before = state.copy()
+            if beside is not None:
+                beside.act(time, state)
             size = self._system.correct(time, state, scheme, active, True)
             self.count(active.sum(), 0, 1)
             lost |= active & ~np.isfinite(size)
@@ -241,6 +246,8 @@ class AlphaStep:
             active &= (size > NEWTON_TOLERANCE) | self._system.limited()
             if not active.any():
                 break
+        if beside is not None:
+            beside.end(time, state, scheme, alive & ~lost & ~active)
         return lost | active
 
 
@@ -255,7 +262,7 @@ def _taken_by_corrections(system: SecondOrderSystem, asked: StepsAsked) -> Steps
     system.count_turns(ahead)
     expected[lost] = FIRST_CONTRACTION
     follows = _following(asked.scheme, auxiliary, ahead.a, state.a)
-    states = State(*(part[None] for part in ahead.parts()))
+    states = State(*(part[None] for part in (*ahead.parts(), ahead.beside)))
     return StepsTaken(states, follows[None], expected[None], lost, np.array([n_corrections]), n_calls)
 
 
@@ -276,7 +283,11 @@ def iterate(
     active, lost, last = alive.copy(), np.zeros_like(alive), np.full(alive.size, np.inf)
     n_corrections = n_calls = 0
     system.begin_iteration()
+    if system.beside is not None:
+        system.beside.begin(time, state, scheme)
     for iteration in range(MAX_ITERATIONS):
+        if system.beside is not None:
+            system.beside.act(time, state)
         size = system.correct(time, state, scheme, active, iteration % refresh_every == 0)
         last[system.limited()] = 0.0  # nothing follows from the size of the last correction
         n_corrections += int(active.sum())
@@ -284,6 +295,8 @@ def iterate(
         judge(iteration, size, last, expected, active, lost)
         if not active.any():
             break
+    if system.beside is not None:
+        system.beside.end(time, state, scheme, alive & ~lost & ~active)
     return lost | active, n_corrections, n_calls
 
 
@@ -295,6 +308,8 @@ def standing(state: State, auxiliary: np.ndarray, n_samples: int) -> Moment:
 def put(system: SecondOrderSystem, target: Moment, source: Moment, samples: np.ndarray) -> None:
     """Copy where some samples are, a mask; a system alone knows where its samples are in arrays."""
     state = target.state
+    if state.beside.size:
+        state.beside[samples] = source.state.beside[samples]
     if samples.all():
         for into, found in zip((*state.parts(), *target[1:]), (*source.state.parts(), *source[1:])):
             into[:] = found
@@ -326,7 +341,7 @@ def _predicted(scheme: Scheme, step: float, moment: Moment, a: np.ndarray) -> St
     ahead = _following(scheme, auxiliary, a, previous.a)
     q = previous.q + h * previous.v + h**2 * ((0.5 - s.beta) * auxiliary + s.beta * ahead)
     v = previous.v + h * ((1 - s.gamma) * auxiliary + s.gamma * ahead)
-    return State(q, v, a.copy(), previous.multipliers.copy(), previous.turns.copy())
+    return State(q, v, a.copy(), previous.multipliers.copy(), previous.turns.copy(), previous.beside.copy())
 
 
 class _ImplicitStep(AlphaStep):
@@ -343,9 +358,10 @@ def n_first_steps(system: SecondOrderSystem) -> int:
 
 
 def first_accelerations(
-    system: SecondOrderSystem, start: State, step: float, samples: np.ndarray
+    system: SecondOrderSystem, start: State, step: float, samples: np.ndarray, time: float = 0.0
 ) -> tuple[np.ndarray, int]:
-    """Return the auxiliary accelerations that a run begins with. Collective on ``system.comm``.
+    """Return the auxiliary accelerations that a run begins with, or goes on with where forces jump. Collective on
+    ``system.comm``.
 
     The scheme may begin with any A_0 within O(h) of q''_0, and keeps its order (Arnold and Bruls 2007). With q''_0
     itself a load that sets in at once on a light and stiff node, such as a joint's, gives the first step velocities of
@@ -365,7 +381,7 @@ def first_accelerations(
     Parameters
     ----------
     system, start
-        The system, and its state at time 0.
+        The system, and its state at that time.
     step
         Length of the steps of the run, s.
     samples
@@ -381,7 +397,8 @@ def first_accelerations(
     """
     stepper, found, lost, ends = _ImplicitStep(system, 0.0), start.copy(), ~samples, []
     for length in (share * step for share in LENGTHS):
-        after, failed = stepper.take_one(standing(start, start.a, system.n_samples), length, length, samples)
+        begun = standing(start, start.a, system.n_samples)
+        after, failed = stepper.take_one(begun, time + length, length, samples)
         ends.append(after.state.a)
         lost |= failed
     found.a = 2.0 * ends[0] - ends[1]

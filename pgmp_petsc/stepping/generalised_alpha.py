@@ -176,8 +176,9 @@ class GeneralisedAlpha:
     def advance(self) -> None:
         """Advance all living samples to the next stop."""
         last = int(self.stops[np.searchsorted(self.stops, self.n_done, side="right")])
+        at_once = self.system.steps_at_once if self.system.beside is None else 1
         while self.n_done < last:
-            self._advance_to(min(last, self.n_done + self.system.steps_at_once))
+            self._advance_to(min(last, self.n_done + at_once))
         if self._pulse is not None:
             self._pulse(last / (self.instants.size - 1))
 
@@ -210,6 +211,21 @@ class GeneralisedAlpha:
         if shown.size:
             # not PETSc's own time, a sum of steps: its round-off grows over the run
             system.show(self._observer, shown, self.instants[shown], trail)
+        if system.beside is not None:
+            self._jump(float(self.instants[last]))
+
+    def _jump(self, time: float) -> None:
+        """Let forces that jump between two steps do so: accelerations jump with them."""
+        system, state = self.system, self.state
+        if not self._alive.any() or not system.beside.sample(time, state, self._alive):
+            return
+        before = state.a.copy()
+        system.accelerate(time, state, self._alive)
+        auxiliary = self._moment.auxiliary + (state.a - before)
+        if n_first_steps(system):
+            auxiliary, n_iterations = first_accelerations(system, state, self._step, self._alive, time)
+            self._stepper.count(n_iterations, 0, 0)
+        self._moment = standing(state, auxiliary, system.n_samples)
 
     def _shown(self, last: int) -> np.ndarray:
         """Return the numbers of the steps up to `last` that the observer is to see."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -28,18 +28,21 @@ class State:
     #: angles (rad) that unknowns do not count beyond half a revolution, at this instant, or of an iterate at the one
     #: before; of size zero where there are none
     turns: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    #: numbers of states beside the mechanics, a row a sample; of size zero for a system without any
+    beside: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def copy(self) -> State:
         """Return a deep copy."""
-        return State(self.q.copy(), self.v.copy(), self.a.copy(), self.multipliers.copy(), self.turns.copy())
+        return State(*(part.copy() for part in (*self.parts(), self.beside)))
 
     def parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return all arrays."""
+        """Return all arrays of the mechanics."""
         return self.q, self.v, self.a, self.multipliers, self.turns
 
     def at(self, number: int | slice) -> State:
         """Return one or some of states whose arrays have a leading axis of instants, sharing memory."""
-        return State(self.q[number], self.v[number], self.a[number], self.multipliers[number], self.turns[number])
+        parts = (part[number] for part in self.parts())
+        return State(*parts, self.beside[number] if self.beside.size else self.beside)
 
 
 class Moment(NamedTuple):
@@ -193,6 +196,22 @@ class Settled:
             raise InputError(self.reasons[min(self.reasons)])
 
 
+class Beside(Protocol):
+    """States beside the mechanics; a step takes them along (`alpha_step.iterate`)."""
+
+    def begin(self, time: float, state: State, scheme: Scheme) -> None:
+        """Begin the iteration of a step that ends at a time; `state` is beside what it is at its beginning."""
+
+    def act(self, time: float, state: State) -> None:
+        """Give the mechanics the forces about an iterate, before it is corrected."""
+
+    def end(self, time: float, state: State, scheme: Scheme, samples: np.ndarray) -> None:
+        """Take what is beside some samples, a mask, to the end of the step."""
+
+    def sample(self, time: float, state: State, samples: np.ndarray) -> bool:
+        """Change forces that jump between two steps; return whether any did."""
+
+
 class SecondOrderSystem:
     """Interface of a model for the integrator; a batch of samples is one system.
 
@@ -213,6 +232,7 @@ class SecondOrderSystem:
     rubs: bool = False  # whether nothing is to be concluded from how an iteration contracted in the step before
     has_range: bool = False  # whether samples may leave the model's range of validity (`outside`)
     moving_constraints: bool = False  # whether constraints turn or follow motions; see `AlphaStep`
+    beside: Beside | None = None  # states beside the mechanics; None where there are none
 
     def start(self) -> State:
         """Return the consistent state at time 0."""
@@ -286,6 +306,10 @@ class SecondOrderSystem:
 
     def project(self, time: float, state: State, step: float, samples: np.ndarray) -> None:
         """Make velocities and accelerations of some samples consistent with the constraints at the end of a step."""
+
+    def accelerate(self, time: float, state: State, samples: np.ndarray) -> None:
+        """Give some samples, a mask, the accelerations that the equations have in their state, in place."""
+        raise NotImplementedError
 
     def take_steps(self, asked: StepsAsked) -> StepsTaken | None:
         """Take equal steps, up to one in which an iteration fails; None where they are taken by corrections."""

@@ -191,10 +191,14 @@ def _weights(mechanism: Mechanism, kind: str) -> list[Monomial]:
 
 
 def _effects(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load]) -> list[str]:
+    lines = [
+        f"  controller    {name}: {one.type}, measures {one.measures}, acts in {one.joint}, "
+        + (f"sampled every {one.sample_time:g} s" if one.sample_time else "continuous")
+        for name, one in scene.controllers.items()
+    ]
     if not scene.effects:
-        return ["  effects       none"]
+        return ["  effects       none", *lines]
     actions = actions_of(effects)
-    lines = []
     for name, effect in scene.effects.items():
         counts = {
             "load term": sum(load.effect in parts_of(name, effect) for load in loads),
@@ -319,6 +323,7 @@ def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str,
             for name, parameter in scene.parameters.items()
         },
         "effects": {name: effect.type for name, effect in scene.effects.items()},
+        "controllers": {name: one.type for name, one in scene.controllers.items()},
         "outputs": {name: {"unit": unit} for name, unit in OutputSet.of(scene, kinematics).units.items()},
         "unknowns": mechanism.n_dofs,
         "constraints": mechanism.n_constraints,

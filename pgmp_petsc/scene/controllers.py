@@ -1,0 +1,212 @@
+"""Entries of controllers in a scene, and what all else has to know of one. The controllers are in `controllers`.
+
+A controller measures an output and acts on the motion in a joint. It has states of its own beside the mechanics,
+z' = g(z, measure, reference, t), in the same steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from pgmp_petsc.base.errors import nearest_name
+from pgmp_petsc.declare.ideas import CONTROLLERS, Found, refuse
+from pgmp_petsc.scene.fields import (
+    AnyScene,
+    LoadHarmonic,
+    LoadTable,
+    NumberOrParameter,
+    Table,
+    Time,
+    exactly_one,
+    refusal,
+)
+from pgmp_petsc.scene.joints import MEASURED, joints_with
+from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.outputs import circle_of, models_alone
+from pgmp_petsc.scene.references import joint_problems, motion_problems
+from pgmp_petsc.scene.uses import Use
+
+WHOLE = 1e-6  # of a step, that a sample time may be off a whole number of them
+
+
+class Setpoint(Table):
+    """What a measure is to be: a number, or over time."""
+
+    constant: NumberOrParameter | None = Field(
+        None, description="the same all the time; a number for the table says it"
+    )
+    table: LoadTable | None = Field(None, description="rows [time (s), value], linear between rows; or a CSV file")
+    harmonic: LoadHarmonic | None = Field(None, description="{ amplitude, frequency_hz, phase = 0, mean = 0 }")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _number(cls, given: Any) -> Any:
+        return given if isinstance(given, (dict, Setpoint)) else {"constant": given}
+
+    @model_validator(mode="after")
+    def _one(self) -> Setpoint:
+        exactly_one(self, "constant", "table", "harmonic")
+        values = [value for _, value in self.table or ()]
+        values += [self.harmonic.amplitude, self.harmonic.mean] if self.harmonic else []
+        named = [value for value in values if isinstance(value, str)]
+        if named:
+            words = f"{named[0]}: over time numbers are needed; a reference that is always the same may be a parameter"
+            raise refusal(words)
+        return self
+
+    @property
+    def changes(self) -> bool:
+        """Whether it is over time."""
+        return self.constant is None
+
+
+class ControllerEntry(Table):
+    """A table ``[controllers.NAME]``. A controller is a subclass with ``type: Literal["..."]``, its entries, and what
+    it does (`law`, `constants`)."""
+
+    measures: str = Field(description="name of the output that it measures")
+    reference: Setpoint = Field(
+        Setpoint(constant=0.0),
+        description="what the measure is to be: a number, a parameter's name, or { table } or { harmonic } over time",
+    )
+    joint: str = Field(description="name of the joint that its torque or force acts on")
+    motion: Literal["turning", "sliding"] | None = Field(None, description="which motion of a joint that has both")
+    limits: tuple[NumberOrParameter, ...] | None = Field(
+        None,
+        min_length=2,
+        max_length=2,
+        description="lowest and highest torque (N m) or force (N), each a number or a parameter's name",
+    )
+    sample_time: Time = Field(
+        0.0,
+        ge=0.0,
+        description="0 is continuous; else it measures at 0, sample_time, ... and holds what it found until the next "
+        "time; a whole number of steps",
+    )
+    #: Motions of which the joint that it acts on leaves one free.
+    joints: ClassVar[tuple[str, ...]] = ("turning", "sliding")
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
+        if CONTROLLERS.take(cls) and (cls.law is ControllerEntry.law or cls.constants is ControllerEntry.constants):
+            raise refuse(cls, "a controller has the methods law(self) and constants(self)")
+
+    def law(self) -> Any:
+        """Return the law of its states and of its force, a `controllers.law.ControlLaw`."""
+        raise NotImplementedError
+
+    def constants(self) -> dict[str, float | str]:
+        """Return the parameters of its law by name, numbers or names of parameters."""
+        raise NotImplementedError
+
+    def forces(self, name: str, mechanism: Any) -> Any:
+        """Return what acts in the models, an `effects.effect.Effect`, on a `mechanism.mechanism.Mechanism`."""
+        raise NotImplementedError
+
+    @property
+    def needs_rate(self) -> bool:
+        """Whether it takes the rate of its measure."""
+        return True
+
+    def problems(self, scene: AnyScene, name: str) -> Iterator[str]:
+        """Yield a line for each entry that does not fit the rest of the scene; names of tables are looked at."""
+        yield from ()
+
+    def uses(self, entry: str) -> Iterator[Use]:
+        """Yield the entries that may name a parameter; a controller's may be of any unit."""
+        if not self.reference.changes:
+            yield Use(f"{entry}.reference", self.reference.constant, "any", ())
+        for k, limit in enumerate(self.limits or ()):
+            yield Use(f"{entry}.limits[{k}]", limit, "any", ())
+
+
+#: A table of ``[controllers]``.
+Controller = Annotated[ControllerEntry, Found(CONTROLLERS)]
+
+
+def derivatives_read(scene: AnyScene, name: str) -> int:
+    """Return which derivative of places an output takes: 0 of places, 1 of speeds, 2 of accelerations."""
+    entry = scene.outputs[name]
+    return entry.derivative + max((derivatives_read(scene, one) for one in entry.made_in(scene)), default=0)
+
+
+def controller_problems(scene: AnyScene) -> Iterator[str]:
+    """Yield one line for each entry of a controller that does not fit."""
+    for name, one in scene.controllers.items():
+        entry = f"controllers.{name}"
+        if name in scene.effects:
+            yield problem(entry, f"effects.{name} has this name; give the controller another one")
+        fitting = joints_with(*MEASURED, dimension=scene.dimension)
+        yield from joint_problems(scene, f"{entry}.joint", one.joint, fitting)
+        yield from motion_problems(scene, entry, one, one.joints)
+        yield from _measure(scene, entry, one)
+        yield from _limits(scene, entry, one)
+        yield from _sampling(scene, entry, one)
+        yield from one.problems(scene, name)
+        if scene.initial.equilibrium:
+            words = "controllers begin with a run, and its equilibrium does not know them; leave it out"
+            yield problem("initial.equilibrium", f"with {entry}: {words}", True)
+
+
+def _measure(scene: AnyScene, entry: str, one: ControllerEntry) -> Iterator[str]:
+    measured = one.measures
+    if measured not in scene.outputs:
+        hint = nearest_name(measured, scene.outputs)
+        yield problem(f"{entry}.measures", f"there is no such output{hint}", measured)
+    elif circle_of(scene, measured):
+        return  # said elsewhere
+    elif models_alone(scene, measured):
+        yield problem(
+            f"{entry}.measures",
+            f"outputs.{measured} reads stresses or forces, which hang on the controller's own force at the same "
+            "instant; measure a place, an angle or a speed",
+            measured,
+        )
+    else:
+        order = derivatives_read(scene, measured)
+        if order + one.needs_rate > 1:
+            what = "accelerations" if order > 1 else "speeds, and its rate accelerations"
+            cure = "measure a place, an angle or a speed" if order > 1 else "give a gain d a filter, or leave it out"
+            yield problem(
+                f"{entry}.measures",
+                f"outputs.{measured} reads {what}, which hang on the controller's force at the same instant; {cure}",
+                measured,
+            )
+
+
+def _limits(scene: AnyScene, entry: str, one: ControllerEntry) -> Iterator[str]:
+    if one.limits is None or any(isinstance(end, str) and end not in scene.parameters for end in one.limits):
+        return  # said elsewhere
+    for values in (scene.nominal, scene.values):
+        low, high = (scene.number(end, values) for end in one.limits)
+        if not low < high:
+            yield problem(f"{entry}.limits", f"the first must be below the second, but is {low:g}, not below {high:g}")
+            return
+
+
+def _sampling(scene: AnyScene, entry: str, one: ControllerEntry) -> Iterator[str]:
+    run = scene.simulation
+    if not one.sample_time:
+        return
+    if run.tolerance is not None:
+        words = "needs simulation.step, of which it is a whole number; simulation.tolerance finds one by itself"
+        yield problem(f"{entry}.sample_time", words, one.sample_time)
+        return
+    ratio = one.sample_time / step_of(run)
+    if round(ratio) < 1:
+        words = f"is shorter than simulation.step = {run.step:g} s; take smaller steps, or 0 for a continuous one"
+        yield problem(f"{entry}.sample_time", words, one.sample_time)
+    elif abs(ratio - round(ratio)) > WHOLE * ratio:
+        words = (
+            f"must be a whole number of steps of {step_of(run):.6g} s, and is {ratio:.6g} of them; take a "
+            "simulation.step that divides it and simulation.duration"
+        )
+        yield problem(f"{entry}.sample_time", words, one.sample_time)
+
+
+def step_of(run: Any) -> float:
+    """Return the length of the steps of a run: of equal ones, none longer than ``simulation.step``."""
+    return run.duration / max(1, -int(-(run.duration / run.step * (1 - 1e-12)) // 1))

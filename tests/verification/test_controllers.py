@@ -1,0 +1,276 @@
+"""Controllers: closed loops against closed forms, scipy's integrators and exact discretisations, in every model."""
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from machine_scenes import MODELS, cart, run
+from refusals import cases, check_said
+from runs import IN_TURN, history, overridden, reduced_model, samples
+from scenes import HEADER, tables
+from scipy.integrate import solve_ivp
+from scipy.signal import cont2discrete
+
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.gradients.differentiated import differentiate
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+
+INERTIA = 0.1
+WHEEL = HEADER + tables("""
+bodies.wheel: rigid = { mass = 2.0, inertia = 0.1, points = { hub = [0.0, 0.0] } }
+joints.hinge: type = "revolute"; connect = ["ground:origin", "wheel:hub"]
+coordinates.theta: joint = "hinge"; range = [0.0, 6.283185307179586]; periodic = true
+outputs.angle: type = "angle"; joint = "hinge"
+outputs.speed: type = "speed"; joint = "hinge"
+parameters.kp: nominal = 40.0
+simulation: duration = 0.4; step = 2e-3
+""")
+
+
+def wheel(servo: str, *overrides: str) -> Scene:
+    """Return a flywheel with a controller of its angle, or of what is said."""
+    measured = "" if "measures" in servo else 'measures="angle",'
+    entry = f'controllers.servo={{type="pid",joint="hinge",{measured}{servo}}}'
+    return scene_from_toml(WHEEL, ".", (entry, *overrides))
+
+
+def angle(scene: Scene, model: str = "full") -> tuple[np.ndarray, np.ndarray]:
+    times, found = run(scene, model)
+    return times, found["angle"]
+
+
+def orders(errors: list[float]) -> np.ndarray:
+    return np.log2(np.array(errors[:-1]) / errors[1:])
+
+
+def test_proportional_and_derivative_control_is_a_spring_and_a_damper() -> None:
+    """The step response of second order, in closed form: of second order in the step, 1e-6 of it at the finest one."""
+    p, d, errors = 40.0, 1.6, []
+    for step in (2e-3, 1e-3, 1.7e-4):
+        times, found = angle(wheel('reference=1.0,gains={p="kp",d=1.6}', f"simulation.step={step}"))
+        omega, zeta = np.sqrt(p / INERTIA), d / (2 * np.sqrt(p * INERTIA))
+        turn = omega * np.sqrt(1 - zeta**2)
+        wave = np.cos(turn * times) + zeta / np.sqrt(1 - zeta**2) * np.sin(turn * times)
+        errors.append(np.abs(found - 1 + np.exp(-zeta * omega * times) * wave).max())
+    assert orders(errors[:2])[0] == pytest.approx(2.0, abs=0.05) and errors[-1] < 1e-6, errors
+
+
+REFERENCES = {
+    "0.8": lambda t: 0.8,
+    "{harmonic={amplitude=0.5,frequency_hz=3.0,mean=0.2}}": lambda t: 0.2 + 0.5 * np.sin(6 * np.pi * t),
+    "{table=[[0.0,0.0],[0.1,0.5],[0.4,0.5]]}": lambda t: min(5 * t, 0.5),
+}
+
+
+def loop(reference, p=40.0, i=300.0, d=1.6, filter_=0.01, low=-np.inf, high=np.inf, tracking=0.1):
+    """Return the rates of angle, speed, integral and filtered error, and what begins."""
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        error = reference(t) - y[0]
+        free = p * error + y[2] + d * (error - y[3]) / filter_
+        force = min(max(free, low), high)
+        back = (force - free) / tracking
+        return [y[1], force / INERTIA, i * error + back, (error - y[3]) / filter_]
+
+    return rates, [0.0, 0.0, 0.0, reference(0.0)]
+
+
+def exactly(times: np.ndarray, rates, start: list[float]) -> np.ndarray:
+    return solve_ivp(rates, (0.0, times[-1]), start, t_eval=times, rtol=1e-10, atol=1e-12, max_step=1e-3).y[0]
+
+
+@pytest.mark.parametrize("reference", REFERENCES)
+def test_all_parts_with_a_filter(reference: str) -> None:
+    """Against scipy's integrator, of second order; kinks of a table lie at the ends of steps."""
+    errors, servo = [], f"reference={reference},gains={{p=40.0,i=300.0,d=1.6,filter=0.01}}"
+    for step in (2e-3, 1e-3, 5e-4):
+        times, found = angle(wheel(servo, f"simulation.step={step}"))
+        errors.append(np.abs(found - exactly(times, *loop(REFERENCES[reference]))).max())
+    np.testing.assert_allclose(orders(errors), 2.0, atol=0.15, err_msg=str(errors))
+
+
+@pytest.mark.parametrize("tracking", ["tracking=0.02", ""])
+def test_limits_and_windup(tracking: str) -> None:
+    """A torque at its limits for half the run; without a time p / i leads the integral back. Corners of the torque are
+    within steps: the error falls as the square of the step, with what the corners leave."""
+    errors, time = [], 0.02 if tracking else 40.0 / 300.0
+    servo = f"reference=2.0,gains={{p=40.0,i=300.0,d=1.6,filter=0.01}},limits=[-9.0,9.0],{tracking}"
+    for step in (2e-3, 1e-3, 5e-4):
+        scene = wheel(servo.rstrip(","), f"simulation.step={step}", "simulation.duration=0.6")
+        times, found = angle(scene)
+        rates = loop(lambda t: 2.0, low=-9.0, high=9.0, tracking=time)
+        errors.append(np.abs(found - exactly(times, *rates)).max())
+    free = loop(lambda t: 2.0)[0](0.0, [0.0, 0.0, 0.0, 2.0])[1] * INERTIA
+    assert free > 8 * 9.0 and errors[-1] < 5e-5 and errors[0] / errors[-1] > 10.0, errors
+
+
+def sampled(times: np.ndarray, every: float, reference: float = 0.8) -> np.ndarray:
+    """Return the angle with a torque that is held, at the ends of steps: the wheel discretised exactly."""
+    step, state, held, total, smooth = times[1], np.zeros(2), 0.0, 0.0, reference
+    plant = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1 / INERTIA]]), np.eye(2), np.zeros((2, 1))
+    moved, pushed, *_ = cont2discrete(plant, step, method="zoh")
+    found = []
+    for number in range(times.size):
+        if number % round(every / step) == 0:
+            error = reference - state[0]
+            smooth = (0.01 * smooth + every * error) / (0.01 + every)
+            total += 300.0 * every * error * (number > 0)
+            held = 40.0 * error + total + 1.6 * (error - smooth) / 0.01
+        found.append(state[0])
+        state = moved @ state + pushed[:, 0] * held
+    return np.array(found)
+
+
+def test_a_sampled_controller_holds_its_torque() -> None:
+    """Equal to the exact discretisation with a zero-order hold, whose steps the scheme takes without error: a torque
+    that is constant in a step is a parabola. States go on by Euler's implicit rule."""
+    every = 0.01
+    times, found = angle(wheel(f"reference=0.8,gains={{p=40.0,i=300.0,d=1.6,filter=0.01}},sample_time={every}"))
+    first = sampled(times, every)
+    np.testing.assert_allclose(found, first, rtol=0, atol=1e-9)
+
+
+def test_the_limit_of_short_sample_times_is_continuous() -> None:
+    servo, errors = "reference=0.8,gains={p=40.0,i=300.0,d=1.6,filter=0.01}", []
+    for every in (4e-3, 2e-3, 1e-3):
+        times, found = angle(wheel(f"{servo},sample_time={every}", "simulation.step=1e-3"))
+        errors.append(np.abs(found - exactly(times, *loop(lambda t: 0.8))).max())
+    np.testing.assert_allclose(orders(errors), 1.0, atol=0.25, err_msg=str(errors))
+
+
+def test_a_speed_is_measured() -> None:
+    """A loop of first order: the speed goes to the reference by exp(-p t / J)."""
+    times, found = run(wheel('measures="speed",reference=3.0,gains={p=2.0}'), "full")
+    np.testing.assert_allclose(found["speed"], 3.0 * (1 - np.exp(-2.0 * times / INERTIA)), rtol=0, atol=1e-4 * 3.0)
+
+
+#: From where it is and without a jump, to amplitude + mean and back.
+SMOOTH = "{harmonic={amplitude=%s,frequency_hz=2.0,mean=%s,phase=-1.5707963267948966}}"
+ARM = (
+    f'controllers.place={{type="pid",measures="x",joint="rail",reference={SMOOTH % (0.05, 0.05)},'
+    'gains={p=400.0,i=200.0,d="lead",filter=5e-3},limits=[-60.0,60.0]}',
+    f'controllers.hold={{type="pid",measures="swing",joint="pivot",reference={SMOOTH % (-0.1, -0.1)},'
+    "gains={p=10.0,d=0.3,filter=5e-3}}",
+    "parameters.lead={nominal=30.0}",
+)
+SAMPLED = ("controllers.place.sample_time=5e-3", "controllers.hold.sample_time=5e-3")
+
+
+@pytest.mark.parametrize("entries", [ARM, (*ARM, *SAMPLED)], ids=["continuous", "sampled"])
+def test_controllers_in_every_model(entries: tuple[str, ...]) -> None:
+    """Two controllers at once, one with limits; what is left apart is the reduction's."""
+    (_, full), (_, components), (_, reduced) = (run(cart(*entries), model) for model in MODELS)
+    for name, share in (("x", 2e-4), ("swing", 2e-4), ("bent", 0.03)):
+        largest = np.abs(full[name]).max()
+        np.testing.assert_allclose(reduced[name], full[name], rtol=0, atol=share * largest, err_msg=name)
+        np.testing.assert_allclose(components[name], full[name], rtol=0, atol=share * largest, err_msg=name)
+
+
+@pytest.mark.parametrize("entries", [ARM, (*ARM, *SAMPLED)], ids=["continuous", "sampled"])
+def test_samples_in_lanes_are_those_alone(entries: tuple[str, ...]) -> None:
+    """Gains of samples: each is bit for bit what it is alone."""
+    model, gains = reduced_model(cart(*entries, "simulation.duration=0.1")), np.linspace(10.0, 40.0, 5)
+    _, together = history(model, samples(model.scene, 5, lead=gains), 5)
+    for k in (0, 3):
+        _, alone = history(model, samples(model.scene, 1, lead=gains[k : k + 1]), 1)
+        for name, values in alone.items():
+            np.testing.assert_array_equal(together[name][:, k], values[:, 0], err_msg=name)
+    assert np.ptp(together["x"][-1]) > 1e-3
+
+
+SERVO = 'controllers.servo={type="pid",joint="hinge",measures="angle",gains={p=1.0}}'
+REFUSED = """
+measures="angel" -> controllers.servo.measures = "angel": there is no such output; did you mean 'angle'?
+joint="hing" -> controllers.servo.joint = "hing": there is no such
+motion="sliding" -> controllers.servo.motion = "sliding": hinge is revolute: allowed is "turning"
+limits=[5.0,-5.0] -> controllers.servo.limits: the first must be below the second, but is 5, not below -5
+limits=[5.0] -> controllers.servo.limits = [5.0]: at least 2
+limits=[-5.0,"up"] -> controllers.servo.limits[1] = "up": there is no such parameter
+gains={p=1.0,filter=-1e-3} -> controllers.servo.gains.filter = -0.001: a number that is not negative
+gains={p=1.0,kd=1.0} -> controllers.servo.gains.kd = 1.0: unknown key; did you mean 'd'?
+gains={p="kq"} -> controllers.servo.gains.p = "kq": there is no such parameter
+gains={} -> controllers.servo.gains = | one of p, i and d other than 0 is needed
+gains={i=1.0};limits=[-1.0,1.0] -> controllers.servo.tracking: missing: without it p / i leads the integral back
+tracking=0.1 -> controllers.servo.tracking: without limits there is nothing to be led back from
+sample_time=1e-3 -> controllers.servo.sample_time = 0.001: is shorter than simulation.step = 0.002 s
+sample_time=5e-3 -> controllers.servo.sample_time = 0.005: must be a whole number of steps of 0.002 s, and is 2.5
+sample_time=-1.0 -> controllers.servo.sample_time = -1.0: must be at least 0
+reference={} -> controllers.servo.reference.constant: exactly one of constant, table, harmonic is needed
+reference={table=[[0.0,"kp"]]} -> controllers.servo.reference = | over time numbers are needed
+reference={table="none.csv"} -> controllers.servo.reference.table = "none.csv": the file cannot be read
+measures="speed";gains={d=1.0} -> \
+    controllers.servo.measures = "speed": outputs.speed reads speeds, and its rate accelerations, which hang on
+measures="acc" -> controllers.servo.measures = "acc": outputs.acc reads accelerations, which hang on
+measures="pin" -> controllers.servo.measures = "pin": outputs.pin reads stresses or forces, which hang on
+"""
+ALSO = ('outputs.acc={type="rate",of="speed"}', 'outputs.pin={type="joint_force",joint="hinge",component="x"}')
+
+
+def entries(asked: str) -> list[str]:
+    return [SERVO, *ALSO, *(f"controllers.servo.{one}" for one in asked.split(";"))]
+
+
+@pytest.mark.parametrize(("asked", "said"), cases(REFUSED))
+def test_what_is_no_controller_is_explained(asked: str, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        scene_from_toml(WHEEL, ".", entries(asked))
+    check_said(str(caught.value), said, asked)
+
+
+BESIDE = """
+initial.equilibrium=true -> initial.equilibrium = true: with controllers.servo: controllers begin with a run
+effects.servo={type="gravity"} -> controllers.servo: effects.servo has this name
+controllers.servo.sample_time=2e-3&simulation={duration=0.4,tolerance=1e-3} -> \
+    controllers.servo.sample_time = 0.002: needs simulation.step
+"""
+
+
+@pytest.mark.parametrize(("asked", "said"), cases(BESIDE))
+def test_what_does_not_go_with_a_controller(asked: str, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        scene_from_toml(WHEEL, ".", [SERVO, *asked.split("&")])
+    check_said(str(caught.value), said, asked)
+
+
+def test_no_derivatives() -> None:
+    model = reduced_model(cart(*ARM, "simulation.duration=0.01"))
+    with pytest.raises(InputError, match=r"^controllers\.place: derivatives of runs with controllers are not known"):
+        differentiate(model, model.scene.values, ["lead"])
+
+
+PURPOSES = {
+    Purpose.SIZES: (),
+    Purpose.TRADEOFF: (),
+    Purpose.CHECK: ("reduction.tolerance=1e-2",),
+    Purpose.BUILD: ('outputs.pin={type="joint_force",joint="pivot",component="x"}',),
+    Purpose.REDUCED: ("parameters.long={nominal=0.5,bounds=[0.4,0.6]}", 'bodies.pole.line.length="long"'),
+}
+
+
+@pytest.mark.parametrize("purpose", PURPOSES)
+def test_where_there_are_no_controllers(purpose: Purpose) -> None:
+    with pytest.raises(InputError, match=r"^controllers\.place \(pid\)"):
+        check_capabilities(cart(*ARM, *PURPOSES[purpose]), purpose)
+
+
+@pytest.mark.parametrize("n_ranks", [1, 3])
+def test_commands(mpirun, tmp_path: Path, n_ranks: int) -> None:
+    """A run, which is the same on any number of ranks, and refusals, whose exit status is 2."""
+    scene, kept = tmp_path / "wheel.toml", tmp_path / "run.h5"
+    scene.write_text(scene_to_toml(wheel('reference=0.8,gains={p="kp",i=300.0,d=1.6,filter=0.01},sample_time=0.01')))
+    command = ["simulate", str(scene), "--full", "-o", str(kept)]
+    asked = (
+        'controllers.servo.measures="angel"',
+        "controllers.servo.sample_time=1e-3",
+        "controllers.servo.limits=[1.0,0.0]",
+    )
+    commands = [command, *([*command[:-1], str(tmp_path / "o.h5"), *overridden(one)] for one in asked)]
+    done = mpirun(n_ranks, "-c", IN_TURN, json.dumps(commands))
+    statuses = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
+    assert statuses == [[0] * n_ranks, *([[2] * n_ranks] * len(asked))], done.stderr
+    assert "Traceback" not in done.stderr and done.stderr.count("error: controllers.servo.") == len(asked)
+    with h5py.File(kept) as file:
+        np.testing.assert_allclose(file["outputs/angle"], sampled(file["time"][:], 0.01), rtol=0, atol=1e-9)
