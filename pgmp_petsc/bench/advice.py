@@ -25,8 +25,14 @@ MARGIN = 1.25  # over the largest error at test values, for other draws: those w
 def advise(study: Tradeoff, from_mesh: Mapping[str, float] = MappingProxyType({})) -> tuple[str, ...]:
     """Return advice for all outputs together, for each of them, and what to keep in mind.
 
-    A piece of advice is one line, or several: a line that begins with ``--`` holds options to paste. The advice that a
-    study has is not looked at; `from_mesh` is how far the reference is from the mesh in outputs, as far as known.
+    A piece of advice is one line, or several: a line that begins with ``--`` holds options to paste.
+
+    Parameters
+    ----------
+    study
+        Measurements; its own advice is not looked at.
+    from_mesh
+        How far the reference is from the mesh in outputs, as far as that was measured.
     """
     targets, bounds = _targets(study, study.errors), _targets(study, bounds_of(study, from_mesh))
     alike: dict[tuple[Choice, ...], list[str]] = {}
@@ -87,8 +93,15 @@ class Choice:
 
 
 def cheapest(study: Tradeoff, errors: np.ndarray, threshold: float, among: np.ndarray) -> int | None:
-    """Return the cheapest setting whose error (n,), NaN where it failed, is at most `threshold`, among some (a mask);
-    None where there is none."""
+    """Return the cheapest setting whose error is at most `threshold`, None where there is none.
+
+    Parameters
+    ----------
+    errors
+        Error of every setting, shape (n,); NaN where it failed.
+    among
+        Settings to choose from, a mask of shape (n,).
+    """
     total = study.total_seconds(study.samples)
     good = among & (errors <= threshold) & np.isfinite(total)
     return int(np.argmin(np.where(good, total, np.inf))) if good.any() else None
@@ -107,7 +120,8 @@ def _choices(study: Tradeoff, errors: np.ndarray) -> tuple[Choice, ...]:
 
 
 def _piece(study: Tradeoff, choice: Choice, aim: str, errors: np.ndarray, said: dict[int, str]) -> str:
-    """Return a piece of advice; `said` has the settings whose options were given before, and is extended."""
+    """Return the piece of advice for a choice; `said` has the settings whose options were given before, with what for,
+    and is extended."""
     row = choice.row
     if row is None:
         lines = [f"For {aim} no setting is good enough{_nearest(study, errors)}."]

@@ -106,20 +106,39 @@ class Measured:
 class Bench:
     """Runs what is to be compared; methods are collective on `comm` unless they say otherwise.
 
-    - `reference`: what errors are measured against; any model where its own steps alone are compared.
-    - `training`: the samples, and loads, to run, which the ranks of `comm` share.
-    - `subject`: the scene and its bodies, condensed for all settings; None where only the reference runs.
-    - `finished`: what an earlier run of the program left, and where results are kept; None where nothing is.
-    - `timed`: whether each model is made from nothing, and kept for its times; `comm` is this rank alone then.
-      Processor times, s, of what was done once for all settings, of families by name, are to be added: condensing the
-      bodies for ``reduced`` ones, preparing the reference for a ``surface``.
+    Parameters
+    ----------
+    reference
+        What errors are measured against; any model where its own steps alone are compared.
+    training
+        The samples, and loads, to run.
+    comm
+        Ranks that share the loads.
+    subject
+        The scene and its bodies, condensed for all settings; None where only the reference runs.
+    group
+        Ranks that share an eigenproblem.
+    bar
+        Counts the runs.
+    finished
+        What an earlier run of the program left, and where results are kept; None where nothing is.
+    timed
+        Whether each model is made from nothing, and kept for its times; `comm` is this rank alone then. Processor
+        times, s, of what was done once for all settings, of families by name, are to be added: condensing the bodies
+        for ``reduced`` ones, preparing the reference for a ``surface``.
     """
 
     def __init__(
-        self, reference: Reference, training: Training, comm: Comm, subject: Subject | None = None,
-        group: RankGroup | None = None, bar: Progress | None = None, finished: Finished | None = None,
+        self,
+        reference: Reference,
+        training: Training,
+        comm: Comm,
+        subject: Subject | None = None,
+        group: RankGroup | None = None,
+        bar: Progress | None = None,
+        finished: Finished | None = None,
         timed: Mapping[str, float] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.reference, self.training, self.comm, self.group = reference, training, comm, group
         self.scene, self.full_model = reference.model.scene if subject is None else subject.scene, reference.model
         self._subject, self._bar, self._finished, self._timed = subject, bar, finished, timed
@@ -190,9 +209,13 @@ class Bench:
     # runs and their errors
 
     def errors(
-        self, names: Sequence[str], found: Setting, exact: Setting, of: Callable[[Case], Case] = lambda case: case,
+        self,
+        names: Sequence[str],
+        found: Setting,
+        exact: Setting,
+        of: Callable[[Case], Case] = lambda case: case,
         factor: float = 1.0,
-    ) -> Errors:  # fmt: skip
+    ) -> Errors:
         """Return how far two settings are apart under some loads, times a factor, in cases made `of` these."""
         cases = [of(self.training.case(self.scene, name, factor)) for name in names]
         for setting in (exact, found):
@@ -207,7 +230,8 @@ class Bench:
         return Errors(values, round_off, tuple(names), self.outputs, self.training)
 
     def _run(self, cases: Sequence[Case], setting: Setting) -> None:
-        """Do missing runs; what candidates are compared with has no numbers of samples that leave their range."""
+        """Do the runs that are missing; what candidates are compared with has no numbers of samples that leave the
+        range of their coordinate."""
         todo = [case for case in cases if (case, setting) not in self._ran]
         if not todo:
             return

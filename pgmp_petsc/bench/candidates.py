@@ -80,7 +80,8 @@ class CandidatePrices:
         return cls(mechanism.n_dofs, limits.n_terms, limits.n_coordinates, step, n_steps, angles)
 
     def seconds(self, rung: Rung, angles: int | None = None) -> float:
-        """Return the processor time to build a candidate, at the most angles or others, and to run it, s."""
+        """Return the processor time to build a candidate and to run it under all loads, s; at the most angles, or at
+        others."""
         m, n = rung.n_flexible, (angles or self.angles) ** self.n_coordinates
         second, others = (bool(rung.entries[key]) for key in ("second_order", "parameter_modes"))
         pairs = m * (m + 1) / 2 if second else 0
@@ -212,7 +213,8 @@ def operations(n_flexible: int, n_terms: int, second_order: bool) -> float:
 
 
 def families_of(given: dict[str, Any], limits: Limits) -> list[list[Rung]]:
-    """Return the families, the cheapest first, rungs by their cost; `given` entries of ``reduction`` are kept."""
+    """Return the families, the cheapest first, rungs in the order of their cost; entries of the table ``reduction``
+    that are `given` are kept."""
     static = given.get("static_modes", limits.n_static > 0)
     orders = (False, True) if limits.second_order else (False,)
     orders = (given["second_order"],) if "second_order" in given else orders
@@ -471,8 +473,20 @@ def _once(settings: Iterable[Setting]) -> list[Setting]:
 
 
 class ResponseSurface:
-    """Interpolates outputs over time, each (n_t, n_nodes), between nodes (n_nodes, n_parameters) in the space of the
-    parameters; raises `ValueError` if there are too few nodes for any interpolation."""
+    """Interpolates outputs over time between nodes in the space of the parameters.
+
+    Parameters
+    ----------
+    nodes
+        Parameter values, shape (n_nodes, n_parameters).
+    outputs
+        Outputs at the nodes, each of shape (n_t, n_nodes).
+
+    Raises
+    ------
+    ValueError
+        If there are too few nodes for any interpolation.
+    """
 
     def __init__(self, nodes: np.ndarray, outputs: Mapping[str, np.ndarray]) -> None:
         self._names = list(outputs)

@@ -80,14 +80,26 @@ def leaves_open(scene: Scene) -> bool:
 
 
 def choose(
-    scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, say: Callable[[str], None] = lambda text: None,
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    group: RankGroup,
+    say: Callable[[str], None] = lambda text: None,
     finished: Finished | None = None,
-) -> Choice:  # fmt: skip
+) -> Choice:
     """Choose what the tolerances of a scene leave open. Collective on ``group.world``.
 
-    `say` gets what errors are measured against and what that is predicted to take, before it is run; `finished` are
-    runs of the reference that an earlier run of the program left, and where they are kept. Raises `InputError` if a
-    tolerance cannot be met, or there is no reference within the budget.
+    Raises `InputError` if a tolerance cannot be met, or there is no reference within the budget.
+
+    Parameters
+    ----------
+    scene, meshes
+        The scene, with a tolerance, and the mesh of every body.
+    group
+        Ranks that share an eigenproblem.
+    say
+        Gets what errors are measured against and what that is predicted to take, before it is run.
+    finished
+        Runs of the reference that an earlier run of the program left, and where they are kept.
     """
     timings, ledger, training = Timings(), Ledger(), Training.of(scene)
     entry = "reduction.tolerance" if scene.reduction.tolerance is not None else "simulation.tolerance"
@@ -269,9 +281,12 @@ def cost_text(reduced: float, n_reduced: int, full: float, n_full: int, title: s
 
 
 def choose_over_lengths(
-    scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, say: Callable[[str], None] = lambda text: None,
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    group: RankGroup,
+    say: Callable[[str], None] = lambda text: None,
     finished: Finished | None = None,
-) -> Choice:  # fmt: skip
+) -> Choice:
     """Choose what the tolerances of a scene leave open, with any lengths; see `choose`. Collective on ``group.world``.
 
     Raises `InputError` or `RunError`, as `choose`; with the lengths at which what was chosen does not keep the
@@ -295,9 +310,13 @@ def choose_over_lengths(
 
 
 def _chosen_at(
-    scene: Scene, lengths: Mapping[str, float], meshes: Mapping[str, BodyShape], group: RankGroup,
-    say: Callable[[str], None], finished: Finished | None,
-) -> Choice:  # fmt: skip
+    scene: Scene,
+    lengths: Mapping[str, float],
+    meshes: Mapping[str, BodyShape],
+    group: RankGroup,
+    say: Callable[[str], None],
+    finished: Finished | None,
+) -> Choice:
     """Choose with some lengths, m."""
     shapes = at_lengths(scene.with_values(lengths), meshes)
     try:

@@ -89,13 +89,24 @@ def spacing(n_steps: int) -> int:
 
 
 def run_history(
-    model: AnyModel, values: Mapping[str, np.ndarray], n_samples: int, n_steps: int,
+    model: AnyModel,
+    values: Mapping[str, np.ndarray],
+    n_samples: int,
+    n_steps: int,
     system: SecondOrderSystem | None = None,
-) -> History:  # fmt: skip
+) -> History:
     """Integrate samples on this rank, in batches as large as the model takes, or on the ranks of a given system.
 
-    Values of parameters have shape (n_samples,), time steps are equal over the scene's duration; `system` is the only
-    sample on ranks that share it.
+    Parameters
+    ----------
+    model
+        Any model of a scene.
+    values
+        Parameter values, each of shape (n_samples,).
+    n_steps
+        Equal time steps over the scene's duration.
+    system
+        The only sample on ranks that share it; made here otherwise.
     """
     if system is not None:
         return _integrated(model, system, n_steps, values)
@@ -165,7 +176,13 @@ def errors_between(found: History, exact: History, floors: np.ndarray) -> np.nda
     The error is a share of the largest value of the exact output over time, or of `floors` where that is larger. It is
     infinite where only `found` failed, or has no number at a tenth of the instants and more at which the exact run has
     one (a deformation is none outside a limited range); NaN where the exact run failed or has no number at any instant.
-    Histories are of the same samples, one's number of steps divides the other's; floors are (n_outputs,).
+
+    Parameters
+    ----------
+    found, exact
+        Histories of the same samples; one's number of steps divides the other's.
+    floors
+        In the outputs' units, shape (n_outputs,).
     """
     finest = max(found.n_steps, exact.n_steps)
     strides = [item.every * (finest // item.n_steps) for item in (found, exact)]

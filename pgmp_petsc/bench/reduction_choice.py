@@ -236,7 +236,8 @@ class ReductionChoice:
             self._refine()
 
     def _middle(self, family: list[candidates.Rung]) -> candidates.Rung:
-        """Return the rung of medium size, or one near it that can be built: the last mode may meet the next one."""
+        """Return the rung of medium size, or one near it that can be built: the last mode of some meets the next one,
+        whatever the angles."""
         near = candidates.by_distance_from_middle(family)[:NEAREST]
         tried = (rung for rung in near if self._is_affordable(rung, self._grid))
         return next((rung for rung in tried if self._trial(rung).built), near[0])

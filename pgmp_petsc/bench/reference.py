@@ -115,14 +115,22 @@ class Reference:
 
 
 def component_model(
-    scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm, n_modes: int | None = None,
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    comm: Comm,
+    n_modes: int | None = None,
     kinematics: RigidKinematics | None = None,
-) -> ComponentModel:  # fmt: skip
+) -> ComponentModel:
     """Return the component model of a scene. Collective on `comm`.
 
-    Its bodies' fields serve so many modes of the mechanism, ``reduction.modes`` by default; kinematics are given where
-    they are at hand. Raises `InputError` if a body cannot be put into a floating frame, or the scene has what such
-    bodies do not take.
+    Raises `InputError` if a body cannot be put into a floating frame, or the scene has what such bodies do not take.
+
+    Parameters
+    ----------
+    n_modes
+        Modes of the mechanism that its bodies' fields serve; ``reduction.modes`` by default.
+    kinematics
+        Of the same mechanism, where they are at hand.
     """
     modes = scene.reduction.model_copy(update={} if n_modes is None else {"modes": n_modes})
     serving = scene.model_copy(update={"reduction": modes})
@@ -189,13 +197,21 @@ def choose_reference(
 
 
 def distance_from_mesh(
-    reference: Reference, meshes: Mapping[str, BodyShape], values: Mapping[str, np.ndarray], n_samples: int,
-    n_steps: int, comm: Comm,
-) -> Reference:  # fmt: skip
+    reference: Reference,
+    meshes: Mapping[str, BodyShape],
+    values: Mapping[str, np.ndarray],
+    n_samples: int,
+    n_steps: int,
+    comm: Comm,
+) -> Reference:
     """Return a reference that says how far it is from the mesh. Collective on `comm`.
 
-    Points to try are values of parameters, (n_samples,), the nominal ones first; steps are those of both models over
-    the whole run: few will do, both make the same errors with them.
+    Parameters
+    ----------
+    values
+        Points to try, each of shape (n_samples,), the nominal ones first.
+    n_steps
+        Steps of both models over the whole run; few will do, both make the same errors with them.
     """
     if reference.is_mesh:
         return reference
@@ -259,7 +275,8 @@ DEPENDENT = 1e-9  # of the largest singular value of the constraints: those belo
 
 
 def first_period(scene: Scene, kinematics: RigidKinematics, comm: Comm, group: Comm) -> float:
-    """Return the period of meshes, beams and condensed bodies (s). Collective on `comm`; `group` shares a problem."""
+    """Return the period of meshes, beams and condensed bodies (s). Collective on `comm`; the ranks of `group` share an
+    eigenproblem."""
     frequency = 0.0
     with agreed(comm, "first mode"), ModalProblem(kinematics, scene.nominal, 1, group) as problem:
         frequency = float(problem.solve(start_of_coordinates(scene, kinematics)).frequencies_hz[0])

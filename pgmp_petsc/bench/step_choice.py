@@ -238,11 +238,14 @@ class StepChoice:
             self._note(search.finest, last)
             worst = last.outputs[last.place[1]]
             still = f"the last halving, to {search.finest} steps, still moves {worst} by {last.largest:.2g}"
-            part, hints = "step", [
-                f"{still}: the loads or the start set off vibrations that nothing damps, and their phase has to be "
-                f"kept over the run; more than {search.finest} steps are not tried",
-                "a torque without corners sets off less; simulation.step takes any step as given",
-            ]  # fmt: skip
+            part, hints = (
+                "step",
+                [
+                    f"{still}: the loads or the start set off vibrations that nothing damps, and their phase has to be "
+                    f"kept over the run; more than {search.finest} steps are not tried",
+                    "a torque without corners sets off less; simulation.step takes any step as given",
+                ],
+            )
             if 2 * search.finest <= self._most_anyway and search.finest > self._bench.most_steps / 2:
                 hints.append(
                     f"more are beyond reference.budget = {self._bench.scene.reference.budget:g} s: raise it, or name "

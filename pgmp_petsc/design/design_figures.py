@@ -35,15 +35,23 @@ class Question:
 class DesignFigures:
     """Goal and constraints over designs.
 
-    - `start`, `scale`, `limits`: values at the start, sizes and limits of the parameters, (n_parameters,) twice and
-      (n_parameters, 2).
-    - `narrowed`: spread of the samples, what it leaves of the limits, and where the search begins if not where it was
-      to, in words, by parameters whose limits it narrows.
-    - `n_samples`: runs of every design.
-    - `tried`, `goals`: designs that were asked for and could be run, and the goal there, which is minimised.
-    - `turned_back`: designs that could not.
-    - `count`: called with a number of runs after they were made.
-    - `of_samples`: goal and constraints of every sample of the last design that could be run, (n_samples, n_figures).
+    Attributes
+    ----------
+    start, scale, limits
+        Values at the start, sizes and limits of the parameters, (n_parameters,) twice and (n_parameters, 2).
+    narrowed
+        Spread of the samples, what it leaves of the limits, and where the search begins if not where it was to, in
+        words, by parameters whose limits it narrows.
+    n_samples
+        Runs of every design.
+    tried, goals
+        Designs that were asked for and could be run, and the goal there, which is minimised.
+    turned_back
+        Designs that could not.
+    count
+        Called with a number of runs after they were made.
+    of_samples
+        Goal and constraints of every sample of the last design that could be run, (n_samples, n_figures).
     """
 
     def __init__(self, model: ReducedModel, question: Question, comm: Comm) -> None:

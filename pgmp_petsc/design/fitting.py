@@ -74,12 +74,26 @@ class _Solution:
 def fit(
     model: ReducedModel, history: MeasuredHistory, asked: Sequence[str], noise: Mapping[str, float], comm: Comm
 ) -> Fit | None:
-    """Fit parameters that are asked for, or all with a distribution; one rank does, the others wait, and get None.
-    Collective on `comm`.
+    """Fit parameters; one rank does, the others wait. Collective on `comm`.
 
-    `noise` is the deviation of that of outputs, where it is known. Raises `InputError` if a name is unknown, or there
-    are fewer measurements than parameters; `RunError` if a run stops before its end where the search begins; it turns
-    back from others.
+    Parameters
+    ----------
+    asked
+        Names of the parameters; where there are none, all with a distribution.
+    noise
+        Deviation of the noise of outputs, where it is known.
+
+    Returns
+    -------
+    Fit or None
+        On the first rank, None elsewhere.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, or there are fewer measurements than parameters.
+    RunError
+        If a run stops before its end where the search begins; it turns back from others.
     """
     found = None
     with agreed(comm, "fit"):
@@ -156,9 +170,13 @@ class _Fitting:
     """One fit; `count` is called after every run."""
 
     def __init__(
-        self, model: ReducedModel, history: MeasuredHistory, names: Sequence[str], noise: Mapping[str, float],
+        self,
+        model: ReducedModel,
+        history: MeasuredHistory,
+        names: Sequence[str],
+        noise: Mapping[str, float],
         count: Callable[[], object],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._count = count
         self._history, self._names, self._noise = history, tuple(names), noise
         self._served, self._model, scene = model, of_samples(model, names), model.scene
@@ -412,7 +430,10 @@ class _Condensed:
     With ``V c`` the values of the cubic of coefficients c at the measured instants, ``V = Q R``, and m the measurements
     ``|V c - m|^2 = |R c - Q^T m|^2 + |m|^2 - |Q^T m|^2``.
 
-    `rest`: sums of squares by output that no cubic takes away.
+    Attributes
+    ----------
+    rest
+        Sums of squares by output that no cubic takes away.
     """
 
     def __init__(self, history: MeasuredHistory, time: np.ndarray) -> None:
@@ -434,7 +455,8 @@ class _Condensed:
                 self.rest[name] += float(np.sum((values[first:last] - q @ own) ** 2))
 
     def rows(self, spline: CubicSpline, output: str) -> np.ndarray:
-        """Return by what the cubics of an output differ, and the derivatives, (4 n_steps, n_parameters + 1)."""
+        """Return what the cubics of an output differ by from what was measured, and its derivatives, shape (4 n_steps,
+        n_parameters + 1)."""
         scaled = spline.c * self._steps[:, None] ** np.arange(3, -1, -1)[:, None, None]
         found = np.einsum("kij,jkp->kip", self._factors, scaled)
         found[:, :, 0] -= self._measured[output]
@@ -444,12 +466,24 @@ class _Condensed:
 def uncertainty(
     jacobian: np.ndarray, scale: np.ndarray, lasting: Sequence[np.ndarray] | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return standard errors (n_parameters,), correlations (n_parameters, n_parameters), and which parameters are not
-    identifiable: there they are infinite, and NaN.
+    """Return standard errors, correlations, and which parameters are not identifiable.
 
-    The Jacobian is of the weighted residuals, (n, n_parameters), or of several outputs (n_outputs, n, n_parameters),
-    `scale` are sizes of the parameters, and `lasting` of each output the correlations of its residuals with later ones,
-    1 first; None where there are none.
+    Parameters
+    ----------
+    jacobian
+        Of the weighted residuals, shape (n, n_parameters), or of several outputs (n_outputs, n, n_parameters).
+    scale
+        Sizes of the parameters, shape (n_parameters,).
+    lasting
+        Of each output, the correlations of its residuals with later ones, 1 first; None: there are none.
+
+    Returns
+    -------
+    ndarray, shape (n_parameters,)
+        Infinite where a parameter is not identifiable.
+    ndarray, shape (n_parameters, n_parameters)
+        NaN there.
+    ndarray of bool, shape (n_parameters,)
     """
     scaled = jacobian * scale
     matrix = scaled.reshape(-1, scaled.shape[-1])

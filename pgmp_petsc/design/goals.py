@@ -136,7 +136,13 @@ class Constraint:
 
 
 def read_goal(text: str, outputs: Collection[str], parameters: Collection[str]) -> Goal:
-    """Read a goal; raises `InputError` with the position marked."""
+    """Read a goal.
+
+    Raises
+    ------
+    InputError
+        With the position marked.
+    """
     parser = _Parser("goal", text, outputs, parameters)
     word = parser.token
     if word not in SENSES:

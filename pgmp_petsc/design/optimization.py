@@ -42,7 +42,8 @@ DESCENT_ENDED = 8  # SLSQP's status where no step along its direction makes the 
 
 
 def designed_parameters(scene: Scene, asked: Sequence[str]) -> tuple[str, ...]:
-    """Return the parameters asked for, or all with bounds or a distribution; raises as `chosen_parameters`."""
+    """Return the parameters of a design: those asked for, or all with bounds or a distribution; raises as
+    `chosen_parameters`."""
     known = [n for n, p in scene.parameters.items() if p.bounds is not None or p.distribution is not None]
     why = "none has bounds or a distribution, so it is not known which to design; name them, with --parameter NAME"
     return chosen_parameters(scene, asked, known, why)
@@ -51,8 +52,12 @@ def designed_parameters(scene: Scene, asked: Sequence[str]) -> tuple[str, ...]:
 def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     """Find a design. Collective on `comm`; the same on all ranks.
 
-    Raises `InputError` if robust figures are asked for and nothing varies, or too much for the limits; `RunError` if a
-    run stops before its end where the search begins; it turns back from others.
+    Raises
+    ------
+    InputError
+        If robust figures are asked for and nothing varies, or too much for the limits.
+    RunError
+        If a run stops before its end where the search begins; it turns back from others.
     """
     from scipy.optimize import minimize  # takes a noticeable time, and other commands have no use for it
 

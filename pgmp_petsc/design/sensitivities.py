@@ -29,7 +29,10 @@ ROUND_OFF = 1e-9  # of an output's largest value
 def chosen_parameters(scene: Scene, asked: Sequence[str], known: Iterable[str], without: str) -> tuple[str, ...]:
     """Return the parameters that are asked for, each once, all that are known where none is.
 
-    Raises `InputError` if there is no parameter, with what is to be done `without`, or none of a name.
+    Raises
+    ------
+    InputError
+        If there is no parameter, with what is to be done `without`, or none of a name.
     """
     for name in asked:
         if name not in scene.parameters:
@@ -41,8 +44,23 @@ def chosen_parameters(scene: Scene, asked: Sequence[str], known: Iterable[str], 
 
 
 def sensitivities(model: ReducedModel, asked: Sequence[str], comm: Comm) -> Derivatives | None:
-    """Run a sample, and differentiate it with the parameters asked for, or all; one rank does, the others wait, and get
-    None. Collective on `comm`. Raises as `differentiate` and `chosen_parameters`."""
+    """Run a sample, and differentiate it; one rank does, the others wait. Collective on `comm`.
+
+    Parameters
+    ----------
+    asked
+        Names of parameters, all where there are none.
+
+    Returns
+    -------
+    Derivatives or None
+        On the first rank, None elsewhere.
+
+    Raises
+    ------
+    InputError, RunError
+        As `differentiate` and `chosen_parameters`.
+    """
     with agreed(comm, "sensitivities"):
         names = chosen_parameters(
             model.scene, asked, model.scene.parameters, "the scene has none; give a number a name, such as "
@@ -96,7 +114,8 @@ def _change(scene: Scene, name: str) -> tuple[float, str]:
 def _of_own_error(
     model: ReducedModel | LengthLanes, run: DifferentiatedRun, names: Sequence[str]
 ) -> tuple[Remark, ...]:
-    """Return what errors of the model do to effects at the end, from here to the next value of each parameter."""
+    """Return what errors of the model do to the effects at the end: they change from here to the next value of each
+    parameter."""
     scene, what = model.scene, "derivatives"
     moved = [_moved(scene, name) for name in names]
     points = [scene.values, *(scene.values | {name: value} for name, value in zip(names, moved))]

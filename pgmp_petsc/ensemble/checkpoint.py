@@ -43,12 +43,29 @@ class Finished:
 class Checkpoint:
     """Finished batches of one ensemble; used by rank 0.
 
-    A checkpoint of another resolved scene is refused, of another model, of other `tables` (identity of what the model
-    is made of besides the scene: two reduced models of the same scene may differ, and so may meshes of the same name),
-    or of another design (where samples come from, in words, and the identity of the numbers: `Sampler.named`). Where it
-    `extends`, a longer run has the samples of a shorter one, and may take up what that left.
+    Parameters
+    ----------
+    plan
+        The ensemble.
+    scene_toml
+        The resolved scene: a checkpoint of another one is refused.
+    model
+        ``full`` or ``reduced``.
+    tables
+        Identity of what the model is made of besides the scene (see `Model`): two reduced models of the same scene may
+        differ, and so may meshes of the same name.
+    design
+        Where samples come from, in words, and the identity of the numbers (`Sampler.named`): a checkpoint of another
+        design is refused.
+    extends
+        Whether a longer run has the samples of a shorter one, so that it may take up what that left.
 
-    `remarks` are of what was found and not taken up, `run` is what the whole ensemble is, the same for all its shards.
+    Attributes
+    ----------
+    remarks
+        What was found and not taken up.
+    run
+        What the whole ensemble is, by key; the same for all its shards.
     """
 
     def __init__(
@@ -80,9 +97,10 @@ class Checkpoint:
         self.remarks: tuple[Remark, ...] = ()
 
     def open(self) -> Finished:
-        """Start anew, or take up what is there if the plan says so; raises `InputError` if that is of another run.
+        """Start anew, or take up what is there if the plan says so.
 
-        A piece that is damaged, of another run or in no place of this one is set aside, with a remark.
+        A piece that is damaged, of another run or in no place of this one is set aside, with a remark. Raises
+        `InputError` if what is there belongs to another run.
         """
         started = self._folder.open(self._plan.resume)
         samples, of_samples = self._taken_up(SAMPLES)
@@ -235,8 +253,19 @@ _AT_ONCE = 1 << 16  # numbers
 class Columns(Mapping[str, np.ndarray]):
     """Columns (n_samples,) by name, read when they are asked for; NaN where nothing was put.
 
-    The file is in a folder with space for it, and has no name: it is gone with the last reference to it, however the
-    run ends. Raises `RunError` if the system fails to make it.
+    The file has no name: it is gone with the last reference to it, however the run ends.
+
+    Parameters
+    ----------
+    folder
+        Where there is space for it.
+    n_samples
+        Length of every column.
+
+    Raises
+    ------
+    RunError
+        If the system fails to make it.
     """
 
     def __init__(self, folder: Path, n_samples: int) -> None:
@@ -247,7 +276,10 @@ class Columns(Mapping[str, np.ndarray]):
         finalize(self, self._file.close)
 
     def put(self, first: int, columns: Mapping[str, np.ndarray]) -> None:
-        """Put in what is known of samples first, first + 1, and so on; raises `RunError` if the system fails."""
+        """Put in what is known of samples first, first + 1, and so on.
+
+        Raises `RunError` if the system fails to write.
+        """
         with self._written():
             for name, values in columns.items():
                 if name not in self._places:

@@ -134,20 +134,38 @@ def describe_ensemble(
         of_others[UNSTABLE] = numerics["unstable_start"]
     said, seed = (*scene.remarks, *remarks), None if plan.file else plan.seed
     return Ensemble(
-        model=origin.model, record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
-        parameters=parameters, outputs=outputs, units=units, status=status,
-        meanings={int(item): item.meaning for item in Status}, failure_time=columns["failure_time"],
-        statistics=statistics, steps_divided=divisors, probabilities=probabilities, bands=bands, sobol=sobol,
+        model=origin.model,
+        record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
+        parameters=parameters,
+        outputs=outputs,
+        units=units,
+        status=status,
+        meanings={int(item): item.meaning for item in Status},
+        failure_time=columns["failure_time"],
+        statistics=statistics,
+        steps_divided=divisors,
+        probabilities=probabilities,
+        bands=bands,
+        sobol=sobol,
         kept=of_others,
-        **estimates, **over_time,
-    )  # fmt: skip
+        **estimates,
+        **over_time,
+    )
 
 
 def _chance(
-    label: str, event: Event, origin: Origin, peaks: Peaks, passages: Mapping[str, np.ndarray],
-    estimates: Mapping[str, Mapping[str, np.ndarray]], known: np.ndarray, failed: np.ndarray,
-    replicates: np.ndarray | None, level: float, is_hiding: bool,
-) -> Chance:  # fmt: skip
+    label: str,
+    event: Event,
+    origin: Origin,
+    peaks: Peaks,
+    passages: Mapping[str, np.ndarray],
+    estimates: Mapping[str, Mapping[str, np.ndarray]],
+    known: np.ndarray,
+    failed: np.ndarray,
+    replicates: np.ndarray | None,
+    level: float,
+    is_hiding: bool,
+) -> Chance:
     """Return the probability of an event over samples (N,) of which it is known, and of others that failed.
 
     Its interval, at a level, hides nothing of the failed ones, so that it is given where the estimate would.
@@ -185,18 +203,24 @@ def _bands(
         of_fine = values if are_fine.all() else values[are_fine]
         n, unknown = len(of_fine), np.full(time.size, np.nan)
         found[name] = Band(
-            time=time, mean=of_fine.mean(axis=0) if n else unknown,
+            time=time,
+            mean=of_fine.mean(axis=0) if n else unknown,
             std=of_fine.std(axis=0, ddof=1) if n > 1 else unknown,
             quantiles=_quantiles(of_fine, asked.quantiles),
-            probabilities=np.array(asked.quantiles), count=n,
-        )  # fmt: skip
+            probabilities=np.array(asked.quantiles),
+            count=n,
+        )
     return found, Peaks(outputs, extremes, ends)
 
 
 def _quantiles(values: np.ndarray, probabilities: Sequence[float]) -> np.ndarray:
     """Return quantiles of each column of values (n_samples, n_t), shape (n_t, n); NaN where one is no number."""
-    rows = [np.quantile(column, probabilities) if column.size and np.isfinite(column).all()
-            else np.full(len(probabilities), np.nan) for column in np.ascontiguousarray(values.T)]  # fmt: skip
+    rows = [
+        np.quantile(column, probabilities)
+        if column.size and np.isfinite(column).all()
+        else np.full(len(probabilities), np.nan)
+        for column in np.ascontiguousarray(values.T)
+    ]
     return np.array(rows).reshape(values.shape[1], len(probabilities))
 
 
@@ -245,8 +269,15 @@ def tail_remarks(
 def over_time_remarks(
     counts: Mapping[str, int], over_time: Mapping[str, Collection[str]], n_fine: int
 ) -> Iterator[Remark]:
-    """Return which figures over time are of a part of the samples that are fine, by the number of values that the
-    statistics of each quantity are of; `over_time` has names of ``extremes`` and ``first_passages`` that are known."""
+    """Return which figures over time are of a part of the samples that are fine.
+
+    Parameters
+    ----------
+    counts
+        Number of values that the statistics of each quantity are of.
+    over_time
+        Names of what is known, as in `Ensemble`: of ``extremes`` and of ``first_passages``.
+    """
     for label in over_time["first_passages"]:
         if counts[label] < n_fine:
             yield note(
@@ -278,7 +309,8 @@ def _partial_bands(bands: Mapping[str, Band], n_fine: int) -> Iterator[Remark]:
 def _estimate_remarks(
     origin: Origin, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray, peaks: Peaks
 ) -> Iterator[Remark]:
-    """Return what is beyond the limits of small deformations, and which errors are large or not known."""
+    """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are large or not
+    known."""
     scene = origin.scene
     yield from origin.said
     why = "the run with a coarser step, which they are taken from, failed; take a smaller simulation.step"

@@ -70,29 +70,40 @@ class _Tangents:
         self._slopes = np.concatenate([self._slopes, slope])
 
     def beyond(self, u: np.ndarray, g: np.ndarray) -> np.ndarray:
-        """Return how far g at points (n, d), or 0, is below all planes, shape (n,); negative where one explains it."""
+        """Return how far g at points (n, d), or 0 where it is less, is below all planes, shape (n,); negative where one
+        explains it."""
         near = self._of - NEAR_PLANE * np.sqrt(np.sum(self._slopes**2, axis=1))
         least = np.min(np.einsum("nd,md->nm", u, self._slopes) + near, axis=1, initial=np.inf)
         return least - np.maximum(g, 0.0)
 
 
 def design_points(
-    evaluate: LimitState, slopes: Slopes | None, starts: np.ndarray, most: int,
+    evaluate: LimitState,
+    slopes: Slopes | None,
+    starts: np.ndarray,
+    most: int,
     others: tuple[np.ndarray, np.ndarray] | None = None,
-) -> DesignPoints | None:  # fmt: skip
+) -> DesignPoints | None:
     """Return the design points that searches from some points lead to; None where none settles.
 
     A few searches at a time, until several have found nothing new. Where a point is explained by a plane that touches g
     at a point of a search before, none begins. Those that are explained least come first.
 
-    - `evaluate`: g of points (n, d), shape (n,); NaN where it is not known.
-    - `slopes`: g and its derivatives of points (n, d), shapes (n,) and (n, d), NaN where there are none; None: from
-      differences.
-    - `starts`: shape (n, d), near the border, the best first; there are as many searches as evaluations allow.
-    - `most`: evaluations at most, of g or of its derivatives.
-    - `others`: further points (m, d), from anywhere, and their g (m,), from which searches begin after those; but where
-      few of them that are in the event lie beyond planes at the design points that starts lead to, as the border bends
-      or the event is all around, none does.
+    Parameters
+    ----------
+    evaluate
+        g of points (n, d), shape (n,); NaN where it is not known.
+    slopes
+        g and its derivatives of points (n, d), shapes (n,) and (n, d), NaN where there are none; None: from
+        differences.
+    starts
+        Shape (n, d), near the border, the best first; there are as many searches as evaluations allow.
+    most
+        Evaluations at most, of g or of its derivatives.
+    others
+        Further points (m, d), from anywhere, and their g (m,), from which searches begin after those; but where few of
+        them that are in the event lie beyond planes at the design points that starts lead to, as the border bends or
+        the event is all around, none does.
     """
     d, used, found, in_vain, is_bent = starts.shape[1], 0, [], 0, False
     tangents = _Tangents(d)
@@ -217,8 +228,16 @@ def bisected_design_points(inside: LimitState, starts: np.ndarray, most: int) ->
     On the ray from the origin through a point of the event bisection finds the border; so it does on rays through
     points at the distance `WIDE` from there along each variable. The plane through those borders (least squares) has a
     nearest point, whose ray is the next one: it is a design point where the border is on it, too. An error of
-    ``WIDE / 2^BISECTED`` of every border turns the plane by a few hundredths. `inside` says of points (n, d) whether
-    they are in the event; starts (n, d) are, the best first; `most` are the evaluations at most.
+    ``WIDE / 2^BISECTED`` of every border turns the plane by a few hundredths.
+
+    Parameters
+    ----------
+    inside
+        Of points (n, d), shape (n,): whether they are in the event.
+    starts
+        In the event, shape (n, d), the best first.
+    most
+        Evaluations at most.
     """
     d, used, found, in_vain = starts.shape[1], 0, [], 0
     each, n_starts = d * BISECTED + 2 * FINELY, len(starts)

@@ -33,13 +33,29 @@ NAMED = 3  # parameters, the clearest first
 
 @gathered
 def failure_remarks(
-    status: np.ndarray, parameters: Mapping[str, np.ndarray], units: Mapping[str, str], model: str, hidden: float = 1.0,
+    status: np.ndarray,
+    parameters: Mapping[str, np.ndarray],
+    units: Mapping[str, str],
+    model: str,
+    hidden: float = 1.0,
     may_be_retried: bool = True,
-) -> Iterator[Remark]:  # fmt: skip
+) -> Iterator[Remark]:
     """Return what is to be said of failed samples; nothing where all are fine.
 
-    Status and drawn values of parameters have shape (N,). `hidden` is the largest share of failed samples that the
-    others are described without, `may_be_retried` says whether a further try takes any with steps that were not tried.
+    Parameters
+    ----------
+    status
+        Shape (N,).
+    parameters
+        Drawn values by name, each of shape (N,).
+    units
+        Of the parameters.
+    model
+        Name of the model that was run.
+    hidden
+        Largest share of failed samples that the others are described without.
+    may_be_retried
+        Whether a further try takes any of them with steps that were not tried.
     """
     failed = status != Status.FINE
     n, n_failed = failed.size, int(failed.sum())
@@ -216,7 +232,13 @@ def _check_draws(path: Path, found: Ensemble, sampler: Sampler) -> None:
 
 
 def fine_pieces(earlier: Earlier, share: float, block: int) -> Iterator[tuple[Piece, Batch]]:
-    """Yield neighbouring samples that are fine, and those of them whose errors were estimated: a share, in blocks."""
+    """Yield neighbouring samples that are fine, and those of them whose errors were estimated.
+
+    Parameters
+    ----------
+    share, block
+        Of the samples whose errors are estimated, and in what numbers.
+    """
     found = Ensemble.read(earlier.path)
     fine = found.status == Status.FINE
     for first, last in _runs(fine, 0, fine.size):
@@ -242,9 +264,13 @@ def _batch(found: Ensemble, first: int, last: int) -> Batch:
     bands = {name.partition(".")[2]: values for name, values in found.kept.items() if name != UNSTABLE}
     numerics = {"steps_divided": found.steps_divided[some], "unstable_start": found.kept[UNSTABLE][some]}
     return Batch(
-        first, status=found.status[some], failure_time=found.failure_time[some], numerics=numerics,
-        bands={name: values[some] for name, values in bands.items()}, **named,
-    )  # fmt: skip
+        first,
+        status=found.status[some],
+        failure_time=found.failure_time[some],
+        numerics=numerics,
+        bands={name: values[some] for name, values in bands.items()},
+        **named,
+    )
 
 
 def _checked_batch(found: Ensemble, first: int, last: int) -> Batch:

@@ -63,8 +63,21 @@ if TYPE_CHECKING:
 class Integration:
     """The samples of one model, in a checkpoint.
 
-    Collective on ``group.world``, as are all methods; model, plan and group as of `run_ensemble`, which says what is
-    raised. Samples come from the plan's sampler, unless another ensemble's is given; times count for a phase.
+    Parameters
+    ----------
+    model, plan, group
+        As of `run_ensemble`. Collective on ``group.world``, as are all methods.
+    timings
+        Where the time goes.
+    phase
+        What is timed.
+    sampler
+        Where samples come from; that of the plan, unless they are another ensemble's.
+
+    Raises
+    ------
+    InputError
+        As `run_ensemble`.
     """
 
     def __init__(
@@ -145,9 +158,14 @@ class Integration:
 
 
 def run_batch(
-    model: Model, values: Mapping[str, np.ndarray], first: int = 0, watchers: Sequence[Watcher] = (),
-    comm: Comm | None = None, pulse: Callable[[float], object] | None = None, divisors: tuple[int, ...] = DIVISORS,
-) -> Batch:  # fmt: skip
+    model: Model,
+    values: Mapping[str, np.ndarray],
+    first: int = 0,
+    watchers: Sequence[Watcher] = (),
+    comm: Comm | None = None,
+    pulse: Callable[[float], object] | None = None,
+    divisors: tuple[int, ...] = DIVISORS,
+) -> Batch:
     """Integrate samples first, first + 1, ... as one system, those that fail again with smaller steps.
 
     Values of all parameters have shape (n,). Several ranks share one sample. What the watchers find is added, NaN where
@@ -199,9 +217,14 @@ def run_batch(
 
 
 def _with_outputs(
-    model: Model, system: SecondOrderSystem, done: Run, samples: np.ndarray, outputs: dict[str, np.ndarray], end: float,
+    model: Model,
+    system: SecondOrderSystem,
+    done: Run,
+    samples: np.ndarray,
+    outputs: dict[str, np.ndarray],
+    end: float,
     counted: Mapping[str, np.ndarray],
-) -> Run:  # fmt: skip
+) -> Run:
     """Evaluate the outputs of the samples that are fine into `outputs`, but for those that were counted over the run;
     one that is no finite number is a failure."""
     fine = np.flatnonzero(done.status == Status.FINE)
@@ -219,7 +242,13 @@ def _with_outputs(
 
 
 class Watching:
-    """Follows the runs of a model's samples; of a `share` of them, in blocks (`block_of`), errors are estimated."""
+    """Follows the runs of a model's samples.
+
+    Attributes
+    ----------
+    share, block
+        Of the samples whose errors are estimated, and in what numbers (`block_of`).
+    """
 
     def __init__(self, model: Model) -> None:
         self.share, self.block = share_of(model), block_of(model.scene, model.name)
@@ -243,20 +272,32 @@ class Watching:
 
 
 def run_ensemble(
-    model: Model, plan: Plan, group: RankGroup, stop: Stop | None = None, better: Sequence[Better] = (),
+    model: Model,
+    plan: Plan,
+    group: RankGroup,
+    stop: Stop | None = None,
+    better: Sequence[Better] = (),
     earlier: Earlier | None = None,
-) -> Ensemble | ShardSamples | None:  # fmt: skip
+) -> Ensemble | ShardSamples | None:
     """Integrate the samples that are missing; describe all, or keep those of a shard. Collective on ``group.world``.
 
     Groups of several ranks share one full-order sample at a time. Raises `InputError` if the checkpoint to resume
     belongs to another scene, model, seed or number of samples; `RunError` if the finished batches are not all samples,
     each once.
 
-    - `stop`: what ends the ensemble before the plan's last sample, if anything.
-    - `better`: better models, the best first, that integrate the first samples of the ensemble too.
-    - `earlier`: the same ensemble, whose failed samples alone are integrated, further than in an ensemble.
+    Parameters
+    ----------
+    stop
+        What ends the ensemble before the plan's last sample, if anything.
+    better
+        Better models, the best first, that integrate the first samples of the ensemble too.
+    earlier
+        The same ensemble, whose failed samples alone are integrated, further than in an ensemble.
 
-    The first rank gets the `Ensemble`, or `ShardSamples` of a shard, the others None.
+    Returns
+    -------
+    Ensemble, or ShardSamples of a shard, or None
+        On the first rank, None elsewhere.
     """
     timings, comm = Timings(), group.world
     own = Integration(model, plan, group, timings, "integration")

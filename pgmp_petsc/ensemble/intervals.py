@@ -94,8 +94,11 @@ def of_quantiles(
 
     An end is infinite where not even the smallest, or largest, value lies beyond the quantile with enough probability.
 
-    `sizes`: how many independent values are as good at each quantile, (n_quantiles,) (Woodruff, Journal of the American
-    Statistical Association 47 (1952) 635-646); None of independent ones: n.
+    Parameters
+    ----------
+    sizes
+        How many independent values are as good at each quantile, (n_quantiles,) (Woodruff, Journal of the American
+        Statistical Association 47 (1952) 635-646); None of independent ones: n.
     """
     n, tail = ordered.size, 0.5 * (1.0 - confidence)
     found = np.full((len(probabilities), 2), [-np.inf, np.inf])
@@ -136,8 +139,13 @@ def of_probability(
 ) -> np.ndarray:
     """Return the interval (low, high) of a probability of which `count` of `n` trials came true.
 
-    Numbers are of independent trials, or of those of each independent replicate, (n_replicates,). Of further trials
-    that failed it is not known: none of them came true at the lower end, all at the upper one.
+    Parameters
+    ----------
+    count, n
+        Numbers of independent trials; or of those of each independent replicate, (n_replicates,).
+    n_failed
+        Number of further trials of which it is not known, as `n`: none of them came true at the lower end, all at the
+        upper one.
     """
     count, failed = np.atleast_1d(count).astype(float), np.atleast_1d(n_failed).astype(float)
     sizes = np.atleast_1d(n) + failed
@@ -169,7 +177,10 @@ def equivalent_size(count: np.ndarray, sizes: np.ndarray, confidence: float) -> 
     many replicates as there are would not have shown: v is no smaller than that leaves open. All trials where none or
     all came true, and of one replicate.
 
-    `count`, `sizes`: trials that came true, and all trials, of each replicate, (n_replicates,).
+    Parameters
+    ----------
+    count, sizes
+        Trials that came true, and all trials, of each replicate, (n_replicates,).
     """
     from scipy.special import ndtri
 
@@ -243,12 +254,18 @@ def with_failed(
 ) -> np.ndarray:
     """Return the interval of a rare event in which failed samples are outside it at the lower end, in it at the upper.
 
-    - `ends`: of the event without the failed samples, (2,).
-    - `rounds`: weights of the samples of each round that are in the event or failed, 0 of others.
-    - `n_failed`, `n_plain`, `n_in`: how many of the plain samples, from which the search begins, failed, and how many
-      are in the event. They bound it together with all that fails; so do the weighted samples, but for what fails where
-      they do not come, as some of the plain ones did.
-    - `confidence`: level of the interval.
+    Parameters
+    ----------
+    ends
+        Of the event without the failed samples, (2,).
+    rounds
+        Weights of the samples of each round that are in the event or failed, 0 of others.
+    n_failed, n_plain, n_in
+        How many of the plain samples, from which the search begins, failed, and how many are in the event. They bound
+        it together with all that fails; so do the weighted samples, but for what fails where they do not come, as some
+        of the plain ones did.
+    confidence
+        Level of the interval.
     """
     open_end = of_probability(n_in, n_plain - n_failed, confidence, n_failed)[1]
     if not n_failed and len(rounds):

@@ -91,7 +91,12 @@ def calibrated(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     merely significant explains little and, found from the tails that a few samples happen to have, adds more error to
     the figures than it takes away, of which intervals do not know. What is taken is no more than a model that is
     another function of the parameters, so that whatever follows keeps its expectation; `python -m benchmarks.joined
-    coverage` measures how often intervals hold. Values are as `mean_of` takes them.
+    coverage` measures how often intervals hold.
+
+    Parameters
+    ----------
+    values
+        As `mean_of` takes them.
     """
     return [values[0], *(_calibrated(values[0], other) for other in values[1:])]
 
@@ -120,13 +125,19 @@ def mean_of(
 ) -> Estimate:
     """Return the mean of the best model.
 
-    - `values`: of every model, the best first: shapes (m_1,) to (m_k,), each the first samples of the next; m_1 at
-      least `FEWEST`.
-    - `replicates`: numbers of the independent replicates that samples belong to, shape (m_k,), each with one of the
-      first m_1 at least; None where samples are independent. The variance is then the jackknife's over replicates, each
-      left out in turn with the coefficients of the others.
-    - `n_curved`: number of models that `calibrated` has taken through a parabola: one more coefficient each.
-    - `part`: that the interval as of independent samples has in that of replicates.
+    Parameters
+    ----------
+    values
+        Of every model, the best first: shapes (m_1,) to (m_k,), each the first samples of the next; m_1 at least
+        `FEWEST`.
+    replicates
+        Numbers of the independent replicates that samples belong to, shape (m_k,), each with one of the first m_1 at
+        least; None where samples are independent. The variance is then the jackknife's over replicates, each left out
+        in turn with the coefficients of the others.
+    n_curved
+        Number of models that `calibrated` has taken through a parabola: one more coefficient each.
+    part
+        That the interval as of independent samples has in that of replicates.
     """
     best, others = values[0], values[1:]
     m = np.array([value.size for value in values])
@@ -196,12 +207,21 @@ def _added(
 
 
 def deviation_of(
-    values: Sequence[np.ndarray], mean: Estimate, confidence: float, replicates: np.ndarray | None = None,
-    n_curved: int = 0, part: float = 0.0,
-) -> tuple[float, np.ndarray]:  # fmt: skip
-    """Return the standard deviation of the best model and its interval (2,), from what `mean_of` takes and gives.
+    values: Sequence[np.ndarray],
+    mean: Estimate,
+    confidence: float,
+    replicates: np.ndarray | None = None,
+    n_curved: int = 0,
+    part: float = 0.0,
+) -> tuple[float, np.ndarray]:
+    """Return the standard deviation of the best model and its interval (2,).
 
     Both are NaN where the variance is not positive, the interval below `FEWEST_OF_DEVIATION` samples.
+
+    Parameters
+    ----------
+    values, mean, replicates, n_curved, part
+        As `mean_of` takes and gives them.
     """
     n_taken = n_curved + (replicates is not None)  # of few replicates the mean takes one more degree
     centres = [mean.value, *(float(np.mean(value)) for value in values[1:])]
@@ -219,8 +239,13 @@ def deviation_of(
 
 
 def probability_of(came_true: Sequence[np.ndarray], confidence: float) -> tuple[float, np.ndarray]:
-    """Return the probability of an event in the best model and its interval (2,); `came_true`, bool, is of every model
-    as `mean_of` takes values."""
+    """Return the probability of an event in the best model and its interval (2,).
+
+    Parameters
+    ----------
+    came_true
+        Of every model, bool, as `mean_of` takes values.
+    """
     value = float(np.mean(came_true[-1]))
     low, high = intervals.of_probability(int(came_true[-1].sum()), came_true[-1].size, confidence)
     for better, cheaper in reversed(list(zip(came_true, came_true[1:]))):
@@ -241,8 +266,13 @@ def probability_with_failed(
     came_true: Sequence[np.ndarray], known: Sequence[np.ndarray], confidence: float
 ) -> tuple[float, np.ndarray]:
     """Return the probability of an event over the draws that are known in all models, and an interval (2,) in which
-    the others are outside the event in every model at its lower end, and in it at the upper one; bool, as
-    `probability_of` takes it, false of draws that are not known."""
+    the others are outside the event in every model at its lower end, and in it at the upper one.
+
+    Parameters
+    ----------
+    came_true, known
+        Of every model, bool, as `mean_of` takes values; draws that are not known did not come true.
+    """
     each = [known[-1][: one.size] for one in came_true]
     for one in known[:-1]:
         each = [of & np.concatenate([one, np.ones(max(of.size - one.size, 0), dtype=bool)])[: of.size] for of in each]
@@ -265,7 +295,14 @@ def allocation(costs: np.ndarray, correlations: np.ndarray) -> np.ndarray:
 
     Theorem 3.4 of Peherstorfer et al.: ``r_i = sqrt(w_1 (rho_i^2 - rho_(i+1)^2) / (w_i (1 - rho_2^2)))``. Where models
     are not in the order of their correlations, or a cheaper one would have fewer samples, r_i is that of the one
-    before. Costs are of a sample of every model, the best first, (k,), correlations with that, (k,).
+    before.
+
+    Parameters
+    ----------
+    costs
+        Of a sample of every model, the best first, (k,).
+    correlations
+        With the best one, (k,), that of the best itself is 1.
     """
     squared = np.append(np.minimum(correlations**2, 1.0 - 1e-12), 0.0)
     squared[0] = 1.0
@@ -295,12 +332,22 @@ class Integrated(Protocol):
 def allot(
     own: Integrated, better: Sequence[Integrated], given: Sequence[int | None], limit: int | None, stop: Stop
 ) -> tuple[list[int], int]:
-    """Integrate as many samples of all models as the budget pays for; return how many these are, of the better models
-    and of the ensemble's own. Collective.
+    """Integrate as many samples of all models as the budget pays for. Collective.
 
-    Numbers that are given, or the ensemble's limit, are not to be chosen; None where they are. Raises `InputError` if
-    the budget does not pay for what is given; `RunError` if the outputs of the pilot's samples are not known, or do not
-    vary.
+    Raises `InputError` if the budget does not pay for what is given; `RunError` if the outputs of the pilot's samples
+    are not known, or do not vary.
+
+    Parameters
+    ----------
+    given
+        Numbers of the better models' samples that are not to be chosen, None for the others.
+    limit
+        Number of the ensemble's samples, None where it is to be chosen.
+
+    Returns
+    -------
+    list of int, int
+        Numbers of samples of the better models, and of the ensemble's own.
     """
     comm, models = own.comm, (*better, own)
     kept = on_root(comm, lambda: own.checkpoint.counts)
@@ -346,10 +393,20 @@ def allot(
 def counts(
     costs: np.ndarray, correlations: np.ndarray, given: Sequence[int | None], budget: float, most: int
 ) -> np.ndarray | None:
-    """Return the numbers of samples of all models, the best first, that a budget (s) pays for; None where it does not.
+    """Return the numbers of samples of all models, the best first, that a budget pays for; None where there are none.
 
-    Costs of a sample, s, and correlations with the best model are (k,); `given` are numbers that are not to be chosen,
-    None for the others, `most` is that of the cheapest model.
+    Parameters
+    ----------
+    costs
+        Of a sample, s, (k,).
+    correlations
+        With the best model, (k,).
+    given
+        Numbers that are not to be chosen, None for the others.
+    budget
+        For all samples, s.
+    most
+        Samples of the cheapest model.
     """
     shares = allocation(costs, correlations)
     enough = FEWEST_OF_DEVIATION

@@ -150,7 +150,8 @@ class RareSamples:
 
     @property
     def contributions(self) -> np.ndarray:
-        """Of every weighted sample, (n_weighted,): their mean is the probability; failed ones are not in the event."""
+        """Of every weighted sample, shape (n_weighted,): their mean is the probability; failed ones count as not in the
+        event."""
         own = self.limit_state[self.limit_state.size - self.weights.size :]
         return np.where(own <= self.weighed, self.weights, 0.0)
 
@@ -259,11 +260,21 @@ def find(
 ) -> RareSamples:
     """Find and weigh the event ``g <= 0``.
 
-    - `limit_state`: g of points (n, d), shape (n,); NaN where it is not known.
-    - `n_samples`: evaluations of g at most, with those of `slopes`, at least 500; those that subset simulation leaves
-      are weighted.
-    - `slopes`: g and its derivatives, for design points; None: from differences, where samples allow them.
-    - `has_design`: whether design points are looked for, which events of variables that step have none of.
+    Parameters
+    ----------
+    limit_state
+        g of points (n, d), shape (n,); NaN where it is not known.
+    d
+        Number of variables.
+    n_samples
+        Evaluations of g at most, with those of `slopes`; those that subset simulation leaves are weighted. At least
+        500.
+    seed
+        Of all random numbers.
+    slopes
+        g and its derivatives, for design points; None: from differences, where samples allow them.
+    has_design
+        Whether design points are looked for, which events of variables that step have none of.
     """
     chains = _Chains(limit_state, seed, d, n_samples, slopes, has_design)
     levels, directions, last = _levels(chains)
@@ -289,9 +300,14 @@ def find(
         chains.evaluate(chains.random().standard_normal((chains.left, d)))
         weights = [np.ones(chains.values[-1].size)]
     found = RareSamples(
-        tuple(levels), np.concatenate(chains.points), np.concatenate(chains.values),
-        np.concatenate([np.zeros(0), *weights]), tuple(of_round.size for of_round in weights), weighed, design,
-    )  # fmt: skip
+        tuple(levels),
+        np.concatenate(chains.points),
+        np.concatenate(chains.values),
+        np.concatenate([np.zeros(0), *weights]),
+        tuple(of_round.size for of_round in weights),
+        weighed,
+        design,
+    )
     for level in levels[::-1] if weighed > 0.0 else ():
         found = replace(found, weighed=level.threshold)
         if found.n_effective >= ENOUGH:
@@ -348,9 +364,14 @@ class _Chains:
     """Evaluates g, and keeps all points."""
 
     def __init__(
-        self, limit_state: LimitState, seed: int, d: int, n_samples: int, slopes: Slopes | None = None,
+        self,
+        limit_state: LimitState,
+        seed: int,
+        d: int,
+        n_samples: int,
+        slopes: Slopes | None = None,
         has_design: bool = True,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._limit_state, self._seed, self.d, self._n_samples = limit_state, seed, d, n_samples
         self._slopes, self._has_design = slopes, has_design
         self._from_afar: DesignPoints | None = None
@@ -490,9 +511,14 @@ class _Chains:
         return points, g, np.repeat(np.arange(n_first), copies), float(chances.mean())
 
     def weigh(
-        self, points: np.ndarray, g: np.ndarray, families: np.ndarray, entrances: np.ndarray, level: float,
+        self,
+        points: np.ndarray,
+        g: np.ndarray,
+        families: np.ndarray,
+        entrances: np.ndarray,
+        level: float,
         design: DesignPoints | None,
-    ) -> list[np.ndarray]:  # fmt: skip
+    ) -> list[np.ndarray]:
         """Evaluate all points that are left from densities that points of the event, or of a level on g, make, and
         return the weights of all rounds but one.
 
@@ -613,8 +639,17 @@ def apart(points: np.ndarray, others: np.ndarray) -> np.ndarray:
 def entrances(
     limit_state: Callable[[np.ndarray], np.ndarray], directions: np.ndarray, probability: float
 ) -> np.ndarray:
-    """Return points in the event near where rays along unit vectors (n, d) enter it, (n_entrances, d); of rays that do
-    not, none. All rays are followed at once; the probability is that of the event, as nearly as it is known."""
+    """Return points in the event near where rays enter it, shape (n_entrances, d); of rays that do not, none.
+
+    Parameters
+    ----------
+    limit_state
+        g of points (n, d), shape (n,); all rays are followed at once.
+    directions
+        Unit vectors, shape (n, d).
+    probability
+        Of the event, as nearly as it is known.
+    """
     far = -float(ndtri(RARER * probability))
     if len(directions):
         most = -(-len(directions) // STEPS)

@@ -66,7 +66,15 @@ DOUBLE = 2.0**-53
 
 
 def first_numbers(seed: int, numbers: np.ndarray, d: int) -> np.ndarray:
-    """Return the first d uniform numbers of the streams of samples with numbers (n,) below 2^32, shape (n, d)."""
+    """Return the first d uniform numbers of the streams of samples, shape (n, d).
+
+    Parameters
+    ----------
+    seed
+        Not negative.
+    numbers
+        Of the samples, shape (n,), below 2^32.
+    """
     words = _words(seed, np.asarray(numbers, dtype=np.uint32))
     parts = [(high.astype(np.uint64) << HALF) | low for low, high in zip(words[::2], words[1::2])]
     state, increment = (parts[0], parts[1]), (parts[2], parts[3])
@@ -155,7 +163,15 @@ class Design(Protocol):
 
 
 class Independent:
-    """Independent random samples of d parameters, with the seed of all streams."""
+    """Independent random samples.
+
+    Parameters
+    ----------
+    seed
+        Of all streams.
+    d
+        Number of parameters.
+    """
 
     extends = True
 
@@ -167,7 +183,13 @@ class Independent:
 
 
 class LatinHypercube:
-    """A Latin hypercube of n samples; raises `InputError` if its permutations would not fit in memory."""
+    """A Latin hypercube of n samples; see `Independent`.
+
+    Raises
+    ------
+    InputError
+        If its permutations would not fit in memory.
+    """
 
     extends = False
 
@@ -187,7 +209,15 @@ class LatinHypercube:
 
 
 class Replicates:
-    """Scrambled Sobol sequences that take turns; their purpose is the first key of the streams that scramble them."""
+    """Scrambled Sobol sequences that take turns; see `Independent`.
+
+    Parameters
+    ----------
+    n_replicates
+        Number of sequences.
+    purpose
+        First key of the streams that scramble them.
+    """
 
     extends = True
 
@@ -228,9 +258,16 @@ class Blocks:
 
 
 class Scrambled:
-    """One scrambled Sobol sequence in d dimensions, any stretch of it.
+    """One scrambled Sobol sequence, any stretch of it.
 
     Its numbers are multiples of 2^-30, of which half is added: 0 has no finite quantile.
+
+    Parameters
+    ----------
+    d
+        Dimensions.
+    random
+        What scrambles it.
     """
 
     def __init__(self, d: int, random: np.random.Generator) -> None:
@@ -261,13 +298,26 @@ ROUNDS_NAMED = 2  # of all replicates: one would not show whether sequences take
 
 
 class Sampler:
-    """Where the samples of an ensemble come from: parameters with a distribution are drawn, or a file gives values.
+    """Where the samples of an ensemble come from.
 
-    - `names`: these parameters, sorted.
-    - `kind`: ``random``, ``latin_hypercube``, ``sobol``, ``saltelli``, or ``file``.
-    - `extends`: whether a longer run has the samples of a shorter one.
+    Parameters
+    ----------
+    scene, plan
+        The scene, whose parameters with a distribution are drawn, and the ensemble.
 
-    Raises `InputError` if no parameter has a distribution, or the number of samples does not suit the design.
+    Attributes
+    ----------
+    names
+        Parameters that are drawn, or that a file gives, sorted.
+    kind
+        ``random``, ``latin_hypercube``, ``sobol``, ``saltelli``, or ``file``.
+    extends
+        Whether a longer run has the samples of a shorter one.
+
+    Raises
+    ------
+    InputError
+        If no parameter has a distribution, or the number of samples does not suit the design.
     """
 
     def __init__(self, scene: Scene, plan: Plan) -> None:
@@ -439,7 +489,8 @@ def draw_remarks(scene: Scene) -> Iterator[Remark]:
 
 
 def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return which samples are within all bounds, finite, of the sign that is needed, ends of stops in order."""
+    """Return which samples lie inside all bounds, finite, positive or not negative where that is needed, lower ends of
+    stops below upper ones."""
     fine = np.ones(len(next(iter(values.values()))), dtype=bool)
     for name, parameter in scene.parameters.items():
         fine &= np.isfinite(values[name])

@@ -38,7 +38,10 @@ def of_blocks(values: np.ndarray, names: list[str], confidence: float, n_replica
     Blocks with a sample that failed (NaN) are left out. None where too few are left of a replicate, or one does not
     vary.
 
-    `n_replicates`: number of independent Sobol sequences that blocks are of in turn.
+    Parameters
+    ----------
+    n_replicates
+        Number of independent Sobol sequences that blocks are of in turn.
     """
     from SALib.analyze.sobol import first_order, total_order
 
@@ -100,12 +103,26 @@ def _explained(ordered: np.ndarray, n_slices: int) -> tuple[float, float]:
 
 
 def sensitivities(
-    quantities: Iterable[tuple[str, np.ndarray]], parameters: Mapping[str, np.ndarray], names: list[str],
-    fine: np.ndarray, n_replicates: int | None, confidence: float,
-) -> dict[str, Sensitivity]:  # fmt: skip
-    """Return the indices of all quantities, columns (N,) of which one is in memory at a time, that have them, by the
-    parameters of some names; `n_replicates` is the number of Sobol sequences that Saltelli's blocks are of in turn,
-    None of other samples."""
+    quantities: Iterable[tuple[str, np.ndarray]],
+    parameters: Mapping[str, np.ndarray],
+    names: list[str],
+    fine: np.ndarray,
+    n_replicates: int | None,
+    confidence: float,
+) -> dict[str, Sensitivity]:
+    """Return the indices of all quantities that have them.
+
+    Parameters
+    ----------
+    quantities
+        Names and columns (N,); one is in memory at a time.
+    parameters, names
+        Columns (N,), and which of them are drawn.
+    fine
+        Which samples are fine, (N,).
+    n_replicates
+        Number of Sobol sequences that Saltelli's blocks are of in turn; None of other samples.
+    """
     if n_replicates is None and len(names) < 2:
         return {}
     places, n = np.flatnonzero(fine), fine.size

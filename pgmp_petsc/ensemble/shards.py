@@ -35,15 +35,36 @@ def shard_of(origin: Origin, plan: Plan, checkpoint: Checkpoint, ranks: int, tim
     place = Place(plan.shard.number, plan.shard.count, plan.n_samples, first, checkpoint.run, of_file)
     seed = None if file is not None else plan.seed
     return ShardSamples(
-        origin.model, RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), scene.remarks),
-        place, origin.units, origin.said, () if file is None else file.remarks, origin.checked_share,
-        checkpoint.remarks, checkpoint.columns(), checkpoint.bands(min(scene.ensemble.band_samples, last)),
-    )  # fmt: skip
+        origin.model,
+        RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), scene.remarks),
+        place,
+        origin.units,
+        origin.said,
+        () if file is None else file.remarks,
+        origin.checked_share,
+        checkpoint.remarks,
+        checkpoint.columns(),
+        checkpoint.bands(min(scene.ensemble.band_samples, last)),
+    )
 
 
 class Shards:
-    """All shards of an ensemble, in their order, from their files; in place of a checkpoint. The folder has space for
-    their columns. Raises `InputError` if they are not all shards of one ensemble, each once."""
+    """All shards of an ensemble, in their order; in place of a checkpoint.
+
+    Parameters
+    ----------
+    paths
+        Their files.
+    shards
+        What is in them.
+    folder
+        Where there is space for their columns.
+
+    Raises
+    ------
+    InputError
+        If they are not all shards of one ensemble, each once.
+    """
 
     def __init__(self, paths: Sequence[Path], shards: Sequence[ShardSamples], folder: Path) -> None:
         _check(paths, [shard.place for shard in shards])
@@ -66,8 +87,11 @@ class Shards:
     def _check_instants(self, paths: Sequence[Path]) -> None:
         """Raise `InputError` where the bands of a shard have other instants than those of the first."""
         # those of a shard are alike
-        counts = [(path, shard.bands[next(iter(shard.bands))].shape[1]) for path, shard in zip(paths, self._shards)
-                  if shard.bands]  # fmt: skip
+        counts = [
+            (path, shard.bands[next(iter(shard.bands))].shape[1])
+            for path, shard in zip(paths, self._shards)
+            if shard.bands
+        ]
         for path, n in counts:
             if n != counts[0][1]:
                 what = f"bands at {n} instants, not {counts[0][1]}"

@@ -192,7 +192,15 @@ def level_of_each(confidence: float) -> float:
 
 
 def looks(unit: int, most: int) -> Iterator[int]:
-    """Yield the numbers of samples at which one looks: multiples of a unit, and the most as the last."""
+    """Yield the numbers of samples at which one looks.
+
+    Parameters
+    ----------
+    unit
+        Of which all but the last are multiples.
+    most
+        The last.
+    """
     n = unit
     while n < FIRST:
         n *= 2
@@ -298,8 +306,16 @@ def stages(
 ) -> list[Seen]:
     """Integrate stage by stage until the rules are met, the budget is spent, or there is no further sample.
 
-    `run` integrates all samples up to a number and returns how many there were to do, `seen` looks at these; unit and
-    most are as of `looks`. Collective on `comm`.
+    Collective on `comm`.
+
+    Parameters
+    ----------
+    unit, most
+        As of `looks`.
+    run
+        Integrates all samples up to a number; returns how many there were to do.
+    seen
+        Looks at these; on every rank the same.
     """
     found: list[Seen] = []
     clock, done = Clock(stop, comm), 0
@@ -337,13 +353,17 @@ def stopping_of(stop: Stop, history: list[Seen], plan: Plan, units: dict[str, st
     else:
         why = f"the budget of {stop.budget:g} s is spent"
     return Stopping(
-        why, stop.budget, tuple(rule.text for rule in stop.rules),
+        why,
+        stop.budget,
+        tuple(rule.text for rule in stop.rules),
         tuple(units.get(rule.quantity, "1") if rule.kind in MOMENTS else "1" for rule in stop.rules),
-        np.array([rule.wanted for rule in stop.rules]), np.array([rule.relative for rule in stop.rules], dtype=bool),
-        met, np.array([seen.n for seen in history]),
+        np.array([rule.wanted for rule in stop.rules]),
+        np.array([rule.relative for rule in stop.rules], dtype=bool),
+        met,
+        np.array([seen.n for seen in history]),
         np.array([seen.estimates for seen in history]).T.reshape(len(stop.rules), len(history)),
         np.array([seen.intervals for seen in history]).transpose(1, 0, 2),
-    )  # fmt: skip
+    )
 
 
 @gathered

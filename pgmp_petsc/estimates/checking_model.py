@@ -50,8 +50,15 @@ from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, S
 
 
 class CheckingModel:
-    """The model that a reduced model is checked against: its equations, `full`, and the largest rotation of a frame in
-    its body per unit of each flexible coordinate, (n_delta,), rad."""
+    """The model that a reduced model is checked against.
+
+    Attributes
+    ----------
+    full
+        Its equations.
+    rotations
+        Largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_delta,), rad.
+    """
 
     def __init__(self, model: ReducedModel) -> None:
         scene, shapes = model.scene, {name: in_floating_frame(shape) for name, shape in model.meshes.items()}
@@ -85,9 +92,20 @@ class CheckingModel:
         return batch.under(effects, motions)
 
     def starts(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return what samples of a mask (n,) start with: static equilibria, or what joints that are off build in.
+        """Return what samples start with: static equilibria, or what joints that are off build in.
 
-        Unknowns and velocities, each (n_dofs, n), NaN where there is no such start; None where runs start undeformed.
+        Parameters
+        ----------
+        values
+            Parameter values, each of shape (n,).
+        samples
+            Mask of the samples that are asked for, shape (n,).
+
+        Returns
+        -------
+        tuple of ndarray, or None
+            Unknowns and velocities, each (n_dofs, n), NaN where there is no such start; None where runs start
+            undeformed.
         """
         from_rest, full = self.full.scene.initial.equilibrium, self.full
         if not from_rest and not full.is_off:
@@ -113,18 +131,29 @@ class CheckingModel:
 class ErrorSystem(SecondOrderSystem):
     """Full-order equations about a reference motion; see `SecondOrderSystem`.
 
-    - `full`: full-order model of the same samples, with its loads at the instants of the motion.
-    - `motion`: reference motion; its instant number k is that of the time ``k interval``.
-    - `interval`: step of the integration, s.
-    - `theta`: rigid coordinates at the start, from which turns are counted, shape (n_theta, n_samples), rad.
-    - `begin`: full-order unknowns and velocities that samples start with, each (n_dofs, n_samples), NaN for those that
-      are never advanced; None where runs start undeformed.
+    Parameters
+    ----------
+    full
+        Full-order model of the same samples, with its loads at the instants of the motion.
+    motion
+        Reference motion; its instant number k is that of the time ``k interval``.
+    interval
+        Step of the integration, s.
+    theta
+        Rigid coordinates at the start, from which turns are counted, shape (n_theta, n_samples), rad.
+    begin
+        Full-order unknowns and velocities that samples start with, each (n_dofs, n_samples), NaN for those that are
+        never advanced; None where runs start undeformed.
     """
 
     def __init__(
-        self, full: FullBatch, motion: ReferenceMotion, interval: float, theta: np.ndarray,
+        self,
+        full: FullBatch,
+        motion: ReferenceMotion,
+        interval: float,
+        theta: np.ndarray,
         begin: tuple[np.ndarray, np.ndarray] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.comm, self.n_samples, self.steps_at_once = full.comm, full.n_samples, full.edgeless_at_once
         self._full, self._motion, self._interval, self._begin = full, motion, interval, begin
         self._turns, self._number = full.pack(full.turns(theta)), -1
@@ -190,7 +219,8 @@ class ErrorSystem(SecondOrderSystem):
 
 
 def _in_floating_frames(rom: ReducedOrderModel, reduced: Mechanism, full: Mechanism) -> ReducedOrderModel:
-    """Return a reduced model whose flexible vectors are unknowns of a mechanism with floating frames."""
+    """Return a reduced model with its flexible vectors in the unknowns of a mechanism whose condensed bodies have
+    floating frames."""
 
     def moved(vectors: np.ndarray) -> np.ndarray:
         found = np.zeros((len(vectors), full.n_dofs, vectors.shape[2]))

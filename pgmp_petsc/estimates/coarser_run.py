@@ -86,11 +86,26 @@ class StepErrors:
 
 
 def run_coarser(
-    model: Model, system: SecondOrderSystem, simulation: Simulation, alive: np.ndarray, of: Run | None = None,
+    model: Model,
+    system: SecondOrderSystem,
+    simulation: Simulation,
+    alive: np.ndarray,
+    of: Run | None = None,
     bar: Progress | None = None,
-) -> CoarserRun:  # fmt: skip
-    """Run samples (a mask) of a system again, with a coarser step than in the simulation `of` a run, which says what it
-    took: no limit where it is not given. Collective on ``system.comm``."""
+) -> CoarserRun:
+    """Run a system again, with a coarser step. Collective on ``system.comm``.
+
+    Parameters
+    ----------
+    simulation
+        That of the run.
+    alive
+        Samples to run, shape (n_samples,).
+    of
+        The run, which says what it took; no limit where it is not given.
+    bar
+        Shows its steps.
+    """
     coarse = coarser(simulation)
     n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, bar)
     stepper = GeneralisedAlpha(
@@ -124,7 +139,15 @@ def run_coarser(
 
 
 class OutputRecord(Observer):
-    """Keeps what the outputs of a model are made of after every step of its system; observes a run."""
+    """Keeps what the outputs are made of after every step; observes a run.
+
+    Parameters
+    ----------
+    model, system
+        A model, and its system.
+    bar
+        Shows the steps.
+    """
 
     def __init__(self, model: Model, system: SecondOrderSystem, bar: Progress | None = None) -> None:
         self._model, self._system, self._bar = model, system, bar
@@ -174,8 +197,15 @@ def coarser(simulation: Simulation) -> Simulation:
 def step_errors(
     scene: Scene, time: np.ndarray, outputs: Mapping[str, np.ndarray], other: CoarserRun, sample: int = 0
 ) -> StepErrors | None:
-    """Return the errors of a run with instants and outputs (n_t,), at the instants of the coarser one, in which it is
-    one sample; None where that did not go far enough."""
+    """Return the errors of a run, at the instants of the coarser one; None where that did not go far enough.
+
+    Parameters
+    ----------
+    time, outputs
+        Of the run, shape (n_t,), and each of the same shape.
+    sample
+        Number of the sample in it.
+    """
     known = np.all([np.isfinite(values[:, sample]) for values in other.outputs.values()], axis=0)
     n = known.size if known.all() else int(np.argmin(known))
     if n <= FEWEST or not all(np.isfinite(values).all() for values in outputs.values()):
@@ -236,8 +266,17 @@ class Bands:
         self, fine: np.ndarray, coarse: np.ndarray, ratio: float, kinked: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return how far vibrations out of phase are off in every window, shape (n_windows, k), and their mean ``omega
-        h``, shape (k,), of k outputs: those of both runs after every step of the finer one, (n, k), the ratio of their
-        steps, and which outputs have kinks."""
+        h``, shape (k,), of k outputs.
+
+        Parameters
+        ----------
+        fine, coarse
+            The outputs of both runs after every step of the finer one, shape (n, k).
+        ratio
+            Of their steps.
+        kinked
+            Which outputs have kinks, shape (k,).
+        """
         if len(fine) < 2 * self.length:
             return np.zeros((1, kinked.size)), np.full(kinked.size, np.nan)
         amplitudes, apart = self._amplitudes(fine), self._amplitudes(coarse - fine)

@@ -62,7 +62,10 @@ class Estimate:
 class ErrorIndicator:
     """Estimates the errors of runs of one reduced model; to be made once for all of them.
 
-    `told`: the model whose outputs runs have, where these are not the model's own.
+    Parameters
+    ----------
+    told
+        The model whose outputs runs have, where these are not the model's own.
     """
 
     def __init__(self, model: ReducedModel, told: LengthLanes | None = None) -> None:
@@ -89,13 +92,28 @@ class ErrorIndicator:
         return other
 
     def watch(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> WatchedRun:
-        """Begin to watch a run of a batch with these parameter values, each (n_batch,); `samples` are the numbers of
-        those whose errors are wanted, (n,)."""
+        """Begin to watch a run of a batch.
+
+        Parameters
+        ----------
+        values
+            Parameter values of the whole batch, each of shape (n_batch,).
+        samples
+            Numbers of the samples within the batch whose errors are wanted, shape (n,).
+        """
         return WatchedRun(self, {name: value[samples] for name, value in values.items()}, np.asarray(samples))
 
 
 class _FinerRun(Observer):
-    """The observer of a run with smaller steps, which keeps its states (3, n_samples, n_eta) after some of them."""
+    """The observer of a run with smaller steps, which keeps some of its states.
+
+    Parameters
+    ----------
+    kept
+        Numbers of the steps that are kept.
+    shape
+        Of positions, velocities and accelerations: (3, n_samples, n_eta).
+    """
 
     def __init__(self, kept: np.ndarray, shape: tuple[int, int, int]) -> None:
         self._place = reference_motion.places_of(kept)
@@ -129,7 +147,13 @@ class WatchedRun(Observer):
         self._plain[places[kept]] = trail[kept][:, :, self._samples]
 
     def estimate(self, status: np.ndarray) -> Estimate:
-        """Return the estimate once the run has ended with the status of the whole batch, shape (n_batch,)."""
+        """Return the estimate once the run has ended.
+
+        Parameters
+        ----------
+        status
+            Of the whole batch, shape (n_batch,).
+        """
         indicator, n = self._indicator, self._samples.size
         fine = status[self._samples] == Status.FINE
         states, followed = self._followed(fine)
@@ -181,8 +205,15 @@ class WatchedRun(Observer):
         return Estimate(largest, at_end, tuple(histories), absent)
 
     def _followed(self, fine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Run the samples that are fine with smaller steps; return coordinates, velocities and accelerations, (n_kept,
-        3, n, n_eta), and which samples came to the end."""
+        """Run the samples that are fine with smaller steps.
+
+        Returns
+        -------
+        states : ndarray, shape (n_kept, 3, n, n_eta)
+            Coordinates, velocities and accelerations.
+        followed : ndarray, shape (n,)
+            Which samples came to the end.
+        """
         indicator = self._indicator
         finer = _FinerRun(indicator.kept, (3, *self._plain.shape[2:]))
         system = indicator.model.batch(self._values, self._samples.size)
@@ -190,19 +221,39 @@ class WatchedRun(Observer):
         return finer.states, fine & (run.status == Status.FINE)
 
     def _evaluate(
-        self, schedule: reference_motion.Schedule, chosen: np.ndarray, states: np.ndarray, about: np.ndarray,
+        self,
+        schedule: reference_motion.Schedule,
+        chosen: np.ndarray,
+        states: np.ndarray,
+        about: np.ndarray,
         begin: tuple[np.ndarray, np.ndarray] | None,
-    ) -> dict[str, np.ndarray]:  # fmt: skip
-        """Return errors (n_e, n) of the chosen samples at the ends of the run's own steps among the instants of a
-        schedule; states of all samples are as of `_followed`, `about` says which chosen ones are advanced at all."""
+    ) -> dict[str, np.ndarray]:
+        """Return errors (n_e, n) of some samples at the ends of the run's own steps among the instants of a schedule.
+
+        Parameters
+        ----------
+        schedule, chosen
+            Instants, and numbers of the samples.
+        states
+            Of all samples, as of `_followed`.
+        about
+            Which of the chosen ones are advanced at all.
+        begin
+            As of `ErrorSystem`.
+        """
         indicator, r = self._indicator, self._indicator.model.kinematics.n_coordinates
         checking, states = indicator.checking, states[schedule.places][:, :, chosen]
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
         full = checking.scheduled(self._batch_of(chosen, values), schedule, indicator.step / reference_motion.FINER)
         motion = reference_motion.ReferenceMotion(
-            checking.unknowns_of, full.n_dofs, states, r, indicator.simulation.duration, checking.rotations,
+            checking.unknowns_of,
+            full.n_dofs,
+            states,
+            r,
+            indicator.simulation.duration,
+            checking.rotations,
             indicator.model.terms.scale[:r],
-        )  # fmt: skip
+        )
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
         time = schedule.steps * (indicator.step / reference_motion.FINER)
         observed = _Observed(checking.full, full, values, motion, schedule, time)
@@ -251,9 +302,14 @@ class _Observed(Observer):
     """Outputs of n corrected motions at some of the instants, evaluated for many together; observes their errors."""
 
     def __init__(
-        self, model: ComponentModel, batch: FullBatch, values: Mapping[str, np.ndarray],
-        motion: reference_motion.ReferenceMotion, schedule: reference_motion.Schedule, time: np.ndarray,
-    ) -> None:  # fmt: skip
+        self,
+        model: ComponentModel,
+        batch: FullBatch,
+        values: Mapping[str, np.ndarray],
+        motion: reference_motion.ReferenceMotion,
+        schedule: reference_motion.Schedule,
+        time: np.ndarray,
+    ) -> None:
         self._model, self._batch, self._values, self._motion = model, batch, values, motion
         self._told, self._interval, self._time = schedule.told, schedule.interval, time
         self._waiting: list[tuple[np.ndarray, ...]] = []
@@ -293,7 +349,8 @@ class _Observed(Observer):
         self._waiting.clear()
 
     def _multipliers(self, numbers: np.ndarray, motion: tuple[np.ndarray, ...], errors: State) -> np.ndarray:
-        """Return the multipliers of joints at instants, (n_e, n_multipliers, n), where outputs are made of them."""
+        """Return the multipliers of joints of the corrected motion at instants, (n_e, n_multipliers, n), where outputs
+        are made of them."""
         if not self._model.outputs.forces:
             return np.empty((numbers.size, 0, self._batch.n_samples))
         found = []
@@ -317,8 +374,15 @@ def indicator_of(model: ReducedModel | LengthLanes) -> ErrorIndicator | MemberIn
 
 
 class MemberIndicator:
-    """Estimates the errors of runs of samples with mechanisms of their own; see `ErrorIndicator`. Every value of the
-    parameters `apart` makes one: lengths, or by how much joints are off."""
+    """Estimates the errors of runs of samples with mechanisms of their own; see `ErrorIndicator`.
+
+    Parameters
+    ----------
+    model
+        The model.
+    apart
+        Parameters of which every value makes a mechanism of its own: lengths, or by how much joints are off.
+    """
 
     def __init__(self, model: ReducedModel | LengthLanes, apart: Iterable[str]) -> None:
         self.model, self._apart = model, sorted(apart)

@@ -91,8 +91,17 @@ def too_few_steps(n_steps: int) -> Iterator[Remark]:
 def large_errors(
     errors: Mapping[str, np.ndarray], sizes: Mapping[str, np.ndarray], units: Mapping[str, str], model: str = "reduced"
 ) -> Iterator[Remark]:
-    """Return a warning of outputs whose estimated errors are large, in any of some runs of a model: largest errors, and
-    largest sizes, are of every output in each run, (n_runs,), NaN where they are not known."""
+    """Return a warning of outputs whose estimated errors are large, in any of some runs.
+
+    Parameters
+    ----------
+    errors, sizes
+        Largest error, and largest size, of every output in each run, shape (n_runs,); NaN where they are not known.
+    units
+        Units of outputs.
+    model
+        What runs are of.
+    """
     found = []
     for name, values in errors.items():
         runs = np.flatnonzero(np.isfinite(values) & (sizes[name] > 0.0))
@@ -117,8 +126,15 @@ def large_errors(
 def step_remarks(
     model: FullModel, time: np.ndarray, outputs: Mapping[str, np.ndarray], other: CoarserRun, errors: StepErrors | None
 ) -> Iterator[Remark]:
-    """Return what is to be said of the estimated errors of a run's time step; of the run with the coarser step, and of
-    what that tells, None where it tells nothing."""
+    """Return what is to be said of the estimated errors of a run's time step.
+
+    Parameters
+    ----------
+    time, outputs
+        Of the run, shape (n_t,), s, and each of the same shape.
+    other, errors
+        The run with the coarser step, and what it tells; None where it tells nothing.
+    """
     with_step = f"a run with a step of {other.step:.3g} s, which these errors are taken from,"
     why = f"would take more than {100 * MOST:g} % of the run's own price, and was given up"
     if other.status[0] != Status.FINE:
@@ -299,14 +315,29 @@ def not_known(scene: Scene, what: str) -> Remark:
 
 @gathered
 def of_statistics(
-    quantities: Iterable[tuple[str, np.ndarray]], errors: Mapping[str, np.ndarray], fine: np.ndarray,
-    units: Mapping[str, str], described: tuple[str, str], model: str = "reduced",
-) -> Iterator[Remark]:  # fmt: skip
+    quantities: Iterable[tuple[str, np.ndarray]],
+    errors: Mapping[str, np.ndarray],
+    fine: np.ndarray,
+    units: Mapping[str, str],
+    described: tuple[str, str],
+    model: str = "reduced",
+) -> Iterator[Remark]:
     """Return a warning of statistics to which errors are comparable; nothing where none is.
 
-    Values of the samples, (N,) each by the names of outputs, have estimated errors, NaN but for the samples that are
-    checked; `described` is what goes by the mean, and what by the spread. Errors of other models than the reduced one
-    are those of their time step.
+    Parameters
+    ----------
+    quantities
+        Values of the samples, shape (N,) each, by the names of outputs.
+    errors
+        Estimated errors of these, NaN but for the samples that are checked.
+    fine
+        Which samples are described, shape (N,).
+    units
+        Of the quantities.
+    described
+        What goes by the mean, and what by the spread.
+    model
+        What was run; errors of others than the reduced model are those of their time step.
     """
     whose, cure = ("the reduced model", CURE) if model == "reduced" else ("the time step", SMALLER_ERRORS[model])
     told, n_checked = [], 0
@@ -352,8 +383,13 @@ def of_figures(
 ) -> tuple[Remark, ...]:
     """Return a warning of figures to which the error is comparable, and a note of how small it is otherwise.
 
-    Figures are what they are, their values, the values without the estimated errors, and the sizes that differences are
-    compared with: these in words, and the share of them from which on there is a warning.
+    Parameters
+    ----------
+    figures
+        What they are, their values, the values without the estimated errors, and the sizes that differences are
+        compared with.
+    sizes, comparable
+        What the latter are, in words, and the share of them from which on there is a warning.
     """
     shares, told = [0.0], []
     for what, value, without, size in figures:

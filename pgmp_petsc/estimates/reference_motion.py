@@ -62,7 +62,8 @@ class Schedule:
 
 
 def schedules(n_steps: int, duration: float, most: int = MOST) -> list[Schedule]:
-    """Return the schedules of a run, from the coarsest to the densest with no more than `most` evaluations."""
+    """Return the schedules of a run from the coarsest, which is there to be compared with, to the densest with no more
+    than `most` evaluations."""
     most = min(max(most, LEAST), MOST)
     stride = -(-n_steps // most)
     strides = [FINER * max(2, 2 * stride - 1), FINER * stride]
@@ -145,14 +146,20 @@ class Instant:
 class ReferenceMotion:
     """Motion at the instants of evaluation.
 
-    - `unknowns`, `n_dofs`: back-transformation, and the number of its unknowns.
-    - `states`: reduced coordinates, velocities and accelerations at every instant, shape (n_instants, 3, n_samples,
-      n_eta).
-    - `n_theta`: number of rigid coordinates.
-    - `longest`: largest step of the differences, s: for what does not move at all.
-    - `rotations`: largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_eta -
-      n_theta,), rad.
-    - `turns`: what one unit of each rigid coordinate counts, shape (n_theta,), rad.
+    Parameters
+    ----------
+    unknowns, n_dofs
+        Back-transformation, and the number of its unknowns.
+    states
+        Reduced coordinates, velocities and accelerations at every instant, shape (n_instants, 3, n_samples, n_eta).
+    n_theta
+        Number of rigid coordinates.
+    longest
+        Largest step of the differences, s: for what does not move at all.
+    rotations
+        Largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_eta - n_theta,), rad.
+    turns
+        What one unit of each rigid coordinate counts, shape (n_theta,), rad.
     """
 
     def __init__(
@@ -205,9 +212,14 @@ class ReferenceMotion:
 def fill_path(states, tau, eta):
     """Fill reduced coordinates: those of states, and those along the path on both sides.
 
-    - `states`: as of `ReferenceMotion`, shape (n, 4, n_samples, n_eta).
-    - `tau`: steps of the differences, shape (n, n_samples), s.
-    - `eta`: results, shape (5, n, n_samples, n_eta).
+    Parameters
+    ----------
+    states
+        As of `ReferenceMotion`, shape (n, 4, n_samples, n_eta).
+    tau
+        Steps of the differences, shape (n, n_samples), s.
+    eta
+        Results, shape (5, n, n_samples, n_eta).
     """
     for k in range(tau.shape[0]):
         for b in range(tau.shape[1]):

@@ -49,9 +49,18 @@ Amplitude = Callable[[float | np.ndarray], float | np.ndarray]
 
 
 class SampledAmplitude:
-    """An amplitude over time at the instants of evaluation, with the impulse that the run missed.
+    """An amplitude at the instants of evaluation, with the impulse that the run missed.
 
-    The error is evaluated after some steps, the first 0, increasing; evaluation number k has the time ``k interval``.
+    Parameters
+    ----------
+    amplitude
+        Over time, s.
+    steps
+        Numbers of the steps at which the error is evaluated, the first 0, increasing.
+    step
+        s.
+    interval
+        Time between two evaluations, s; the evaluation number k has the time ``k interval``.
     """
 
     def __init__(self, amplitude: Amplitude, steps: np.ndarray, step: float, interval: float) -> None:
@@ -151,8 +160,14 @@ def jump_remarks(model: ReducedModel, system: ReducedSystem, start: State, strai
     """Return that most of the deformation of a run is the swing that its start sets off, and the cure.
 
     A warning where a start from static deformation cures it: then the mechanism is held or driven from the start, and
-    would not have been undeformed. Otherwise a note: it may be let go, or loads may set in, as the scene says. `strain`
-    is the strain energy over the run, (n_t,), J.
+    would not have been undeformed. Otherwise a note: it may be let go, or loads may set in, as the scene says.
+
+    Parameters
+    ----------
+    model, system, start
+        Of the run.
+    strain
+        Strain energy over the run, shape (n_t,), J.
     """
     largest = float(np.max(strain, initial=0.0))
     if model.scene.initial.equilibrium or not largest > 0.0:

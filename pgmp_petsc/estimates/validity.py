@@ -53,14 +53,31 @@ LARGEST = 2**17  # displacements that are evaluated together, no more than stay 
 
 
 class Validity(Observer):
-    """The observer of a batch, with parameter values (n_samples,), that keeps the largest values of every sample."""
+    """The observer of a batch that keeps the largest values of every sample.
+
+    Parameters
+    ----------
+    model, system, values
+        The model, reduced, of one mechanism or of lanes of lengths; its batch, and the batch's parameter values, each
+        of shape (n_samples,).
+    simulation
+        Of the run.
+
+    Attributes
+    ----------
+    every
+        Steps of which one is looked at.
+    """
 
     every = EVERY
 
     def __init__(
-        self, model: ReducedModel | LengthLanes, system: ReducedSystem, values: Mapping[str, np.ndarray],
+        self,
+        model: ReducedModel | LengthLanes,
+        system: ReducedSystem,
+        values: Mapping[str, np.ndarray],
         simulation: Simulation,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._model, self._system, self._values = model, system, values
         n_steps = self._n_steps = count_steps(simulation.duration, simulation.step)
         self._part = max(SHORTEST, -(-n_steps // (EVERY * N_PARTS)))
@@ -143,10 +160,17 @@ def _turning(model: ReducedModel | LengthLanes, coordinates: np.ndarray) -> np.n
 
 
 class BodyStrains:
-    """Elastic rotations and strains from displacements in body frames, with parameter values, each a number or (n,).
+    """Elastic rotations and strains from displacements in body frames.
 
-    `curved` displacements are of second order in the deformation, so that bending shortens a beam: strains are then
-    geometrically exact, in space to second order. Without, the linear ones are what the model has.
+    Parameters
+    ----------
+    scene, mechanism
+        The scene and its mechanism.
+    values
+        Parameter values, each a number or of shape (n,).
+    curved
+        Whether displacements are of second order in the deformation, so that bending shortens a beam: strains are then
+        geometrically exact, in space to second order. Without, the linear ones are what the model has.
     """
 
     def __init__(
@@ -165,8 +189,11 @@ class BodyStrains:
     def largest(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the largest rotation (rad), and strain of n states, each of shape (n,); NaN where there is no beam.
 
-        Displacements and rotations of all nodes are in body frames, (n, n_nodes, 3), in space (n, n_nodes, 6); of all
-        samples in the order of the parameter values, as often as there are states of each.
+        Parameters
+        ----------
+        local
+            Displacements and rotations of all nodes in body frames, shape (n, n_nodes, 3), in space (n, n_nodes, 6); of
+            all samples in the order of the parameter values, as often as there are states of each.
         """
         rotation, strain = np.zeros(len(local)), np.full(len(local), np.nan)
         for body in self._flexible:
@@ -181,7 +208,8 @@ class BodyStrains:
         return rotation, strain
 
     def _of_planar_beam(self, body: Body, local: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """Return the largest strain of a beam from displacements (n, n_nodes, 3), (n,); enlarge the rotation."""
+        """Return the largest strain of a beam from displacements of all nodes (n, n_nodes, 3), shape (n,); enlarge the
+        rotation."""
         strain, angles = np.empty(len(local)), np.asarray(body.directions, dtype=float)
         look_at_planar_beam(
             np.ascontiguousarray(local), (body.nodes.start, body.nodes.stop), body.mesh.cells, body.mesh.lengths,
@@ -218,8 +246,13 @@ def half_height(scene: Scene, body: str, values: Mapping[str, np.ndarray | float
 
 @gathered
 def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> Iterator[Remark]:
-    """Return warnings of what is beyond its limit in a run or in some samples, and notes on what is not known;
-    `validity` is by the names of `VALIDITY`, each a number or of shape (n,)."""
+    """Return warnings of what is beyond its limit in a run or in some samples, and notes on what is not known.
+
+    Parameters
+    ----------
+    validity
+        By the names of `VALIDITY`, each a number or of shape (n,).
+    """
     for name, text in _beyond(scene).items():
         values = np.atleast_1d(validity[name])
         too_far = beyond_limit(name, values, scene.second_order)

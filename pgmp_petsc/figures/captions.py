@@ -106,13 +106,23 @@ def same_case(one: RunRecord, other: RunRecord) -> bool:
 
 
 def tell_apart(
-    records: Sequence[RunRecord], kinds: Sequence[str] = (), files: Sequence[Path | None] = (),
+    records: Sequence[RunRecord],
+    kinds: Sequence[str] = (),
+    files: Sequence[Path | None] = (),
     ignored: Collection[str] = WITHOUT_EFFECT,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """Return for each result the words that tell it from the others; empty texts where there is one result alone.
 
-    Kinds are what else a result is, the model say, told where it varies; files are told where nothing else differs;
-    `ignored` are tables and entries of scenes that make no difference.
+    Parameters
+    ----------
+    records
+        Of the results.
+    kinds
+        What else a result is, the model say; told where it varies.
+    files
+        Where the results come from; told where nothing else differs.
+    ignored
+        Tables and entries of scenes that make no difference.
     """
     if len(records) < 2:
         return [""] * len(records)

@@ -48,10 +48,17 @@ def densities(
     in the file's statistics. Dashed lines mark the means; the band reaches a standard deviation to both sides of the
     first ensemble's mean. Above each panel are mean and standard deviation, each with its confidence interval in
     brackets. With two ensembles a lower panel shows by how much the second density differs, in % of the first one's
-    peak. The first ensemble is drawn as an area, the others as steps over it; labels are by default the model, how many
-    of its samples are fine, and what else tells the ensembles apart; names are of the only quantities, in this order.
-    Raises `InputError` if the ensembles do not share one of them, or have no quantity in common or one has no sample
-    that is fine.
+    peak. Raises `InputError` if the ensembles do not share one of `names`, or have no quantity in common or one has no
+    sample that is fine.
+
+    Parameters
+    ----------
+    ensembles : sequence of Ensemble
+        The first is drawn as an area, the others as steps over it.
+    labels : sequence of str, optional
+        By default the model, how many of its samples are fine, and what else tells the ensembles apart.
+    names : sequence of str, optional
+        Only these quantities, in this order.
     """
     labels = labels_of(ensembles) if labels is None else labels
     names = _common(ensembles, names)
@@ -147,10 +154,14 @@ def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[st
         text = f"mean {mean}{shown}\n{spread}, N = {one.count}"
         longest = max(map(len, text.splitlines()))
         note = axes.annotate(
-            text.replace("-", "\N{MINUS SIGN}"), xy=(0.0, 1.0), xycoords="axes fraction",
-            xytext=(0.0, 5.0 + LINES * LINE_POINTS * (len(known) - 1 - number)), textcoords="offset points",
-            fontsize=NOTE_SIZE * min(1.0, NOTE_LENGTH / longest), color=colour,
-        )  # fmt: skip
+            text.replace("-", "\N{MINUS SIGN}"),
+            xy=(0.0, 1.0),
+            xycoords="axes fraction",
+            xytext=(0.0, 5.0 + LINES * LINE_POINTS * (len(known) - 1 - number)),
+            textcoords="offset points",
+            fontsize=NOTE_SIZE * min(1.0, NOTE_LENGTH / longest),
+            color=colour,
+        )
         # a long line must not narrow the panels
         note.set_in_layout(False)
 

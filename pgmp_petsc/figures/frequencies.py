@@ -27,14 +27,25 @@ COLUMNS = 2
 
 @style.styled
 def frequencies(
-    tables: Sequence[ModesTable], n_modes: int = 4, labels: Sequence[str] | None = None,
+    tables: Sequence[ModesTable],
+    n_modes: int = 4,
+    labels: Sequence[str] | None = None,
     titles: Sequence[str] | None = None,
-) -> Figure:  # fmt: skip
+) -> Figure:
     """Draw the first ``n_modes`` flexible eigenfrequencies, one panel a mode.
 
-    Tables are drawn over each other, one colour each, labelled by default by that in which they differ; panels have the
-    number of the mode as title by default, and are fewer where no table has as many. Raises `InputError` if no table
-    has a flexible mode.
+    Raises `InputError` if no table has a flexible mode.
+
+    Parameters
+    ----------
+    tables : sequence of ModesTable
+        Drawn over each other, one colour each.
+    n_modes : int
+        Number of panels; fewer where no table has as many.
+    labels : sequence of str, optional
+        Names of the tables; by default that in which they differ.
+    titles : sequence of str, optional
+        Titles of the panels; by default the number of the flexible mode.
     """
     labels = labels_of(tables) if labels is None else labels
     colours = style.distinct_colours(len(tables))

@@ -122,7 +122,15 @@ class Shapes:
                     axes.plot(*path[0], marker=_GROUND, color=style.QUIET, markersize=size, zorder=1.5, clip_on=False)
 
     def draw(self, axes: Axes, number: int, colour: Sequence[float], width: float, pin: float, zorder: float) -> None:
-        """Draw all bodies at one frame, lines and the markers on the bodies' ends of a width and size in points."""
+        """Draw all bodies at one frame.
+
+        Parameters
+        ----------
+        number
+            Of the frame.
+        width, pin
+            Width of the lines and size of the markers on the bodies' ends, points.
+        """
         for body, cells in self.frames.cells.items():
             points = self.draw_body(axes, body, number, colour, width, 1.6 * pin, zorder)
             if len(cells):
@@ -183,7 +191,8 @@ def _can_be_enlarged(frames: Frames, body: str) -> bool:
 
 
 def _view(positions: Iterable[np.ndarray]) -> np.ndarray:
-    """Return what projects positions onto the paper, (d, 2): along z, or obliquely for a motion in space."""
+    """Return what projects positions onto the paper, shape (d, 2): along z, or obliquely where a motion leaves the
+    plane."""
     points = np.concatenate([part.reshape(-1, part.shape[-1]) for part in positions])
     extents = np.ptp(points, axis=0)
     if extents.size == 2 or extents[2] < FLAT * extents.max():
@@ -207,10 +216,19 @@ def mechanism(
 ) -> Figure:
     """Draw the mechanism's shape at instants that divide the run equally.
 
-    There are as many shapes as instants are asked for, fewer where there are fewer frames. The exaggeration is a factor
-    on each body's deformation: its nodes' distances from the undeformed body laid through the body's two ends, so that
-    the bodies stay joined; stated in the picture if it is not 1. The label tells the run from others. Raises
-    `InputError` if the trajectory has no frames.
+    Raises `InputError` if the trajectory has no frames.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        With frames.
+    n_instants : int
+        Number of shapes; fewer where there are fewer frames.
+    exaggeration : float
+        Factor on each body's deformation: its nodes' distances from the undeformed body laid through the
+        body's two ends, so that the bodies stay joined. Stated in the picture if it is not 1.
+    label : str
+        What tells the run from others.
     """
     frames = trajectory.frames
     if frames is None or not len(frames.time):

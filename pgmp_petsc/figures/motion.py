@@ -40,8 +40,15 @@ _TRIANGLES = {
 
 
 def outer_faces(kind: str, cells: np.ndarray) -> np.ndarray:
-    """Return the faces that one cell alone has, in the plane all cells, by the nodes around them, shape (n_faces, k);
-    cells (n_cells, n_a) of a kind by meshio's name."""
+    """Return the faces that one cell alone has, in the plane all cells, by the nodes around them, shape (n_faces, k).
+
+    Parameters
+    ----------
+    kind
+        meshio's name of the cells.
+    cells
+        Their nodes, shape (n_cells, n_a).
+    """
     edges, faces = _SHAPES[next(name for name in _SHAPES if kind.startswith(name))]
     n_corners = 1 + max(max(face) for face in faces)
     between = {frozenset(edge): n_corners + number for number, edge in enumerate(edges)}
@@ -65,8 +72,16 @@ def triangles(faces: np.ndarray) -> np.ndarray:
 
 
 def outlines(faces: np.ndarray, nodes: np.ndarray, sharp: float = 0.5) -> np.ndarray:
-    """Return the pieces of edges that show a body's shape, (n, 2): those of one of the faces (n_faces, k), and between
-    faces whose normals are more than `sharp` radians apart."""
+    """Return the pieces of edges that show a body's shape, shape (n, 2): those of one face, and between faces whose
+    normals are more than `sharp` radians apart.
+
+    Parameters
+    ----------
+    faces
+        Shape (n_faces, k).
+    nodes
+        Where their nodes are, shape (n_nodes, d).
+    """
     n_faces, k = faces.shape
     pieces = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
     owner = np.repeat(np.arange(n_faces), k)
@@ -91,11 +106,21 @@ def normals(faces: np.ndarray, nodes: np.ndarray) -> np.ndarray:
 def coarsened(
     nodes: np.ndarray, triangles: np.ndarray, weights: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nodes, so many at most, that represent all others (n_nodes, d) of a surface, and its triangles (., 3)
-    between these.
+    """Return the nodes that represent all others of a surface, and its triangles between these.
 
     Nodes in the same cube become one, that of the largest weight among them (Rossignac and Borrel, Multi-resolution 3D
     approximations for rendering complex scenes, 1993).
+
+    Parameters
+    ----------
+    nodes
+        Shape (n_nodes, d).
+    triangles
+        Shape (n_triangles, 3).
+    weights
+        Shape (n_nodes,).
+    most
+        Nodes that are kept at most.
     """
     corners = nodes[triangles]
     sides = np.zeros((len(triangles), 2, 3))
@@ -179,10 +204,18 @@ class Motion:
 
 
 def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None, label: str = "") -> Motion:
-    """Return what is drawn of a run in a colour, one of `WORDS`, with a factor on the deformation, None for one that
-    shows it, and a label that tells the run from others.
+    """Return what is drawn of a run.
 
     Raises `InputError` if the run has no frames, or nothing of it is known in the colour.
+
+    Parameters
+    ----------
+    colour
+        One of `WORDS`.
+    scale
+        Factor on the deformation; None for one that shows it.
+    label
+        What tells the run from others.
     """
     frames = run.frames
     if frames is None or not len(frames.time):
@@ -220,8 +253,14 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
 def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | None = None) -> Motion:
     """Return what is drawn of one period of a mode, whose size means nothing; its colours are shares of the largest.
 
-    The colour is one of `WORDS`, the scale the mode's largest displacement over that of a picture nobody asks another
-    one of. Raises `InputError` if nothing of it is known in the colour.
+    Raises `InputError` if nothing of it is known in the colour.
+
+    Parameters
+    ----------
+    colour
+        One of `WORDS`.
+    scale
+        Its largest displacement over that of a picture nobody asks another one of.
     """
     places = np.concatenate([own.positions.reshape(-1, own.positions.shape[2]) for own in shape.fields.values()])
     reach = LARGEST_SHOWN * float(np.ptp(places, axis=0).max()) * (1.0 if scale is None else scale)
@@ -243,9 +282,16 @@ def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | 
     quantity = "" if colour == "none" else f"{WORDS[colour]} over the largest"
     captions = ["size arbitrary"] * N_PHASES
     return Motion(
-        tuple(skins), captions, heading(what, shape.record), notes, quantity, 1.0, 1.0, N_PHASES // 4,
+        tuple(skins),
+        captions,
+        heading(what, shape.record),
+        notes,
+        quantity,
+        1.0,
+        1.0,
+        N_PHASES // 4,
         shape.record.system.unit("m"),
-    )  # fmt: skip
+    )
 
 
 def skin_of(name: str, own: BodyField, scale: float, values: Callable[[BodyField], np.ndarray | None]) -> Skin:
@@ -260,7 +306,8 @@ def skin_of(name: str, own: BodyField, scale: float, values: Callable[[BodyField
 
 
 def in_unit(skins: list[Skin], colour: str, unit: str) -> tuple[list[Skin], str, float, int]:
-    """Return skins with values in the unit of a picture, the words of these, the largest one, and its instant."""
+    """Return skins with values in the unit of a picture, the words of these, the largest one, and the instant that has
+    it."""
     known = [skin.values for skin in skins if skin.values is not None]
     if not known:
         return skins, "", 0.0, -1

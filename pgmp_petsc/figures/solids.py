@@ -102,9 +102,19 @@ def view_of(points: np.ndarray, flat: bool) -> np.ndarray:
 
 
 class Stage:
-    """Bodies in front of a camera that sees all of their motion, in a picture of so many pixels; to be closed.
+    """Bodies in front of a camera that sees all of their motion; to be closed.
 
-    `metre` is the number of pixels that a metre across the line of sight has.
+    Parameters
+    ----------
+    motion
+        What is drawn.
+    width, height
+        Of the picture, in pixels.
+
+    Attributes
+    ----------
+    metre
+        Pixels that a metre across the line of sight has.
     """
 
     def __init__(self, motion: Motion, width: int, height: int) -> None:
@@ -241,11 +251,20 @@ LOWEST, HIGHEST = 2.2, 6.6
 
 @styled
 def solids(run: Trajectory, at: float | None = None, exaggeration: float = 1.0, label: str = "") -> Figure:
-    """Draw the bodies of a run, which has frames and fields, with von Mises' stress in colour.
+    """Draw the bodies of a run with von Mises' stress in colour.
 
-    The frame nearest to an instant (s) is drawn, and named; None for that of the largest stress. A factor on the
-    deformation is stated in the picture if it is not 1; the label tells the run from others. Raises `InputError` if
-    there is nothing to draw, `at` is outside the run, or there is nothing to draw with.
+    Raises `InputError` if there is nothing to draw, `at` is outside the run, or there is nothing to draw with.
+
+    Parameters
+    ----------
+    run
+        With frames and fields.
+    at
+        Instant, s: the nearest frame is drawn, and named. None for that of the largest stress.
+    exaggeration
+        Factor on the deformation; stated in the picture if it is not 1.
+    label
+        What tells the run from others.
     """
     motion = motion_of(run, "mises", exaggeration, label)
     number, why = motion.peak, ", when it is largest"
@@ -291,9 +310,23 @@ def _images(motion: Motion, numbers: np.ndarray, frame: Surround) -> Iterator[np
 
 
 class Surround:
-    """Surround of the bodies: title, notes, bar of the colours, bar of the scale, and the caption of the instant.
+    """Surround of the bodies: title, notes, bar of the colours, bar of the scale, and the instant.
 
-    `figure` has `axes` where the bodies are, of a `size` in pixels.
+    Parameters
+    ----------
+    motion
+        What is drawn.
+    caption
+        Of the instant.
+    resolution
+        Pixels an inch.
+
+    Attributes
+    ----------
+    figure, axes
+        The figure, and where in it the bodies are.
+    size
+        Width and height of that place, pixels.
     """
 
     def __init__(self, motion: Motion, caption: str, resolution: int = RESOLUTION) -> None:

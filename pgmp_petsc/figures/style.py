@@ -94,8 +94,12 @@ def panel_grid(
 ) -> tuple[Figure, np.ndarray]:  # fmt: skip
     """Return a figure of n blocks, row by row, and the axes of each from above, shape (n, len(ratios)).
 
-    The size is width and height of a block, the margin what the figure is higher than all of them, `least` its least
-    width, in inches; ratios are heights of the axes of a block.
+    Parameters
+    ----------
+    size, margin, least
+        Width and height of a block, what the figure is higher than all of them, and its least width, inches.
+    ratios
+        Heights of the axes of a block.
     """
     n_columns = min(n, columns)
     n_rows = -(-n // n_columns)
@@ -146,9 +150,13 @@ def top_legend(
     used += 0.04
     if handles:
         figure.legend(
-            handles=handles, loc="upper left", bbox_to_anchor=(0.0, 1 - (used - 0.06) / inches), ncol=n_columns,
-            handlelength=1.9, columnspacing=1.8,
-        )  # fmt: skip
+            handles=handles,
+            loc="upper left",
+            bbox_to_anchor=(0.0, 1 - (used - 0.06) / inches),
+            ncol=n_columns,
+            handlelength=1.9,
+            columnspacing=1.8,
+        )
         used += 0.24 + 0.2 * (n_rows - 1)
     figure.get_layout_engine().set(rect=(0, 0, 1, 1 - used / inches))
     return figure

@@ -98,8 +98,10 @@ def _keys_of_times(study: Tradeoff) -> list[Line2D]:
     """Return the keys of times over meshes, of what is drawn alone."""
     looks = (("full", style.FULL_COLOUR, "s"), ("reduced", style.REDUCED_COLOUR, "o"))
     run = [look for look in looks if _over_meshes(study, look[0]).size]
-    keys = [Line2D([], [], color=colour, marker=marker, markersize=5.5, label=_on_meshes(study, family))
-            for family, colour, marker in run]  # fmt: skip
+    keys = [
+        Line2D([], [], color=colour, marker=marker, markersize=5.5, label=_on_meshes(study, family))
+        for family, colour, marker in run
+    ]
     if keys:
         keys.append(Line2D([], [], color=style.QUIET, label=f"{study.batch} together"))
         keys.append(Line2D([], [], color=style.QUIET, linestyle=":", label="one alone"))
@@ -121,9 +123,15 @@ def _work_precision(study: Tradeoff, cost: np.ndarray, label: str, title: str) -
         axes.set_xlabel(label)
         axes.tick_params(labelbottom=True)
     blocks[0, 0].annotate(
-        "better", (0.02, 0.02), xytext=(0.09, 0.09), xycoords="axes fraction", textcoords="axes fraction", fontsize=8.5,
-        color=style.QUIET, arrowprops={"arrowstyle": "->", "color": style.QUIET, "shrinkA": 0.0},
-    )  # fmt: skip
+        "better",
+        (0.02, 0.02),
+        xytext=(0.09, 0.09),
+        xycoords="axes fraction",
+        textcoords="axes fraction",
+        fontsize=8.5,
+        color=style.QUIET,
+        arrowprops={"arrowstyle": "->", "color": style.QUIET, "shrinkA": 0.0},
+    )
     known = np.array([_known(study, cost, column) for column in range(len(study.outputs))]).any(axis=0)
     return style.top_legend(figure, _keys(study, known, cost), style.heading(title, study.record), _notes(study))
 
@@ -209,9 +217,15 @@ def _write(axes: Axes, text: str, x: float, y: float) -> None:
     """Write beside a point, on the side where there is room."""
     left = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))[0] > RIGHT
     note = axes.annotate(
-        text, (x, y), xytext=(-7 if left else 7, 4), textcoords="offset points", ha="right" if left else "left",
-        fontsize=8.0, color=style.QUIET, zorder=5,
-    )  # fmt: skip
+        text,
+        (x, y),
+        xytext=(-7 if left else 7, 4),
+        textcoords="offset points",
+        ha="right" if left else "left",
+        fontsize=8.0,
+        color=style.QUIET,
+        zorder=5,
+    )
     note.set_in_layout(False)
 
 

@@ -57,7 +57,8 @@ class Comparison:
 
     @property
     def same_steps(self) -> bool:
-        """Whether both runs have the same instants: what the time step does wrong in both does not show then."""
+        """Whether both runs have the same instants, as far as both go, so that what the time step does wrong in both
+        does not show."""
         n = min(len(run.time) for run in self.runs)
         return len({(run.time[:n].tobytes(), run.steps_divided) for run in self.runs}) == 1
 
@@ -133,9 +134,17 @@ def trajectories(
     """Draw outputs over time, one column each: full order as a line, reduced as crosses, errors below.
 
     A single run is a line, with a band where its errors were estimated; without any pair there is no panel of errors. A
-    full-order run that several reduced ones share is grey. A square ends a run that ended before its scene. Outputs are
-    by default all that every run has, labels that in which the runs differ. Raises `InputError` if the runs have no
-    output in common.
+    full-order run that several reduced ones share is grey. A square ends a run that ended before its scene. Raises
+    `InputError` if the runs have no output in common.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        One colour each.
+    outputs : sequence of str, optional
+        By default all that every run has.
+    labels : sequence of str, optional
+        By default that in which the runs differ.
     """
     runs = [run for comparison in comparisons for run in comparison.runs]
     if outputs is None:

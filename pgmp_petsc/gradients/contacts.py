@@ -51,13 +51,31 @@ class Contact:
 
 
 class Contacts:
-    """The steps of a whole run of one sample, states of which each array is (n_t, n_eta), that cross edges of laws;
-    `found` is what was met and left so far."""
+    """The steps of a run of one sample that cross edges of laws.
+
+    Parameters
+    ----------
+    model, values
+        The reduced model, and the value of every parameter.
+    linearisation
+        Of the sample.
+    times, states
+        Of the whole run, (n_t,) and arrays of shape (n_t, n_eta).
+
+    Attributes
+    ----------
+    found
+        What was met and left so far.
+    """
 
     def __init__(
-        self, model: ReducedModel | LengthLanes, values: Mapping[str, float], linearisation: Linearisation,
-        times: np.ndarray, states: State,
-    ) -> None:  # fmt: skip
+        self,
+        model: ReducedModel | LengthLanes,
+        values: Mapping[str, float],
+        linearisation: Linearisation,
+        times: np.ndarray,
+        states: State,
+    ) -> None:
         self._model, self._linearisation, self._times, self._states = model, linearisation, times, states
         self._radius, self._step = model.scene.simulation.spectral_radius, times[-1] / (len(times) - 1)
         self._free = ~model.terms.tables.prescribed(model.motions)
@@ -79,9 +97,14 @@ class Contacts:
     def through(self, number: int, moment: np.ndarray) -> np.ndarray:
         """Take the sensitivities through the step up to an instant; return them there.
 
-        The instant's number is one that `following` gives; `moment` has S_q, S_v, S_a and S_A at the step's beginning,
-        (4, n_parameters, n_eta). Raises `InputError` if an edge is grazed; `RunError` if the step does not lead where
-        the run went.
+        Raises `InputError` if an edge is grazed; `RunError` if the step does not lead where the run went.
+
+        Parameters
+        ----------
+        number
+            Of the instant, as `following` gives it.
+        moment
+            S_q, S_v, S_a and S_A at the step's beginning, shape (4, n_parameters, n_eta).
         """
         moved = np.zeros(moment.shape[1])  # the beginning of the part, s per unit of a parameter
         before, parts = self._retraced(number)
@@ -132,7 +155,8 @@ class Contacts:
     def _through_part(
         self, part: Part, before: Moment, moment: np.ndarray, moved: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return sensitivities at the end of a part of fixed length, (4, n_parameters, n_eta), and with its length."""
+        """Return the sensitivities at the end of a part of fixed length, (4, n_parameters, n_eta), and those with its
+        length, (4, n_eta)."""
         h, scheme = part.duration, Scheme.of(self._radius, part.duration)
         weight, (start, behind) = 1.0 / (1.0 - scheme.alpha_m), before
         there = self._linearisation.at(np.array([part.end]), part.state, scheme, with_time=True)

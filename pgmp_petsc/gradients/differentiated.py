@@ -82,15 +82,26 @@ class DifferentiatedRun:
 
 
 def differentiate(
-    model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str],
+    model: ReducedModel | LengthLanes,
+    values: Mapping[str, float],
+    names: Sequence[str],
     pulse: Callable[[int], object] = lambda n_steps: None,
-) -> DifferentiatedRun:  # fmt: skip
+) -> DifferentiatedRun:
     """Run one sample, and differentiate its outputs with some parameters.
 
-    The model is one of samples in which these vary (`models.of_samples`), the values are of every parameter of the
-    scene; `pulse` is called with the number of steps that have been taken since the last call. Raises `InputError` if
-    the scene has no outputs, there is no static equilibrium to start from, or an end stop is grazed; `RunError` if the
-    run stops before its end, with smaller steps too.
+    Raises `InputError` if the scene has no outputs, there is no static equilibrium to start from, or an end stop is
+    grazed; `RunError` if the run stops before its end, with smaller steps too.
+
+    Parameters
+    ----------
+    model
+        The model of samples in which these parameters vary (`models.of_samples`).
+    values
+        Value of every parameter of the scene.
+    names
+        Parameters to differentiate with.
+    pulse
+        Called with the number of steps that have been taken since the last call.
     """
     for name, entry in model.scene.outputs.items():
         if "multipliers" in entry.reads:
@@ -135,10 +146,14 @@ def differentiate(
 
 
 def _propagated(
-    model: ReducedModel | LengthLanes, linearisation: Linearisation, contacts: Contacts, times: np.ndarray,
+    model: ReducedModel | LengthLanes,
+    linearisation: Linearisation,
+    contacts: Contacts,
+    times: np.ndarray,
     states: State,
-) -> np.ndarray:  # fmt: skip
-    """Return the derivatives of eta, its rates and accelerations over the run, (3, n_t, n_parameters, n_eta)."""
+) -> np.ndarray:
+    """Return the derivatives of the reduced coordinates, their rates and their accelerations over the run, shape (3,
+    n_t, n_parameters, n_eta)."""
     n_t, n = states.q.shape
     step = times[-1] / (n_t - 1)
     scheme = Scheme.of(model.scene.simulation.spectral_radius, step)
@@ -170,7 +185,10 @@ def _part(states: State, part: slice) -> State:
 def _require_finite(
     outputs: Mapping[str, np.ndarray], derivatives: Mapping[str, Mapping[str, np.ndarray]], times: np.ndarray
 ) -> None:
-    """Raise `RunError` of outputs that are no finite numbers, or have no derivatives, by parameter and instant."""
+    """Refuse outputs that are no finite numbers, or have no derivatives.
+
+    Raises `RunError`, naming the output, the parameter and the instant.
+    """
     for output, values in outputs.items():
         for name, found in {"": values, **derivatives[output]}.items():
             if not np.isfinite(found).all():
@@ -183,12 +201,20 @@ def _require_finite(
 def propagate(by_q, by_v, by_a, by_parameters, scheme, step, prescribed, moment, result):
     """Take the sensitivities through steps.
 
-    - `by_q`, `by_v`, `by_a`, `by_parameters`: at the ends of the steps, see `linearisation.Linearised`.
-    - `scheme`: ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)`` of the step.
-    - `step`: s.
-    - `prescribed`: whether a coordinate is given, shape (n_eta,): it stays what it is in the beginning.
-    - `moment`: S_q, S_v, S_a and S_A at the beginning, shape (4, n_parameters, n_eta); advanced in place.
-    - `result`: S_q, S_v and S_a at the ends of the steps, shape (3, n_t, n_parameters, n_eta).
+    Parameters
+    ----------
+    by_q, by_v, by_a, by_parameters
+        At the ends of the steps, see `linearisation.Linearised`.
+    scheme
+        ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)`` of the step.
+    step
+        s.
+    prescribed
+        Whether a coordinate is given, shape (n_eta,): it stays what it is in the beginning.
+    moment
+        S_q, S_v, S_a and S_A at the beginning, shape (4, n_parameters, n_eta); advanced in place.
+    result
+        S_q, S_v and S_a at the ends of the steps, shape (3, n_t, n_parameters, n_eta).
     """
     alpha_m, alpha_f, beta, gamma, gain_v, gain_a = scheme
     n_t, n_parameters, n = by_parameters.shape
@@ -229,7 +255,13 @@ DIFFERENCE = 1e-3  # of second differences of fourth order: rounding and truncat
 
 
 def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Linearisation, start: State) -> np.ndarray:
-    """Return S_q, S_v, S_a and S_A at time zero, (4, n_parameters, n_eta), from the state there, arrays (1, n_eta)."""
+    """Return S_q, S_v, S_a and S_A of a sample at time zero, shape (4, n_parameters, n_eta).
+
+    Parameters
+    ----------
+    start
+        State at the start, arrays of shape (1, n_eta).
+    """
     n_parameters, n = len(linearisation.names), start.q.shape[1]
     moment = np.zeros((4, n_parameters, n))
     prescribed = model.terms.tables.prescribed(model.motions)
@@ -290,9 +322,12 @@ def _solved(matrix: np.ndarray, rows: np.ndarray, free: np.ndarray) -> np.ndarra
 
 
 def _held(
-    model: ReducedModel | LengthLanes, eta: np.ndarray, at_rest: Linearised, linearisation: Linearisation,
+    model: ReducedModel | LengthLanes,
+    eta: np.ndarray,
+    at_rest: Linearised,
+    linearisation: Linearisation,
     given: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Return S_q of coordinates (n_parameters, n_eta) whose joints' angles are held, at eta (1, n_eta); `given` has
     that of coordinates that say how far joints are off."""
     angles = [member.joint_angles for member in model.members]
@@ -343,8 +378,17 @@ OF_STRESSES = 1e-5  # of stresses, and of the parameter: their lines leave cells
 
 
 class ObservedChanges:
-    """The outputs of one run and their derivatives, from the values of all parameters, instants (n_t,), s, and reduced
-    coordinates, rates and accelerations there, (n_t, n_eta)."""
+    """The outputs of one run and their derivatives.
+
+    Parameters
+    ----------
+    model
+        The reduced model.
+    values
+        Value of every parameter.
+    times, states
+        Instants of the run (n_t,), s, and reduced coordinates, rates and accelerations there, shapes (n_t, n_eta).
+    """
 
     def __init__(
         self, model: ReducedModel | LengthLanes, values: Mapping[str, float], times: np.ndarray, states: State
@@ -392,8 +436,11 @@ class _Member:
         # what is multiplied by the parameter itself must not be taken far from its value
         largest = np.maximum(size, 1.0 / abs(value) if value else 0.0)
         of_frames, of_line = (np.where(most > 0.0, most, 1.0) for most in (size, largest))
-        steps = {"frames": OBSERVED_DIFFERENCE / of_frames, "line": OBSERVED_DIFFERENCE / of_line,
-                 "stresses": OF_STRESSES / of_line}  # fmt: skip
+        steps = {
+            "frames": OBSERVED_DIFFERENCE / of_frames,
+            "line": OBSERVED_DIFFERENCE / of_line,
+            "stresses": OF_STRESSES / of_line,
+        }
         total: dict[str, np.ndarray] = {}
         frames_at = self._along(changes[0])
         for share in (-1.0, 1.0):

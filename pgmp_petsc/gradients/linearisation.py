@@ -44,7 +44,17 @@ class Linearised:
 
 
 class Linearisation:
-    """Derivatives of the equations of motion of one sample, with the values of all parameters, by some of these."""
+    """Derivatives of the equations of motion of one sample.
+
+    Parameters
+    ----------
+    model
+        The reduced model.
+    values
+        Value of every parameter.
+    names
+        Parameters to differentiate with.
+    """
 
     def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str]) -> None:
         self._terms, self.names, self.values = model.terms, tuple(names), dict(values)
@@ -58,9 +68,13 @@ class Linearisation:
         self._room = _room(terms.layout, len(tables.load_weights))
 
     def at(
-        self, times: np.ndarray, states: State, scheme: Scheme | None = None, with_time: bool = False,
+        self,
+        times: np.ndarray,
+        states: State,
+        scheme: Scheme | None = None,
+        with_time: bool = False,
         loaded: bool = True,
-    ) -> Linearised:  # fmt: skip
+    ) -> Linearised:
         """Return the derivatives at times (n_t,), in states of which each array has the shape (n_t, n_eta).
 
         With a scheme they are those at the end of its steps, where the engine's iteration leaves a part of 1e-11 of the
@@ -163,15 +177,25 @@ def _located(grid: Sequence[Grid], theta: np.ndarray) -> tuple[np.ndarray, np.nd
 def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, located, states, local, room, result):
     """Add the derivatives at all instants to those of local effects.
 
-    - `weights`, `loads`: of terms, (n_sets, n_terms), and of load terms with their amplitudes, (n_t, n_sets,
-      n_load_terms): of the sample, and their derivatives with the parameters.
-    - `prescribed`: whether a coordinate is given, shape (n_eta,).
-    - `gains`: ``(gain_v, gain_a)`` of the step that ends here, zero where the states are to be taken as they are.
-    - `located`: instants in the order of their cells (n_t,), and of every instant cell (n_t,) and place (n_t, n_theta).
-    - `states`: coordinates, velocities and accelerations, (n_t, n_eta) each.
-    - `local`: whether there are local effects.
-    - `room`: see `_Room`.
-    - `result`: see `Linearised`; the residual is that before a correction.
+    Parameters
+    ----------
+    weights, loads
+        Of terms, (n_sets, n_terms), and of load terms with their amplitudes, (n_t, n_sets, n_load_terms): of the
+        sample, and their derivatives with the parameters.
+    prescribed
+        Whether a coordinate is given, shape (n_eta,).
+    gains
+        ``(gain_v, gain_a)`` of the step that ends here, zero where the states are to be taken as they are.
+    located
+        Instants in the order of their cells (n_t,), and of every instant cell (n_t,) and place (n_t, n_theta).
+    states
+        Coordinates, velocities and accelerations, (n_t, n_eta) each.
+    local
+        Whether there are local effects.
+    room
+        See `_Room`.
+    result
+        See `Linearised`; the residual is that before a correction.
     """
     all_by_q, all_by_v, all_by_a, by_parameters, residual = result
     turns, cells, places = located

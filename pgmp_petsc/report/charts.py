@@ -64,17 +64,23 @@ def _drawn(draw: Callable[[Axes], None], height: float) -> Figure:
 
 
 def chart(
-    draw: Callable[[Axes], None], title: str, caption: str = "", height: float = HEIGHT, over_time: bool = False,
+    draw: Callable[[Axes], None],
+    title: str,
+    caption: str = "",
+    height: float = HEIGHT,
+    over_time: bool = False,
     output: str = "",
-) -> Chart:  # fmt: skip
+) -> Chart:
     """Return what `draw` draws on axes of its own."""
     figure = _drawn(draw, height)
     stream = io.StringIO()
     with matplotlib.rc_context({**_SVG, "svg.hashsalt": title + output}):
         figure.savefig(
-            stream, format="svg", transparent=True,
+            stream,
+            format="svg",
+            transparent=True,
             metadata={"Date": None, "Creator": None, "Type": None, "Format": None},
-        )  # fmt: skip
+        )
     axis = ()
     if over_time:
         axes = figure.axes[0]

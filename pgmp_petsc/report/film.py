@@ -60,9 +60,12 @@ class FilmBody:
         """Return the body at some of the frames."""
         values = None if self.values is None else self.values[frames]
         return replace(
-            self, points=self.points[frames], deformation=self.deformation[frames], known=self.known[frames],
+            self,
+            points=self.points[frames],
+            deformation=self.deformation[frames],
+            known=self.known[frames],
             values=values,
-        )  # fmt: skip
+        )
 
 
 def bodies_of(run: Trajectory) -> list[FilmBody]:
@@ -94,9 +97,18 @@ def _with_field(name: str, own: BodyField, most: int) -> FilmBody:
         edges = outlines(triangles, own.nodes[used])
     values = None if skin.values is None else skin.values[:, used]
     return FilmBody(
-        name, kind, own.nodes[used], skin.points[:, used], moved[:, used], known, nothing, triangles, edges, values,
+        name,
+        kind,
+        own.nodes[used],
+        skin.points[:, used],
+        moved[:, used],
+        known,
+        nothing,
+        triangles,
+        edges,
+        values,
         note,
-    )  # fmt: skip
+    )
 
 
 def _of_frames(run: Trajectory, name: str) -> FilmBody:
@@ -426,13 +438,24 @@ DARKEST = 0.5  # of a face along the line of sight; the page's script has the sa
 
 
 def still_of(
-    bodies: Sequence[FilmBody], places: Sequence[np.ndarray], shares: Sequence[np.ndarray | None], number: int,
+    bodies: Sequence[FilmBody],
+    places: Sequence[np.ndarray],
+    shares: Sequence[np.ndarray | None],
+    number: int,
     size: tuple[int, int],
-) -> str:  # fmt: skip
-    """Return the address of a picture of a frame, by its number, as PNG, empty where there is no surface.
+) -> str:
+    """Return the address of a picture of a frame as PNG, empty where there is no surface.
 
-    Places are of the bodies' nodes in the picture, and towards the eye, (n, 3) each, shares of the largest stress,
-    (n_f, n), None where none is known; the size is width and height of the picture in its own unit.
+    Parameters
+    ----------
+    places
+        Of the bodies' nodes in the picture, and towards the eye, shape (n, 3) each.
+    shares
+        Of the largest stress, shape (n_f, n); None where none is known.
+    number
+        Of the frame.
+    size
+        Width and height of the picture in its own unit.
     """
     corners, colours = [], []
     for body, at, share in zip(bodies, places, shares):

@@ -40,9 +40,14 @@ class Known:
     """A bench that knows the errors of every candidate: of the basis under the quick load, of the angles under all."""
 
     def __init__(
-        self, basis, tolerance: float = 1e-2, round_off: float = 0.0, builds: bool = True, given: str = "",
+        self,
+        basis,
+        tolerance: float = 1e-2,
+        round_off: float = 0.0,
+        builds: bool = True,
+        given: str = "",
         budget: float = np.inf,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.scene = slider_crank(f"reduction={{tolerance={tolerance}{given}}}")
         self.outputs, self.training = ("x",), training()
         self._basis, self._round_off, self._builds = basis, round_off, builds

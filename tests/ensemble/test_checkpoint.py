@@ -30,9 +30,15 @@ def batch(first: int, n: int = 4) -> Batch:
     outputs = {"angle": -numbers, "x.y": numbers / 7}
     estimates = {name: np.where(numbers < 3, 1e-3 * values, np.nan) for name, values in outputs.items()}
     return Batch(
-        first, {"r1": numbers}, outputs, status, np.where(status, 0.5, np.nan), estimates, dict(estimates),
+        first,
+        {"r1": numbers},
+        outputs,
+        status,
+        np.where(status, 0.5, np.nan),
+        estimates,
+        dict(estimates),
         {"bent": numbers},
-    )  # fmt: skip
+    )
 
 
 def started(plan: Plan, *firsts: int) -> Checkpoint:
@@ -48,9 +54,13 @@ def add(checkpoint: Checkpoint, first: int, n: int = 4, is_checked: bool = False
 
 
 def taken_up(
-    plan: Plan, scene: str = SCENE, model: str = "reduced", tables: str = TABLES, design: tuple[str, str] = DESIGN,
+    plan: Plan,
+    scene: str = SCENE,
+    model: str = "reduced",
+    tables: str = TABLES,
+    design: tuple[str, str] = DESIGN,
     **changes: object,
-) -> Checkpoint:  # fmt: skip
+) -> Checkpoint:
     return Checkpoint(replace(plan, resume=True, **changes), scene, model, tables, design)
 
 

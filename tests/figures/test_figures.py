@@ -110,9 +110,12 @@ def test_the_error_needs_two_runs_and_a_signal():
 def test_the_error_is_known_only_where_both_runs_are():
     full, reduced = synthetic.trajectory("full"), synthetic.trajectory("reduced")
     short = replace(
-        reduced, time=reduced.time[:501], outputs={name: values[:501] for name, values in reduced.outputs.items()},
-        coordinates=reduced.coordinates[:501], modal=None,
-    )  # fmt: skip
+        reduced,
+        time=reduced.time[:501],
+        outputs={name: values[:501] for name, values in reduced.outputs.items()},
+        coordinates=reduced.coordinates[:501],
+        modal=None,
+    )
     assert len(Comparison(full, short).error_percent("crank_angle")[0]) == 501
     # the run that stopped is named alone, and how far it was to go
     said = Comparison(full, short).part
