@@ -170,7 +170,8 @@ def _joints(mechanism: Mechanism, n_redundant: int, n_rigid: int) -> list[str]:
         if connection.released:
             n, how = counted(len(connection.released), "direction"), mechanism.scene.joints[connection.name].gives_way
             lines.append(f"  {how:12}  {connection.name}: {n} of {len(connection.statements)} give way in the motion")
-    lines += [f"  elastic       {one.name}: gives way in the motion" for one in mechanism.couplings if one.elastic]
+    loose = [(one.name, mechanism.scene.joints[one.name].gives_way) for one in mechanism.couplings if one.elastic]
+    lines += [f"  {how:12}  {name}: gives way in the motion" for name, how in loose]
     return lines
 
 
