@@ -123,6 +123,10 @@ FEATURES = {
         *WHEEL, "joints.mesh={{type='gear',joints=['{drive}','sleeve'],ratio=-2.0,elastic={{stiffness='strength'}}}}",
     ),  # fmt: skip
     "joint that is off": ("joints.{drive}.offset={{place={small}}}",),
+    "elastic joint that is off": (
+        "joints.{drive}.elastic={{reference={axes},stiffness={stiff},damping={along}}}",
+        "joints.{drive}.offset={{place={small}}}",
+    ),  # fmt: skip
     "structural damping": ('effects.x={{type="structural_damping",stiffness=1e-5,mass=0.1}}',),
     "modal damping": ('effects.x={{type="structural_damping",ratios=[0.01,0.01]}}',),
     "prescribed motion": ('effects.x={{type="prescribed_motion",coordinate="{theta}",spin_up={{speed=2.0,time=0.5}}}}',),

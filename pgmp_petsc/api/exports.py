@@ -16,7 +16,15 @@ from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import Origin
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.c_export.constants import CORRECTIONS, MOST_CORRECTIONS, checked_scene, constants_of, left_out, tunable
+from pgmp_petsc.c_export.constants import (
+    CORRECTIONS,
+    MOST_CORRECTIONS,
+    checked_scene,
+    constants_of,
+    left_out,
+    started,
+    tunable,
+)
 from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
 from pgmp_petsc.c_export.source import write_sources
 from pgmp_petsc.files.claims import KINDS, TABLE, TABULAR, check_output, is_table, named
@@ -85,7 +93,7 @@ def export_model(
     fixed = ", ".join(f"{name} = {scene.values[name]:.6g} {metre}" for name in scene.values if name not in variable)
     if fixed:
         tell(comm, f"  note: {fixed}: its mechanism is made with it; export once more with another --set")
-    for note in (*filter(None, notes), LEFT_OUT):
+    for note in (*filter(None, (*notes, started(model))), LEFT_OUT):
         tell(comm, f"  {note}")
     tell_remarks(comm, scene.remarks)
     return target

@@ -121,6 +121,10 @@ class Quantity:
         """Return the quantity at the given parameter values."""
         return self.coefficient * self.monomial.evaluate(values)
 
+    def derivative(self, name: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+        """Return the derivative with one of the parameters at the given values."""
+        return self.coefficient * self.monomial.derivative(name, values)
+
     def __mul__(self, other: Quantity | float) -> Quantity:
         if isinstance(other, Quantity):
             return Quantity(self.coefficient * other.coefficient, self.monomial * other.monomial)
@@ -154,6 +158,10 @@ class AffineSum:
     def at(self, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
         """Return the sum at the given parameter values."""
         return sum(part.at(values) for part in self)
+
+    def derivative(self, name: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+        """Return the derivative with one of the parameters at the given values."""
+        return sum(part.derivative(name, values) for part in self)
 
     def __iter__(self) -> Iterator[Quantity]:
         return (Quantity(coefficient, monomial) for monomial, coefficient in self.terms)

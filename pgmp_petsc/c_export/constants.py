@@ -17,7 +17,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import UnitSystem
-from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.affine import AffineSum, Monomial, Quantity
 from pgmp_petsc.c_export.statements import (
     ActionInC,
     OutputsInC,
@@ -48,6 +48,7 @@ from pgmp_petsc.scene.uses import length_names, offset_directions, uses_of, velo
 from pgmp_petsc.stepping import alpha_step, edge_search
 from pgmp_petsc.stepping.generalised_alpha import count_steps
 from pgmp_petsc.stepping.second_order_system import Scheme
+from pgmp_petsc.stepping.static_equilibrium import require_settled
 
 # Always done, with two factorisations. Where steps resolve the motion the program takes one or two corrections, and up
 # to six where loads set in with a jump (tests/verification/test_exported.py, in space).
@@ -89,7 +90,7 @@ class Constants:
     load_weights: tuple[Monomial, ...]
     given: Sequence[Monomial]  # amplitudes of the coordinates that say how far joints are off, the last ones
     prescribed: Sequence[bool]  # of all coordinates, whether they are given
-    laws: Sequence[Sequence[Quantity]]  # parameters of the laws of the local effects
+    laws: Sequence[Sequence[Quantity | AffineSum]]  # parameters of the laws of the local effects
     parameters: Mapping[str, float]  # nominal values, or those that were set, by name
     served: Mapping[str, Served]  # ranges that the model was built for, by name
     #: strengths, motions: pieces over time of what loads and drives, by the effect's name, and of the coordinates, none
@@ -230,7 +231,25 @@ def _pieces_of(model: ReducedModel, coordinate: int) -> Sequence[Piece]:
     return () if motion is None else motion.angle.pieces
 
 
+def starts_balanced(model: ReducedModel) -> bool:
+    """Return whether flexible coordinates start from a balance with forces, which a model in C does not look for."""
+    off = model.terms.tables.n_given > 0
+    return model.scene.initial.equilibrium or off and bool(model.actions.of_joints(model.kinematics.mechanism).actions)
+
+
+def _start(model: ReducedModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return coordinates and rates (n_eta,) at the start of the scene's run, undeformed where a model in C finds its
+    deformation. Raises `InputError` if the run has no static equilibrium to start from."""
+    if starts_balanced(model):
+        system = model.batch({name: np.array([value]) for name, value in model.scene.values.items()}, 1)
+        require_settled(system)
+        state = system.start()
+        return state.q[0], state.v[0]
+    return tuple(np.pad(part, (0, model.terms.tables.n_modes)) for part in model.start)
+
+
 def _tables(model: ReducedModel, nodes: Sequence[int], places: Interpolant | None) -> dict[str, np.ndarray]:
+    begun, rates = _start(model)
     terms, mechanism, scheme = model.terms, model.kinematics.mechanism, model.scene.reduction.interpolation
     flexible = [node for body in mechanism.bodies if body.flexible for node in range(body.nodes.start, body.nodes.stop)]
     of_outputs, of_all = (Reconstruction(model.kinematics, model.rom, scheme, some) for some in (nodes, flexible))
@@ -249,8 +268,8 @@ def _tables(model: ReducedModel, nodes: Sequence[int], places: Interpolant | Non
         "scale": terms.scale,
         "winding": model.rom.branch.winding,
         "node_points": points[list(nodes)].reshape(-1, d),
-        "start_position": model.start[0],
-        "start_velocity": model.start[1],
+        "start_coordinates": begun,
+        "start_rates": rates,
     }
 
 
@@ -302,6 +321,7 @@ def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, i
         "R": len(layout.rigid),
         "M": layout.n_eta - len(layout.rigid),
         "N_GIVEN": terms.tables.n_given,
+        "BALANCED": int(starts_balanced(model)),
         "D": model.kinematics.mechanism.space.dimension,
         "SECOND_ORDER": int(layout.second_order),
         "STRUCTURAL_DAMPING": int(layout.damping < layout.end),
@@ -375,6 +395,16 @@ def checked_scene(scene: Scene, what: str) -> Scene:
     return scene if len(left) == len(scene.outputs) else scene.model_copy(update={"outputs": left})
 
 
+def started(model: ReducedModel) -> str:
+    """Say where a model in C starts that begins in balance; empty where it begins with what it computes itself."""
+    if not starts_balanced(model) or not tunable(model.scene):
+        return ""
+    return (
+        "note: it starts from the state of pgmp simulate at the parameters of this export, which is written in it: "
+        "with others it starts off balance; export it with these (--set)"
+    )
+
+
 def left_out(scene: Scene) -> str:
     """Say which outputs of a scene a model in C leaves out; empty where it has them all."""
     lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if models_alone(scene, name)]
@@ -391,7 +421,5 @@ def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:
         yield f"fields.{next(iter(scene.fields))}", "a model in C has no random fields"
     if scene.controllers:
         yield f"controllers.{next(iter(scene.controllers))}", "a model in C has no controllers"
-    if scene.initial.equilibrium:
-        yield "initial.equilibrium", "a model in C starts undeformed"
     if scene.simulation.tolerance is not None:
         yield "simulation.tolerance", "the step of a model in C is a constant; give simulation.step in the build"

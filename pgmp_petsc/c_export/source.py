@@ -12,6 +12,7 @@ import numpy as np
 
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.bodies.affine import AffineSum
 from pgmp_petsc.c_export.constants import Along, Constants
 from pgmp_petsc.c_export.statements import ActionInC, PartInC, ReadingInC, Side, StatementInC, TermInC, monomial_in_c
 from pgmp_petsc.effects.time_function import Piece
@@ -108,8 +109,8 @@ def _tables(constants: Constants) -> str:
         "scale": "[]",
         "winding": "[R][N_BODIES]",
         "node_points": "[AT_LEAST_ONE(N_NODES)][D]",
-        "start_position": "[R]",
-        "start_velocity": "[R]",
+        "start_coordinates": "[N]",
+        "start_rates": "[N]",
     }
     parts = ['#include "tables.h"\n\n#include <math.h>\n']
     for name, shape in dimensions.items():
@@ -241,6 +242,7 @@ def _weigh(constants: Constants) -> str:
         lines += [f"    {into}[{k}] = {monomial_in_c(weight, numbers)};" for k, weight in enumerate(monomials)]
     for k, law in enumerate(constants.laws):
         for i, quantity in enumerate(law):
-            value = f"{_number(float(quantity.coefficient))} * {monomial_in_c(quantity.monomial, numbers)}"
-            lines.append(f"    laws[{k}][{i}] = {value};")
+            parts = quantity if isinstance(quantity, AffineSum) else (quantity,)
+            terms = [f"{_number(float(one.coefficient))} * {monomial_in_c(one.monomial, numbers)}" for one in parts]
+            lines.append(f"    laws[{k}][{i}] = {' + '.join(terms)};")
     return "\n".join([*lines, "}", ""])

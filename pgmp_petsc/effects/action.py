@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.bodies.affine import AffineSum, Quantity
 from pgmp_petsc.effects.law import Law, Laws
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.attachment import Attachment
@@ -51,7 +51,7 @@ class Action:
     a: Attachment
     b: Attachment
     law: Law  # the law
-    parameters: tuple[Quantity, ...]  # of the law, in its order
+    parameters: tuple[Quantity | AffineSum, ...]  # of the law, in its order
     amplitude: TimeFunction | None = None  # of a source over time, s; None for other laws
     further: tuple[Attachment, ...] = ()  # a pair for each further term of a combination
     led: bool = False  # whether its law is of the measure of the action before it
@@ -106,7 +106,7 @@ def compile_actions(
     parameters = np.zeros((len(actions), n_samples, most))
     for action, table in zip(actions, parameters):
         for k, quantity in enumerate(action.parameters):
-            table[:, k] = quantity.coefficient * np.asarray(quantity.monomial.evaluate(values))
+            table[:, k] = quantity.at(values)
     parts, functions = zip(*(term for action in actions for term in action.statement.terms)) if actions else ((), ())
     every = [side for action in actions for side in action.sides]
     return Actions(

@@ -29,7 +29,7 @@ from pydantic import Field, model_validator
 from scipy.linalg import block_diag
 
 from pgmp_petsc.base.errors import Remark, gathered, note
-from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.bodies.affine import AffineSum, Quantity
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect, Effect
 from pgmp_petsc.effects.joint_effects import place_of
@@ -180,13 +180,16 @@ def _turning_part(arm: np.ndarray, rotation: np.ndarray, gradient: np.ndarray) -
 
 
 def _springs(
-    statements: list[Statement], stiffness: tuple[float | str, ...], damping: tuple[float | str, ...], rest: float
-) -> Iterator[tuple[Statement, tuple[Quantity, ...]]]:
+    statements: list[Statement],
+    stiffness: tuple[float | str, ...],
+    damping: tuple[float | str, ...],
+    rest: Quantity | AffineSum,
+) -> Iterator[tuple[Statement, tuple[Quantity | AffineSum, ...]]]:
     """Yield the statements that have a spring or a damper, and the parameters of the law."""
     nothing = (0.0,) * len(statements)
     for statement, k, c in zip(statements, stiffness or nothing, damping or nothing):
         if k or c:
-            yield statement, (Quantity.of(k), Quantity.of(c), Quantity(rest))
+            yield statement, (Quantity.of(k), Quantity.of(c), rest)
 
 
 class SpringDamper(OnJoint):
@@ -298,8 +301,8 @@ class Bushing(EffectEntry):
             turning = sines(in_a, in_b)
         else:
             turning, rest = [angle(np.eye(2), np.eye(2))], frames[1][2] - frames[0][2]
-        parts = [(sliding, self.stiffness, self.damping, 0.0)]
-        parts.append((turning, self.turning_stiffness, self.turning_damping, rest))
+        parts = [(sliding, self.stiffness, self.damping, Quantity(0.0))]
+        parts.append((turning, self.turning_stiffness, self.turning_damping, Quantity(rest)))
         return ActionEffect(
             name,
             [

@@ -5,7 +5,8 @@ deformed states only, one of every twentieth part of the run: those with the lar
 elastic joints give way most.
 
 **Elastic rotation**: the largest rotation of a node, or of a frame of a continuum body, less that of its rigid body.
-What elastic joints give way is in it: their motion is linear in the model, and has to be as small.
+What elastic joints give way is in it: their motion is linear in the model, and has to be as small. Without terms of
+second order forces do not turn with it, so that a rotation phi is a share phi of what they do: said from 2 % on.
 
 **Elastic strain**: the largest strain along the outermost fibre of a beam, ``|eps| + c |kappa|`` with c half its
 height; of a section given by coefficients, which has no height, c is that of the circle with the same radius of
@@ -38,7 +39,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.reduced.system import ReducedSystem
-from pgmp_petsc.results.estimates import VALIDITY, beyond_limit, limits_of
+from pgmp_petsc.results.estimates import ROTATION_LIMIT, VALIDITY, beyond_limit, limits_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.generalised_alpha import count_steps
@@ -49,6 +50,7 @@ EVERY = 2
 # Evaluating a state costs about as much as a step of a single run, less in a batch.
 N_PARTS = 20
 SHORTEST = 10  # looks of which one state is evaluated
+TURNED = 0.02  # rad, beyond which a rotation is a share of what forces that do not turn with it do
 LARGEST = 2**17  # displacements that are evaluated together, no more than stay in the cache
 
 
@@ -240,6 +242,7 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> Iter
             whose = "" if values.size == 1 else f"{int(too_far.sum())} of {values.size} samples: "
             worst = values[too_far][np.argmax(np.abs(values[too_far]))]
             yield warning(whose + text.format(f"{worst:.2g}"))
+    yield from _given_way(scene, np.atleast_1d(validity["elastic_rotation"]))
     continuum = [name for name, body in scene.bodies.items() if body.continuum and body.flexible]
     given = [name for name in continuum if scene.bodies[name].matrices is not None]
     meshed = [name for name in continuum if name not in given]
@@ -267,6 +270,19 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> Iter
         yield note(
             f"strain of {', '.join(by_coefficients)}: sections given by coefficients have no height; that of a "
             "circle with the same EI/EA is taken"
+        )
+
+
+def _given_way(scene: Scene, rotations: np.ndarray) -> Iterator[Remark]:
+    """Say where elastic joints turn bodies by so much that it is a share of what a model of first order has."""
+    elastic = [f"joints.{name}" for name, joint in scene.joints.items() if joint.elastic is not None]
+    largest = np.nanmax(rotations, initial=0.0)
+    if elastic and not scene.second_order and TURNED < largest <= ROTATION_LIMIT:
+        yield warning(
+            f"rotations of {largest:.2g} rad with what {', '.join(elastic)} give way: a model without terms of second "
+            f"order turns neither lengths nor forces by them, so that deformations, and places of what gives way, may "
+            f"be off by {100.0 * largest:.2g} to {300.0 * largest:.2g} %; estimated errors have that. Take terms of "
+            f"second order where bending is small (reduction.second_order), or {comparing(scene)}"
         )
 
 

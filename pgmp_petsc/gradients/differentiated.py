@@ -42,6 +42,7 @@ several models, ``y = sum_p L_p(l) y_p``, their derivative is ``sum_p L_p dy_p +
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
@@ -253,10 +254,17 @@ def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Lin
         moment[0][:, list(model.motions)] = 0.0
     elif given:
         still = replace(start, v=np.zeros_like(start.v), a=np.zeros_like(start.a))
-        at_rest, bent = linearisation.at(time, still, loaded=False), free.copy()
-        bent[: model.kinematics.n_coordinates] = False
-        pushed = at_rest.by_parameters[0] + moment[0] @ at_rest.by_q[0].T
-        moment[0][:, bent] = -_solved(at_rest.by_q[0], pushed, bent)
+        alone, bent = copy(model), free.copy()
+        alone.actions = model.actions.of_joints(model.kinematics.mechanism)
+        at_rest = Linearisation(alone, linearisation.values, linearisation.names).at(time, still, loaded=False)
+        if alone.actions.actions:
+            _require_rest(model)
+            moment[0] = _held(model, start.q, at_rest, linearisation, moment[0])
+            moment[0][:, list(model.motions)] = 0.0
+        else:
+            bent[: model.kinematics.n_coordinates] = False
+            pushed = at_rest.by_parameters[0] + moment[0] @ at_rest.by_q[0].T
+            moment[0][:, bent] = -_solved(at_rest.by_q[0], pushed, bent)
     named = velocity_names(model.scene)
     for k, coordinate in enumerate(model.kinematics.coordinates):
         for row, name in zip(moment[1], linearisation.names):
@@ -266,6 +274,18 @@ def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Lin
     moment[2][:, free] = -_solved(now.by_a[0], pushed, free)
     moment[3] = moment[2]
     return moment
+
+
+def _require_rest(model: ReducedModel | LengthLanes) -> None:
+    """Refuse a start that moves, where springs of elastic joints are in balance with joints that are off."""
+    named = velocity_names(model.scene)
+    for name, rate in zip(model.scene.coordinates, model.start[1]):
+        if rate or name in named:
+            raise InputError(
+                f"simulation.initial.{name}.velocity = {named.get(name, f'{rate:.6g}')}: joints are off beside elastic "
+                "ones, and derivatives of how their balance moves with the start are not known; let the run "
+                "begin at rest, or compare runs (--set)"
+            )
 
 
 def _solved(matrix: np.ndarray, rows: np.ndarray, free: np.ndarray) -> np.ndarray:

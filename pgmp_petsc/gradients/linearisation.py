@@ -71,8 +71,8 @@ class Linearisation:
 
         With a scheme they are those at the end of its steps, where the engine's iteration leaves a part of 1e-11 of the
         mechanism's size: little of the coordinates, but more of the accelerations. One more correction takes that away.
-        If asked for, the derivative with time in a given state is the last of those with the parameters, and loads and
-        local effects are left out where it is not `loaded`.
+        If asked for, the derivative with time in a given state is the last of those with the parameters, and loads are
+        left out where it is not `loaded`.
         """
         n_t, n = states.q.shape
         strengths = np.array([effect.strength.with_rates(times) for effect in self._load_effects]).reshape(-1, 3, n_t)
@@ -86,7 +86,7 @@ class Linearisation:
         result = Linearised(
             *(np.zeros((n_t, n, n)) for _ in range(3)), np.zeros((n_t, len(weights) - 1, n)), np.zeros((n_t, n))
         )
-        if loaded:
+        if self._local.present:
             self._local.add(times, states, result.by_q, result.by_v, result.by_parameters, result.residual)
         damping, gains = self._terms.damping, (0.0, 0.0) if scheme is None else (scheme.gain_v, scheme.gain_a)
         _linearise(

@@ -84,7 +84,7 @@ class LocalDerivatives:
         for row, name in zip(self._changes, names):
             for own, table in zip(quantities, row):
                 for k, quantity in enumerate(own):
-                    table[k] = quantity.coefficient * quantity.monomial.derivative(name, values)
+                    table[k] = quantity.derivative(name, values)
 
     @property
     def present(self) -> bool:

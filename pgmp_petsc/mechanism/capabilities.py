@@ -99,8 +99,11 @@ def _elastic(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.{joint.gives_way}" for name, joint in scene.joints.items() if joint.gives_way)
 
 
-def _off(scene: Scene) -> Iterator[str]:
-    return (f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset is not None)
+def _off_beside_clearance(scene: Scene) -> Iterator[str]:
+    loose = [name for name, joint in scene.joints.items() if joint.gives_way == "clearance"]
+    for name, joint in scene.joints.items():
+        if joint.offset is not None and loose and not scene.initial.equilibrium:
+            yield f"joints.{name}.offset with joints.{loose[0]}.clearance"
 
 
 def _riding_in_space(scene: Scene) -> Iterator[str]:
@@ -118,7 +121,7 @@ def _rigid_of_several_factors(scene: Scene) -> Iterator[str]:
 def _with(
     joints: Callable[[Scene], Iterable[str]], which: Callable[[Scene], Iterable[str]]
 ) -> Callable[[Scene], Iterator[str]]:
-    """Return what finds entries of a scene beside its elastic joints, or those that are off."""
+    """Return what finds entries of a scene beside its elastic joints."""
     return lambda scene: (f"{one} with {entry}" for one in which(scene) for entry in joints(scene))
 
 
@@ -241,19 +244,11 @@ FEATURES = (
         cure="compare pgmp simulate SCENE --full with reduced runs",
     ),
     Feature(
-        "elastic joints that are off themselves",
-        lambda scene: (entry for entry in _off(scene) if scene.joints[entry.split(".")[1]].elastic is not None),
-        EVERYWHERE,
-        why_not="not made for a joint with elastic, whose springs keep to where it should be",
-        cure="leave it out, or take an effect of type bushing in place of elastic",
-    ),
-    Feature(
-        "joints that are off beside elastic ones",
-        _with(_elastic, _off),
-        OF_THE_REDUCTION,
-        why_not="reduced models begin with what is built in without springs, which elastic joints need",
-        cure="leave it out, take pgmp simulate SCENE --full or --components, or effects of type bushing in place of "
-        "joints with elastic",
+        "joints that are off beside clearance",
+        _off_beside_clearance,
+        EVERYWHERE - {Purpose.MODES},
+        why_not="runs begin with what is built in without loads, and parts with room around them rest nowhere then",
+        cure="leave it out, or let the run start under its loads (initial.equilibrium = true)",
     ),
     Feature(
         "rigid beams in space with a section of parameters",

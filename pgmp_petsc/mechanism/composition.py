@@ -88,12 +88,8 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
         turning = in_a, in_b if space is SPATIAL else in_a
         entry = scene.joints.get(name)  # none of welds
         elastic, offset, loose = (None,) * 3 if entry is None else (entry.elastic, entry.offset, entry.clearance)
-        held, released, moved = statements, (), sides[0]
+        held, straight, released, moved = statements, statements, (), sides[0]
         riding = entry is not None and entry.rides and not sides[0].on_ground and bodies[sides[0].body].flexible
-        if elastic is not None:
-            first, second = (0.0 if s.on_ground else poses[s.body, -1] for s in sides)
-            rest = second - first if space is not SPATIAL else 0.0
-            held, released = parted(statements, (in_a, in_b), turn, rest, elastic, f"joints.{name}.elastic")
         if loose is not None:
             _refuse_room(scene, bodies, name, sides)
             held, released = loosened(statements, in_a, entry.loose)
@@ -101,10 +97,19 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
             place, turned = _off(scene, offset)
             moved = replace(moved, point=moved.point + place, arm=moved.arm + (0.0 if moved.on_ground else place))
             held = tuple(holds(turned @ in_a, in_b))
+        if elastic is not None:
+            first, second = (0.0 if s.on_ground else poses[s.body, -1] for s in sides)
+            rest = second - first if space is not SPATIAL else 0.0
+            placed = statements, (in_a, in_b), turn, rest, elastic, f"joints.{name}.elastic"
+            off = None if offset is None else (offset, turned, held)
+            straight, _ = held, released = parted(*placed)
+            if off is not None:
+                held, released = parted(*placed, off)
+        level = None if offset is None else tuple((part, sides) for part in straight)
         held = tuple((part, (moved, sides[1])) for part in held)
         if riding:
             held = tuple(ridden(in_a, in_b, _run(scene, bodies, name, sides[0], in_a[:, 0]), sides[1]))
-        connections.append(Connection(name, statements, *sides, rows, turning, held, released, offset is not None))
+        connections.append(Connection(name, statements, *sides, rows, turning, held, released, level))
         row = rows.stop
     return tuple(connections)
 

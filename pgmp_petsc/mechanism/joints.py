@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from pgmp_petsc.bodies.affine import AffineSum
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.statements import (
     IDENTITY,
@@ -123,7 +124,8 @@ class Release:
     statement: Statement  # what is measured along or about it
     key: str  # the entry of its stiffness, ``stiffness`` or ``turning_stiffness``
     axis: int  # the number of its axis
-    rest: float = 0.0  # the statement in the configuration, rad; along axes and of cosines it is zero
+    #: the statement without force, m or rad: in the configuration, and by how much the joint is off
+    rest: AffineSum = AffineSum(())
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +144,8 @@ class Connection:
     #: what is zero in the motion, with its sides: about a where the joint is, if it is off, or along a beam
     held: tuple[tuple[Statement | Combination, tuple[Attachment, ...]], ...]
     released: tuple[Release, ...]  # directions that are held in the configuration alone
-    off: bool = False  # whether it is not where it should be
+    #: what would be zero in the motion if it were where it should be; None if it is
+    level: tuple[tuple[Statement | Combination, tuple[Attachment, ...]], ...] | None = None
 
     @property
     def sides(self) -> tuple[Attachment, Attachment]:
@@ -161,7 +164,7 @@ class Connection:
     @property
     def straight(self) -> Connection:
         """The joint where it should be, if it is off."""
-        return replace(self, held=tuple(self.holding()), off=False) if self.off else self
+        return self if self.level is None else replace(self, held=self.level, level=None)
 
     def measure(self, motion: str) -> Statement:
         """Return what measures ``turning`` or ``sliding``."""

@@ -11,6 +11,11 @@ never does. With f the axes of the second body that are those of the first as th
 - all turning held: ``e_(k+2) . f_(k+1)``, the sine of a rotation about e_k; in the plane the rotation itself,
 - turning about e_j free: ``e_l . f_j``, l the third axis,
 - turning about two axes free: the joint's own statement.
+
+Where the joint is off by an offset (place, turn), what it holds is about the moved point and the turned axes. What it
+releases is measured where the joint should be, and its spring is at rest where the joint is: its length is the measure
+of place and turn, ``e_k . place`` along an axis. Both are the same to first order, and the offset is a factor of
+nothing: it is a parameter of the springs.
 """
 
 from __future__ import annotations
@@ -20,9 +25,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.bodies.affine import AffineSum, Quantity
 from pgmp_petsc.mechanism.joints import Release, triad
 from pgmp_petsc.mechanism.statements import ANGLE, Statement, along, angle, perpendicular
-from pgmp_petsc.scene.joints import DAMPED_BY, PARALLEL, Elastic
+from pgmp_petsc.scene.joints import DAMPED_BY, PARALLEL, TURNS, Elastic, Offset
 from pgmp_petsc.scene.messages import problem
 
 AXES = ("first", "second", "third")
@@ -35,6 +41,7 @@ def parted(
     rest: float,
     elastic: Elastic,
     entry: str,
+    off: tuple[Offset, np.ndarray, Sequence[Statement]] | None = None,
 ) -> tuple[tuple[Statement, ...], tuple[Release, ...]]:
     """Return what an elastic joint holds in the motion, and what it releases.
 
@@ -50,21 +57,23 @@ def parted(
         How far b is turned against a in the plane, as placed, rad.
     elastic, entry
         The table, and its name in the scene.
+    off
+        How far the joint is off, the rotation of its axes by that, shape (d, d), and its statements about these.
 
     Raises
     ------
     InputError
-        If it has a stiffness or damping where the joint is free, or its axes are oblique to those of the joint.
+        If it has a stiffness or damping where the joint is free, its axes are oblique to those of the joint, or the
+        joint is turned by an offset, so that what it releases is off by more the further it has moved.
     """
     in_a = triad(*(np.array(axis, dtype=float) for axis in elastic.reference))
     in_b, d = turn @ in_a, len(in_a)
-    own = {
-        "stiffness": [part for part in statements if part.is_length],
-        "turning_stiffness": [part for part in statements if not part.is_length],
-    }
-    slopes = {key: _slopes(parts, *joint) for key, parts in own.items()}
+    offset, turned, moved = off or (None, np.eye(d), statements)
+    own = {key: [k for k, part in enumerate(statements) if part.is_length == (key == "stiffness")] for key in DAMPED_BY}
+    slopes = {key: _slopes([statements[k] for k in rows], *joint) for key, rows in own.items()}
     held, released = [], []
-    for key, parts in own.items():
+    for key, rows in own.items():
+        parts = [moved[k] for k in rows]
         stiffness = getattr(elastic, key)
         if not stiffness:
             held += parts
@@ -76,14 +85,37 @@ def parted(
         if all(np.isinf(k) for k, of in zip(_numbers(stiffness), is_held) if of):
             held += parts
             continue
-        measures = _along(in_a) if key == "stiffness" else _about(in_a, in_b, is_held, parts)
+        if offset is not None and any(offset.turn):
+            _refuse_turned(key, is_held, f"{entry.removesuffix('elastic')}offset.turn", offset)
+
+        def measures(axes: np.ndarray, parts: list[Statement]) -> list[Statement | None]:
+            return _along(axes) if key == "stiffness" else _about(axes, in_b, is_held, parts)
+
+        exact, moving = measures(in_a, [statements[k] for k in rows]), measures(turned @ in_a, parts)
         for axis in np.flatnonzero(is_held):
             if stiffness[axis] == np.inf:
-                held.append(measures[axis])
+                held.append(moving[axis])
             else:
-                turns = measures[axis].kind == ANGLE
-                released.append(Release(measures[axis], key, int(axis), rest if turns else 0.0))
+                part = exact[axis]
+                at_rest = [Quantity(rest if part.kind == ANGLE else 0.0)]
+                if offset is not None:
+                    slope = np.concatenate(_slopes([part], *joint), axis=1)[0]
+                    given = (*(offset.place or (0.0,) * d), *(offset.turn or (0.0,) * TURNS[d]))
+                    at_rest += [Quantity.of(x) * float(s) for x, s in zip(given, slope) if abs(s) > PARALLEL]
+                released.append(Release(part, key, int(axis), AffineSum.total(*at_rest)))
     return tuple(held), tuple(released)
+
+
+def _refuse_turned(key: str, is_held: np.ndarray, entry: str, offset: Offset) -> None:
+    """Refuse axes that are turned by an offset where the joint moves on along them, or about several axes."""
+    if key == "stiffness" and not is_held.all():
+        words = "turns what the joint slides along, which it releases across that by more the further it slides"
+    elif np.count_nonzero(~is_held) > 1:
+        words = "turns what the joint turns about, and it turns about several axes"
+    else:
+        return
+    words += ": not made for a joint with elastic in these directions; take place, or inf for them"
+    raise InputError(problem(entry, words, list(offset.turn)))
 
 
 def loosened(

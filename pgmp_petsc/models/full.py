@@ -36,7 +36,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 from pgmp_petsc.stepping.second_order_system import Settled, State
-from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, settle
+from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, UNBALANCED, settle
 
 if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import FullFields
@@ -221,7 +221,10 @@ class FullModel:
             def deformed(at: np.ndarray) -> np.ndarray:
                 _, lost = statics.hold(at[None], np.ones(1, dtype=bool))
                 if lost[0]:
-                    self._refuse(self._residual(equations.start()[0][:, None]), theta)
+                    residual = self._residual(equations.start()[0][:, None])
+                    if self._furthest(residual)[2] == 0.0:
+                        raise InputError(UNBALANCED.format(statics.cause(0)))
+                    self._refuse(residual, theta)
                 return statics.unknowns()
 
             q = deformed(theta)
@@ -277,7 +280,7 @@ class FullModel:
                 text = f"{what} {residual[row]:.3g} {system.unit('m') if part.is_length else 'rad'}"
                 found.append((residual[row] / unit, connection.name, text))
                 row += 1
-        far, name, gap = max(found)
+        far, name, gap = max(found, default=(0.0, "", ""))
         return name, gap, far
 
     def settled(self, values: Mapping[str, np.ndarray], n_samples: int) -> Settled:

@@ -11,6 +11,8 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.effects import actions_of, effects_of, motions_of, start_of
+from pgmp_petsc.effects.effect import Effect
+from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.measures import Measures
@@ -26,7 +28,7 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.scene.uses import offset_values
 from pgmp_petsc.stepping.second_order_system import State
-from pgmp_petsc.stepping.static_equilibrium import settle
+from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, UNBALANCED, settle
 
 if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import ReducedFields
@@ -199,6 +201,36 @@ class ReducedModel:
         return self._of_all.local(eta)
 
 
+class Unloaded(Effect):
+    """An effect whose loads have no strength."""
+
+    strength = TimeFunction.constant(0.0)
+
+
+def _in_balance(
+    statics: ReducedStatics, scales: np.ndarray, start: tuple[np.ndarray, np.ndarray], n_samples: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return reduced coordinates and velocities (n_samples, n_eta) at the start, positions and rates of the joints'
+    coordinates, of a deformation that is in balance there and as the coordinates move.
+
+    Raises `InputError` where there is none.
+    """
+    theta, rates = (np.broadcast_to(part, (n_samples, scales.size)).astype(float) for part in start)
+
+    def deformed(at: np.ndarray) -> np.ndarray:
+        _, lost = statics.hold(at, np.ones(n_samples, dtype=bool))
+        if lost.any():
+            raise InputError(UNBALANCED.format(statics.cause(int(np.argmax(lost)))))
+        return statics.unknowns().T
+
+    q, v = deformed(theta), np.zeros((n_samples, statics.unknowns().shape[0]))
+    for k, scale in enumerate(scales):
+        if rates[:, k].any():
+            step = DIFFERENCE * scale * np.eye(scales.size)[k]
+            v += rates[:, k, None] * (deformed(theta + step) - deformed(theta - step)) / (2.0 * DIFFERENCE * scale)
+    return q, v
+
+
 def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
     """Return samples of a model, settled where runs start in static equilibrium.
 
@@ -212,6 +244,11 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
     own = model.scene.values | dict(values)
     given = offset_values(model.scene, own, n_samples)
     system = ReducedSystem(model.terms, model.effects, values, start, n_samples, model.motions, model.actions, given)
+    springs = model.actions.of_joints(model.kinematics.mechanism)
+    if springs.actions and system.built_in is not None and not model.scene.initial.equilibrium:
+        unloaded = [Unloaded(effect.name) for effect in model.effects]
+        alone = ReducedSystem(model.terms, unloaded, values, start, n_samples, actions=springs, given=given)
+        system.begin_at(*_in_balance(ReducedStatics(alone, angles), angles.scales, start, n_samples))
     if model.measures is not None:
         reconstruction = Reconstruction(
             model.kinematics, model.rom, model.scene.reduction.interpolation, model.measures.nodes

@@ -38,7 +38,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import offset_directions
 
 STEP = 1e-4  # of differences, rad or of the mechanism's size: gaps are linear in places, and off by its square in turns
-CLOSED = 1e-9  # share of a gap that displacements may leave
+CLOSED = 1e-9  # share of a gap that displacements may leave; of an offset, a gap that is round-off
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,9 @@ class BuiltIn:
     def __init__(self, problem: ModalProblem, scene: Scene, shapes: Mapping[str, BodyShape]) -> None:
         self._problem, self._n_held, self._closing = problem, problem.mechanism.n_held, Closing(problem)
         self._by, self._scene, self._shapes = offset_directions(scene), scene, shapes
-        self._steps = [_step(scene, size_of(problem.mechanism), name) for name in self._by]
+        size = size_of(problem.mechanism)
+        self._steps = [_step(scene, size, name) for name in self._by]
+        self._units = STEP * size / np.array(self._steps)  # of a gap that a unit of each offset may make, m
         self._gaps = [
             _Gap(self._off_by({name: step}), self._off_by({name: -step}), 2.0 * step)
             for name, step in zip(self._by, self._steps)
@@ -195,8 +197,9 @@ class BuiltIn:
         gaps = np.zeros((problem.constraints_at(poses).shape[0], len(self._gaps)))
         for column, gap in zip(gaps.T, self._gaps):
             column[: self._n_held] = gap.at(poses)
+        gaps[np.abs(gaps) < CLOSED * self._units] = 0.0  # what elastic joints take
         found, left = self._closing.at(modes, gaps, "stress that joints that are off build in")
-        if np.max(left) > CLOSED * np.max(np.abs(gaps)):
+        if np.max(left, initial=0.0) > CLOSED * np.max(np.abs(gaps), initial=0.0):
             self._refuse(left, problem.kinematics.describe(modes.theta))
         return found
 

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.effects.action import Action, compile_actions, counted_from
+from pgmp_petsc.effects.action import NOTHING, Action, compile_actions, counted_from
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.motion import Motion
 from pgmp_petsc.effects.time_function import TimeFunction, joined
 from pgmp_petsc.lanes.vectors import N_POWERS
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import ANGLE, Statement
 from pgmp_petsc.reduced.action_frames import Places
 from pgmp_petsc.reduced.action_kernel import Chosen, LocalEffects
@@ -100,6 +101,17 @@ class ReducedActions:
         empty, nowhere, whole = np.zeros((1, 1, 0)), (Grid(0.0, 1.0, 1, False),) * n_theta, np.zeros(1, dtype=np.int64)
         sides = np.zeros((0, 2), dtype=np.int64)
         return cls((), Places(nowhere, empty, empty, whole, np.zeros((0, n_theta)), sides, 0))
+
+    def of_joints(self, mechanism: Mechanism) -> ReducedActions:
+        """Return the springs of elastic joints and couplings alone, where others act nowhere; none without them."""
+        own = {part.statement for one in mechanism.connections for part in one.released}
+        own |= {one.combination for one in mechanism.couplings if one.elastic}
+        if not any(action.statement in own for action in self.actions):
+            return self.none(self.places.winding.shape[1])
+        nothing = {"law": NOTHING, "parameters": (), "amplitude": None, "led": False}
+        return replace(
+            self, actions=tuple(one if one.statement in own else replace(one, **nothing) for one in self.actions)
+        )
 
     @property
     def edges(self) -> list[tuple[int, int]]:

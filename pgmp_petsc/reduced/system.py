@@ -250,6 +250,7 @@ class ReducedSystem(SecondOrderSystem):
         names = [effect.name for effect in self._load_effects]
         self._actions = actions or ReducedActions.none(len(layout.rigid))
         self.built_in = given if tables.n_given else None
+        self._begun: tuple[np.ndarray, np.ndarray] | None = None
         self._prescribed = tables.prescribed(motions)
         self._is_rigid = np.arange(self.n_eta) < tables.n_coordinates
         self._lanes = ReducedLanes(terms, self._actions, names, values, self._prescribed, n_samples)
@@ -297,7 +298,9 @@ class ReducedSystem(SecondOrderSystem):
         r = self.tables.n_coordinates
         q = self.undeformed(self._initial[0])
         v = np.zeros_like(q)
-        if self.settled is None:
+        if self._begun is not None:
+            q, v = (part.copy() for part in self._begun)
+        elif self.settled is None:
             if self.built_in is not None:
                 self._answer_offsets(q)
             v[:, :r] = self._initial[1]
@@ -347,6 +350,10 @@ class ReducedSystem(SecondOrderSystem):
         size, gains = self._lanes.zeros(), (scheme.gain_v, scheme.gain_a)
         correct(equations, memory, strengths, _parts(state), gains, self._lanes.sets(active), np.bool_(fresh), size)
         return self._lanes.unpacked(size).copy()
+
+    def begin_at(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Let the samples start from coordinates and velocities (n_samples, n_eta)."""
+        self._begun = q, v
 
     def settle(self, settled: Settled) -> None:
         """Let the samples start at rest in static equilibria."""

@@ -308,7 +308,9 @@ def displacement_scale(projection: np.ndarray, size: float, dimension: int = 2) 
     Returns
     -------
     ndarray, shape (n_delta,)
+        1 of one without any displacement: of an offset that an elastic joint takes.
     """
     node = [1.0 / size] * dimension + [1.0] * (1 if dimension == 2 else 3)
     units = np.tile(node, projection.shape[1] // len(node))
-    return np.max(np.abs(projection) * units[:, None], axis=(0, 1))
+    found = np.max(np.abs(projection) * units[:, None], axis=(0, 1))
+    return np.where(found > 0.0, found, 1.0)

@@ -278,6 +278,10 @@ def _nowhere(search: Search, theta: np.ndarray, origin: np.ndarray, torques: np.
 
 
 BUILT_IN = "the run starts with the stress that joints that are off build in, without loads, and lets the mechanism go"
+UNBALANCED = (
+    "joints: no balance of springs of elastic joints and bodies was found at the start, which is to answer joints that "
+    "are off: {}. A direction that an elastic joint releases needs a stiffness, there or in another joint"
+)
 ELSEWHERE = "begin elsewhere (simulation.initial) to find the one that it falls to"
 
 

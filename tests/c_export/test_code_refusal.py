@@ -31,10 +31,6 @@ def loaded(name: str) -> Scene:
     ("scene", "entry"),
     [
         (lambda: loaded("platform_3rrr"), "coordinates: a model in C has one or two rigid coordinates, not 3"),
-        (
-            lambda: quick_return("initial.equilibrium=true", "simulation.initial.theta.velocity=0.0"),
-            "initial.equilibrium: a model in C starts undeformed",
-        ),
         (lambda: scene_of("slider_crank", "simulation.tolerance=0.01"), "simulation.tolerance: the step"),
         (lambda: with_field(), "fields.stiff: a model in C has no random fields"),
     ],

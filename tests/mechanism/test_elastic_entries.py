@@ -35,6 +35,8 @@ joints.hub.elastic={reference=[[1.0,0.0]],turning_stiffness=[0.0],turning_dampin
 effects.one={type="gravity"} -> effects.one: joints.one has elastic, and its forces have this name
 """)
 IN_SPACE = cases("""
+joints.right.offset={turn=[0.0, 1e-3, 0.0]} -> joints.right.offset.turn = [0.0, 0.001, 0.0]: turns what the joint slides
+    along, which it releases across that by more the further it slides
 joints.left.elastic.reference=[[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]] -> = [[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]: the axes
     must not be parallel
 joints.left.elastic.reference=[[1.0, 0.0, 0.0]] -> = [[1.0, 0.0, 0.0]]: two axes of three numbers
@@ -68,7 +70,7 @@ def test_refused_in_space(asked, said):
 def test_refused_on_several_ranks(tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(scene_to_toml(rotor()))
-    asked = (IN_SPACE[4][0], IN_SPACE[0][0])
+    asked = (IN_SPACE[5][0], IN_SPACE[1][0])
     for said in refused(3, [["modes", scene, *overridden(one), "-o", tmp_path / "m.h5"] for one in asked]):
         assert said.count("joints.left.elastic") == 1
 
@@ -80,7 +82,12 @@ def test_infinity_is_written_and_read():
 
 LENGTH = ("parameters.l={nominal=0.3,bounds=[0.29,0.31]}", "bodies.crank.line.length='l'")
 AUTOMATIC = ("reduction.effects='auto'", "effects={}")
+PLAY = (
+    "joints.hub.clearance={radius=1e-4,stiffness=5e8,restitution=0.9,restitution_speed=0.1}",
+    "joints.one.offset={place=[0.0,1e-3]}",
+)
 NOT_WITH_THESE = {
+    "off beside room": (Purpose.BUILD, PLAY, "joints.one.offset with joints.hub.clearance: runs begin with what is"),
     "preload": (Purpose.MODES, ("reduction.preload=true",), "reduction.preload = true with joints.one.elastic: the"),
     "sizes": (Purpose.SIZES, (), "joints.one.elastic: sizes of effects are those on rigid joints"),
     "automatic": (Purpose.BUILD, AUTOMATIC, 'reduction.effects = "auto" with joints.one.elastic: effects are chosen'),

@@ -23,8 +23,10 @@ from scipy.linalg import eigh
 
 from pgmp_petsc.api.sources import scene_of_rom
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.c_export.constants import started
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.modes_table import reduced_vibrations, springs_of
 from scenes import STEEL
@@ -177,6 +179,82 @@ def test_derivatives_by_stiffness_and_damping_are_central_differences():
 @exported.needs_compiler
 def test_c_code_runs_as_the_model(tmp_path):
     exported.assert_same_in_c(reduced_model(machine(*REDUCED)), tmp_path)
+
+
+MOVED = (
+    *REDUCED[:2], "simulation={duration=0.02,step=2e-4,initial={theta={position=0.7}}}",
+    "parameters.up={nominal=1e-3,unit='m'}", "parameters.aside={nominal=-5e-4,unit='m'}",
+    "parameters.tilt={nominal=1e-3,unit='rad'}",
+    "joints.one.offset={place=[2e-4,'up'],turn=['tilt']}", "joints.two.offset={place=['up','aside']}",
+)  # fmt: skip
+TURNED = (
+    "joints.one.elastic={reference=[[1.0,1.0]],stiffness=[inf,'k'],turning_stiffness=[2e4]}",
+    "joints.two.elastic={reference=[[1.0,1.0]],stiffness=[1e6,'k'],turning_stiffness=[inf]}",
+    "joints.two.offset.turn=[1e-3]",
+)  # fmt: skip
+SPUN = ("simulation.initial.theta.velocity=5.0",)
+
+
+@pytest.mark.parametrize("more", [(), SPUN, TURNED, (*TURNED, "reduction.second_order=true")])
+def test_mounts_that_are_off_themselves(more):
+    """Reduced against full-order runs, at other offsets and stiffness too; what is left halves to a quarter with the
+    offset. The frame follows its mounts where these allow it, and oblique axes have sums of offsets."""
+    scene, off = machine(*MOVED, *more, "effects={}"), []
+    models = {name: MODELS[name](scene) for name in ("full", "reduced", "components")}
+    for share in (1.0, 0.5):
+        values = {"up": 2e-3 * share, "aside": -1e-3 * share, "tilt": 2e-3 * share, "k": 3e6}
+        if share < 1.0:
+            halved = "joints.one.offset.place=[1e-4,'up']", *(["joints.two.offset.turn=[5e-4]"] * ("turn" in str(more)))
+            scene = machine(*MOVED, *more, "effects={}", *halved)
+            models = {name: MODELS[name](scene) for name in models}
+        full, reduced, components = (_outputs(model, scene, **values) for model in models.values())
+        for name in ("lift", "bent"):
+            largest = np.max(np.abs(full[name]))
+            assert np.max(np.abs(components[name] - full[name])) < 2e-3 * largest, name
+            assert np.max(np.abs(reduced[name] - full[name])) < 6e-3 * largest, (
+                name
+            )  # of second order in 2 mm and 4 mrad
+        off.append(np.array([abs(reduced[name][0] - full[name][0]) for name in ("lift", "bent")]))
+    assert np.all((off[1] < 0.4 * off[0]) | (off[0] < 1e-9)), off
+
+
+def test_a_frame_follows_its_mounts():
+    """One is 1 mm up: its end is there, the middle half as far, whatever the springs, in every model."""
+    scene = machine("joints.one.offset={place=[0.0,1e-3]}", "effects={}", *PLACED, "simulation.duration=2e-3")
+    for name, make in MODELS.items():
+        found = _outputs(make(scene), scene)
+        assert [found["left"][0], found["mid"][0]] == pytest.approx([1e-3, 5e-4], rel=1e-6), name
+
+
+def test_an_offset_without_a_balance_is_refused():
+    """Nothing holds the left mount upwards, and a reduced run has no place to start from."""
+    loose = "joints.one.elastic={reference=[[1.0,0.0]],stiffness=[1e6,0.0],turning_stiffness=[0.0]}"
+    model = reduced_model(machine(loose, "joints.one.offset={place=[0.0,1e-3]}", "effects={}"))
+    with pytest.raises(InputError, match="no balance of springs .* A direction that an elastic joint releases needs"):
+        motion(model)
+
+
+PLACED = (
+    "outputs={left={type='displacement',point='frame:hinge',axis='y'},mid={type='displacement',point='frame:middle',axis='y'}}",
+)
+
+
+def test_derivatives_by_offsets_of_elastic_joints_are_central_differences():
+    # the joint's angle is a small difference of coordinates that turn by much more, with 6e-6
+    outputs = "outputs={lift={type='displacement',point='frame:tip',axis='y'}}"
+    model = reduced_model(machine(*MOVED, "effects.motor.table=[[0.0,40.0],[1.0,40.0]]", outputs))
+    compare(model, (1e-1, 1e-2), "k", "up", "aside")
+    moving = machine(*MOVED, *SPUN)
+    with pytest.raises(InputError, match="simulation.initial.theta.velocity = 5: joints are off beside elastic ones"):
+        compare(ReducedModel(moving, model.rom))
+
+
+@exported.needs_compiler
+@pytest.mark.parametrize("start", [MOVED, ("initial.equilibrium=true", *REDUCED[:2])])
+def test_c_code_starts_from_the_balance_of_its_export(start, tmp_path):
+    model = reduced_model(machine(*start, "effects.weight={type='gravity'}", "simulation.step=1e-3"))
+    exported.assert_same_in_c(model, tmp_path)
+    assert started(model).startswith("note: it starts from the state of pgmp simulate at the parameters of this export")
 
 
 def test_errors_are_estimated_within_a_factor_of_three():

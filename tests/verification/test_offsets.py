@@ -10,11 +10,10 @@ from machine_scenes import MODELS
 from mpi4py import MPI
 from offset_scenes import CLAMPED, SHEAR, E, G, clamped_beam, clamped_stiffness, offset
 from refusals import cases, check_said
-from runs import PGMP, full_model, overridden, read_meshes
+from runs import PGMP, full_model, motion, overridden
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.full.systems import FullStatics
-from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.simulate import simulate
@@ -257,21 +256,29 @@ def test_springs_of_elastic_joints_give_way_to_offsets(kind: str) -> None:
     assert float(energies.potential["left"][0]) == pytest.approx(0.5 * (stiffness * own) ** 2 / k, rel=2e-3)
 
 
-ELASTIC = cases("""
-FULL, right -> joints.right.offset: not made for a joint with elastic
-BUILD, left -> joints.right.offset with joints.left.elastic: reduced models begin with what is built in without springs
-CHECK, left -> joints.right.offset with joints.left.elastic: reduced models begin with what is built in without springs
-""")
+def sprung_end(kind: str, k: float) -> np.ndarray:
+    """Return force and moment on the end of a clamped beam, off and on springs, rigid ones where k is infinite."""
+    acts = "{f={type='joint_force',joint='right',component='y'},m={type='joint_torque',joint='right'}}"
+    given = offset("right", place=[0.0, OFF[0]], turn=[OFF[1]]), "bodies.beam.line.elements=32", f"outputs={acts}"
+    elastic = f"joints.right.elastic={{reference=[[1.0,0.0]],stiffness=[inf,{k}],turning_stiffness=[{TURNING * k}]}}"
+    found = motion(kind, clamped_beam(*given, elastic)).outputs
+    return np.abs([found["f"][0], found["m"][0]])
 
 
-@pytest.mark.parametrize(("asked", "said"), ELASTIC)
-def test_what_is_refused_of_elastic_joints_beside_offsets(asked: str, said: str) -> None:
-    purpose, joint = asked.split(", ")
-    soft = f"joints.{joint}.elastic={{reference=[[1.0,0.0]],stiffness=[1e6,1e6]}}"
-    scene = clamped_beam(offset("right", place=[0.0, 1e-5]), soft)
-    with pytest.raises(InputError) as error:
-        check_capabilities(scene, Purpose[purpose], read_meshes(scene))
-    check_said(str(error.value), said, asked)
+OFF, TURNING = np.array([1e-5, 2e-5]), 1e-2  # m and rad; N m/rad for 1 N/m
+
+
+@pytest.mark.parametrize("kind", list(MODELS))
+def test_the_spring_of_a_joint_that_is_off_itself_is_in_series_with_the_beam(kind: str) -> None:
+    """Both have one force, and the rigid joint's with stiffness to infinity, first order in 1 / k."""
+    found = {k: sprung_end(kind, k) for k in (3e5, 1e9, 1e10, np.inf)}
+    for k, forces in found.items():
+        series = np.linalg.inv(clamped_stiffness()) + np.diag([1.0, 1.0 / TURNING]) / k
+        np.testing.assert_allclose(
+            forces, np.abs(np.linalg.solve(series, OFF)), rtol=2e-3
+        )  # 32 elements, of first order
+    ratios = (found[1e9] - found[np.inf]) / (found[1e10] - found[np.inf])
+    np.testing.assert_allclose(ratios, 10.0, rtol=0.01)
 
 
 @pytest.mark.parametrize("ranks", [1, 3])

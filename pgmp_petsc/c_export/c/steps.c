@@ -129,8 +129,8 @@ void pgmp_start(struct pgmp_model *m) {
     m->number = 0, m->validity = 0, m->correction = 0.0, m->contraction = FIRST_CONTRACTION;
     for (int i = 0; i < N; i++) m->q[i] = m->v[i] = 0.0;
     pgmp_weigh(m);
-    for (int k = 0; k < R; k++) m->q[k] = start_position[k], m->v[k] = start_velocity[k];
-    answer_offsets(m);
+    for (int i = 0; i < (BALANCED ? N - N_GIVEN : R); i++) m->q[i] = start_coordinates[i], m->v[i] = start_rates[i];
+    if (!BALANCED) answer_offsets(m);
     pgmp_accelerate(m, 0.0, 0.0);
     find_depths(m, m->q, depths);
     for (int e = 0; e < N_EDGES; e++) m->beyond[e] = depths[e] > 0.0;

@@ -45,7 +45,7 @@ extern const double branch_table[N_BRANCH_PARTS][N_BRANCH][N_BODIES][N_POSE];
 extern const double actions_table[AT_LEAST_ONE(N_FINE)][AT_LEAST_ONE(N_ACTION_ENTRIES)];
 extern const int load_of_term[], strength_of_load[], action_nodes[], function_pieces[];
 extern const double parameter_values[], parameter_lower[], parameter_upper[], scale[], winding[R][N_BODIES];
-extern const double node_points[AT_LEAST_ONE(N_NODES)][D], start_position[R], start_velocity[R];
+extern const double node_points[AT_LEAST_ONE(N_NODES)][D], start_coordinates[N], start_rates[N];
 extern const double closure_wanted[];
 extern const int node_bodies[];
 extern const struct piece pieces[];
