@@ -1,4 +1,5 @@
-"""The motion that is to be expected of a scene: that of its mechanism with rigid bodies, under all that acts on it."""
+"""The motion that is to be expected of a scene: that of its mechanism with rigid bodies and locked elastic joints, under
+all that acts on it."""
 
 from __future__ import annotations
 
@@ -125,9 +126,10 @@ def _with_rigid_bodies(scene: Scene) -> Scene:
         )
     materials = {name: valued(material, quantities_of(type(material))) for name, material in scene.materials.items()}
     effects = {k: effect for k, effect in scene.effects.items() if not effect.on_vibrations}
-    # rigid bodies do not give way to joints that are off
+    # rigid bodies do not give way to joints that are off; the mechanism is that of elastic joints that are locked
     joints = {
-        k: joint.model_copy(update={"offset": None}) if joint.offset else joint for k, joint in scene.joints.items()
+        k: joint.model_copy(update=dict.fromkeys({"offset", "elastic"} & {*type(joint).model_fields}))
+        for k, joint in scene.joints.items()
     }
     # stresses are those of flexible bodies alone
     changed = {"bodies": bodies, "joints": joints, "materials": materials, "effects": effects}
