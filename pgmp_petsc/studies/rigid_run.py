@@ -1,5 +1,5 @@
-"""The motion that is to be expected of a scene: that of its mechanism with rigid bodies and locked elastic joints, under
-all that acts on it."""
+"""The motion that is to be expected of a scene: that of its mechanism with rigid bodies and locked elastic joints,
+under all that acts on it."""
 
 from __future__ import annotations
 

@@ -91,7 +91,9 @@ NOT_WITH_THESE = {
     "preload": (Purpose.MODES, ("reduction.preload=true",), "reduction.preload = true with joints.one.elastic: the"),
     "sizes": (Purpose.SIZES, PLAY[:1], "joints.hub.clearance: sizes of effects are those on joints without room"),
     "automatic": (
-        Purpose.BUILD, (*AUTOMATIC, PLAY[0]), 'reduction.effects = "auto" with joints.hub.clearance: effects are chosen'
+        Purpose.BUILD,
+        (*AUTOMATIC, PLAY[0]),
+        'reduction.effects = "auto" with joints.hub.clearance: effects are chosen',
     ),
     "lengths": (Purpose.BUILD, LENGTH, 'bodies.crank.line.length = "l" with joints.one.elastic: models at several'),
 }
