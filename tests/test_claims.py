@@ -18,14 +18,14 @@ from mpi4py import MPI
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.files import claims
-from pgmp_petsc.files.claims import OutputLock, check_output, claimed, lock_path, partial_path
+from pgmp_petsc.files.claims import check_output, claimed, lock_path, locked, partial_path
 from pgmp_petsc.files.hdf5 import RunRecord, write_file
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from pgmp_petsc.files.claims import OutputLock
-with OutputLock(Path(sys.argv[1])):
+from pgmp_petsc.files.claims import locked
+with locked(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(600)
 """
@@ -34,11 +34,11 @@ COMPETE = """
 import sys, time
 from pathlib import Path
 from pgmp_petsc.files import claims
-from pgmp_petsc.files.claims import OutputLock
+from pgmp_petsc.files.claims import locked
 claims.PATIENCE = 600.0
 output, inside = Path(sys.argv[1]), Path(sys.argv[1] + ".inside")
 for _ in range(40):
-    with OutputLock(output):
+    with locked(output):
         inside.open("x").close()
         time.sleep(0.001)
         inside.unlink()
@@ -224,7 +224,7 @@ def test_a_second_job_is_refused(tmp_path: Path, holder: subprocess.Popen[str], 
 def test_an_owner_that_does_not_say_its_name(tmp_path: Path, holder: subprocess.Popen[str], impatient: None) -> None:
     lock_path(tmp_path / "f.h5").write_text("[1")
     with pytest.raises(InputError, match=r"is being written by another job \(see '.*\.f\.h5\.lock'\)"):
-        with OutputLock(tmp_path / "f.h5"):
+        with locked(tmp_path / "f.h5"):
             pass
 
 
@@ -235,7 +235,7 @@ def test_a_dead_owner_s_lock_is_taken_over(tmp_path: Path, holder: subprocess.Po
     begun, other = (partial_path(tmp_path / "f.h5", process) for process in (holder.pid, os.getpid()))
     for partial in (begun, other):  # what it was writing, and what somebody else is
         partial.write_text("")
-    with OutputLock(tmp_path / "f.h5"):
+    with locked(tmp_path / "f.h5"):
         assert json.loads(lock_path(tmp_path / "f.h5").read_text())["pid"] == os.getpid()
     assert list(tmp_path.iterdir()) == [other]
 
@@ -243,7 +243,7 @@ def test_a_dead_owner_s_lock_is_taken_over(tmp_path: Path, holder: subprocess.Po
 def test_a_job_that_is_about_to_end_is_waited_for(tmp_path: Path, holder: subprocess.Popen[str]) -> None:
     ending = threading.Timer(0.2, holder.kill)
     ending.start()
-    with OutputLock(tmp_path / "f.h5"):
+    with locked(tmp_path / "f.h5"):
         ending.join()
 
 

@@ -19,7 +19,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.ranks.agreement import on_root
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.check import describe_scene, describe_trial, summary_of_scene
-from pgmp_petsc.studies.inputs import scene_and_meshes
+from pgmp_petsc.studies.inputs import read_scene
 
 if TYPE_CHECKING:
     from pgmp_petsc.components.condensing import Trial
@@ -107,7 +107,7 @@ def check(
     if target is not None:
         on_root(comm, check_output, target, "picture", inputs)
     purpose = Purpose.SIZES if effects else Purpose.CHECK
-    loaded, meshes = scene_and_meshes(scene, purpose, overrides, parameters, comm)
+    loaded, meshes = read_scene(scene, overrides, parameters, comm, purpose)
     text = on_root(comm, describe_scene, loaded, meshes)
     tell(comm, text)
     tell_remarks(comm, loaded.remarks)

@@ -254,9 +254,10 @@ def montecarlo(
     """
     start, comm = time.monotonic(), solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        asked = Request.of(n, seed, sampler, samples, shard, correct, stopping, model or REDUCED)
+        table = Path(samples) if isinstance(samples, (str, PathLike)) else samples
+        asked = Request(n, seed, sampler, table, shard, correct, stopping or Stopping(), model or REDUCED).checked()
         _check_sharing(ranks_per_sample, asked.model)
-        origin = Origin.of(source, model, (*overrides, *asked.overrides), parameters)
+        origin = Origin.of(source, model, (*overrides, *drawn_by(sampler)), parameters)
 
     def check(scene: Scene) -> None:
         refuse_drawn(scene, origin.settings)

@@ -115,7 +115,7 @@ def _shape(file: Path, mode: int, at: Mapping[str, float], comm: Comm) -> ModeSh
     """Return a mode of a reduced model. Collective on `comm`."""
     from pgmp_petsc.api.sources import read_rom
     from pgmp_petsc.models import ReducedModel  # takes a noticeable time
-    from pgmp_petsc.studies.mode_shapes import mode_shape
+    from pgmp_petsc.studies.field_frames import mode_shape
 
     scene, rom = read_rom(file, (), (), comm)
     return on_root(comm, lambda: mode_shape(ReducedModel(scene, rom), mode, at))

@@ -21,7 +21,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.building import build as build_model
-from pgmp_petsc.studies.inputs import scene_and_meshes
+from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.modes_table import tabulate_modes
 from pgmp_petsc.texts.models import report_of_build, report_of_modes
 from pgmp_petsc.texts.studies import report_of_tradeoff
@@ -49,7 +49,7 @@ def frequencies(
     comm = solving_ranks_of(comm)
     inputs = [fspath(one) for one in (scene, rom) if isinstance(one, (str, PathLike))]
     with keeping("modes", comm, output, on_all_ranks, inputs) as keeper:
-        loaded, meshes = scene_and_meshes(scene, Purpose.MODES, overrides, parameters, comm)
+        loaded, meshes = read_scene(scene, overrides, parameters, comm, Purpose.MODES)
         tell_remarks(comm, loaded.remarks)
         reduced = None if rom is None else model_of_rom(rom, comm)
         with RankGroup.split(comm, ranks_per_angle) as group:
@@ -89,7 +89,7 @@ def build(
     comm = solving_ranks_of(comm)
     inputs = () if isinstance(scene, Scene) else (fspath(scene),)
     with keeping("rom", comm, output, on_all_ranks, inputs) as keeper:
-        loaded, meshes = scene_and_meshes(scene, Purpose.BUILD, overrides, parameters, comm)
+        loaded, meshes = read_scene(scene, overrides, parameters, comm, Purpose.BUILD)
         tell_remarks(comm, loaded.remarks)
         with RankGroup.split(comm, ranks_per_angle) as group:
             built = build_model(loaded, meshes, group, lambda text: tell(comm, text), keeper.output, resume)
@@ -130,7 +130,7 @@ def tradeoff(
     comm = solving_ranks_of(comm)
     inputs = () if isinstance(scene, Scene) else (fspath(scene),)
     with keeping("tradeoff", comm, output, on_all_ranks, inputs) as keeper:
-        loaded, meshes = scene_and_meshes(scene, Purpose.TRADEOFF, overrides, parameters, comm)
+        loaded, meshes = read_scene(scene, overrides, parameters, comm, Purpose.TRADEOFF)
         kind, finished = {"command": "tradeoff", "quick": quick}, None
         if keeper.output is not None:
             finished = Finished(keeper.output, kind, loaded, meshes, comm, resume)

@@ -12,15 +12,16 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+from pgmp_petsc.api.sources import PURPOSES, mesh_model
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.ensemble.plan import MOST_SAMPLES, Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.sample_file import Columns, called, read_samples
 from pgmp_petsc.ensemble.stopping import Stop, read_rule
-from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mechanism.capabilities import check_capabilities
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.reduction.rom import outside_of, refuse_beyond
 from pgmp_petsc.scene import Scene
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
 
 
 MODELS = ("reduced", "components", "full")  # from worse to better
-PURPOSES = {"components": Purpose.COMPONENTS, "full": Purpose.FULL}
 MOST_DIVISOR = 1000
 FORM = re.compile(r"(?:(?P<scene>.+):)?(?P<model>[a-z]+)(?:/(?P<divisor>\d{1,4}))?=(?P<count>\d{1,9}|auto)")
 ALLOWED = "[SCENE:]MODEL[/D]=K with full, components or reduced, steps D times as short, and K samples or auto"
@@ -146,12 +146,7 @@ def _model(one: Correction, own: Model, source: object, comm: Comm) -> Model:
     with agreed(comm, f"preparing {one.name}"):
         check_capabilities(scene, PURPOSES[one.model], meshes)
         check_stresses(scene, meshes)
-    if one.model == "components":
-        from pgmp_petsc.bench.reference import component_model  # eigensolvers take a noticeable time
-
-        return component_model(scene, meshes, comm)
-    with agreed(comm, "preparing the full-order model"):
-        return FullModel(scene, meshes)
+    return mesh_model(scene, meshes, one.model, comm)
 
 
 def _scene_of(scene: Scene, divisor: int) -> Scene:
@@ -223,41 +218,17 @@ class Request:
     stopping: Stopping
     model: str  # name of the ensemble's own model
 
-    @classmethod
-    def of(
-        cls,
-        n: int | None,
-        seed: int,
-        sampler: str | None,
-        samples: str | PathLike[str] | Columns | None,
-        shard: Shard | None,
-        correct: Sequence[Correction],
-        stopping: Stopping | None,
-        model: str,
-    ) -> Request:
-        """Return what the arguments of a call ask for; refuse what does not fit together."""
-        if shard is not None:
-            whole = all(isinstance(value, int) for value in (shard.number, shard.count))
-            if not whole or not 1 <= shard.number <= shard.count:
-                raise InputError(f"--shard {shard}: allowed are I/K with I from 1 to K, such as 2/8")
-        found = cls(
-            n, seed, sampler, Path(samples) if isinstance(samples, (str, PathLike)) else samples, shard, tuple(correct),
-            stopping or Stopping(), model,
-        )  # fmt: skip
-        found._check()
-        return replace(found, correct=in_order(found.correct, model, n))
-
-    @property
-    def overrides(self) -> tuple[str, ...]:
-        """Entries of the scene that it changes."""
-        return drawn_by(self.sampler)
-
     @property
     def kind(self) -> str:
         """Of the result."""
         return "ensemble" if self.shard is None else "shard"
 
-    def _check(self) -> None:
+    def checked(self) -> Request:
+        """Return the request with better models in order; refuse what does not fit together."""
+        if self.shard is not None:
+            whole = all(isinstance(value, int) for value in (self.shard.number, self.shard.count))
+            if not whole or not 1 <= self.shard.number <= self.shard.count:
+                raise InputError(f"--shard {self.shard}: allowed are I/K with I from 1 to K, such as 2/8")
         self.stopping.check()
         wanted, rules, seconds = self.correct, self.stopping.until, self.stopping.budget
         free = [one for one in wanted if one.n is None]
@@ -279,6 +250,7 @@ class Request:
             why += f"; take {wanted[0].name}=auto, or leave --budget out"
         if why:
             raise InputError(why)
+        return replace(self, correct=in_order(wanted, self.model, self.n))
 
     def check_scene(self, scene: Scene) -> None:
         """Refuse scenes whose shards would not be parts of one ensemble."""

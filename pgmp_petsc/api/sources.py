@@ -25,7 +25,7 @@ from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.reduction.rom import ReducedOrderModel, check_served, served_ranges
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.studies.inputs import scene_and_meshes
+from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.plausibility import plausibility
 
 Named = str | PathLike[str]
@@ -82,27 +82,26 @@ class Origin:
         it may return another scene to take. Raises `InputError` if it cannot be read, or has what its kind of model
         cannot have.
         """
-        rom, meshes = None, {}
         if self.model == REDUCED and isinstance(self.source, Rom):
             rom = self.source.data.rom
-            scene = on_root(comm, self._scene_of, rom)
+            scene = on_root(comm, scene_of_rom, rom, self.directory, self.overrides, self.settings, self.name)
         elif self.model == REDUCED:
             scene, rom = read_rom(Path(self.source), self.overrides, self.settings, comm)
         else:
-            scene, meshes = scene_and_meshes(self.source, PURPOSES[self.model], self.overrides, self.settings, comm)
+            scene, meshes = read_scene(self.source, self.overrides, self.settings, comm, PURPOSES[self.model])
         with agreed(comm, "looking at the scene"):
             scene = check(scene) or scene
         tell_remarks(comm, scene.remarks if told else ())
-        return reduced_model(scene, rom, comm) if rom is not None else mesh_model(scene, meshes, self.model, comm)
+        if self.model != REDUCED:
+            return mesh_model(scene, meshes, self.model, comm)
+        with agreed(comm, "preparing the reduced model"):
+            return ReducedModel(scene, rom)
 
     def settled(self, comm: Comm, check: Callable[[Scene], None] = lambda scene: None, many: bool = False) -> Model:
         """Return the model with the step that its tolerance asks for, of one run or of many. Collective on `comm`."""
         model, remark = settled(self.prepared(comm, check), comm, many)
         tell(comm, remark)
         return model
-
-    def _scene_of(self, rom: object) -> Scene:
-        return scene_of_rom(rom, self.directory, self.overrides, self.settings, self.name)
 
 
 def read_rom(
@@ -185,12 +184,6 @@ def _refuse(entry: str, name: object) -> None:
         "correlation, the numbers of loads, joints' forces, elastic joints and motions, and controllers but for their "
         "joints may be changed"
     )
-
-
-def reduced_model(scene: Scene, rom: ReducedOrderModel, comm: Comm) -> ReducedModel:
-    """Return the reduced model of a scene. Collective on `comm`."""
-    with agreed(comm, "preparing the reduced model"):
-        return ReducedModel(scene, rom)
 
 
 def mesh_model(scene: Scene, meshes: Mapping[str, BodyShape], name: str, comm: Comm) -> Model:

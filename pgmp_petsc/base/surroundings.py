@@ -1,12 +1,8 @@
 """Surroundings of a process before it works: standard streams that are closed, and environment variables that
 libraries read when they are imported, of which a wrong one ends in a traceback or in minutes of compiling.
 
-MPI, PETSc and SLEPc as this Python has them, and the message where one of them is needed and absent.
-
-Reduced models run without them: this process alone is then the communicator (`OneRank`), and a plain loop
-drives the integration (`stepping.drivers`). docs/without_petsc.md says what works so.
-
-A communicator of this process alone, for a Python without MPI.
+Reduced models run without MPI, PETSc and SLEPc: this process alone is then the communicator (`OneRank`), and a plain
+loop drives the integration (`stepping.drivers`). docs/without_petsc.md says what works so.
 """
 
 from __future__ import annotations

@@ -15,10 +15,10 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import click
 from click.shell_completion import CompletionItem
@@ -52,30 +52,25 @@ class LazyCommand:
         return command
 
 
-def found_commands() -> dict[str, LazyCommand]:
-    """Return all commands by name, in the order of the group's help."""
-    return {one.name: LazyCommand(one) for one in found() if one.name}
+#: All commands by name, in the order of the group's help.
+COMMANDS = {one.name: LazyCommand(one) for one in found() if one.name}
 
 
 class LazyGroup(click.Group):
-    """A group of :class:`LazyCommand`."""
-
-    def __init__(self, *args: Any, lazy: Mapping[str, LazyCommand], **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        self._lazy = lazy
+    """The group of `COMMANDS`."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names in the order in which they were registered."""
-        return list(self._lazy)
+        """Return the names in the order of the group's help."""
+        return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
         """Import a command, after starting PETSc if it needs that.
 
         Raises `click.UsageError` if there is no such command, or it was given options for PETSc and does not use it.
         """
-        if cmd_name not in self._lazy:
-            raise click.UsageError(f"no command '{cmd_name}'{nearest_name(cmd_name, self._lazy)}", ctx)
-        command = self._lazy[cmd_name]
+        if cmd_name not in COMMANDS:
+            raise click.UsageError(f"no command '{cmd_name}'{nearest_name(cmd_name, COMMANDS)}", ctx)
+        command = COMMANDS[cmd_name]
         session = ctx.find_object(Session)
         if ctx.resilient_parsing:
             return command.load()  # a shell asks for what may follow: nothing runs
@@ -83,37 +78,30 @@ class LazyGroup(click.Group):
         if command.head.petsc is True and session is not None:
             session.start_petsc()
         elif session is not None and session.petsc_options:
-            given = " ".join(session.petsc_options)
-            raise click.UsageError(
-                f"'{cmd_name}' does not use PETSc, but was given PETSc options after '--': {given}", ctx
-            )
+            given = f"was given PETSc options after '--': {' '.join(session.petsc_options)}"
+            raise click.UsageError(f"'{cmd_name}' does not use PETSc, but {given}", ctx)
         return command.load()
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Complete the names of commands without importing them, and the options of the group."""
-        names = [
-            CompletionItem(name, help=command.head.help)
-            for name, command in self._lazy.items()
-            if name.startswith(incomplete)
-        ]
+        begun = {name: command.head.help for name, command in COMMANDS.items() if name.startswith(incomplete)}
+        names = [CompletionItem(name, help=about) for name, about in begun.items()]
         return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without importing them."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, command.head.help) for name, command in self._lazy.items()])
+            formatter.write_dl([(name, command.head.help) for name, command in COMMANDS.items()])
 
 
 INTERRUPTED = 130
 # How long a rank that failed waits for the others to fail with it, before it ends them.
 GRACE_SECONDS = 20.0
 
-COMMANDS = found_commands()
-
 QUIET = {"--quiet", "--help", "--version"}  # of whose work nothing is to be said
 
 
-@click.group(cls=LazyGroup, lazy=COMMANDS, invoke_without_command=True, subcommand_metavar="COMMAND [ARGS]...")
+@click.group(cls=LazyGroup, invoke_without_command=True, subcommand_metavar="COMMAND [ARGS]...")
 @click.version_option(__version__, prog_name="pgmp")
 @click.pass_context
 def pgmp(context: click.Context) -> None:

@@ -6,8 +6,8 @@ file says of its owner is for people only. The file is removed with the lock; on
 
 It holds between hosts where their shared file system hands locks on: NFS, GPFS, BeeGFS with global locks and Lustre
 mounted with ``flock``. Where locks stay on a host (Lustre mounted with ``localflock``) it keeps apart the jobs of one
-host alone. Where there are no locks (Lustre mounted with neither) there is nothing to hold, and `OutputLock.held` says
-so; what pieces of a run carry of their run (`checkpoint_folder`) still keeps those of two runs apart.
+host alone. Where there are no locks (Lustre mounted with neither) there is nothing to hold, and a warning says so;
+what pieces of a run carry of their run (`checkpoint_folder`) still keeps those of two runs apart.
 
 What a command is going to write: checked before long work, and kept from other jobs until it is written.
 
@@ -42,69 +42,55 @@ _TAKEN = (errno.EAGAIN, errno.EACCES)
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 
 
-class OutputLock:
-    """The lock on one output; to be taken by one process of a job, in a ``with`` block.
+@contextmanager
+def locked(output: Path, named: str = "") -> Iterator[None]:
+    """Keep an output, in a directory that exists, from other jobs within the block; by one process of a job.
+
+    Raises `InputError` if another process has it, or it cannot be locked.
 
     Parameters
     ----------
-    output
-        The file that is going to be written; in a directory that exists.
     named
-        What it is to the user, for the message; the output file where it is not given.
-
-    Attributes
-    ----------
-    held
-        False where the file system has no locks.
-
-    Raises
-    ------
-    InputError
-        From ``with``, if another process has the lock.
-    OSError
-        From ``with``, if the file of the lock cannot be written.
+        What it is to the user, such as ``folder 'x_results'``; the output file where it is not given.
     """
-
-    def __init__(self, output: Path, named: str = "") -> None:
-        self._output, self._named, self._path = output, named or f"output file '{output}'", lock_path(output)
-        self._descriptor: int | None = None
-        self.held = False
-
-    def __enter__(self) -> OutputLock:
-        until = time.monotonic() + PATIENCE
-        while not self._taken():
+    named, path, until = named or f"output file '{output}'", lock_path(output), time.monotonic() + PATIENCE
+    try:
+        while (descriptor := _taken(path, output, named)) is None:
             if time.monotonic() > until:
                 cure = "wait for its end, or give another name with -o"
-                raise InputError(f"{self._named} is being written by {_owner(self._path)}; {cure}")
+                raise InputError(f"{named} is being written by {_owner(path)}; {cure}")
             time.sleep(0.05)
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    except OSError as error:
+        raise InputError(f"{named} cannot be locked: {_reason(error)}") from error
+    try:
+        yield
+    finally:
         # The name goes before the lock: another job that opened it meanwhile sees that it is nobody's name any more.
         with suppress(OSError):
-            self._path.unlink()
-        os.close(self._descriptor)
-        self.held = False
+            path.unlink()
+        os.close(descriptor)
 
-    def _taken(self) -> bool:
-        descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            # its last owner may have removed the name since: others see another file then
-            if not os.path.samestat(os.fstat(descriptor), os.stat(self._path)):
-                raise FileNotFoundError
-            self.held = True
-            _remove_left(descriptor, self._output)
-            _sign(descriptor)
-        except OSError as error:
-            self.held = False
-            if error.errno not in _NO_LOCKS:
-                os.close(descriptor)
-                if isinstance(error, FileNotFoundError) or error.errno in _TAKEN:
-                    return False
-                raise
-        self._descriptor = descriptor
-        return True
+
+def _taken(path: Path, output: Path, named: str) -> int | None:
+    """Return the descriptor of a lock that was free, None where it was not; a warning says if there are no locks."""
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # its last owner may have removed the name since: others see another file then
+        if not os.path.samestat(os.fstat(descriptor), os.stat(path)):
+            raise FileNotFoundError
+        _remove_left(descriptor, output)
+        _sign(descriptor)
+    except OSError as error:
+        if error.errno in _NO_LOCKS:
+            text = f"the file system of {named} has no locks: no other job may write the same output meanwhile"
+            print(f"pgmp: warning: {text}", file=sys.stderr, flush=True)
+            return descriptor
+        os.close(descriptor)
+        if isinstance(error, FileNotFoundError) or error.errno in _TAKEN:
+            return None
+        raise
+    return descriptor
 
 
 def lock_path(output: Path) -> Path:
@@ -212,33 +198,6 @@ def claimed(
             return target
 
         yield on_root(comm, claim_the_output)
-
-
-@contextmanager
-def locked(target: Path, named: str) -> Iterator[None]:
-    """Keep a file, or what it refers to, from other jobs within the block; by one process.
-
-    Raises `InputError` if another job has it, or it cannot be locked.
-
-    Parameters
-    ----------
-    target
-        The file, in a directory that exists.
-    named
-        What it is to the user, such as ``folder 'x_results'``.
-    """
-    lock = OutputLock(target, named)
-    try:
-        lock.__enter__()
-    except OSError as error:
-        raise InputError(f"{named} cannot be locked: {_reason(error)}") from error
-    try:
-        if not lock.held:
-            text = f"the file system of {named} has no locks: no other job may write the same output meanwhile"
-            print(f"pgmp: warning: {text}", file=sys.stderr, flush=True)
-        yield
-    finally:
-        lock.__exit__()
 
 
 def check_output(

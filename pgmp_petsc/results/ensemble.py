@@ -1,10 +1,5 @@
-"""Why an ensemble has as many samples as it has: rules, looks at it and a budget of time.
-
-The file of a shard: samples of a part of an ensemble, for ``pgmp merge`` to join with the others.
-
-Figures of a better model, from few samples of it and many of cheaper ones on the same draws.
-
-Many runs with random parameters: values, outputs at the end time, and their statistics.
+"""Many runs with random parameters: values, outputs at the end time and their statistics; why there are so many, better
+models on the same draws, and shards, which ``pgmp merge`` joins.
 
 Samples that failed have NaN in all that follows from a run.
 """

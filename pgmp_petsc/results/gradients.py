@@ -1,22 +1,18 @@
-"""Outputs of one run over time with their derivatives with parameters, as ``pgmp sensitivities`` finds them.
+"""Outputs of one run over time with their derivatives with parameters, as ``pgmp sensitivities`` finds them, and what
+is found by these: parameters that fit a measured history, and a design, which meets a goal best under constraints.
 
-The largest or smallest value of a smooth history that is known at instants, with its derivatives.
-
-The largest of the values themselves, ``y_k``, is that of one instant, and its derivative that of the history there. But
-between instants lies the true extreme, where the history has no slope: only there is the derivative of the extreme that
-of the history (the envelope theorem; Danskin 1966). At an instant next to it there is ``(t_k - t*) dy'/dp`` besides,
-which is of first order in the step, and may be larger than all else where a parameter shifts a vibration in time. The
-vertex of the parabola through the values at three equally distant instants,
+The largest or smallest value of a smooth history is known at instants. The largest of the values themselves, ``y_k``,
+is that of one instant, and its derivative that of the history there. But between instants lies the true extreme, where
+the history has no slope: only there is the derivative of the extreme that of the history (the envelope theorem;
+Danskin 1966). At an instant next to it there is ``(t_k - t*) dy'/dp`` besides, which is of first order in the step,
+and may be larger than all else where a parameter shifts a vibration in time. The vertex of the parabola through the
+values at three equally distant instants,
 
     s = (y_{k-1} - y_{k+1}) / (2 (y_{k-1} - 2 y_k + y_{k+1})),    -1/2 <= s <= 1/2,
     y* = y_k + s (y_{k+1} - y_{k-1}) / 2 + s^2 / 2 (y_{k-1} - 2 y_k + y_{k+1}),
 
 does not move with s to first order, so that its derivative is the same expression of the derivatives: exact for y*, and
 of second order in the step for the extreme of the history.
-
-Parameters that were fitted to a measured history.
-
-A design: parameters that meet a goal best under constraints.
 """
 
 from __future__ import annotations

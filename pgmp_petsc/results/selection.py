@@ -1,10 +1,5 @@
-"""Sizes of effects, as estimated before a build: what to keep and what to leave; of a reduced model whose effects were
-chosen (``effects = "auto"``).
-
-The assembled mechanism at the start: what a picture of a scene needs.
-
-What was chosen for the tolerances of a scene, and why; a part of a reduced model's file.
-"""
+"""What was chosen for a scene, and why, parts of a reduced model's file: effects by their sizes, entries for
+tolerances. The assembled mechanism at the start, which a picture of a scene needs."""
 
 from __future__ import annotations
 

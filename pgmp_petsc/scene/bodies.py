@@ -58,15 +58,13 @@ class SectionEntry(Table):
     proportional: ClassVar[tuple[str, ...]] = ()
     #: Entries of which the first is below a share of the second, in every sample.
     ordered: ClassVar[tuple[tuple[str, str, float], ...]] = ()
-    #: Entries that may name a parameter, with their signs and units.
-    quantities: ClassVar[dict[str, tuple[str, Unit]]] = {}
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
         if not SECTIONS.take(cls):
             return
         try:
-            cls.quantities = quantities_of(cls)
+            quantities_of(cls)
         except ValueError as error:
             raise refuse(cls, str(error)) from error
         if cls.coefficients is SectionEntry.coefficients:
@@ -416,7 +414,7 @@ class Body(Table):
             raise refusal("a section given by coefficients has no material", "material")
         if section.of_material and self.material is None:
             raise refusal("missing; needed: name of a material", "material")
-        none = next((key for key in section.quantities if getattr(section, key) == 0.0), None)
+        none = next((key for key in quantities_of(type(section)) if getattr(section, key) == 0.0), None)
         if none is not None and self.flexible:
             raise refusal(f"a flexible body needs section.{none} above 0", "section")
         return self._oriented()

@@ -79,8 +79,6 @@ class EffectEntry(Table):
     sets_in: ClassVar[dict[str, float]] = {}
     #: Pairs of entries of which the first is below the second, in every sample.
     ordered: ClassVar[tuple[tuple[str, str], ...]] = ()
-    #: Entries that may name a parameter, with their signs and units.
-    quantities: ClassVar[dict[str, tuple[str, Unit]]] = {}
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
@@ -174,10 +172,10 @@ def _check(cls: type[EffectEntry]) -> None:
     if issubclass(cls, OverTime) and not cls.strength_unit:
         raise refuse(cls, 'an effect over time says the unit of its values: strength_unit = "N m"')
     try:
-        cls.quantities = quantities_of(cls)
+        quantities = quantities_of(cls)
     except ValueError as error:
         raise refuse(cls, str(error)) from None
-    for key, (_, unit) in cls.quantities.items():
+    for key, (_, unit) in quantities.items():
         for one in filter(None, (unit.on_turning, unit.on_sliding)):
             try:
                 take_unit(one)
@@ -305,7 +303,7 @@ class OnJoint(EffectEntry):
         texts, note = [], ""
         if not cls.strength or not exchanged:
             return None
-        _, of = cls.quantities[cls.strength]
+        _, of = quantities_of(cls)[cls.strength]
         for motion in ("turning", "sliding", "spin"):
             spins, own = motion == "spin", [(joint, rate) for (joint, its), rate in run.joints.items() if its == motion]
             works = {joint: cls.work(rate, run.time, spins) for joint, rate in own}

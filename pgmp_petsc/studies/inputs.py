@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
-from pathlib import Path
 
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.random_fields import field_remarks
@@ -18,34 +17,21 @@ from pgmp_petsc.scene.references import stressed_bodies
 from pgmp_petsc.studies.plausibility import plausibility
 
 
-def scene_and_meshes(
-    source: Scene | str | PathLike[str], purpose: Purpose, overrides: Sequence[str], settings: Sequence[str], comm: Comm
-) -> tuple[Scene, dict[str, BodyShape]]:
-    """Return a scene, of a file or of a program, with other entries, and its meshes. Collective on `comm`.
-
-    Raises `InputError` if it is none, or has what the purpose cannot do with it.
-    """
-
-    def preparing_the_scene() -> tuple[Scene, dict[str, BodyShape]]:
-        is_file = isinstance(source, (str, PathLike))
-        return with_meshes((load_scene if is_file else changed)(source, overrides, settings), purpose)
-
-    return on_root(comm, preparing_the_scene)
-
-
 def read_scene(
-    path: Path,
-    overrides: Sequence[str],
-    settings: Sequence[str],
-    comm: Comm,
-    purpose: Purpose,
+    source: Scene | str | PathLike[str], overrides: Sequence[str], settings: Sequence[str], comm: Comm, purpose: Purpose
 ) -> tuple[Scene, dict[str, BodyShape]]:
-    """Read a scene, with remarks on what it says that probably is not meant, and its meshes. Collective on `comm`.
+    """Return a scene, of a file or of a program, with other entries and with remarks on what it says that probably is
+    not meant, and its meshes. Collective on `comm`.
 
     Raises `InputError` if the scene or a mesh cannot be read, says what cannot be meant, or has what the purpose cannot
     do with it.
     """
-    return scene_and_meshes(path, purpose, overrides, settings, comm)
+
+    def reading_the_scene() -> tuple[Scene, dict[str, BodyShape]]:
+        is_file = isinstance(source, (str, PathLike))
+        return with_meshes((load_scene if is_file else changed)(source, overrides, settings), purpose)
+
+    return on_root(comm, reading_the_scene)
 
 
 def with_meshes(scene: Scene, purpose: Purpose) -> tuple[Scene, dict[str, BodyShape]]:

@@ -120,7 +120,7 @@ def _with_rigid_bodies(scene: Scene) -> Scene:
 
     bodies = {}
     for name, body in scene.bodies.items():
-        section = None if body.section is None else valued(body.section, body.section.quantities)
+        section = None if body.section is None else valued(body.section, quantities_of(type(body.section)))
         bodies[name] = valued(body, quantities_of(type(body))).model_copy(
             update={"flexible": False, "section": section}
         )

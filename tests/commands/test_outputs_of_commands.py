@@ -16,7 +16,7 @@ from sealed import resealed
 
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.files import claims
-from pgmp_petsc.files.claims import OutputLock
+from pgmp_petsc.files.claims import locked
 from pgmp_petsc.results import Ensemble
 
 SCENE = ROOT / "scenes" / "slider_crank_paper.toml"
@@ -164,7 +164,7 @@ def test_a_second_job_with_the_same_output_is_refused(
         "montecarlo": (folder / "rom.h5", "-n", 2),
     }  # fmt: skip
     before = contents(folder)
-    with OutputLock(folder / "x.h5"):
+    with locked(folder / "x.h5"):
         for command, arguments in outputs.items():
             ends_with(2, command, *arguments, "-o", folder / "x.h5")
             assert f"x.h5' is being written by another job (process {os.getpid()} on " in capsys.readouterr().err
@@ -172,7 +172,7 @@ def test_a_second_job_with_the_same_output_is_refused(
 
 
 def test_a_second_job_is_refused_on_three_ranks(mpirun: Callable, folder: Path) -> None:
-    with OutputLock(folder / "x.h5"):
+    with locked(folder / "x.h5"):
         done = mpirun(3, *PGMP, "montecarlo", folder / "rom.h5", "-n", 5, "-o", folder / "x.h5", check_status=2)
     assert done.stderr.count("is being written by another job") == 1
     assert not (folder / "x.h5.partial").exists()

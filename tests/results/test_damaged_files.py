@@ -128,7 +128,7 @@ def damaged(whole: bytes, change: tuple) -> bytes:
     return whole[:place] + bytes(end - place) + whole[end:]
 
 
-@cases(150)
+@cases(60)
 @given(kind=kinds, change=byte_changes)
 def test_bytes_that_changed_are_told(folder: Path, kind: str, change: tuple) -> None:
     whole = (folder / f"{kind}.h5").read_bytes()

@@ -1,11 +1,8 @@
 """Couplings that cannot be: every refusal, with the entry's name."""
 
-from pathlib import Path
-
 import pytest
 from coupled_scenes import CAM, RACK, ROTORS, ROTORS_IN_SPACE, SCREW
 from refusals import cases, check_said
-from runs import overridden, refused
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import scene_from_toml
@@ -109,14 +106,6 @@ def test_a_coupling_is_refused(text: str, override: str, said: str) -> None:
     with pytest.raises(InputError) as caught:
         scene_from_toml(text, ".", override.split(" & "))
     check_said(str(caught.value), said, override)
-
-
-def test_the_command_ends_with_one_message(tmp_path: Path) -> None:
-    scene = tmp_path / "rotors.toml"
-    scene.write_text(ROTORS)
-    asked = cases(REFUSED[ROTORS])[:2]
-    for (entry, said), message in zip(asked, refused(3, [["check", scene, *overridden(one)] for one, _ in asked])):
-        check_said(message, said, entry)
 
 
 def test_lengths_of_couplings_may_be_texts_with_units() -> None:

@@ -1,11 +1,8 @@
 """What a scene may not say of effects, rigid bodies and welds: the entry, what was received, what is allowed."""
 
-from pathlib import Path
-
 import pytest
 from effect_scenes import BAR, BASE, CANTILEVER, line_model, scene_of
 from refusals import cases, check_said
-from runs import overridden, refused
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import scene_from_toml
@@ -182,19 +179,3 @@ def test_more_ratios_than_a_body_has_modes() -> None:
     model = line_model(scene_of(CANTILEVER, f'[effects.e]\ntype = "structural_damping"\nratios = {ratios}'))
     with pytest.raises(InputError, match=r"^effects\.e\.ratios: 30 modes of beam are asked for; its mesh has 24$"):
         model.batch({}, 1)
-
-
-# one of each kind: a place, a contradiction, a name, half of two, a body
-WORDS = ('"torque", joint="slidr"', 'effects.f={type="torque"', "gravty", "mode_inertia", '"crank"]}')
-OF_COMMANDS = [next(case for case in CASES if word in case[0]) for word in WORDS]
-
-
-def test_the_command_ends_with_one_message(tmp_path: Path) -> None:
-    scene = tmp_path / "base.toml"
-    scene.write_text(BASE)
-    commands = [["check", scene, *overridden(*asked.split(" & "))] for asked, _ in OF_COMMANDS]
-    beyond = ["simulate", scene, "--full", "-o", tmp_path / "out.h5", "--override", IN_THE_MESH["force"][0]]
-    messages = refused(3, [*commands, beyond])
-    for message, (asked, said) in zip(messages, [*OF_COMMANDS, ("", "effects.e.point = ")], strict=True):
-        check_said(message, said, asked)
-    assert not (tmp_path / "out.h5").exists()

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 from machine_scenes import CART
-from runs import overridden, refused
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
@@ -84,10 +83,3 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     (tmp_path / "push.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match="no text file in UTF-8"):
         scene_from_toml(CART, tmp_path, [FORCE.format('"push.csv"')])
-
-
-def test_a_command_ends_with_the_line(tmp_path: Path) -> None:
-    (tmp_path / "cart.toml").write_text(CART)
-    (tmp_path / "push.csv").write_text("0,1\n0.1,x\n")
-    (said,) = refused(3, [["check", tmp_path / "cart.toml", *overridden(FORCE.format('"push.csv"'))]])
-    assert "effects.e.table" in said and "line 2 is '0.1, x'" in said

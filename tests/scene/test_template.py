@@ -18,7 +18,7 @@ from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate_reduced
 
 NAMES = ("arm", "four_bar", "gantry", "press", "rotor", "slider_crank", "solid_link", "spatial")
-# a shortened run of a coarse model: 12 configurations of one coordinate, 6 x 6 of two
+# a shortened run of a coarse model: 12 configurations of one coordinate, 4 x 4 of two
 SHORT = ("simulation.duration=0.02", "simulation.step=1e-3", "reduction.modes=2")
 
 
@@ -33,7 +33,7 @@ def test_a_template_is_sound_and_runs(name: str, tmp_path: Path) -> None:
     whole, _ = read_scene(written[0], (), (), MPI.COMM_SELF, Purpose.BUILD)
     assert whole.remarks == () and whole.name == name and whole.ensemble.probabilities
     assert all(parameter.distribution is not None for parameter in whole.parameters.values())
-    angles = 12 if len(whole.coordinates) == 1 else 6
+    angles = 12 if len(whole.coordinates) == 1 else 4
     overrides = (*SHORT, f"reduction.angles={angles}")
     scene, meshes = read_scene(written[0], overrides, (), MPI.COMM_SELF, Purpose.BUILD)
     with RankGroup.split(MPI.COMM_SELF, 1) as group:

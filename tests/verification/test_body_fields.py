@@ -24,8 +24,7 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.xdmf import write_xdmf
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.field_frames import fields_at
-from pgmp_petsc.studies.mode_shapes import mode_shape
+from pgmp_petsc.studies.field_frames import fields_at, mode_shape
 from pgmp_petsc.studies.modes_table import reduced_frequencies
 from scenes import HEADER, slider_crank, tables
 
