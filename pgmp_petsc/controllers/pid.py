@@ -84,7 +84,7 @@ class Pid(JointController):
         limited = self.limits is not None and self.gains.i != 0.0
         return law_of(self.filtered, ("ratio" if self.tracking is None else "tracking") if limited else "nothing")
 
-    def constants(self) -> dict[str, float | str]:
+    def parameters(self) -> dict[str, float | str]:
         """Return the gains."""
         return self.gains.model_dump() | ({} if self.tracking is None else {"tracking": self.tracking})
 

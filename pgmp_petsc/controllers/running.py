@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.controllers.acting import has_slopes
 from pgmp_petsc.controllers.law import MEASURED, ControlLaw, respond
 from pgmp_petsc.effects.time_function import TimeFunction, amplitude_of
@@ -89,15 +90,17 @@ class Controls:
         self._each: list[Running] = []
         self._acting = np.zeros((len(self.names), n_samples, 3))
         self._iterates = False
-        #: forces at the instants that were reached, (n_controllers, n_samples)
+        #: forces at the instants that were reached, (n_controllers, n_samples); where one jumps the mean of both, with
+        #: which the trapezoidal rule of works is right, and until the next step `_jumped` has the new ones
         self._kept: dict[float, np.ndarray] = {}
+        self._jumped: dict[float, np.ndarray] = {}
         first = 0
         for entry in scene.controllers.values():
             law, n = entry.law(), len(entry.law().states)
             every = {**scene.values, **values}
             limits = dict(zip(("lower", "upper"), entry.limits or (-np.inf, np.inf)))
             p = np.empty((n_samples, len(law.parameters) + 2))
-            for column, value in zip(p.T, [*(entry.constants()[name] for name in law.parameters), *limits.values()]):
+            for column, value in zip(p.T, [*(entry.parameters()[name] for name in law.parameters), *limits.values()]):
                 column[:] = every[value] if isinstance(value, str) else value
             if entry.reference.changes:
                 reference = amplitude_of(entry.reference)
@@ -129,12 +132,19 @@ class Controls:
             one.respond()
             z, change, auxiliary, force = one.parts(state.beside)
             z[:], change[:], auxiliary[:], force[:] = one.z, one.rates, one.rates, one.force[:, :1]
+            if not np.isfinite(one.force[:, 0]).any():
+                name = self.names[self._each.index(one)]
+                raise InputError(
+                    f"controllers.{name}: its force or the rates of its states are not finite at the start, where the "
+                    f"measure is {one.x[0, 1]:g}, its rate {one.x[0, 2]:g} and t = 0"
+                )
         self._kept.clear()
         self._keep(0.0, state, np.ones(self._n_samples, dtype=bool))
 
     def begin(self, time: float, state, scheme) -> None:
         """Begin the iteration of a step that ends at a time, from the numbers beside at its beginning."""
         self._iterates, s = True, scheme
+        self._jumped.clear()
         step, kappa = s.gamma / (s.beta * s.gain_v), s.gain_v / s.gain_a
         for one in self._each:
             if one.entry.sample_time:
@@ -185,7 +195,10 @@ class Controls:
             one.c[:], one.z[:], one.kappa = z, z, one.entry.sample_time
             one.respond()
             z[samples], force[samples] = one.z[samples], one.force[samples, :1]
-        self._keep(time, state, samples)
+        before = self._kept[time]
+        after = self._forces(state)
+        after[:, ~samples] = before[:, ~samples]
+        self._kept[time], self._jumped[time] = 0.5 * (before + after), after
         return True
 
     def forces(self, times: np.ndarray) -> np.ndarray:
@@ -195,7 +208,7 @@ class Controls:
         for row, time in zip(found, times.tolist() if not self._iterates else ()):
             if time not in self._kept:  # of a step that failed: as it began
                 time = max((one for one in self._kept if one < time), default=0.0)
-            row[:] = self._kept[time].T
+            row[:] = self._jumped.get(time, self._kept[time]).T
         return found
 
     def _look(self, time: float, state) -> None:
@@ -204,9 +217,12 @@ class Controls:
             one.look(time, measure, rate)
 
     def _keep(self, time: float, state, samples: np.ndarray) -> None:
-        forces = np.array([one.parts(state.beside)[3][:, 0] for one in self._each])
+        forces = self._forces(state)
         kept = self._kept.setdefault(time, forces)
         kept[:, samples] = forces[:, samples]
+
+    def _forces(self, state) -> np.ndarray:
+        return np.array([one.parts(state.beside)[3][:, 0] for one in self._each])
 
 
 def _is_whole(number: float) -> bool:

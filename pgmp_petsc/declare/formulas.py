@@ -12,7 +12,7 @@ import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import lru_cache, reduce
 from math import comb
 from typing import Any
 
@@ -194,7 +194,13 @@ def evaluated(text: str, names: Mapping[str, Any], algebra: Any) -> Any:
                 return algebra.called(name, *map(read, args))
         raise TypeError(ast.dump(node))  # `declared` writes nothing else
 
-    return read(ast.parse(text, mode="eval").body)
+    return read(_tree(text))
+
+
+@lru_cache(maxsize=256)
+def _tree(text: str) -> ast.expr:
+    """Return a formula that is evaluated often, parsed."""
+    return ast.parse(text, mode="eval").body
 
 
 @dataclass(frozen=True, eq=False)

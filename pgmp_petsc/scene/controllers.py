@@ -65,7 +65,7 @@ class Setpoint(Table):
 
 class ControllerEntry(Table):
     """A table ``[controllers.NAME]``. A controller is a subclass with ``type: Literal["..."]``, its entries, and what
-    it does (`law`, `constants`)."""
+    it does (`law`, `parameters`)."""
 
     measures: str = Field(description="name of the output that it measures")
     reference: Setpoint = Field(
@@ -91,14 +91,14 @@ class ControllerEntry(Table):
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
-        if CONTROLLERS.take(cls) and (cls.law is ControllerEntry.law or cls.constants is ControllerEntry.constants):
-            raise refuse(cls, "a controller has the methods law(self) and constants(self)")
+        if CONTROLLERS.take(cls) and (cls.law is ControllerEntry.law or cls.parameters is ControllerEntry.parameters):
+            raise refuse(cls, "a controller has the methods law(self) and parameters(self)")
 
     def law(self) -> Any:
         """Return the law of its states and of its force, a `controllers.law.ControlLaw`."""
         raise NotImplementedError
 
-    def constants(self) -> dict[str, float | str]:
+    def parameters(self) -> dict[str, float | str]:
         """Return the parameters of its law by name, numbers or names of parameters."""
         raise NotImplementedError
 

@@ -211,7 +211,7 @@ class GeneralisedAlpha:
         if shown.size:
             # not PETSc's own time, a sum of steps: its round-off grows over the run
             system.show(self._observer, shown, self.instants[shown], trail)
-        if system.beside is not None:
+        if system.beside is not None and last < self.instants.size - 1:
             self._jump(float(self.instants[last]))
 
     def _jump(self, time: float) -> None:
