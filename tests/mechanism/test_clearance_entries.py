@@ -69,5 +69,5 @@ def test_refused_on_several_ranks(tmp_path):
 
 
 def test_what_knows_no_released_directions_says_so():
-    with pytest.raises(InputError, match="joints.pin.clearance: sizes of effects are those on rigid joints"):
+    with pytest.raises(InputError, match="joints.pin.clearance: sizes of effects are those on joints without room"):
         check_capabilities(worn(), Purpose.SIZES)
