@@ -87,6 +87,13 @@ def too_few_steps(n_steps: int) -> Iterator[Remark]:
         )
 
 
+NOT_CONVERGED = (
+    ". What is wrong by more than all of it has not converged: where impacts make every small difference larger, as in "
+    "joints with clearance, no step may be small enough, and statistics of many samples (pgmp montecarlo) are all that is "
+    "known"
+)
+
+
 @gathered
 def large_errors(
     errors: Mapping[str, np.ndarray], sizes: Mapping[str, np.ndarray], units: Mapping[str, str], model: str = "reduced"
@@ -116,9 +123,10 @@ def large_errors(
     if not found:
         return
     of = " of the samples that are checked" if any(values.size > 1 for values in errors.values()) else ""
+    lost = NOT_CONVERGED if any(" more than all of it" in one for one in found) else ""
     yield warning(
         f"large estimated errors{OF_MODEL[model]}{of}, as shares of the largest values over the run: "
-        f"{', '.join(found)}; {SMALLER_ERRORS[model]}"
+        f"{', '.join(found)}; {SMALLER_ERRORS[model]}{lost}"
     )
 
 
