@@ -13,8 +13,8 @@ from pgmp_petsc.base import __version__  # noqa: F401 (a name of the interface)
 _CLASSES = {
     "Scene": "scene",
     "Shard": "ensemble.plan",
-    "Correction": "api.requests",
-    "Stopping": "api.requests",
+    "Correction": "api.ensembles",
+    "Stopping": "api.ensembles",
     "Robust": "api.designs",
     "Result": "api.result",
     "Rom": "api.result",

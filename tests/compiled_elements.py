@@ -6,8 +6,16 @@ from pgmp_petsc.bodies.beam2d import N_PACKED, strain_rates, strains, stresses, 
 from pgmp_petsc.bodies.beam2d import fill_tangent as fill_planar_tangent
 from pgmp_petsc.bodies.beam2d import forces as planar_forces
 from pgmp_petsc.bodies.beam3d import N_ELEMENT, add_force, beam_work, fill_tangent, stretch, viscous_stress
-from pgmp_petsc.bodies.continuum import Cells, CellWork, cell_work, evaluate_cells, n_work, strain_energies
-from pgmp_petsc.bodies.elasticity import Geometry, Lame
+from pgmp_petsc.bodies.elasticity import (
+    Cells,
+    CellWork,
+    Geometry,
+    Lame,
+    cell_work,
+    evaluate_cells,
+    n_work,
+    strain_energies,
+)
 
 
 def forces(places: np.ndarray, geometry: Geometry, lame: Lame) -> np.ndarray:

@@ -8,7 +8,7 @@ distance from the mesh where it is another model.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -27,8 +27,12 @@ def advise(study: Tradeoff, from_mesh: Mapping[str, float] = MappingProxyType({}
 
     A piece of advice is one line, or several: a line that begins with ``--`` holds options to paste.
 
-    - `study`: measurements; its own advice is not looked at.
-    - `from_mesh`: how far the reference is from the mesh in outputs, as far as that was measured.
+    Parameters
+    ----------
+    study
+        Measurements; its own advice is not looked at.
+    from_mesh
+        How far the reference is from the mesh in outputs, as far as that was measured.
     """
     targets, bounds = _targets(study, study.errors), _targets(study, bounds_of(study, from_mesh))
     alike: dict[tuple[Choice, ...], list[str]] = {}
@@ -66,19 +70,17 @@ def _targets(study: Tradeoff, errors: np.ndarray) -> dict[str, np.ndarray]:
     return {"every output": errors.max(axis=1), **targets} if len(targets) > 1 else targets
 
 
-def _margin_sentences(study: Tradeoff, from_mesh: Mapping[str, float]) -> list[str]:
+def _margin_sentences(study: Tradeoff, from_mesh: Mapping[str, float]) -> Iterator[str]:
     """Say by how much errors stay below what is asked for."""
-    sentences = []
     if study.varied:
         n = len(next(iter(study.test_values.values())))
-        sentences.append(
+        yield (
             f"Errors are the largest at {n} test values; a setting meets an error where {MARGIN:g} times as much does, "
             "with the last move of the reference: other draws may be worse."
         )
     if from_mesh:
         apart = _joined([f"{share_text(error)} in {name}" for name, error in from_mesh.items()])
-        sentences.append(f"The reference is {apart} away from the mesh; a setting meets an error with that added.")
-    return sentences
+        yield f"The reference is {apart} away from the mesh; a setting meets an error with that added."
 
 
 @dataclass(frozen=True)
@@ -93,8 +95,12 @@ class Choice:
 def cheapest(study: Tradeoff, errors: np.ndarray, threshold: float, among: np.ndarray) -> int | None:
     """Return the cheapest setting whose error is at most `threshold`, None where there is none.
 
-    - `errors`: error of every setting, shape (n,); NaN where it failed.
-    - `among`: settings to choose from, a mask of shape (n,).
+    Parameters
+    ----------
+    errors
+        Error of every setting, shape (n,); NaN where it failed.
+    among
+        Settings to choose from, a mask of shape (n,).
     """
     total = study.total_seconds(study.samples)
     good = among & (errors <= threshold) & np.isfinite(total)
@@ -140,7 +146,6 @@ def _name(study: Tradeoff, row: int) -> str:
 
 
 def _nearest(study: Tradeoff, errors: np.ndarray) -> str:
-    """Return what comes nearest."""
     known = study.simulated & study.own_mesh & np.isfinite(errors)
     if not known.any():
         return ": none could be measured"
@@ -157,17 +162,15 @@ def _price(study: Tradeoff, row: int) -> str:
     return f"{1e3 * online:.2g} ms a sample after {offline:.2g} s of {after} ({together})"
 
 
-def _break_even(study: Tradeoff, target: str, errors: np.ndarray) -> list[str]:
+def _break_even(study: Tradeoff, target: str, errors: np.ndarray) -> Iterator[str]:
     """Say from how many samples on which setting is the cheapest one that is good enough, build included, by the errors
     of every setting in a target, shape (n,)."""
-    sentences = []
     for threshold in THRESHOLDS:
         pieces = envelope(study, errors, threshold)
         if len(pieces) > 1:
             later = "; ".join(f"from {n} samples on, take {_name(study, row)}" for n, row in pieces[1:])
             few = f"below {pieces[1][0]} samples take {_name(study, pieces[0][1])}"
-            sentences.append(f"{100 * threshold:g} % in {target}: {few}; {later}.")
-    return sentences
+            yield f"{100 * threshold:g} % in {target}: {few}; {later}."
 
 
 def envelope(study: Tradeoff, errors: np.ndarray, threshold: float) -> list[tuple[int, int]]:
@@ -191,54 +194,48 @@ def envelope(study: Tradeoff, errors: np.ndarray, threshold: float) -> list[tupl
         n = int(np.floor(crossing.min())) + 1
 
 
-def _surface_sentences(study: Tradeoff) -> list[str]:
-    """Say what a response surface is no good for."""
-    if not (~study.simulated & np.isfinite(study.errors).any(axis=1)).any():
-        return []
-    return [
-        "A response surface holds for these loads, this start and these outputs, between its runs over "
-        f"{_joined(list(study.varied))}; anything else needs new runs, and every further parameter many more."
-    ]
+def _surface_sentences(study: Tradeoff) -> Iterator[str]:
+    if (~study.simulated & np.isfinite(study.errors).any(axis=1)).any():
+        yield (
+            "A response surface holds for these loads, this start and these outputs, between its runs over "
+            f"{_joined(list(study.varied))}; anything else needs new runs, and every further parameter many more."
+        )
 
 
-def _mesh_sentences(study: Tradeoff) -> list[str]:
+def _mesh_sentences(study: Tradeoff) -> Iterator[str]:
     """Say where the mesh is worse than the best settings on it."""
     mesh, own = study.mesh, study.own_mesh & study.simulated
     if not mesh.cells.size:
-        return ["What finer meshes would change was not measured: those of continuum cells are not cut."]
-    if not own.any():
-        return []
+        yield "What finer meshes would change was not measured: those of continuum cells are not cut."
+    if not mesh.cells.size or not own.any():
+        return
     best = np.min(np.where(np.isnan(study.errors[own]), np.inf, study.errors[own]), axis=0)
     worse = [
         f"{share_text(error)} in {name}"
         for name, error, floor in zip(study.outputs, mesh.errors[0], best)
         if error > floor
     ]
-    if not worse:
-        return []
-    return [
-        f"The scene's meshes themselves are off by {_joined(worse)}, against cells cut into {mesh.refinement[-1]}; "
-        "where that matters, refine them before anything else."
-    ]
+    if worse:
+        yield (
+            f"The scene's meshes themselves are off by {_joined(worse)}, against cells cut into {mesh.refinement[-1]}; "
+            "where that matters, refine them before anything else."
+        )
 
 
-def _reference_sentences(study: Tradeoff) -> list[str]:
+def _reference_sentences(study: Tradeoff) -> Iterator[str]:
     """Say where the reference is no better than the errors that are asked for."""
     own = study.references.refinement == 1
     if not own.any():
-        return []
+        return
     moved = study.references.moved[own][0]
     poor = [
         f"{share_text(move)} in {name}"
         for name, move, errors in zip(study.outputs, moved, study.errors[study.own_mesh].T)
         if np.isfinite(errors).any() and move > NOT_KNOWN * np.nanmin(errors)
     ]
-    if not poor:
-        return []
-    return [
-        f"The reference is not settled: halving its step the last time moved it by {_joined(poor)}; errors that small "
-        "are not known."
-    ]
+    if poor:
+        moved_by = f"halving its step the last time moved it by {_joined(poor)}"
+        yield f"The reference is not settled: {moved_by}; errors that small are not known."
 
 
 def _joined(words: Sequence[str]) -> str:

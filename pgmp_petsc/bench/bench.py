@@ -106,23 +106,39 @@ class Measured:
 class Bench:
     """Runs what is to be compared; methods are collective on `comm` unless they say otherwise.
 
-    - `reference`: what errors are measured against; any model where its own steps alone are compared.
-    - `training`: the samples, and loads, to run.
-    - `comm`: ranks that share the loads.
-    - `subject`: the scene and its bodies, condensed for all settings; None where only the reference runs.
-    - `group`: ranks that share an eigenproblem.
-    - `bar`: counts the runs.
-    - `finished`: what an earlier run of the program left, and where results are kept; None where nothing is.
-    - `timed`: whether each model is made from nothing, and kept for its times; `comm` is this rank alone then.
-      Processor times, s, of what was done once for all settings, of families by name, are to be added: condensing the
-      bodies for ``reduced`` ones, preparing the reference for a ``surface``.
+    Parameters
+    ----------
+    reference
+        What errors are measured against; any model where its own steps alone are compared.
+    training
+        The samples, and loads, to run.
+    comm
+        Ranks that share the loads.
+    subject
+        The scene and its bodies, condensed for all settings; None where only the reference runs.
+    group
+        Ranks that share an eigenproblem.
+    bar
+        Counts the runs.
+    finished
+        What an earlier run of the program left, and where results are kept; None where nothing is.
+    timed
+        Whether each model is made from nothing, and kept for its times; `comm` is this rank alone then. Processor
+        times, s, of what was done once for all settings, of families by name, are to be added: condensing the bodies
+        for ``reduced`` ones, preparing the reference for a ``surface``.
     """
 
     def __init__(
-        self, reference: Reference, training: Training, comm: Comm, subject: Subject | None = None,
-        group: RankGroup | None = None, bar: Progress | None = None, finished: Finished | None = None,
+        self,
+        reference: Reference,
+        training: Training,
+        comm: Comm,
+        subject: Subject | None = None,
+        group: RankGroup | None = None,
+        bar: Progress | None = None,
+        finished: Finished | None = None,
         timed: Mapping[str, float] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.reference, self.training, self.comm, self.group = reference, training, comm, group
         self.scene, self.full_model = reference.model.scene if subject is None else subject.scene, reference.model
         self._subject, self._bar, self._finished, self._timed = subject, bar, finished, timed
@@ -138,7 +154,7 @@ class Bench:
         self._models: dict[tuple, tuple[AnyModel | ResponseSurface, int, float]] = {}
         self._offline: dict[tuple, list[np.ndarray]] = {}
         self._online: dict[tuple[Setting, int], np.ndarray] = {}
-        self._spent: dict[Setting, np.ndarray] = {}
+        self.spent_on: dict[Setting, np.ndarray] = {}  # wall and processor time of timed runs, shape (2,), s
 
     # models of settings
 
@@ -155,10 +171,10 @@ class Bench:
 
     def _model(self, setting: Setting) -> tuple[AnyModel | ResponseSurface, int, float]:
         """Return what a setting runs with, its number of coordinates, and the smallest cosine; see `Measured`."""
-        families = {
-            "reduced": self._reduced, "reference": self._full, "full": self._full, "components": self._components,
-            "surface": self._surface,
-        }  # fmt: skip
+        if setting.family == "components":
+            model = component_model(self.scene, self._subject.meshes, self.comm, setting.component_modes)
+            return model, sum(model.n_amplitudes.values()), 1.0
+        families = {"reduced": self._reduced, "reference": self._full, "full": self._full, "surface": self._surface}
         return families[setting.family](setting)
 
     def _reduced(self, setting: Setting) -> tuple[ReducedModel, int, float]:
@@ -180,10 +196,6 @@ class Bench:
             model = FullModel(self.scene, meshes)
         return model, model.kinematics.mechanism.n_dofs, 1.0
 
-    def _components(self, setting: Setting) -> tuple[AnyModel, int, float]:
-        model = component_model(self.scene, self._subject.meshes, self.comm, setting.component_modes)
-        return model, sum(model.n_amplitudes.values()), 1.0
-
     def _surface(self, setting: Setting) -> tuple[ResponseSurface, int, float]:
         nodes = node_values(self.scene, setting.nodes)
         values = at_values(self.scene, nodes)
@@ -197,9 +209,13 @@ class Bench:
     # runs and their errors
 
     def errors(
-        self, names: Sequence[str], found: Setting, exact: Setting, of: Callable[[Case], Case] = lambda case: case,
+        self,
+        names: Sequence[str],
+        found: Setting,
+        exact: Setting,
+        of: Callable[[Case], Case] = lambda case: case,
         factor: float = 1.0,
-    ) -> Errors:  # fmt: skip
+    ) -> Errors:
         """Return how far two settings are apart under some loads, times a factor, in cases made `of` these."""
         cases = [of(self.training.case(self.scene, name, factor)) for name in names]
         for setting in (exact, found):
@@ -258,9 +274,9 @@ class Bench:
     @property
     def _on_all_ranks(self) -> bool:
         """Whether the only run of a large reference is shared by all ranks; nothing is reduced then."""
-        model = self.full_model
-        large = model.kinematics.mechanism.n_dofs >= 2 * UNKNOWNS_PER_RANK
-        return self._subject is None and self.training.n_cases == 1 and large and not isinstance(model, ReducedModel)
+        large = self.full_model.kinematics.mechanism.n_dofs >= 2 * UNKNOWNS_PER_RANK
+        alone = self._subject is None and self.training.n_cases == 1
+        return alone and large and not isinstance(self.full_model, ReducedModel)
 
     # what is asked of candidates for a tolerance
 
@@ -331,10 +347,6 @@ class Bench:
         """Compare a candidate with the full-order model at another step."""
         return self.errors(loads, trial.at(n_steps), Setting("reference", n_steps))
 
-    def moved_reduced(self, trial: Trial, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
-        """Return how far runs of a candidate with two numbers of steps are apart."""
-        return self.errors(loads, trial.at(coarse), trial.at(fine))
-
     def apart(self, one: Trial, other: Trial) -> Errors:
         """Return how far two candidates that ran with the same step are apart, under the loads that both ran with."""
         names = tuple(name for name in one.errors.loads if name in other.errors.loads)
@@ -395,7 +407,6 @@ class Bench:
         return self.scene.reference.budget if self.scene.reference.model == "auto" else np.inf
 
     def _endless(self, names: tuple[str, ...]) -> Errors:
-        """Return infinite errors."""
         shape = (len(names), len(self.outputs), self.training.n_samples)
         return Errors(np.full(shape, np.inf), np.zeros(shape), names, self.outputs, self.training)
 
@@ -458,7 +469,7 @@ class Bench:
     @property
     def ready(self) -> list[Setting]:
         """Settings that were measured here and did not fail."""
-        return list(self._spent)
+        return list(self.spent_on)
 
     def warm_up(self, setting: Setting, second_order: bool) -> None:
         """Load and compile what the first measurement would otherwise pay for."""
@@ -484,7 +495,7 @@ class Bench:
         out about it; a failure is returned, not raised."""
         measured = self._kept("task", setting, lambda: self._measured(setting))
         if setting.family != "reference" and np.isfinite(measured.offline[0]):
-            self._spent.setdefault(setting, np.zeros(2))
+            self.spent_on.setdefault(setting, np.zeros(2))
             self._offline.setdefault(setting.build, [np.array(measured.offline)])
         return measured
 
@@ -531,7 +542,6 @@ class Bench:
         )
 
     def _on_surface(self, surface: ResponseSurface, n_steps: int) -> History:
-        """Return the outputs of a response surface."""
         found, n = surface.evaluate(self._points), self.training.n_samples
         outputs = np.array([found[name] for name in self.outputs])
         fine, inside = np.full(n, Status.FINE), np.ones(n, dtype=bool)
@@ -550,7 +560,7 @@ class Bench:
         model = self._ready(setting)[0]
         for n in (self.batch, 1) if turn <= few_repeats else (self.batch,):
             seconds = self.seconds(model, setting.n_steps, n)
-            self._spent[setting] = self._spent[setting] + n * seconds
+            self.spent_on[setting] = self.spent_on[setting] + n * seconds
             self._online[setting, n] = np.minimum(seconds, self._online.get((setting, n), np.inf))
         taken = self._offline[setting.build]
         if len(taken) < min(turn, few_repeats) and taken[0][0] < LONG_BUILD:
@@ -560,10 +570,6 @@ class Bench:
         """Return the times of a setting: offline, of a sample in a batch, of one alone; shape (3, 2), wall first, s."""
         offline = np.min(self._offline[setting.build], axis=0)
         return np.array([offline, self._online[setting, self.batch], self._online[setting, 1]])
-
-    def spent_on(self, setting: Setting) -> np.ndarray:
-        """Return wall and processor time of a setting's timed runs, shape (2,), s."""
-        return self._spent[setting]
 
     def n_cells(self, refinement: int) -> int:
         """Return the number of cells of all bodies."""

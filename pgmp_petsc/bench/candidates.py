@@ -66,8 +66,7 @@ class CandidatePrices:
     """Figures common to all candidates."""
 
     n_unknowns: int  # of the mechanism, bodies of cells condensed
-    # n_terms, n_coordinates: affine terms, and rigid coordinates
-    n_terms: int
+    n_terms: int  # n_terms, n_coordinates: affine terms, and rigid coordinates
     n_coordinates: int
     step: float  # of a sample, besides its tables, s
     n_steps: int  # steps of all samples and loads together
@@ -105,8 +104,7 @@ class CandidatePrices:
         """Return the rungs of every family within a budget, s, the cheapest in any case, and a text on the others."""
         kept, dear = [], []
         for family in families:
-            fine = [rung for rung in family if self.within(rung, budget)]
-            kept.append(fine or family[:1])
+            kept.append([rung for rung in family if self.within(rung, budget)] or family[:1])
             dear += [rung for rung in family if rung not in kept[-1]]
         if not dear:
             return kept, ""
@@ -153,8 +151,7 @@ class Limits:
     n_static: int  # load patterns that static modes can answer
     n_terms: int  # affine terms of mass and stiffness together
     uncertain: bool = False  # whether a parameter has a distribution
-    # n_coordinates, n_inertia: rigid coordinates, and the inertia forces of their motion
-    n_coordinates: int = 1
+    n_coordinates: int = 1  # n_coordinates, n_inertia: rigid coordinates, and the inertia forces of their motion
     n_inertia: int = 1
     second_order: bool = True  # whether a reduced model of the scene may have terms of second order, or be without them
     # modes that bodies of cells are condensed for; other vectors come on top of them. None where it is the meshes that
@@ -227,22 +224,15 @@ def families_of(given: dict[str, Any], limits: Limits) -> list[list[Rung]]:
         extension = {key: given.get(key, value) for key, value in proposed.items()}
         if extension not in extensions:
             extensions.append(extension)
-    families = [
-        _family({"static_modes": static, **extension, "second_order": second, "stretching": kind}, given, limits)
-        for second in orders
-        for kind in _stretching(second, given, limits)
-        for extension in extensions
-    ]
+    families = []
+    for second in orders:  # without terms of second order nothing is followed, and there is one kind of stretching
+        kinds = ("static", "dynamic") if second and limits.slender else ("dynamic",)
+        for kind, extension in product((given["stretching"],) if "stretching" in given else kinds, extensions):
+            entries = {"static_modes": static, **extension, "second_order": second, "stretching": kind}
+            families.append(_family(entries, given, limits))
     # with given modes there may be no room for an extension
     fitting = [[rung for rung in family if rung.n_flexible <= limits.n_modes] for family in families]
     return [family for family in fitting if family] or families[:1]
-
-
-def _stretching(second: bool, given: dict[str, Any], limits: Limits) -> tuple[str, ...]:
-    """Return the kinds to try; without terms of second order nothing is followed, and there is one."""
-    if "stretching" in given:
-        return (given["stretching"],)
-    return ("static", "dynamic") if second and limits.slender else ("dynamic",)
 
 
 def by_distance_from_middle(family: Sequence[Rung]) -> list[Rung]:
@@ -334,8 +324,9 @@ class Sweep:
         """Return the sweep for a number of coordinates: of several, angles along each of them and fewer."""
         if n_coordinates == 1:
             return self
-        few = tuple(dict.fromkeys(round(angles**ALONG_EACH) for angles in self.angles))
-        own = tuple(dict.fromkeys(round(angles**ALONG_EACH) for angles in self.own_angles))
+        few, own = (
+            tuple(dict.fromkeys(round(n**ALONG_EACH) for n in angles)) for angles in (self.angles, self.own_angles)
+        )
         schemes = tuple(scheme for scheme in self.schemes if scheme != "spectral")
         tensor = round(self.tensor_angles**ALONG_EACH)
         return replace(self, angles=few, own_angles=own, tensor_angles=tensor, schemes=schemes)
@@ -370,7 +361,9 @@ def first_settings(scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
         settings += [own.with_reduction(static_modes=value) for value in static]
         settings += _sampled(own, sweep.own_angles, sweep.schemes)
     settings += [replace(own, n_steps=steps) for steps in _steps(n, sweep.finer - 1, 1)]
-    few = own if _adaptive(own) else own.with_reduction(angles=sweep.tensor_angles, interpolation="spline")
+    few = own  # with a tolerance angles are added until it holds, which splines alone can do
+    if own.reduction.sampling_tolerance is None:
+        few = own.with_reduction(angles=sweep.tensor_angles, interpolation="spline")
     coarse = _steps(n, 0, 1)
     for modes, value, steps in product(_within(sweep.tensor_modes, limits), static, coarse):
         plain = {"inertia_modes": False, "parameter_modes": 0}
@@ -398,7 +391,9 @@ def settings_around(best: Sequence[Setting], scene: Scene, sweep: Sweep, limits:
         if limits.second_order:
             settings.append(setting.with_reduction(second_order=not setting.reduction.second_order))
         settings += [setting.with_reduction(static_modes=value) for value in _static(limits)]
-        settings += _extended(setting, sweep, scene)
+        settings.append(setting.with_reduction(inertia_modes=not setting.reduction.inertia_modes))
+        of_parameters = sweep.parameter_modes if uncertain_names(scene) else ()
+        settings += [setting.with_reduction(inertia_modes=True, parameter_modes=n) for n in of_parameters]
         settings += _sampled(setting, sweep.angles, sweep.schemes)
         if limits.refinable:
             settings += [replace(setting, refinement=refinement) for refinement in sweep.refinements]
@@ -420,9 +415,12 @@ def best_settings(
     ]
     if not points:
         return []
-    smallest = min(error for error, _, _ in points)
-    limits = (AS_GOOD * smallest, max(GOOD_ENOUGH, AS_GOOD * smallest))
-    return _once(_cheapest(points, lambda error, limit=limit: error <= limit) for limit in limits)
+    as_good = AS_GOOD * min(error for error, _, _ in points)
+    best = []
+    for limit in (as_good, max(GOOD_ENOUGH, as_good)):
+        among = [(cost, setting.reduction.angles, setting) for error, cost, setting in points if error <= limit]
+        best.append(min(among, key=lambda one: one[:2])[2])  # the fewest operations; of equals, the fewest angles
+    return _once(best)
 
 
 def columns_of(settings: Sequence[Setting], scene: Scene) -> dict[str, np.ndarray]:
@@ -443,35 +441,15 @@ def columns_of(settings: Sequence[Setting], scene: Scene) -> dict[str, np.ndarra
     return columns
 
 
-def _cheapest(points: Sequence[tuple[float, int, Setting]], good: Callable[[float], bool]) -> Setting:
-    """Return the setting with the fewest operations among the good ones; of equals, that with the fewest angles."""
-    among = [point for point in points if good(point[0])]
-    return min(among, key=lambda point: (point[1], point[2].reduction.angles))[2]
-
-
 def _sampled(setting: Setting, angles: Sequence[int], schemes: Sequence[str]) -> list[Setting]:
     """Return other ways to sample and interpolate the tables."""
-    if _adaptive(setting):
-        tolerance = setting.reduction.sampling_tolerance
+    tolerance = setting.reduction.sampling_tolerance
+    if tolerance is not None:
         return [setting.with_reduction(sampling_tolerance=other) for other in (10.0 * tolerance, tolerance / 10.0)]
     return [
         *(setting.with_reduction(angles=n) for n in angles),
         *(setting.with_reduction(interpolation=scheme) for scheme in schemes),
     ]
-
-
-def _extended(setting: Setting, sweep: Sweep, scene: Scene) -> list[Setting]:
-    """Return bases with the static answer to inertia forces or without, then with modes at other parameter values."""
-    other = setting.with_reduction(inertia_modes=not setting.reduction.inertia_modes)
-    if not uncertain_names(scene):
-        return [other]
-    with_inertia = setting.with_reduction(inertia_modes=True)
-    return [other, *(with_inertia.with_reduction(parameter_modes=n) for n in sweep.parameter_modes)]
-
-
-def _adaptive(setting: Setting) -> bool:
-    """Whether angles are added until a tolerance holds, which splines alone can do."""
-    return setting.reduction.sampling_tolerance is not None
 
 
 def _static(limits: Limits) -> tuple[bool, ...]:
@@ -494,17 +472,20 @@ def _once(settings: Iterable[Setting]) -> list[Setting]:
     return list(dict.fromkeys(settings))
 
 
-# of the polynomial beside a cubic radial basis function, which needs at least the first
-DEGREES = (2, 1)
-
-
 class ResponseSurface:
     """Interpolates outputs over time between nodes in the space of the parameters.
 
-    - `nodes`: parameter values, shape (n_nodes, n_parameters).
-    - `outputs`: outputs at the nodes, each of shape (n_t, n_nodes).
+    Parameters
+    ----------
+    nodes
+        Parameter values, shape (n_nodes, n_parameters).
+    outputs
+        Outputs at the nodes, each of shape (n_t, n_nodes).
 
-    Raises `ValueError` if there are too few nodes for any interpolation.
+    Raises
+    ------
+    ValueError
+        If there are too few nodes for any interpolation.
     """
 
     def __init__(self, nodes: np.ndarray, outputs: Mapping[str, np.ndarray]) -> None:
@@ -545,8 +526,7 @@ def node_counts(n_uncertain: int, steps: int) -> list[int]:
 
 def _degree(n_nodes: int, n_parameters: int) -> int:
     """Return the largest degree whose polynomials the nodes determine, with one node to spare."""
-    terms = {1: n_parameters + 1, 2: (n_parameters + 1) * (n_parameters + 2) // 2}
-    for degree in DEGREES:
-        if n_nodes > terms[degree]:
-            return degree
-    raise ValueError(f"{n_nodes} nodes for {n_parameters} parameters; at least {terms[1] + 1} are needed")
+    linear = n_parameters + 1
+    if n_nodes <= linear:
+        raise ValueError(f"{n_nodes} nodes for {n_parameters} parameters; at least {linear + 1} are needed")
+    return 2 if n_nodes > linear * (n_parameters + 2) // 2 else 1

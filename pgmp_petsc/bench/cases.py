@@ -126,8 +126,7 @@ class Case:
 class Load:
     """The torques and forces over time of one variant."""
 
-    # name, description: for messages
-    name: str
+    name: str  # name, description: for messages
     description: str
     functions: Mapping[str, Function]  # table or harmonic of every torque and force, by the effect's name
     for_step: bool  # whether the step is found with them; basis and interpolation are with all

@@ -80,17 +80,26 @@ def leaves_open(scene: Scene) -> bool:
 
 
 def choose(
-    scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, say: Callable[[str], None] = lambda text: None,
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    group: RankGroup,
+    say: Callable[[str], None] = lambda text: None,
     finished: Finished | None = None,
-) -> Choice:  # fmt: skip
+) -> Choice:
     """Choose what the tolerances of a scene leave open. Collective on ``group.world``.
 
     Raises `InputError` if a tolerance cannot be met, or there is no reference within the budget.
 
-    - `scene`, `meshes`: the scene, with a tolerance, and the mesh of every body.
-    - `group`: ranks that share an eigenproblem.
-    - `say`: gets what errors are measured against and what that is predicted to take, before it is run.
-    - `finished`: runs of the reference that an earlier run of the program left, and where they are kept.
+    Parameters
+    ----------
+    scene, meshes
+        The scene, with a tolerance, and the mesh of every body.
+    group
+        Ranks that share an eigenproblem.
+    say
+        Gets what errors are measured against and what that is predicted to take, before it is run.
+    finished
+        Runs of the reference that an earlier run of the program left, and where they are kept.
     """
     timings, ledger, training = Timings(), Ledger(), Training.of(scene)
     entry = "reduction.tolerance" if scene.reduction.tolerance is not None else "simulation.tolerance"
@@ -127,14 +136,15 @@ def choose(
         step.fit_reduced(trial)
         rom = bench.rom_of(trial)
         chosen = _chosen_scene(scene, step, trial, rom)
-        found = (*_step_remark(step), *mesh_remark(bench, trial.n_steps), _cost_remark(bench, step, trial))
+        found = [*mesh_remark(bench, trial.n_steps), _cost_remark(bench, step, trial)]
+        if not step.kept:
+            loads = " and ".join(f"'{name}'" for name in step.loads)
+            sharper = "for loads with sharper corners, give simulation.tolerance with the run"
+            found.insert(0, f"the step was found with {loads}: {sharper}")
+    asked = {name: getattr(scene, name).tolerance for name in ("reduction", "simulation")}
     used = step.loads if scene.reduction.tolerance is None else [load.name for load in bench.training.loads]
     selection = Selection(
-        tolerances={
-            name: getattr(scene, name).tolerance
-            for name in ("reduction", "simulation")
-            if getattr(scene, name).tolerance is not None
-        },
+        tolerances={name: value for name, value in asked.items() if value is not None},
         allowed=allowed,
         chosen=_entries(scene, chosen, kept=False),
         reasons=ledger.reasons,
@@ -229,14 +239,6 @@ def _entries(scene: Scene, chosen: Scene, kept: bool) -> dict[str, object]:
     return entries
 
 
-def _step_remark(step: StepChoice) -> list[str]:
-    """Say what a chosen step is good for."""
-    if step.kept:
-        return []
-    loads = " and ".join(f"'{name}'" for name in step.loads)
-    return [f"the step was found with {loads}: for loads with sharper corners, give simulation.tolerance with the run"]
-
-
 def mesh_remark(bench: Bench, n_steps: int) -> list[str]:
     """Say what the meshes themselves leave, no part of the tolerance, or how far the reference is from them."""
     errors, apart = bench.finer_meshes(n_steps), bench.reference.from_mesh
@@ -279,9 +281,12 @@ def cost_text(reduced: float, n_reduced: int, full: float, n_full: int, title: s
 
 
 def choose_over_lengths(
-    scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, say: Callable[[str], None] = lambda text: None,
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    group: RankGroup,
+    say: Callable[[str], None] = lambda text: None,
     finished: Finished | None = None,
-) -> Choice:  # fmt: skip
+) -> Choice:
     """Choose what the tolerances of a scene leave open, with any lengths; see `choose`. Collective on ``group.world``.
 
     Raises `InputError` or `RunError`, as `choose`; with the lengths at which what was chosen does not keep the
@@ -297,15 +302,21 @@ def choose_over_lengths(
     asked, remarks = _asked_again(scene, chosen), []
     for lengths in extremes(scene):
         check = _chosen_at(asked, lengths, meshes, group, lambda text: None, None)
-        remarks.append(f"at {_words(lengths)}: {_left(check.selection)}")
+        parts = {attempt.part: attempt.largest for attempt in check.selection.attempts}
+        left = ", ".join(f"{part} leaves {size:.2g}" for part, size in parts.items()) or "nothing was left to look at"
+        remarks.append(f"at {_words(lengths)}: {left}")
     selection = replace(found.selection, remarks=(*found.selection.remarks, *remarks))
     return Choice(chosen, build_rom(chosen, meshes, group), selection)
 
 
 def _chosen_at(
-    scene: Scene, lengths: Mapping[str, float], meshes: Mapping[str, BodyShape], group: RankGroup,
-    say: Callable[[str], None], finished: Finished | None,
-) -> Choice:  # fmt: skip
+    scene: Scene,
+    lengths: Mapping[str, float],
+    meshes: Mapping[str, BodyShape],
+    group: RankGroup,
+    say: Callable[[str], None],
+    finished: Finished | None,
+) -> Choice:
     """Choose with some lengths, m."""
     shapes = at_lengths(scene.with_values(lengths), meshes)
     try:
@@ -317,20 +328,13 @@ def _chosen_at(
 def _asked_again(scene: Scene, chosen: Scene) -> Scene:
     """Return a scene with its tolerances in which everything is given that was chosen."""
     update: dict[str, Reduction | Simulation] = {"simulation": chosen.simulation}
+    of_reduction, of_step = ({"tolerance": table.tolerance} for table in (scene.reduction, scene.simulation))
     if scene.reduction.tolerance is not None:
-        kept = {"tolerance": scene.reduction.tolerance}
-        update["reduction"] = Reduction(**chosen.reduction.model_dump(exclude_none=True) | kept)
+        update["reduction"] = Reduction(**chosen.reduction.model_dump(exclude_none=True) | of_reduction)
     if scene.simulation.tolerance is not None:
-        kept = {"tolerance": scene.simulation.tolerance}
-        update["simulation"] = Simulation(**chosen.simulation.model_dump() | kept)
+        update["simulation"] = Simulation(**chosen.simulation.model_dump() | of_step)
     return scene.model_copy(update=update)
 
 
 def _words(lengths: Mapping[str, float]) -> str:
     return ", ".join(f"{name} = {value:.6g}" for name, value in lengths.items())
-
-
-def _left(selection: Selection) -> str:
-    """Say what is left of each part of the error."""
-    parts = {attempt.part: attempt.largest for attempt in selection.attempts}
-    return ", ".join(f"{part} leaves {left:.2g}" for part, left in parts.items()) or "nothing was left to look at"

@@ -47,9 +47,14 @@ class Finished(SharedCheckpoint):
     of anything else is refused, or of other scenes and meshes."""
 
     def __init__(
-        self, output: Path, kind: Mapping[str, object], scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm,
+        self,
+        output: Path,
+        kind: Mapping[str, object],
+        scene: Scene,
+        meshes: Mapping[str, BodyShape],
+        comm: Comm,
         resume: bool,
-    ) -> None:  # fmt: skip
+    ) -> None:
         run = {"format": FORMAT, **kind, "scene": identity(scene_to_toml(scene)), "meshes": identity(meshes)}
         super().__init__(output, run, comm, resume, {"*": lambda name, arrays: {name: dict(arrays)}})
 

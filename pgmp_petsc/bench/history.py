@@ -89,15 +89,24 @@ def spacing(n_steps: int) -> int:
 
 
 def run_history(
-    model: AnyModel, values: Mapping[str, np.ndarray], n_samples: int, n_steps: int,
+    model: AnyModel,
+    values: Mapping[str, np.ndarray],
+    n_samples: int,
+    n_steps: int,
     system: SecondOrderSystem | None = None,
-) -> History:  # fmt: skip
+) -> History:
     """Integrate samples on this rank, in batches as large as the model takes, or on the ranks of a given system.
 
-    - `model`: any model of a scene.
-    - `values`: parameter values, each of shape (n_samples,).
-    - `n_steps`: equal time steps over the scene's duration.
-    - `system`: the only sample on ranks that share it; made here otherwise.
+    Parameters
+    ----------
+    model
+        Any model of a scene.
+    values
+        Parameter values, each of shape (n_samples,).
+    n_steps
+        Equal time steps over the scene's duration.
+    system
+        The only sample on ranks that share it; made here otherwise.
     """
     if system is not None:
         return _integrated(model, system, n_steps, values)
@@ -116,7 +125,10 @@ def run_history(
 def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, values: Mapping[str, np.ndarray]) -> History:
     """Integrate a system and evaluate the outputs at the kept instants."""
     every, kept, times, of_joints, n_samples = spacing(n_steps), [], [], [], system.n_samples
-    reduced, measures = isinstance(model, ReducedModel), _limited(model)
+    reduced, kinematics = isinstance(model, ReducedModel), model.kinematics
+    # what measures coordinates with a limited range; a reduced model watches its own itself
+    limited = () if reduced else [c for c in kinematics.coordinates if not c.periodic]
+    measures = [(c, Reading.of_coordinate(c, kinematics)) for c in limited]
     nodes = sorted(set().union(*(angle.nodes for _, angle in measures)))
 
     def record(step: int, time: float, state: State) -> None:
@@ -147,15 +159,6 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, values
     return History(n_steps, every, outputs, run.status, inside, run.failure_time)
 
 
-def _limited(model: AnyModel) -> list[tuple[Coordinate, Reading]]:
-    """Return the coordinates with a limited range, and what measures them; none of a reduced model, which watches its
-    range itself."""
-    kinematics = model.kinematics
-    if isinstance(model, ReducedModel):
-        return []
-    return [(c, Reading.of_coordinate(c, kinematics)) for c in kinematics.coordinates if not c.periodic]
-
-
 def _inside(measured: Sequence[tuple[Coordinate, np.ndarray]], n_samples: int) -> np.ndarray:
     """Return which samples stayed in the ranges of their coordinates, of angles of shape (n_kept, n_samples)."""
     result = np.ones(n_samples, dtype=bool)
@@ -174,10 +177,17 @@ def errors_between(found: History, exact: History, floors: np.ndarray) -> np.nda
     infinite where only `found` failed, or has no number at a tenth of the instants and more at which the exact run has
     one (a deformation is none outside a limited range); NaN where the exact run failed or has no number at any instant.
 
-    - `found`, `exact`: histories of the same samples; one's number of steps divides the other's.
-    - `floors`: in the outputs' units, shape (n_outputs,).
+    Parameters
+    ----------
+    found, exact
+        Histories of the same samples; one's number of steps divides the other's.
+    floors
+        In the outputs' units, shape (n_outputs,).
     """
-    one, other = _common(found, exact)
+    finest = max(found.n_steps, exact.n_steps)
+    strides = [item.every * (finest // item.n_steps) for item in (found, exact)]
+    shared = int(np.lcm(*strides))  # of the instants that both kept
+    one, other = (item.outputs[:, :: shared // stride] for item, stride in zip((found, exact), strides))
     known = np.isfinite(other)
     scale = np.max(np.abs(exact.outputs), axis=1, initial=0.0, where=np.isfinite(exact.outputs))
     both = known & np.isfinite(one)
@@ -196,8 +206,7 @@ def largest_errors(found: History, exact: History, floors: np.ndarray) -> np.nda
     NaN where a sample's output has no number where the exact one has, or no sample has any to compare with.
     """
     errors = errors_between(found, exact, floors)
-    known = np.isfinite(errors) | np.isposinf(errors)
-    largest = np.max(errors, axis=1, initial=-1.0, where=known)
+    largest = np.max(errors, axis=1, initial=-1.0, where=np.isfinite(errors) | np.isposinf(errors))
     return np.where(np.isinf(largest) | (largest < 0.0), np.nan, largest)
 
 
@@ -207,14 +216,6 @@ def round_off_of(exact: History, floors: np.ndarray) -> np.ndarray:
     return floors[:, None] / np.maximum(scale, floors[:, None])
 
 
-def _common(one: History, other: History) -> tuple[np.ndarray, np.ndarray]:
-    """Return the outputs of both at the instants that both kept."""
-    finest = max(one.n_steps, other.n_steps)
-    strides = [item.every * (finest // item.n_steps) for item in (one, other)]
-    shared = int(np.lcm(*strides))
-    return tuple(item.outputs[:, :: shared // stride] for item, stride in zip((one, other), strides))
-
-
 @dataclass(frozen=True)
 class Errors:
     """Errors of one kind over all training cases."""
@@ -222,8 +223,7 @@ class Errors:
     # shares of the outputs' largest values, shape (n_loads, n_outputs, n_samples); NaN where a case does not count
     values: np.ndarray
     round_off: np.ndarray  # what of it is below what counts as zero: errors as small are round-off; the same shape
-    # loads, outputs: names
-    loads: tuple[str, ...]
+    loads: tuple[str, ...]  # loads, outputs: names
     outputs: tuple[str, ...]
     training: Training  # the cases
 
@@ -260,8 +260,7 @@ class Errors:
 class Trial:
     """A candidate that was tried."""
 
-    # reduction, n_steps: what it is
-    reduction: Reduction
+    reduction: Reduction  # reduction, n_steps: what it is
     n_steps: int
     errors: Errors  # against the full-order model with the same step
     reason: str  # why it could not be built or run; empty where it could
@@ -288,11 +287,6 @@ BASIS_ALONE = 0.45  # of the tolerance, where no basis does with its share: near
 def shares_of(fixed_grid: bool) -> dict[str, float]:
     """Return the shares of the reduction's tolerance; with fixed angles, interpolation is part of the basis's error."""
     return {"basis": REDUCTION} if fixed_grid else {"basis": BASIS, "interpolation": INTERPOLATION}
-
-
-def shares_shifted() -> dict[str, float]:
-    """Return the shares of the reduction's tolerance where the basis needs what more angles can spare."""
-    return {"basis": BASIS_ALONE, "interpolation": REDUCTION - BASIS_ALONE}
 
 
 @dataclass

@@ -12,7 +12,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bench import candidates
 from pgmp_petsc.bench.bench import Bench
-from pgmp_petsc.bench.history import REDUCTION, Errors, Ledger, Trial, shares_of, shares_shifted
+from pgmp_petsc.bench.history import BASIS_ALONE, REDUCTION, Errors, Ledger, Trial, shares_of
 from pgmp_petsc.bench.refusal import kept_text, refuse, refuse_basis
 
 OF_BASIS = ("modes", "static_modes", "inertia_modes", "parameter_modes", "second_order", "stretching")
@@ -142,7 +142,6 @@ class ReductionChoice:
         return self._trials[key]
 
     def _trial(self, rung: candidates.Rung) -> Trial:
-        """Return the trial of a rung at the present angles."""
         return self._try(rung, self._grid)
 
     def _error(self, rung: candidates.Rung) -> float:
@@ -190,7 +189,8 @@ class ReductionChoice:
         """
         if self._fixed_grid:
             return False
-        self.allowed.update({part: share * self.tolerance for part, share in shares_shifted().items()})
+        self.allowed["basis"] = BASIS_ALONE * self.tolerance
+        self.allowed["interpolation"] = (REDUCTION - BASIS_ALONE) * self.tolerance
         return self._error(best) <= self.allowed["basis"]
 
     def _apart(self, rung: candidates.Rung, grid: dict[str, Any], finer: dict[str, Any]) -> Errors:
@@ -289,11 +289,15 @@ class ReductionChoice:
             best = self._best_looked_at()
         more = self._more_angles(best)
         if more is MoreAngles.LAST:
-            self._refuse_angles(best)
+            most = self._grid["angles"]
+            if self._apart(best, self._grid | {"angles": most // 2}, self._grid).largest > COUNTS * self._error(best):
+                hints = [f"the tables change too fast over the range for {most} angles: take more reduction.angles"]
+                refuse("reduction.tolerance", self.tolerance, "interpolation", self.allowed, self._ledger, hints)
         kept = {name: value for name, value in self.given.items() if name in OF_BASIS or self._fixed_grid}
         last = [kept_text(kept)] if kept else []
-        if more is MoreAngles.GIVEN:
-            self._look_at_finer(best)
+        more_known = self._reduction.sampling_tolerance is None and self._finer["angles"] <= self._angles[-1]
+        if more is MoreAngles.GIVEN and more_known and self._is_affordable(best, self._finer):
+            self._apart(best, self._grid, self._finer)  # noted: what twice the angles that are given would change
         rival = self._rival_of(trial)
         last += self._left_out
         if more is MoreAngles.DEAR and not self._prices.within(best, self._bench.budget):
@@ -302,19 +306,6 @@ class ReductionChoice:
         if trial.reduction.modes >= self._limits.most_modes(n_static):
             last.append(self._limits.last_mode)
         refuse_basis(self._bench, trial, self.tolerance, self.allowed, self._ledger, last, rival)
-
-    def _look_at_finer(self, best: candidates.Rung) -> None:
-        """Note what twice the angles that are given would change, where that is no matter of other entries."""
-        if self._reduction.sampling_tolerance is None and self._finer["angles"] <= self._angles[-1]:
-            if self._is_affordable(best, self._finer):
-                self._apart(best, self._grid, self._finer)
-
-    def _refuse_angles(self, best: candidates.Rung) -> None:
-        """Refuse where the last angles that are tried still changed much of the best rung."""
-        most = self._grid["angles"]
-        if self._apart(best, self._grid | {"angles": most // 2}, self._grid).largest > COUNTS * self._error(best):
-            hints = [f"the tables change too fast over the range for {most} angles: take more reduction.angles"]
-            refuse("reduction.tolerance", self.tolerance, "interpolation", self.allowed, self._ledger, hints)
 
     def _rival_of(self, trial: Trial) -> Trial | None:
         """Return the largest basis that follows stretching in another way than one of second order does."""

@@ -110,24 +110,27 @@ class Reference:
     @property
     def about(self) -> dict[str, object]:
         """Entries of it that files keep."""
-        return {
-            "model": self.model.name,
-            "predicted_seconds": self.price.seconds,
-            "why": self.why,
-            "from_mesh": dict(self.from_mesh),
-        }
+        price, apart = self.price.seconds, dict(self.from_mesh)
+        return {"model": self.model.name, "predicted_seconds": price, "why": self.why, "from_mesh": apart}
 
 
 def component_model(
-    scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm, n_modes: int | None = None,
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    comm: Comm,
+    n_modes: int | None = None,
     kinematics: RigidKinematics | None = None,
-) -> ComponentModel:  # fmt: skip
+) -> ComponentModel:
     """Return the component model of a scene. Collective on `comm`.
 
     Raises `InputError` if a body cannot be put into a floating frame, or the scene has what such bodies do not take.
 
-    - `n_modes`: modes of the mechanism that its bodies' fields serve; ``reduction.modes`` by default.
-    - `kinematics`: of the same mechanism, where they are at hand.
+    Parameters
+    ----------
+    n_modes
+        Modes of the mechanism that its bodies' fields serve; ``reduction.modes`` by default.
+    kinematics
+        Of the same mechanism, where they are at hand.
     """
     modes = scene.reduction.model_copy(update={} if n_modes is None else {"modes": n_modes})
     serving = scene.model_copy(update={"reduction": modes})
@@ -182,7 +185,8 @@ def choose_reference(
         raise InputError(f"{refused}; there is no component model in its place: {error}") from error
     price = Price(step_seconds(components.kinematics.mechanism), demand.steps)
     if wanted == "auto" and price.seconds > budget:
-        raise InputError(f"{refused}, of the component model {price}; {_cure(demand)}")
+        named = 'name reference.model ("mesh" or "components") to take it at its price'
+        raise InputError(f"{refused}, of the component model {price}; raise reference.budget, {named}, {demand.cure}")
     modes = ", ".join(f"{body} {n}" for body, n in components.n_amplitudes.items())
     named = "as reference.model says" if wanted == "components" else without
     why = (
@@ -192,19 +196,22 @@ def choose_reference(
     return Reference(components, price, why, {})
 
 
-def _cure(demand: Demand) -> str:
-    named = 'name reference.model ("mesh" or "components") to take it at its price'
-    return f"raise reference.budget, {named}, {demand.cure}"
-
-
 def distance_from_mesh(
-    reference: Reference, meshes: Mapping[str, BodyShape], values: Mapping[str, np.ndarray], n_samples: int,
-    n_steps: int, comm: Comm,
-) -> Reference:  # fmt: skip
+    reference: Reference,
+    meshes: Mapping[str, BodyShape],
+    values: Mapping[str, np.ndarray],
+    n_samples: int,
+    n_steps: int,
+    comm: Comm,
+) -> Reference:
     """Return a reference that says how far it is from the mesh. Collective on `comm`.
 
-    - `values`: points to try, each of shape (n_samples,), the nominal ones first.
-    - `n_steps`: steps of both models over the whole run; few will do, both make the same errors with them.
+    Parameters
+    ----------
+    values
+        Points to try, each of shape (n_samples,), the nominal ones first.
+    n_steps
+        Steps of both models over the whole run; few will do, both make the same errors with them.
     """
     if reference.is_mesh:
         return reference

@@ -49,9 +49,14 @@ def refuse(
 
 
 def refuse_basis(
-    bench: Bench, trial: Trial, tolerance: float, allowed: Mapping[str, float], ledger: Ledger, last: Sequence[str],
+    bench: Bench,
+    trial: Trial,
+    tolerance: float,
+    allowed: Mapping[str, float],
+    ledger: Ledger,
+    last: Sequence[str],
     rival: Trial | None = None,
-) -> NoReturn:  # fmt: skip
+) -> NoReturn:
     """Find out what is wrong with the best basis and raise an `InputError` that says so.
 
     It may be the load's size, the parameters' distance, the step, how bodies stretch, or round-off. `trial` is the best

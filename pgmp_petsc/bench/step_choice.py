@@ -97,17 +97,13 @@ class StepSearch:
         error = float(self.compare(self._next, self.finest).max())
         if error <= self.allowed:
             self.chosen, self.error = self._next, error
-            if self._next == self.first:
-                self._lengthen()
+            # longer steps than the first ones, as long as they are good enough
+            while self._next == self.first and self.chosen > self.coarsest:
+                error = float(self.compare(self.chosen // 2, self.finest).max())
+                if not error <= self.allowed:
+                    break
+                self.chosen, self.error = self.chosen // 2, error
         self._next *= 2
-
-    def _lengthen(self) -> None:
-        """Take longer steps than the first ones, as long as they are good enough."""
-        while self.chosen > self.coarsest:
-            error = float(self.compare(self.chosen // 2, self.finest).max())
-            if not error <= self.allowed:
-                break
-            self.chosen, self.error = self.chosen // 2, error
 
     def _extrapolate(self) -> None:
         first, before, last = self._moved[-3:]
@@ -286,7 +282,7 @@ class StepChoice:
 
     def _good_for_reduced(self, trial: Trial, n_steps: int) -> bool:
         """Return whether so many steps of the reduced model keep the tolerance, and note it."""
-        errors = self._bench.moved_reduced(trial, n_steps, fine_enough(n_steps, self._first), self.loads)
+        errors = self._bench.errors(self.loads, trial.at(n_steps), trial.at(fine_enough(n_steps, self._first)))
         self._note(n_steps, errors, "reduced")
         good = errors.largest <= STEP * self.tolerance
         if good or n_steps >= self._first:

@@ -53,23 +53,41 @@ FRAME_FIELDS = 12  # amplitudes of a body beside its modes, for a rough price
 
 
 def measure_tradeoff(
-    scene: Scene, meshes: Mapping[str, BodyShape], sweep: candidates.Sweep, n_samples: int, quick: bool, comm: Comm,
-    finished: Finished | None = None, say: Callable[[str], None] = lambda text: None,
-) -> Tradeoff | None:  # fmt: skip
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    sweep: candidates.Sweep,
+    n_samples: int,
+    quick: bool,
+    comm: Comm,
+    finished: Finished | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Tradeoff | None:
     """Measure errors and times of the settings of a sweep. Collective on `comm`.
 
     Raises `InputError` if the scene has no outputs, its mechanism cannot be closed, or there is no reference within the
     budget; `RunError` if the reference fails at a test value, so that there is nothing to compare with.
 
-    - `scene`, `meshes`: the scene, with outputs.
-    - `sweep`: how many settings.
-    - `n_samples`: number of samples that the advice is for.
-    - `quick`: whether the sweep is the short one; for the record.
-    - `comm`: ranks that share the settings.
-    - `finished`: what an earlier run finished, and where finished tasks are kept.
-    - `say`: gets what errors are measured against and what that is predicted to take, before it is run.
+    Parameters
+    ----------
+    scene, meshes
+        The scene, with outputs.
+    sweep
+        How many settings.
+    n_samples
+        Number of samples that the advice is for.
+    quick
+        Whether the sweep is the short one; for the record.
+    comm
+        Ranks that share the settings.
+    finished
+        What an earlier run finished, and where finished tasks are kept.
+    say
+        Gets what errors are measured against and what that is predicted to take, before it is run.
 
-    The first rank gets the `Tradeoff`, the others None.
+    Returns
+    -------
+    Tradeoff or None
+        On the first rank, None elsewhere.
     """
     if not scene.outputs:
         raise InputError(
@@ -124,9 +142,13 @@ def _of_one_mechanism(scene: Scene) -> Scene:
 
 
 def _prepared(
-    scene: Scene, meshes: Mapping[str, BodyShape], training: Training, sweep: candidates.Sweep, comm: Comm,
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    training: Training,
+    sweep: candidates.Sweep,
+    comm: Comm,
     say: Callable[[str], None],
-) -> tuple[Subject, Reference, dict[str, float]]:  # fmt: skip
+) -> tuple[Subject, Reference, dict[str, float]]:
     """Condense bodies and choose the reference; return the processor times of both by what they are for."""
     modes, n = scene.reduction.modes, own_steps(scene)
     factors = (1.0, *sweep.own_modes)
@@ -188,7 +210,7 @@ def _times(
                     bench.take_times(setting, turn, sweep.few_repeats)
                     bar.update()
         for setting in todo:
-            known[setting] = {"times": bench.times(setting), "spent": bench.spent_on(setting)}
+            known[setting] = {"times": bench.times(setting), "spent": bench.spent_on[setting]}
             if finished is not None:
                 finished.put("times", setting, known[setting])
     every = {setting: arrays for part in comm.gather(known) or () for setting, arrays in part.items()}
@@ -280,16 +302,25 @@ class _Study:
         for name, attribute in (("coordinates", "n_coordinates"), ("cosine", "cosine")):
             columns[name] = np.array([getattr(self._measured[setting], attribute) for setting in settings])
         return Tradeoff(
-            record=record, units=units, test_values=self.bench.training.values,
+            record=record,
+            units=units,
+            test_values=self.bench.training.values,
             parameter_units={name: parameter.unit or "1" for name, parameter in self.scene.parameters.items()},
-            families=tuple(setting.family for setting in settings), columns=columns,
+            families=tuple(setting.family for setting in settings),
+            columns=columns,
             flags=tuple(_flags(setting, self.scene) for setting in settings),
-            reasons=tuple(self._reason(setting, row) for setting, row in zip(settings, errors)), errors=errors,
-            wall=Times(*seconds[:, :, 0].T), processor=Times(*seconds[:, :, 1].T), references=self._references(),
-            mesh=self._mesh_errors(len(units)), batch=self.bench.batch, repeats=self.sweep.repeats,
-            reference=self.bench.reference.why, reference_model=self.bench.reference.model.name,
+            reasons=tuple(self._reason(setting, row) for setting, row in zip(settings, errors)),
+            errors=errors,
+            wall=Times(*seconds[:, :, 0].T),
+            processor=Times(*seconds[:, :, 1].T),
+            references=self._references(),
+            mesh=self._mesh_errors(len(units)),
+            batch=self.bench.batch,
+            repeats=self.sweep.repeats,
+            reference=self.bench.reference.why,
+            reference_model=self.bench.reference.model.name,
             rigid_coordinates=len(self.scene.coordinates),
-        )  # fmt: skip
+        )
 
     def _missing(self, refinement: int) -> list[Setting]:
         wanted = self._sequences[refinement].wanted(self._smallest(refinement))
@@ -371,8 +402,7 @@ def tasks_of(settings: Sequence[Setting]) -> list[Task]:
 class Prices:
     """Predicted processor time of a step of a sample on the scene's meshes, s."""
 
-    # full, components, reference: of the mesh, of component modes, and of what errors are measured against
-    full: float
+    full: float  # full, components, reference: of the mesh, of component modes, and of what errors are measured against
     components: float
     reference: float
     timed: float  # most processor time of one run that is timed, s; longer ones are timed by their first steps
@@ -392,8 +422,7 @@ class Dealer:
 
     n_ranks: int  # number of ranks
     prices: Prices  # what steps take
-    # batch, repeats: samples timed together, and how often
-    batch: int
+    batch: int  # batch, repeats: samples timed together, and how often
     repeats: int
     n_coordinates: int = 1  # rigid coordinates, along each of which a setting has its angles
     _loads: list[float] = field(init=False)

@@ -13,8 +13,7 @@ from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.joint_turns import JointTurns
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.kinematics import JointTurns, RigidKinematics
 from pgmp_petsc.mechanism.statements import Function, Statement, distance
 from pgmp_petsc.outputs.of_outputs import TIME, Combined
 from pgmp_petsc.outputs.outputs import OutputSet

@@ -24,28 +24,34 @@ from pgmp_petsc.scene.parameters import uncertain_names
 class Question:
     """Goal, constraints and parameters of a design."""
 
-    # goal, constraints: what is wanted
-    goal: Goal
+    goal: Goal  # goal, constraints: what is wanted
     constraints: tuple[Constraint, ...]
     names: tuple[str, ...]  # parameters of the design
     deviations: float | None = None  # k of robust figures; None for nominal ones
-    # n_samples, seed: of robust figures
-    n_samples: int = 64
+    n_samples: int = 64  # n_samples, seed: of robust figures
     seed: int = 1
 
 
 class DesignFigures:
     """Goal and constraints over designs.
 
-    - `start`, `scale`, `limits`: values at the start, sizes and limits of the parameters, (n_parameters,) twice and
-      (n_parameters, 2).
-    - `narrowed`: spread of the samples, what it leaves of the limits, and where the search begins if not where it was
-      to, in words, by parameters whose limits it narrows.
-    - `n_samples`: runs of every design.
-    - `tried`, `goals`: designs that were asked for and could be run, and the goal there, which is minimised.
-    - `turned_back`: designs that could not.
-    - `count`: called with a number of runs after they were made.
-    - `of_samples`: goal and constraints of every sample of the last design that could be run, (n_samples, n_figures).
+    Attributes
+    ----------
+    start, scale, limits
+        Values at the start, sizes and limits of the parameters, (n_parameters,) twice and (n_parameters, 2).
+    narrowed
+        Spread of the samples, what it leaves of the limits, and where the search begins if not where it was to, in
+        words, by parameters whose limits it narrows.
+    n_samples
+        Runs of every design.
+    tried, goals
+        Designs that were asked for and could be run, and the goal there, which is minimised.
+    turned_back
+        Designs that could not.
+    count
+        Called with a number of runs after they were made.
+    of_samples
+        Goal and constraints of every sample of the last design that could be run, (n_samples, n_figures).
     """
 
     def __init__(self, model: ReducedModel, question: Question, comm: Comm) -> None:
@@ -122,7 +128,9 @@ class DesignFigures:
             found = self._evaluated(design)
             if isinstance(found, PgmpError):
                 if not self.tried:
-                    raise type(found)(f"{found}{self._cure if isinstance(found, RunError) else ''}")
+                    leave = f"let bounds leave it out (--override parameters.{self._question.names[0]}.bounds=[...])"
+                    cure = f"; or begin elsewhere (--set), or {leave}" if isinstance(found, RunError) else ""
+                    raise type(found)(f"{found}{cure}")
                 self.turned_back.add(found)
                 zeros = np.zeros(design.size)
                 found = [Dual(np.inf, zeros), *(Dual(0.0, zeros) for _ in self._question.constraints)]
@@ -131,11 +139,6 @@ class DesignFigures:
                 self.goals.append(found[0].value)
             self._known = {key: found}
         return self._known[key]
-
-    @property
-    def _cure(self) -> str:
-        name = self._question.names[0]
-        return f"; or begin elsewhere (--set), or let bounds leave it out (--override parameters.{name}.bounds=[...])"
 
     def _evaluated(self, design: np.ndarray) -> list[Dual] | PgmpError:
         """Return the figures of a design, or why the first of its samples that cannot be run stops."""
@@ -157,7 +160,6 @@ class DesignFigures:
         return [self._robust([row[k] for row in rows]) for k in range(len(rows[0]))]
 
     def _of_sample(self, design: np.ndarray, sample: int) -> list[Dual]:
-        """Return the goal and the constraints of one sample."""
         question, values = self._question, self._values_of(design, sample)
         outcome = Outcome(self._run(values, sample), values, question.names)
         found = [_signed(question.goal.sense, question.goal.expression(outcome))]
@@ -202,7 +204,6 @@ class DesignFigures:
     def size_of(self, number: int, design: np.ndarray) -> float:
         """Return the size of a constraint: that of its right-hand side at a design, or of what it misses."""
         question, values = self._question, self._values_of(design, 0)
-        size = 0.0
         with agreed(self._comm, "size of a constraint"):
             run = self._run(values, 0)
             size = abs(question.constraints[number].right(Outcome(run, values, question.names)).value)
@@ -212,8 +213,7 @@ class DesignFigures:
         """Return the run of a design without deviations. Collective on `comm`."""
         values = self._model.scene.values | dict(zip(self._question.names, map(float, design)))
         with agreed(comm, "run of the design"):
-            run = differentiate(self._model, values, ())
-        return run
+            return differentiate(self._model, values, ())
 
 
 def _signed(sense: float, dual: Dual) -> Dual:

@@ -76,13 +76,24 @@ def fit(
 ) -> Fit | None:
     """Fit parameters; one rank does, the others wait. Collective on `comm`.
 
-    - `asked`: names of the parameters; where there are none, all with a distribution.
-    - `noise`: deviation of the noise of outputs, where it is known.
+    Parameters
+    ----------
+    asked
+        Names of the parameters; where there are none, all with a distribution.
+    noise
+        Deviation of the noise of outputs, where it is known.
 
-    The first rank gets the `Fit`, the others None.
+    Returns
+    -------
+    Fit or None
+        On the first rank, None elsewhere.
 
-    Raises `InputError` if a name is unknown, or there are fewer measurements than parameters; `RunError` if a run stops
-    before its end where the search begins; it turns back from others.
+    Raises
+    ------
+    InputError
+        If a name is unknown, or there are fewer measurements than parameters.
+    RunError
+        If a run stops before its end where the search begins; it turns back from others.
     """
     found = None
     with agreed(comm, "fit"):
@@ -159,9 +170,13 @@ class _Fitting:
     """One fit; `count` is called after every run."""
 
     def __init__(
-        self, model: ReducedModel, history: MeasuredHistory, names: Sequence[str], noise: Mapping[str, float],
+        self,
+        model: ReducedModel,
+        history: MeasuredHistory,
+        names: Sequence[str],
+        noise: Mapping[str, float],
         count: Callable[[], object],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._count = count
         self._history, self._names, self._noise = history, tuple(names), noise
         self._served, self._model, scene = model, of_samples(model, names), model.scene
@@ -345,11 +360,8 @@ class _Fitting:
         for name, value, error, (low, high), lost in zip(self._names, estimate, errors, self._limits, blind):
             near = 1e-6 * (high - low)
             if lost or error > high - low:
-                what = (
-                    "no output depends on it, or only together with others"
-                    if lost
-                    else (f"its standard error, {error:.3g}, is larger than the range that it is searched in")
-                )
+                what = f"its standard error, {error:.3g}, is larger than the range that it is searched in"
+                what = "no output depends on it, or only together with others" if lost else what
                 yield warning(
                     f"{name} is not identifiable from this history: {what}; its value is none, and it is better "
                     "held (--parameter with the others)"
@@ -379,21 +391,14 @@ class _Fitting:
         if known is None:
             return (not_known(self._model.scene, "the estimates"),)
         row = np.concatenate([known[name] / sigma[k] for k, name in enumerate(self._history.outputs)])
-        moved = (
-            np.linalg.lstsq(slopes.reshape(-1, self._scale.size) * self._scale, row, rcond=NO_DIRECTION)[0]
-            * self._scale
-        )
+        scaled = slopes.reshape(-1, self._scale.size) * self._scale
+        moved = np.linalg.lstsq(scaled, row, rcond=NO_DIRECTION)[0] * self._scale
         # y - e follows the data with values that differ by the step that e asks for
-        figures = [
-            (
-                f"{name} (standard error {plain(error)})",
-                solution.values[name],
-                solution.values[name] + float(step),
-                float(error),
-            )
-            for name, step, error in zip(self._names, moved, errors)
-            if np.isfinite(error)
-        ]
+        figures = []
+        for name, step, error in zip(self._names, moved, errors):
+            if np.isfinite(error):
+                value, what = solution.values[name], f"{name} (standard error {plain(error)})"
+                figures.append((what, value, value + float(step), float(error)))
         return of_figures(figures, "the standard errors", OF_STANDARD_ERROR)
 
     @gathered
@@ -425,7 +430,10 @@ class _Condensed:
     With ``V c`` the values of the cubic of coefficients c at the measured instants, ``V = Q R``, and m the measurements
     ``|V c - m|^2 = |R c - Q^T m|^2 + |m|^2 - |Q^T m|^2``.
 
-    `rest`: sums of squares by output that no cubic takes away.
+    Attributes
+    ----------
+    rest
+        Sums of squares by output that no cubic takes away.
     """
 
     def __init__(self, history: MeasuredHistory, time: np.ndarray) -> None:

@@ -18,6 +18,7 @@ Places on the way of a search whose runs stop before their end: the search turns
 
 from __future__ import annotations
 
+import operator
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
@@ -30,7 +31,6 @@ from pgmp_petsc.results.gradients import Vertex, vertex
 
 _TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|([A-Za-z_][A-Za-z0-9_-]*)|(<=|>=|.))")
 SENSES = {"minimise": 1.0, "minimize": 1.0, "maximise": -1.0, "maximize": -1.0}
-
 
 LONGEST, DEEPEST = 800, 30  # of texts: characters, and parentheses in each other
 # operations by numpy: what has no value, such as 1 / 0, is inf or nan, which whoever evaluates refuses
@@ -131,15 +131,17 @@ class Constraint:
 
     text: str  # as it was written
     sense: float  # 1 of ``<=``, -1 of ``>=``
-    # left, right: both sides
-    left: Expression
+    left: Expression  # left, right: both sides
     right: Expression
 
 
 def read_goal(text: str, outputs: Collection[str], parameters: Collection[str]) -> Goal:
     """Read a goal.
 
-    Raises `InputError` with the position marked.
+    Raises
+    ------
+    InputError
+        With the position marked.
     """
     parser = _Parser("goal", text, outputs, parameters)
     word = parser.token
@@ -215,9 +217,8 @@ class _Parser:
         if self.token != "^":
             return base
         self.advance()
-        sign = 1.0
-        if self.token == "-":
-            sign = -1.0
+        sign = -1.0 if self.token == "-" else 1.0
+        if sign < 0.0:
             self.advance()
         if self._kind != "number":
             self.refuse("a number is needed as exponent")
@@ -290,13 +291,7 @@ def _number(value: float) -> Expression:
 
 
 def _joined(sign: str, left: Expression, right: Expression) -> Expression:
-    operations: dict[str, Callable[[Dual, Dual], Dual]] = {
-        "+": Dual.__add__,
-        "-": Dual.__sub__,
-        "*": Dual.__mul__,
-        "/": Dual.__truediv__,
-    }
-    operation = operations[sign]
+    operation = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv}[sign]
     return lambda outcome: operation(left(outcome), right(outcome))
 
 

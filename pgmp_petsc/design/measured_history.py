@@ -38,7 +38,10 @@ class MeasuredHistory:
 def read_history(path: Path, outputs: OutputSet, duration: float) -> MeasuredHistory:
     """Read a file, and check that it fits the outputs of a scene and a run of some duration (s).
 
-    Raises `InputError` naming line and column.
+    Raises
+    ------
+    InputError
+        Naming line and column.
     """
     try:
         with open(path, encoding="utf-8-sig", newline="") as stream:

@@ -52,8 +52,12 @@ def designed_parameters(scene: Scene, asked: Sequence[str]) -> tuple[str, ...]:
 def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     """Find a design. Collective on `comm`; the same on all ranks.
 
-    Raises `InputError` if robust figures are asked for and nothing varies, or too much for the limits; `RunError` if a
-    run stops before its end where the search begins; it turns back from others.
+    Raises
+    ------
+    InputError
+        If robust figures are asked for and nothing varies, or too much for the limits.
+    RunError
+        If a run stops before its end where the search begins; it turns back from others.
     """
     from scipy.optimize import minimize  # takes a noticeable time, and other commands have no use for it
 
@@ -102,7 +106,7 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
         own = _of_own_error(model, question, values, ended) if comm.rank == 0 else ()
     remarks = (
         *comm.bcast(own), *served_remarks(model, question.names),
-        *_of_end(done, question, last, missed, sizes), *figures.turned_back.remarks,
+        *_of_end(done, question, last, missed), *figures.turned_back.remarks,
         *_of_limits(question, figures, best), *_of_idle(question, first, last),
         *_of_robust(question, figures, ends, confidence), *step_remarks(model, ended), *contact_remarks(ended),
         *model.scene.remarks,
@@ -131,29 +135,24 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     )  # fmt: skip
 
 
-def _of_end(done, question: Question, last: Sequence[Dual], missed: Sequence[int], sizes: np.ndarray) -> list[Remark]:
-    """Return how the search ended."""
-    nearest = (
-        "the design is the nearest optimum from where the search began (--set); another start may find a better one"
-    )
-    remarks = [] if missed else [note(nearest)]
+@gathered
+def _of_end(done, question: Question, last: Sequence[Dual], missed: Sequence[int]) -> Iterator[Remark]:
+    if not missed:
+        yield note(
+            "the design is the nearest optimum from where the search began (--set); another start may find a better one"
+        )
     for k in missed:
-        remarks.append(
-            warning(
-                f"'{question.constraints[k].text}' is missed by {last[1 + k].value:.4g}: no design between the limits "
-                "was found that meets all constraints; widen the limits, ask for less, or begin elsewhere (--set)"
-            )
+        yield warning(
+            f"'{question.constraints[k].text}' is missed by {last[1 + k].value:.4g}: no design between the limits was "
+            "found that meets all constraints; widen the limits, ask for less, or begin elsewhere (--set)"
         )
     if done.status == DESCENT_ENDED and not missed:
-        remarks.append(
-            note(
-                "the search ended where no step makes the goal better, but not by its own test: as a rule where two "
-                "peaks of a largest value are equally high"
-            )
+        yield note(
+            "the search ended where no step makes the goal better, but not by its own test: as a rule where two peaks "
+            "of a largest value are equally high"
         )
     elif done.status not in (0, DESCENT_ENDED):
-        remarks.append(warning(f"the search did not converge: {done.message}; begin nearer (--set)"))
-    return remarks
+        yield warning(f"the search did not converge: {done.message}; begin nearer (--set)")
 
 
 def _of_own_error(
@@ -183,14 +182,13 @@ def _of_limits(question: Question, figures: DesignFigures, best: np.ndarray) -> 
             yield note(f"{name} ends at the {end} limit, {value:.6g} of [{low:g}, {high:g}]")
 
 
-def _of_idle(question: Question, *designs: Sequence[Dual]) -> list[Remark]:
+@gathered
+def _of_idle(question: Question, *designs: Sequence[Dual]) -> Iterator[Remark]:
     """Return which parameters nothing depends on at designs."""
     slopes = np.array([dual.slope for found in designs for dual in found])
-    return [
-        note(f"{name}: neither the goal nor a constraint depends on it, at the first and at the last design")
-        for name, column in zip(question.names, slopes.T)
-        if not column.any()
-    ]
+    for name, column in zip(question.names, slopes.T):
+        if not column.any():
+            yield note(f"{name}: neither the goal nor a constraint depends on it, at the first and at the last design")
 
 
 @gathered
@@ -201,11 +199,8 @@ def _of_robust(question: Question, figures: DesignFigures, ends: np.ndarray, con
     """
     if question.deviations is None:
         return
-    open_ones = [
-        f"'{constraint.text}' (missed by {interval_text(of)})"
-        for constraint, of in zip(question.constraints, ends[1:])
-        if of[1] > 0.0
-    ]
+    met = zip(question.constraints, ends[1:])
+    open_ones = [f"'{constraint.text}' (missed by {interval_text(of)})" for constraint, of in met if of[1] > 0.0]
     if open_ones:
         what = f"{figures.n_samples} samples leave open whether the design meets {', '.join(open_ones)}"
         cure = "take a larger --samples, or ask for more room"
@@ -216,10 +211,8 @@ def _of_robust(question: Question, figures: DesignFigures, ends: np.ndarray, con
         "vary about it as their distributions do about their nominal values. Intervals are those of other samples "
         "of this design; as it was chosen on its own samples, its goal is rather too good"
     )
-    yield from (
-        note(
+    for name, (spread, room, began) in figures.narrowed.items():
+        yield note(
             f"{name}: its samples vary {spread} about the design and stay between its limits, so that the design "
             f"was searched in {room} alone{began}; wider bounds give it more room"
         )
-        for name, (spread, room, began) in figures.narrowed.items()
-    )

@@ -29,7 +29,10 @@ ROUND_OFF = 1e-9  # of an output's largest value
 def chosen_parameters(scene: Scene, asked: Sequence[str], known: Iterable[str], without: str) -> tuple[str, ...]:
     """Return the parameters that are asked for, each once, all that are known where none is.
 
-    Raises `InputError` if there is no parameter, with what is to be done `without`, or none of a name.
+    Raises
+    ------
+    InputError
+        If there is no parameter, with what is to be done `without`, or none of a name.
     """
     for name in asked:
         if name not in scene.parameters:
@@ -43,21 +46,27 @@ def chosen_parameters(scene: Scene, asked: Sequence[str], known: Iterable[str], 
 def sensitivities(model: ReducedModel, asked: Sequence[str], comm: Comm) -> Derivatives | None:
     """Run a sample, and differentiate it; one rank does, the others wait. Collective on `comm`.
 
-    `asked`: names of parameters, all where there are none.
+    Parameters
+    ----------
+    asked
+        Names of parameters, all where there are none.
 
-    The first rank gets the `Derivatives`, the others None.
+    Returns
+    -------
+    Derivatives or None
+        On the first rank, None elsewhere.
 
-    Raises `InputError, RunError` as `differentiate` and `chosen_parameters`.
+    Raises
+    ------
+    InputError, RunError
+        As `differentiate` and `chosen_parameters`.
     """
-    found = None
     with agreed(comm, "sensitivities"):
         names = chosen_parameters(
             model.scene, asked, model.scene.parameters, "the scene has none; give a number a name, such as "
             "[parameters.r1] nominal = 5.6e-3, and the name in its place",
         )  # fmt: skip
-        if comm.rank == 0:
-            found = _on_one_rank(model, names, comm)
-    return found
+        return _on_one_rank(model, names, comm) if comm.rank == 0 else None
 
 
 def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: Comm) -> Derivatives:
@@ -68,10 +77,12 @@ def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: Comm) -> Deriv
     with timings.phase("errors"):
         own = _of_own_error(model, run, names)
     units = {name: scene.parameters[name].unit or "1" for name in names} | dict(model.outputs.units)
+    idle = [name for name in names if not any(found[name].any() for found in run.derivatives.values())]
+    without = [note(f"no output depends on {', '.join(idle)} in this run")] if idle else []
     return Derivatives(
         RunRecord(
             scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict(),
-            (*run_remarks(model, run), *own, *_without_effect(run, names), *scene.remarks),
+            (*run_remarks(model, run), *own, *without, *scene.remarks),
         ),
         run.time,
         run.outputs,
@@ -182,9 +193,3 @@ def contact_remarks(run: DifferentiatedRun) -> Iterator[Remark]:
             f"to grazing is that at {nearest.time:.5g} s, where the path would turn back within "
             f"{nearest.turning:.2g} s"
         )
-
-
-def _without_effect(run: DifferentiatedRun, names: Sequence[str]) -> list[Remark]:
-    """Return which parameters have no part in any output."""
-    idle = [name for name in names if not any(found[name].any() for found in run.derivatives.values())]
-    return [note(f"no output depends on {', '.join(idle)} in this run")] if idle else []

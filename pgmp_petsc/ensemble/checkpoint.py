@@ -3,10 +3,11 @@ them: one number a sample in a file, so that memory holds one column at a time, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Protocol, Self
@@ -42,17 +43,29 @@ class Finished:
 class Checkpoint:
     """Finished batches of one ensemble; used by rank 0.
 
-    - `plan`: the ensemble.
-    - `scene_toml`: the resolved scene: a checkpoint of another one is refused.
-    - `model`: ``full`` or ``reduced``.
-    - `tables`: identity of what the model is made of besides the scene (see `Model`): two reduced models of the same
-      scene may differ, and so may meshes of the same name.
-    - `design`: where samples come from, in words, and the identity of the numbers (`Sampler.named`): a checkpoint of
-      another design is refused.
-    - `extends`: whether a longer run has the samples of a shorter one, so that it may take up what that left.
+    Parameters
+    ----------
+    plan
+        The ensemble.
+    scene_toml
+        The resolved scene: a checkpoint of another one is refused.
+    model
+        ``full`` or ``reduced``.
+    tables
+        Identity of what the model is made of besides the scene (see `Model`): two reduced models of the same scene may
+        differ, and so may meshes of the same name.
+    design
+        Where samples come from, in words, and the identity of the numbers (`Sampler.named`): a checkpoint of another
+        design is refused.
+    extends
+        Whether a longer run has the samples of a shorter one, so that it may take up what that left.
 
-    - `remarks`: what was found and not taken up.
-    - `run`: what the whole ensemble is, by key; the same for all its shards.
+    Attributes
+    ----------
+    remarks
+        What was found and not taken up.
+    run
+        What the whole ensemble is, by key; the same for all its shards.
     """
 
     def __init__(
@@ -79,13 +92,9 @@ class Checkpoint:
         if plan.shard is not None:
             run["shard"] = str(plan.shard)
         self._folder = CheckpointFolder(plan.output, run, {"samples": plan.n_samples} if grows else {})
+        self.folder = self._folder.path  # where the batches are
         self._end = plan.samples[1]
         self.remarks: tuple[Remark, ...] = ()
-
-    @property
-    def folder(self) -> Path:
-        """Where the batches are."""
-        return self._folder.path
 
     def open(self) -> Finished:
         """Start anew, or take up what is there if the plan says so.
@@ -115,8 +124,7 @@ class Checkpoint:
 
     def add(self, piece: Piece, batch: Batch) -> None:
         """Store what came of a piece."""
-        name = f"{CHECKED if piece.is_checked else SAMPLES}{batch.first:09d}"
-        self._folder.put(name, {**_ends(batch), **_named(batch, NAMED)})
+        self._folder.put(f"{CHECKED if piece.is_checked else SAMPLES}{batch.first:09d}", _named(batch, NAMED))
 
     def up_to(self, n: int) -> Self:
         """Return the checkpoint of the first n samples of the plan, whatever else is there."""
@@ -144,9 +152,9 @@ class Checkpoint:
         begin = self._plan.samples[0]
         columns = Columns(self.folder, self._end - begin)
         for batch in self.batches(IN_ALL):
-            columns.put(batch.first - begin, {**_ends(batch), **_named(batch, IN_ALL)})
+            columns.put(batch.first - begin, _named(batch, IN_ALL))
         for batch in self.estimates():
-            columns.put(batch.first - begin, _named(batch, IN_CHECKED))
+            columns.put(batch.first - begin, _named(batch, IN_CHECKED, with_ends=False))
         return columns
 
     def bands(self, n: int) -> dict[str, np.ndarray]:
@@ -154,13 +162,8 @@ class Checkpoint:
 
         Raises `RunError`, as `batches`.
         """
-        parts: dict[str, list[np.ndarray]] = {}
-        for batch in self.batches(("bands",)):
-            if batch.first >= n:
-                break
-            for name, values in batch.bands.items():
-                parts.setdefault(name, []).append(values[: n - batch.first])
-        return {name: np.concatenate(values) for name, values in parts.items()}
+        within = takewhile(lambda batch: batch.first < n, self.batches(("bands",)))
+        return joined({name: values[: n - batch.first] for name, values in batch.bands.items()} for batch in within)
 
     def estimates(self) -> Iterator[Batch]:
         """Yield the pieces of samples whose errors were estimated."""
@@ -204,19 +207,24 @@ class Checkpoint:
         return batch
 
 
+def joined(parts: Iterable[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Return arrays of the same names put together along their first axis."""
+    found: dict[str, list[np.ndarray]] = {}
+    for part in parts:
+        for name, values in part.items():
+            found.setdefault(name, []).append(values)
+    return {name: np.concatenate(values) for name, values in found.items()}
+
+
 def remove_checkpoint(plan: Plan) -> None:
     """Remove what a plan's ensemble has kept; the result holds all of it."""
     CheckpointFolder(plan.output, {}).remove()
 
 
-def _ends(batch: Batch) -> dict[str, np.ndarray]:
-    """Return how the samples of a batch ended."""
-    return {"status": batch.status, "failure_time": batch.failure_time}
-
-
-def _named(batch: Batch, kinds: Sequence[str]) -> dict[str, np.ndarray]:
-    """Return arrays of a batch by ``<kind>.<name>``."""
-    return {f"{kind}.{name}": values for kind in kinds for name, values in getattr(batch, kind).items()}
+def _named(batch: Batch, kinds: Sequence[str], with_ends: bool = True) -> dict[str, np.ndarray]:
+    """Return arrays of a batch by ``<kind>.<name>``, and how its samples ended."""
+    ends = {"status": batch.status, "failure_time": batch.failure_time} if with_ends else {}
+    return ends | {f"{kind}.{name}": values for kind in kinds for name, values in getattr(batch, kind).items()}
 
 
 def _cut(batch: Batch, n: int) -> Batch:
@@ -247,10 +255,17 @@ class Columns(Mapping[str, np.ndarray]):
 
     The file has no name: it is gone with the last reference to it, however the run ends.
 
-    - `folder`: where there is space for it.
-    - `n_samples`: length of every column.
+    Parameters
+    ----------
+    folder
+        Where there is space for it.
+    n_samples
+        Length of every column.
 
-    Raises `RunError` if the system fails to make it.
+    Raises
+    ------
+    RunError
+        If the system fails to make it.
     """
 
     def __init__(self, folder: Path, n_samples: int) -> None:
@@ -268,8 +283,10 @@ class Columns(Mapping[str, np.ndarray]):
         with self._written():
             for name, values in columns.items():
                 if name not in self._places:
-                    self._add(name)
-                self._write(self._offset(name) + first * _NUMBER.itemsize, values)
+                    self._places[name] = len(self._places)
+                    for begin in range(0, self._n_samples, _AT_ONCE):
+                        self._write(name, begin, np.full(min(_AT_ONCE, self._n_samples - begin), np.nan))
+                self._write(name, first, values)
 
     def of(self, kind: str) -> Mapping[str, np.ndarray]:
         """Return the columns whose names begin with ``<kind>.``, by what follows."""
@@ -283,22 +300,15 @@ class Columns(Mapping[str, np.ndarray]):
             what = f"samples could not be put together in '{self._folder}'"
             raise RunError(f"{what}: {error.strerror}; what is finished is kept, and --resume takes it up") from error
 
-    def _add(self, name: str) -> None:
-        """Add a column of NaN."""
-        self._places[name] = len(self._places)
-        for begin in range(0, self._n_samples, _AT_ONCE):
-            n = min(_AT_ONCE, self._n_samples - begin)
-            self._write(self._offset(name) + begin * _NUMBER.itemsize, np.full(n, np.nan))
-
-    def _write(self, offset: int, values: np.ndarray) -> None:
-        """Write numbers at an offset (bytes); the system may take them in parts."""
+    def _write(self, name: str, first: int, values: np.ndarray) -> None:
+        """Write numbers into a column, from a sample on; the system may take them in parts."""
         left = memoryview(np.ascontiguousarray(values, dtype=_NUMBER)).cast("B")
-        self._file.seek(offset)
+        self._file.seek(self._offset(name, first))
         while left:
             left = left[self._file.write(left) :]
 
-    def _offset(self, name: str) -> int:
-        return self._places[name] * self._n_samples * _NUMBER.itemsize
+    def _offset(self, name: str, sample: int = 0) -> int:
+        return (self._places[name] * self._n_samples + sample) * _NUMBER.itemsize
 
     def __getitem__(self, name: str) -> np.ndarray:
         self._file.seek(self._offset(name))
@@ -332,14 +342,12 @@ class _Part(Mapping[str, np.ndarray]):
 
 
 class Kept(Protocol):
-    """Samples that are finished: in a checkpoint, or in the files of shards."""
+    """Samples that are finished: a `Checkpoint`, or what the files of shards have of one."""
 
-    @property
-    def remarks(self) -> tuple[Remark, ...]:
-        """Remarks on files that were found and not taken up."""
+    remarks: tuple[Remark, ...]
 
     def columns(self) -> Columns:
-        """Return what is known of all samples as columns ``<kind>.<name>``, with ``status`` and ``failure_time``."""
+        """See `Checkpoint.columns`."""
 
     def bands(self, n: int) -> Mapping[str, np.ndarray]:
-        """Return the outputs of those among the first n samples at the instants of the bands, each (n_known, n_t)."""
+        """See `Checkpoint.bands`; of those samples that are known."""

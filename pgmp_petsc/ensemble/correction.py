@@ -43,12 +43,19 @@ def plan_of(plan: Plan, better: Better) -> Plan:
 class Levels:
     """The samples of all models, the best first, as far as they are fine in their own model and in all cheaper ones.
 
-    - `columns`: of the samples of every model by its name, as many as each has; the best first, the ensemble's own
-      last.
-    - `replicates`: that samples belong to, (N,); None where they are independent.
+    Parameters
+    ----------
+    columns
+        Of the samples of every model by its name, as many as each has; the best first, the ensemble's own last.
+    replicates
+        That samples belong to, (N,); None where they are independent.
 
-    - `names`: of the models.
-    - `n_lost`: draws that failed in a better model, though not in the ensemble's own.
+    Attributes
+    ----------
+    names
+        Of the models.
+    n_lost
+        Draws that failed in a better model, though not in the ensemble's own.
     """
 
     def __init__(self, columns: Mapping[str, Columns], replicates: np.ndarray | None = None) -> None:
@@ -91,10 +98,10 @@ def join(scene: Scene, levels: Levels) -> Joined:
     level, found = scene.ensemble.confidence, {}
     *better, own = levels.columns
     for name in [name for name, _ in quantities(own.of("outputs"), own.of("extremes"))]:
-        values, replicates = levels.values(
-            lambda columns: quantity(name, columns.of("outputs"), columns.of("extremes"))
-        )
-        if _are_enough(values[0].size, replicates):
+        values, replicates = levels.values(lambda one: quantity(name, one.of("outputs"), one.of("extremes")))
+        n = values[0].size
+        in_all = replicates is None or np.unique(replicates[:n]).size == np.unique(replicates).size > 1
+        if n >= joined.FEWEST and in_all:
             found[name] = corrected(values, level, replicates)
     for label, event in scene.ensemble.probabilities.items():
         if levels.counts[0] >= joined.FEWEST:
@@ -104,35 +111,20 @@ def join(scene: Scene, levels: Levels) -> Joined:
     return Joined(levels.names, level, found, outputs, status)
 
 
-def _events(scene: Scene, levels: Levels) -> dict[str, list[np.ndarray]]:
-    """Return whether each event of the scene came true, of every model as `joined.probability_of` takes it."""
-
-    def of(label: str, event: Event) -> list[np.ndarray]:
-        return levels.values(
-            lambda columns: came_true(event, label, columns.of("outputs"), columns.of("first_passages"))
-        )[0]
-
-    return {label: of(label, event) for label, event in scene.ensemble.probabilities.items()}
-
-
 def with_better(
     ensemble: Ensemble, scene: Scene, columns: Mapping[str, Columns], replicates: np.ndarray | None
 ) -> Ensemble:
     """Return an ensemble with the figures of the best model, and what is to be said of them.
 
-    `columns`, `replicates`: as of `Levels`.
+    Parameters
+    ----------
+    columns, replicates
+        As of `Levels`.
     """
     levels = Levels(columns, replicates)
-    found = join(scene, levels)
-    record = ensemble.record
+    found, record = join(scene, levels), ensemble.record
     remarks = (*record.remarks, *joined_remarks(found, levels), *event_remarks(scene, levels))
     return replace(ensemble, joined=found, record=replace(record, remarks=remarks))
-
-
-def _are_enough(n: int, replicates: np.ndarray | None) -> bool:
-    """Return whether n samples of the best model, the first of those with these replicates, lead to figures."""
-    in_all = replicates is None or np.unique(replicates[:n]).size == np.unique(replicates).size > 1
-    return n >= joined.FEWEST and bool(in_all)
 
 
 def corrected(values: Sequence[np.ndarray], confidence: float, replicates: np.ndarray | None = None) -> Corrected:
@@ -211,7 +203,9 @@ def joined_remarks(found: Joined, levels: Levels) -> Iterator[Remark]:
 @gathered
 def event_remarks(scene: Scene, levels: Levels) -> Iterator[Remark]:
     """Return the events of which models disagree so seldom that intervals are of what few samples cannot show."""
-    for label, (best, cheaper, *_) in _events(scene, levels).items():
+    for label, event in scene.ensemble.probabilities.items():
+        known, _ = levels.values(lambda one: came_true(event, label, one.of("outputs"), one.of("first_passages")))
+        best, cheaper = known[:2]
         n = best.size
         count = int(np.sum(best != cheaper[:n]))
         if n >= joined.FEWEST and count < joined.FEW_DISAGREEMENTS:

@@ -5,7 +5,7 @@ Where the samples of an ensemble come from, as far as their description needs it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,6 +69,7 @@ def describe_ensemble(
     n_failed = int(np.sum(described & ~fine))
     is_hiding = int(np.sum(~fine)) > scene.ensemble.failed_share * fine.size
     chosen = fine & described & (not is_hiding)
+    n_chosen = int(chosen.sum())
 
     bands, peaks = _bands(scene, kept, chosen, outputs, over_time["extremes"])
     lines = [scene.number(body.line.length) for body in scene.bodies.values() if body.line is not None]
@@ -84,9 +85,12 @@ def describe_ensemble(
             found = replace(found, quantile_bounds=bounds)
         return replace(found, confidence=asked.confidence)
 
+    def varying() -> Iterator[tuple[str, np.ndarray]]:
+        return (one for one in quantities(outputs, over_time["extremes"]) if one[0] not in constant)
+
     level = level_of_each(scene.ensemble.confidence) if looked else scene.ensemble.confidence
-    described_ones = quantities(outputs, over_time["extremes"])
-    statistics = {name: statistics_of(values, chosen, n_failed, sizes[name]) for name, values in described_ones}
+    every = quantities(outputs, over_time["extremes"])
+    statistics = {name: statistics_of(values, chosen, n_failed, sizes[name]) for name, values in every}
     constant = [name for name, one in statistics.items() if one.constant]
     for name in sampler.names:
         statistics[name] = statistics_of(parameters[name], described)
@@ -101,10 +105,8 @@ def describe_ensemble(
     units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | origin.units
     units |= {f"{name}.{which}": units[name] for name in outputs for which in DESCRIBED if over_time["extremes"]}
     units |= dict.fromkeys(over_time["first_passages"], "s")
-    described_ones = (one for one in quantities(outputs, over_time["extremes"]) if one[0] not in constant)
-    usable = fine & (not is_hiding)
     of_blocks = scene.ensemble.replicates if sampler.kind == "saltelli" else None
-    sobol = sensitivities(described_ones, parameters, sampler.names, usable, of_blocks, level)
+    sobol = sensitivities(varying(), parameters, sampler.names, fine & (not is_hiding), of_blocks, level)
     sobol = {name: replace(one, confidence=scene.ensemble.confidence) for name, one in sobol.items()}
     correlated = sampler.kind != "file" and bool(scene.correlation)
     drawn = {name: parameters[name] for name in sampler.names} if not fine.all() else {}
@@ -115,41 +117,55 @@ def describe_ensemble(
         *step_remarks(status, divisors, scene.simulation.step),
         *sampler_remarks(scene, plan),
         *starts_remarks(scene, numerics["unstable_start"] == 1.0),
-        *_few(int(chosen.sum())),
-        *_of_constant(constant),
-        *tail_remarks(
-            (one for one in quantities(outputs, over_time["extremes"]) if one[0] not in constant), chosen, replicates
-        ),
+        *_of_numbers(n_chosen, constant),
+        *tail_remarks(varying(), chosen, replicates),
         *sensitivity_remarks(sobol, of_blocks, len(sampler.names), fine, correlated),
-        *_partial_bands(bands, int(chosen.sum())),
-        *over_time_remarks({name: one.count for name, one in statistics.items()}, over_time, int(chosen.sum())),
+        *_partial_bands(bands, n_chosen),
+        *over_time_remarks({name: one.count for name, one in statistics.items()}, over_time, n_chosen),
         *_estimate_remarks(origin, estimates, status, peaks),
         *own_error.of_statistics(
             (one for one in outputs.items() if one[0] not in constant), estimates["errors_at_end"], chosen, units,
             ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"), origin.model,
         ),
     )  # fmt: skip
+    of_others: dict[str, np.ndarray] = {}  # what a further try of failed samples needs of the others
+    if not fine.all():
+        of_others = {f"bands.{name}": values for name, values in kept.bands(scene.ensemble.band_samples).items()}
+        of_others[UNSTABLE] = numerics["unstable_start"]
     said, seed = (*scene.remarks, *remarks), None if plan.file else plan.seed
     return Ensemble(
-        model=origin.model, record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
-        parameters=parameters, outputs=outputs, units=units, status=status,
-        meanings={int(item): item.meaning for item in Status}, failure_time=columns["failure_time"],
-        statistics=statistics, steps_divided=divisors, probabilities=probabilities, bands=bands, sobol=sobol,
-        kept=_kept(kept, numerics["unstable_start"], scene.ensemble.band_samples) if not fine.all() else {},
-        **estimates, **over_time,
-    )  # fmt: skip
-
-
-def _kept(kept: Kept, unstable: np.ndarray, n_bands: int) -> dict[str, np.ndarray]:
-    """Return what a further try of failed samples needs of the others."""
-    return {UNSTABLE: unstable, **{f"bands.{name}": values for name, values in kept.bands(n_bands).items()}}
+        model=origin.model,
+        record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
+        parameters=parameters,
+        outputs=outputs,
+        units=units,
+        status=status,
+        meanings={int(item): item.meaning for item in Status},
+        failure_time=columns["failure_time"],
+        statistics=statistics,
+        steps_divided=divisors,
+        probabilities=probabilities,
+        bands=bands,
+        sobol=sobol,
+        kept=of_others,
+        **estimates,
+        **over_time,
+    )
 
 
 def _chance(
-    label: str, event: Event, origin: Origin, peaks: Peaks, passages: Mapping[str, np.ndarray],
-    estimates: Mapping[str, Mapping[str, np.ndarray]], known: np.ndarray, failed: np.ndarray,
-    replicates: np.ndarray | None, level: float, is_hiding: bool,
-) -> Chance:  # fmt: skip
+    label: str,
+    event: Event,
+    origin: Origin,
+    peaks: Peaks,
+    passages: Mapping[str, np.ndarray],
+    estimates: Mapping[str, Mapping[str, np.ndarray]],
+    known: np.ndarray,
+    failed: np.ndarray,
+    replicates: np.ndarray | None,
+    level: float,
+    is_hiding: bool,
+) -> Chance:
     """Return the probability of an event over samples (N,) of which it is known, and of others that failed.
 
     Its interval, at a level, hides nothing of the failed ones, so that it is given where the estimate would.
@@ -187,37 +203,38 @@ def _bands(
         of_fine = values if are_fine.all() else values[are_fine]
         n, unknown = len(of_fine), np.full(time.size, np.nan)
         found[name] = Band(
-            time=time, mean=of_fine.mean(axis=0) if n else unknown,
+            time=time,
+            mean=of_fine.mean(axis=0) if n else unknown,
             std=of_fine.std(axis=0, ddof=1) if n > 1 else unknown,
-            quantiles=_each_instant(of_fine, lambda column: np.quantile(column, asked.quantiles), len(asked.quantiles)),
-            probabilities=np.array(asked.quantiles), count=n,
-        )  # fmt: skip
+            quantiles=_quantiles(of_fine, asked.quantiles),
+            probabilities=np.array(asked.quantiles),
+            count=n,
+        )
     return found, Peaks(outputs, extremes, ends)
 
 
-def _each_instant(values: np.ndarray, function: Callable[[np.ndarray], np.ndarray], n: int) -> np.ndarray:
-    """Return n figures of each column of values (n_samples, n_t), shape (n_t, n); NaN where a value is no number."""
-    columns = np.ascontiguousarray(values.T)
-    known = [values.size and np.isfinite(column).all() for column in columns]
-    rows = [function(column) if fine else np.full(n, np.nan) for column, fine in zip(columns, known)]
-    return np.array(rows).reshape(values.shape[1], n)
+def _quantiles(values: np.ndarray, probabilities: Sequence[float]) -> np.ndarray:
+    """Return quantiles of each column of values (n_samples, n_t), shape (n_t, n); NaN where one is no number."""
+    rows = [
+        np.quantile(column, probabilities)
+        if column.size and np.isfinite(column).all()
+        else np.full(len(probabilities), np.nan)
+        for column in np.ascontiguousarray(values.T)
+    ]
+    return np.array(rows).reshape(values.shape[1], len(probabilities))
 
 
-def _few(n_fine: int) -> tuple[Remark, ...]:
-    """Return what is to be said of statistics of too few samples."""
+@gathered
+def _of_numbers(n_fine: int, constant: Collection[str]) -> Iterator[Remark]:
+    """Return what is to be said of too few samples, and of quantities that are the same in all of them."""
     if n_fine == 1:
-        return (note("one sample has no deviation, no standard errors and no intervals; draw more"),)
-    if 1 < n_fine < 5:
-        return (note(f"{n_fine} samples have no interval of the deviation, which takes 5 at least; draw more"),)
-    return ()
-
-
-def _of_constant(names: Collection[str]) -> tuple[Remark, ...]:
-    """Return which quantities are the same in all samples."""
-    if not names:
-        return ()
-    verb = "is constant: it varies" if len(names) == 1 else "are constant: they vary"
-    return (note(f"{', '.join(names)} {verb} over the samples by round-off alone; no deviation and no Sobol indices"),)
+        yield note("one sample has no deviation, no standard errors and no intervals; draw more")
+    elif 1 < n_fine < 5:
+        yield note(f"{n_fine} samples have no interval of the deviation, which takes 5 at least; draw more")
+    if constant:
+        verb = "is constant: it varies" if len(constant) == 1 else "are constant: they vary"
+        what = f"{', '.join(constant)} {verb} over the samples by round-off alone"
+        yield note(f"{what}; no deviation and no Sobol indices")
 
 
 @gathered
@@ -254,8 +271,12 @@ def over_time_remarks(
 ) -> Iterator[Remark]:
     """Return which figures over time are of a part of the samples that are fine.
 
-    - `counts`: number of values that the statistics of each quantity are of.
-    - `over_time`: names of what is known, as in `Ensemble`: of ``extremes`` and of ``first_passages``.
+    Parameters
+    ----------
+    counts
+        Number of values that the statistics of each quantity are of.
+    over_time
+        Names of what is known, as in `Ensemble`: of ``extremes`` and of ``first_passages``.
     """
     for label in over_time["first_passages"]:
         if counts[label] < n_fine:

@@ -56,11 +56,6 @@ class DesignPoints:
         return np.sum(self.points * self.alpha, axis=1)
 
 
-def cost_of(d: int, slopes: Slopes | None) -> int:
-    """Return the evaluations that a search from one start takes as a rule, where the border is nearly plane."""
-    return USUAL_STEPS * (1 if slopes is not None else d + 1)
-
-
 class _Tangents:
     """Planes that touch g where its derivatives were taken, as ``g(u) = of + slope . u``."""
 
@@ -83,25 +78,36 @@ class _Tangents:
 
 
 def design_points(
-    evaluate: LimitState, slopes: Slopes | None, starts: np.ndarray, most: int,
+    evaluate: LimitState,
+    slopes: Slopes | None,
+    starts: np.ndarray,
+    most: int,
     others: tuple[np.ndarray, np.ndarray] | None = None,
-) -> DesignPoints | None:  # fmt: skip
+) -> DesignPoints | None:
     """Return the design points that searches from some points lead to; None where none settles.
 
     A few searches at a time, until several have found nothing new. Where a point is explained by a plane that touches g
     at a point of a search before, none begins. Those that are explained least come first.
 
-    - `evaluate`: g of points (n, d), shape (n,); NaN where it is not known.
-    - `slopes`: g and its derivatives of points (n, d), shapes (n,) and (n, d), NaN where there are none; None: from
-      differences.
-    - `starts`: shape (n, d), near the border, the best first; there are as many searches as evaluations allow.
-    - `most`: evaluations at most, of g or of its derivatives.
-    - `others`: further points (m, d), from anywhere, and their g (m,), from which searches begin after those; but where
-      few of them that are in the event lie beyond planes at the design points that starts lead to, as the border bends
-      or the event is all around, none does.
+    Parameters
+    ----------
+    evaluate
+        g of points (n, d), shape (n,); NaN where it is not known.
+    slopes
+        g and its derivatives of points (n, d), shapes (n,) and (n, d), NaN where there are none; None: from
+        differences.
+    starts
+        Shape (n, d), near the border, the best first; there are as many searches as evaluations allow.
+    most
+        Evaluations at most, of g or of its derivatives.
+    others
+        Further points (m, d), from anywhere, and their g (m,), from which searches begin after those; but where few of
+        them that are in the event lie beyond planes at the design points that starts lead to, as the border bends or
+        the event is all around, none does.
     """
     d, used, found, in_vain, is_bent = starts.shape[1], 0, [], 0, False
-    cost, tangents = cost_of(d, slopes), _Tangents(d)
+    tangents = _Tangents(d)
+    cost = USUAL_STEPS * (1 if slopes is not None else d + 1)  # of a search as a rule, where the border is nearly plane
     points, g = (np.zeros((0, d)), np.zeros(0)) if others is None else others
     points, g = points[np.isfinite(g)], g[np.isfinite(g)]
     inside = points[g <= 0.0]
@@ -148,7 +154,7 @@ def _search(
         return g[:, 0], (g[:, 1:] - g[:, :1]) / DIFFERENCE
 
     def gradient(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        g, slope = differences(u) if slopes is None else slopes(u)
+        g, slope = (slopes or differences)(u)
         tangents.add(u, g, slope)
         return g, slope
 
@@ -224,9 +230,14 @@ def bisected_design_points(inside: LimitState, starts: np.ndarray, most: int) ->
     nearest point, whose ray is the next one: it is a design point where the border is on it, too. An error of
     ``WIDE / 2^BISECTED`` of every border turns the plane by a few hundredths.
 
-    - `inside`: of points (n, d), shape (n,): whether they are in the event.
-    - `starts`: in the event, shape (n, d), the best first.
-    - `most`: evaluations at most.
+    Parameters
+    ----------
+    inside
+        Of points (n, d), shape (n,): whether they are in the event.
+    starts
+        In the event, shape (n, d), the best first.
+    most
+        Evaluations at most.
     """
     d, used, found, in_vain = starts.shape[1], 0, [], 0
     each, n_starts = d * BISECTED + 2 * FINELY, len(starts)
@@ -267,8 +278,7 @@ def bisected_design_points(inside: LimitState, starts: np.ndarray, most: int) ->
             break
     if not found:
         return None
-    is_open = bool(len(starts))
-    return DesignPoints(*(np.array(part) for part in zip(*found)), used, False, is_open)
+    return DesignPoints(*(np.array(part) for part in zip(*found)), used, False, bool(len(starts)))
 
 
 def _merit(u: np.ndarray, g: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ where they fail, with 1/2, 1/4 and so on of it, down to 1/64 where an ensemble e
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,17 +33,29 @@ NAMED = 3  # parameters, the clearest first
 
 @gathered
 def failure_remarks(
-    status: np.ndarray, parameters: Mapping[str, np.ndarray], units: Mapping[str, str], model: str, hidden: float = 1.0,
+    status: np.ndarray,
+    parameters: Mapping[str, np.ndarray],
+    units: Mapping[str, str],
+    model: str,
+    hidden: float = 1.0,
     may_be_retried: bool = True,
-) -> Iterator[Remark]:  # fmt: skip
+) -> Iterator[Remark]:
     """Return what is to be said of failed samples; nothing where all are fine.
 
-    - `status`: shape (N,).
-    - `parameters`: drawn values by name, each of shape (N,).
-    - `units`: of the parameters.
-    - `model`: name of the model that was run.
-    - `hidden`: largest share of failed samples that the others are described without.
-    - `may_be_retried`: whether a further try takes any of them with steps that were not tried.
+    Parameters
+    ----------
+    status
+        Shape (N,).
+    parameters
+        Drawn values by name, each of shape (N,).
+    units
+        Of the parameters.
+    model
+        Name of the model that was run.
+    hidden
+        Largest share of failed samples that the others are described without.
+    may_be_retried
+        Whether a further try takes any of them with steps that were not tried.
     """
     failed = status != Status.FINE
     n, n_failed = failed.size, int(failed.sum())
@@ -69,11 +81,8 @@ def failure_remarks(
             "--override ensemble.failed_share=1.0 describes the others"
         )
         return
-    bias = (
-        f"and are biased: {'; '.join(where)}"
-        if where
-        else ("and may be biased: no parameter alone tells failed samples from fine ones, which does not rule it out")
-    )
+    bias = "and may be biased: no parameter alone tells failed samples from fine ones, which does not rule it out"
+    bias = f"and are biased: {'; '.join(where)}" if where else bias
     yield warning(
         f"mean, deviation and density of the outputs are those of the {n - n_failed} samples that are fine {bias}; "
         f"no bounds hold for them. Quantiles of all {n} samples lie between their quantile_bounds, "
@@ -144,11 +153,9 @@ class Earlier:
     """An ensemble whose failed samples are tried again."""
 
     path: Path  # its file
-    #: n_samples, n_failed: of it
     n_samples: int
     n_failed: int
-    #: seed, file: where its samples are from: one of the two
-    seed: int
+    seed: int  # where its samples are from, or the file
     file: SampleFile | None
 
     @property
@@ -227,7 +234,10 @@ def _check_draws(path: Path, found: Ensemble, sampler: Sampler) -> None:
 def fine_pieces(earlier: Earlier, share: float, block: int) -> Iterator[tuple[Piece, Batch]]:
     """Yield neighbouring samples that are fine, and those of them whose errors were estimated.
 
-    `share`, `block`: of the samples whose errors are estimated, and in what numbers.
+    Parameters
+    ----------
+    share, block
+        Of the samples whose errors are estimated, and in what numbers.
     """
     found = Ensemble.read(earlier.path)
     fine = found.status == Status.FINE
@@ -244,23 +254,26 @@ def _runs(fine: np.ndarray, begin: int, end: int) -> Iterator[tuple[int, int]]:
     yield from ((begin + int(first), begin + int(last)) for first, last in zip(edges[::2], edges[1::2]))
 
 
+def _some(found: Ensemble, some: slice, kinds: Sequence[str]) -> dict[str, dict[str, np.ndarray]]:
+    return {kind: {name: values[some] for name, values in getattr(found, kind).items()} for kind in kinds}
+
+
 def _batch(found: Ensemble, first: int, last: int) -> Batch:
     some = slice(first, last)
-    named = {
-        kind: {name: values[some] for name, values in getattr(found, kind).items()}
-        for kind in ("parameters", "outputs", "validity", "balance", "extremes", "first_passages")
-    }
+    named = _some(found, some, ("parameters", "outputs", "validity", "balance", "extremes", "first_passages"))
     bands = {name.partition(".")[2]: values for name, values in found.kept.items() if name != UNSTABLE}
     numerics = {"steps_divided": found.steps_divided[some], "unstable_start": found.kept[UNSTABLE][some]}
     return Batch(
-        first, status=found.status[some], failure_time=found.failure_time[some], numerics=numerics,
-        bands={name: values[some] for name, values in bands.items()}, **named,
-    )  # fmt: skip
+        first,
+        status=found.status[some],
+        failure_time=found.failure_time[some],
+        numerics=numerics,
+        bands={name: values[some] for name, values in bands.items()},
+        **named,
+    )
 
 
 def _checked_batch(found: Ensemble, first: int, last: int) -> Batch:
     some = slice(first, last)
-    parameters = {name: values[some] for name, values in found.parameters.items()}
-    errors = {kind: {name: values[some] for name, values in getattr(found, kind).items()} for kind in
-              ("errors", "errors_at_end")}  # fmt: skip
-    return Batch(first, parameters, {}, found.status[some], found.failure_time[some], **errors)
+    named = _some(found, some, ("parameters", "errors", "errors_at_end"))
+    return Batch(first, outputs={}, status=found.status[some], failure_time=found.failure_time[some], **named)

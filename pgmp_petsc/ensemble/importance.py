@@ -119,9 +119,11 @@ class Mixture:
         if not n:
             return self
         kernels = KernelDensity(
-            np.concatenate([own.centres, centres]), np.concatenate([(1.0 - share) * own.shares, np.full(n, share / n)]),
-            np.concatenate([own.deviations, np.ones(n)]), own.roots,
-        )  # fmt: skip
+            np.concatenate([own.centres, centres]),
+            np.concatenate([(1.0 - share) * own.shares, np.full(n, share / n)]),
+            np.concatenate([own.deviations, np.ones(n)]),
+            own.roots,
+        )
         return replace(self, kernels=kernels)
 
     def draw(self, n: int, random: np.random.Generator) -> np.ndarray:
@@ -166,17 +168,26 @@ def log_normal(points: np.ndarray) -> np.ndarray:
 
 
 def chosen_density(
-    points: np.ndarray, weights: np.ndarray, random: np.random.Generator, families: np.ndarray | None = None,
+    points: np.ndarray,
+    weights: np.ndarray,
+    random: np.random.Generator,
+    families: np.ndarray | None = None,
     values: np.ndarray | None = None,
-) -> Mixture:  # fmt: skip
+) -> Mixture:
     """Return the density that is nearest to that of the event's points.
 
-    - `points`, `weights`: points of the event, shape (m, d), and how many each represents, shape (m,).
-    - `random`: which points try the densities that others make.
-    - `families`: numbers of the families of points that are alike, shape (m,): a family makes densities or tries them.
-      None where all points are independent.
-    - `values`: g of the points, shape (m,), whose slope tells where a part of the event lies (`_shrunk_mean`). None
-      where it is not known.
+    Parameters
+    ----------
+    points, weights
+        Points of the event, shape (m, d), and how many each represents, shape (m,).
+    random
+        Which points try the densities that others make.
+    families
+        Numbers of the families of points that are alike, shape (m,): a family makes densities or tries them. None
+        where all points are independent.
+    values
+        g of the points, shape (m,), whose slope tells where a part of the event lies (`_shrunk_mean`). None where it is
+        not known.
     """
     families = np.arange(len(points)) if families is None else families
     values = np.zeros(len(points)) if values is None else values
@@ -258,9 +269,13 @@ def _densities(
 
 
 def _density(
-    points: np.ndarray, weights: np.ndarray, families: np.ndarray, clusters: tuple[np.ndarray, np.ndarray],
-    factor: float, random: np.random.Generator,
-) -> KernelDensity:  # fmt: skip
+    points: np.ndarray,
+    weights: np.ndarray,
+    families: np.ndarray,
+    clusters: tuple[np.ndarray, np.ndarray],
+    factor: float,
+    random: np.random.Generator,
+) -> KernelDensity:
     means, shares = clusters
     if factor == FITTED:
         own = np.argmin(np.sum((points[:, None] - means) ** 2, axis=2), axis=1)
@@ -300,9 +315,13 @@ def _root(steps: np.ndarray, weights: np.ndarray, families: np.ndarray) -> np.nd
 
 
 def cluster_means(
-    points: np.ndarray, weights: np.ndarray, families: np.ndarray, values: np.ndarray, n_clusters: int,
+    points: np.ndarray,
+    weights: np.ndarray,
+    families: np.ndarray,
+    values: np.ndarray,
+    n_clusters: int,
     random: np.random.Generator,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the means of clusters, shape (n_clusters, d) or fewer where some are empty, and their shares."""
     labels = _labels(points, weights, n_clusters, random)
     found = [

@@ -63,12 +63,21 @@ if TYPE_CHECKING:
 class Integration:
     """The samples of one model, in a checkpoint.
 
-    - `model`, `plan`, `group`: as of `run_ensemble`. Collective on ``group.world``, as are all methods but `kept`.
-    - `timings`: where the time goes.
-    - `phase`: what is timed.
-    - `sampler`: where samples come from; that of the plan, unless they are another ensemble's.
+    Parameters
+    ----------
+    model, plan, group
+        As of `run_ensemble`. Collective on ``group.world``, as are all methods.
+    timings
+        Where the time goes.
+    phase
+        What is timed.
+    sampler
+        Where samples come from; that of the plan, unless they are another ensemble's.
 
-    Raises `InputError` as `run_ensemble`.
+    Raises
+    ------
+    InputError
+        As `run_ensemble`.
     """
 
     def __init__(
@@ -147,15 +156,16 @@ class Integration:
         """How many samples are finished."""
         return sum(last - first for first, last in self._finished.samples)
 
-    def kept(self, n: int) -> Checkpoint:
-        """Return the samples before sample n; by rank 0."""
-        return self.checkpoint.up_to(n)
-
 
 def run_batch(
-    model: Model, values: Mapping[str, np.ndarray], first: int = 0, watchers: Sequence[Watcher] = (),
-    comm: Comm | None = None, pulse: Callable[[float], object] | None = None, divisors: tuple[int, ...] = DIVISORS,
-) -> Batch:  # fmt: skip
+    model: Model,
+    values: Mapping[str, np.ndarray],
+    first: int = 0,
+    watchers: Sequence[Watcher] = (),
+    comm: Comm | None = None,
+    pulse: Callable[[float], object] | None = None,
+    divisors: tuple[int, ...] = DIVISORS,
+) -> Batch:
     """Integrate samples first, first + 1, ... as one system, those that fail again with smaller steps.
 
     Values of all parameters have shape (n,). Several ranks share one sample. What the watchers find is added, NaN where
@@ -207,9 +217,14 @@ def run_batch(
 
 
 def _with_outputs(
-    model: Model, system: SecondOrderSystem, done: Run, samples: np.ndarray, outputs: dict[str, np.ndarray], end: float,
+    model: Model,
+    system: SecondOrderSystem,
+    done: Run,
+    samples: np.ndarray,
+    outputs: dict[str, np.ndarray],
+    end: float,
     counted: Mapping[str, np.ndarray],
-) -> Run:  # fmt: skip
+) -> Run:
     """Evaluate the outputs of the samples that are fine into `outputs`, but for those that were counted over the run;
     one that is no finite number is a failure."""
     fine = np.flatnonzero(done.status == Status.FINE)
@@ -229,7 +244,10 @@ def _with_outputs(
 class Watching:
     """Follows the runs of a model's samples.
 
-    `share`, `block`: of the samples whose errors are estimated, and in what numbers (`block_of`).
+    Attributes
+    ----------
+    share, block
+        Of the samples whose errors are estimated, and in what numbers (`block_of`).
     """
 
     def __init__(self, model: Model) -> None:
@@ -254,20 +272,32 @@ class Watching:
 
 
 def run_ensemble(
-    model: Model, plan: Plan, group: RankGroup, stop: Stop | None = None, better: Sequence[Better] = (),
+    model: Model,
+    plan: Plan,
+    group: RankGroup,
+    stop: Stop | None = None,
+    better: Sequence[Better] = (),
     earlier: Earlier | None = None,
-) -> Ensemble | ShardSamples | None:  # fmt: skip
+) -> Ensemble | ShardSamples | None:
     """Integrate the samples that are missing; describe all, or keep those of a shard. Collective on ``group.world``.
 
     Groups of several ranks share one full-order sample at a time. Raises `InputError` if the checkpoint to resume
     belongs to another scene, model, seed or number of samples; `RunError` if the finished batches are not all samples,
     each once.
 
-    - `stop`: what ends the ensemble before the plan's last sample, if anything.
-    - `better`: better models, the best first, that integrate the first samples of the ensemble too.
-    - `earlier`: the same ensemble, whose failed samples alone are integrated, further than in an ensemble.
+    Parameters
+    ----------
+    stop
+        What ends the ensemble before the plan's last sample, if anything.
+    better
+        Better models, the best first, that integrate the first samples of the ensemble too.
+    earlier
+        The same ensemble, whose failed samples alone are integrated, further than in an ensemble.
 
-    The first rank gets the `Ensemble`, or `ShardSamples` of a shard, the others None.
+    Returns
+    -------
+    Ensemble, or ShardSamples of a shard, or None
+        On the first rank, None elsewhere.
     """
     timings, comm = Timings(), group.world
     own = Integration(model, plan, group, timings, "integration")
@@ -300,7 +330,7 @@ def run_ensemble(
 
             return shard_of(Origin.of(model), plan, own.checkpoint, comm.size, timings)
         found = describe_ensemble(
-            Origin.of(model), replace(plan, n_samples=n), own.sampler, own.kept(n), comm.size, timings,
+            Origin.of(model), replace(plan, n_samples=n), own.sampler, own.checkpoint.up_to(n), comm.size, timings,
             looked=bool(history) and bool(stop.rules),
         )  # fmt: skip
         if history:
@@ -309,8 +339,8 @@ def run_ensemble(
             remarks = (*found.record.remarks, earlier.remark)
             found = replace(found, record=replace(found.record, remarks=remarks))
         if better:
-            parts = {one.name: part.kept(k).columns() for one, part, k in zip(better, others, given)}
-            columns = {**parts, model.name: own.kept(n).columns()}
+            parts = {one.name: part.checkpoint.up_to(k).columns() for one, part, k in zip(better, others, given)}
+            columns = {**parts, model.name: own.checkpoint.up_to(n).columns()}
             found = with_better(found, model.scene, columns, own.sampler.replicates(n))
         return found
 
@@ -318,10 +348,10 @@ def run_ensemble(
 def look_at(own: Integration, stop: Stop) -> list[Seen]:
     """Integrate until the rules are met or the budget is spent; return what was seen. Collective."""
 
-    def seen(n: int) -> Seen:
-        def looking() -> Seen:
-            return see(stop.rules, own.model.scene, own.sampler, own.kept(n), n)
+    def looking(n: int) -> Seen:
+        return see(stop.rules, own.model.scene, own.sampler, own.checkpoint.up_to(n), n)
 
-        return on_root(own.comm, looking)
+    def seen(n: int) -> Seen:
+        return on_root(own.comm, looking, n)
 
     return stages(stop, own.sampler.unit, own.plan.n_samples, own.up_to, seen, own.comm)

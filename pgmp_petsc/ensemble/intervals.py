@@ -94,8 +94,11 @@ def of_quantiles(
 
     An end is infinite where not even the smallest, or largest, value lies beyond the quantile with enough probability.
 
-    `sizes`: how many independent values are as good at each quantile, (n_quantiles,) (Woodruff, Journal of the American
-    Statistical Association 47 (1952) 635-646); None of independent ones: n.
+    Parameters
+    ----------
+    sizes
+        How many independent values are as good at each quantile, (n_quantiles,) (Woodruff, Journal of the American
+        Statistical Association 47 (1952) 635-646); None of independent ones: n.
     """
     n, tail = ordered.size, 0.5 * (1.0 - confidence)
     found = np.full((len(probabilities), 2), [-np.inf, np.inf])
@@ -104,7 +107,9 @@ def of_quantiles(
             rank = _rank(float(size), float(probability), beyond)
             rank = None if rank is None else rank * (n + 1.0) / (size + 1.0)
             if rank is not None and 1.0 <= rank <= n:
-                row[end] = _at_rank(ordered, rank)
+                below = min(int(rank), n - 1)  # ranks are from 1; between neighbours values are interpolated
+                share = rank - below
+                row[end] = (1.0 - share) * ordered[below - 1] + share * ordered[below]
     return found
 
 
@@ -129,21 +134,18 @@ def _rank(n: float, probability: float, beyond: float) -> float | None:
     return 0.5 * (low + high)
 
 
-def _at_rank(ordered: np.ndarray, rank: float) -> float:
-    """Return the value at a rank from 1, interpolated between neighbours."""
-    below = min(int(rank), ordered.size - 1)
-    share = rank - below
-    return (1.0 - share) * ordered[below - 1] + share * ordered[below]
-
-
 def of_probability(
     count: np.ndarray | int, n: np.ndarray | int, confidence: float, n_failed: np.ndarray | int = 0
 ) -> np.ndarray:
     """Return the interval (low, high) of a probability of which `count` of `n` trials came true.
 
-    - `count`, `n`: numbers of independent trials; or of those of each independent replicate, (n_replicates,).
-    - `n_failed`: number of further trials of which it is not known, as `n`: none of them came true at the lower end,
-      all at the upper one.
+    Parameters
+    ----------
+    count, n
+        Numbers of independent trials; or of those of each independent replicate, (n_replicates,).
+    n_failed
+        Number of further trials of which it is not known, as `n`: none of them came true at the lower end, all at the
+        upper one.
     """
     count, failed = np.atleast_1d(count).astype(float), np.atleast_1d(n_failed).astype(float)
     sizes = np.atleast_1d(n) + failed
@@ -175,7 +177,10 @@ def equivalent_size(count: np.ndarray, sizes: np.ndarray, confidence: float) -> 
     many replicates as there are would not have shown: v is no smaller than that leaves open. All trials where none or
     all came true, and of one replicate.
 
-    `count`, `sizes`: trials that came true, and all trials, of each replicate, (n_replicates,).
+    Parameters
+    ----------
+    count, sizes
+        Trials that came true, and all trials, of each replicate, (n_replicates,).
     """
     from scipy.special import ndtri
 
@@ -249,12 +254,18 @@ def with_failed(
 ) -> np.ndarray:
     """Return the interval of a rare event in which failed samples are outside it at the lower end, in it at the upper.
 
-    - `ends`: of the event without the failed samples, (2,).
-    - `rounds`: weights of the samples of each round that are in the event or failed, 0 of others.
-    - `n_failed`, `n_plain`, `n_in`: how many of the plain samples, from which the search begins, failed, and how many
-      are in the event. They bound it together with all that fails; so do the weighted samples, but for what fails where
-      they do not come, as some of the plain ones did.
-    - `confidence`: level of the interval.
+    Parameters
+    ----------
+    ends
+        Of the event without the failed samples, (2,).
+    rounds
+        Weights of the samples of each round that are in the event or failed, 0 of others.
+    n_failed, n_plain, n_in
+        How many of the plain samples, from which the search begins, failed, and how many are in the event. They bound
+        it together with all that fails; so do the weighted samples, but for what fails where they do not come, as some
+        of the plain ones did.
+    confidence
+        Level of the interval.
     """
     open_end = of_probability(n_in, n_plain - n_failed, confidence, n_failed)[1]
     if not n_failed and len(rounds):

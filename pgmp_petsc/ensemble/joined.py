@@ -63,12 +63,10 @@ FEW_DISAGREEMENTS = 5  # below, measured intervals of probabilities hold in 97 t
 class Estimate:
     """A mean with its variance."""
 
-    #: value, variance: the estimate and the variance of its error
-    value: float
+    value: float  # value, variance: the estimate and the variance of its error
     variance: float
     freedom: float  # degrees of freedom of the variance
-    #: coefficients, correlations: of the cheaper models with the best one, each (k - 1,)
-    coefficients: np.ndarray
+    coefficients: np.ndarray  # coefficients, correlations: of the cheaper models with the best one, each (k - 1,)
     correlations: np.ndarray
     #: of replicates: the estimate as of independent samples, and the part that its interval has (`parts_of_tails`)
     apart: tuple[Estimate, float] | None = None
@@ -95,7 +93,10 @@ def calibrated(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     another function of the parameters, so that whatever follows keeps its expectation; `python -m benchmarks.joined
     coverage` measures how often intervals hold.
 
-    `values`: as `mean_of` takes them.
+    Parameters
+    ----------
+    values
+        As `mean_of` takes them.
     """
     return [values[0], *(_calibrated(values[0], other) for other in values[1:])]
 
@@ -124,13 +125,19 @@ def mean_of(
 ) -> Estimate:
     """Return the mean of the best model.
 
-    - `values`: of every model, the best first: shapes (m_1,) to (m_k,), each the first samples of the next; m_1 at
-      least `FEWEST`.
-    - `replicates`: numbers of the independent replicates that samples belong to, shape (m_k,), each with one of the
-      first m_1 at least; None where samples are independent. The variance is then the jackknife's over replicates, each
-      left out in turn with the coefficients of the others.
-    - `n_curved`: number of models that `calibrated` has taken through a parabola: one more coefficient each.
-    - `part`: that the interval as of independent samples has in that of replicates.
+    Parameters
+    ----------
+    values
+        Of every model, the best first: shapes (m_1,) to (m_k,), each the first samples of the next; m_1 at least
+        `FEWEST`.
+    replicates
+        Numbers of the independent replicates that samples belong to, shape (m_k,), each with one of the first m_1 at
+        least; None where samples are independent. The variance is then the jackknife's over replicates, each left out
+        in turn with the coefficients of the others.
+    n_curved
+        Number of models that `calibrated` has taken through a parabola: one more coefficient each.
+    part
+        That the interval as of independent samples has in that of replicates.
     """
     best, others = values[0], values[1:]
     m = np.array([value.size for value in values])
@@ -152,12 +159,9 @@ def mean_of(
         gains = np.array([np.mean(one) - np.mean(one[:n]) for one, n in zip(others, m)])
         weights = 1.0 / m[1:] - 1.0 / m[:-1]  # of a sample that both means of a gain have
         # the first stratum: everything once more, without each of its samples in turn
-        without = np.where(
-            known[:, None],
-            (products[:, None] - first / (first - 1) * centred * of_best)
-            / _positive(squares[:, None] - first / (first - 1) * centred**2),
-            0.0,
-        )
+        left = squares[:, None] - first / (first - 1) * centred**2
+        left = np.where(left > 0.0, left, np.inf)  # without one sample there may be nothing left
+        without = np.where(known[:, None], (products[:, None] - first / (first - 1) * centred * of_best) / left, 0.0)
         moved = gains[:, None] - first * weights[:, None] * centred / (first - 1)
         repeated = np.mean(best) - of_best / (first - 1) + np.sum(without * moved, axis=0)
         parts = [(first - 1) / first * np.sum((repeated - repeated.mean()) ** 2)]
@@ -203,14 +207,21 @@ def _added(
 
 
 def deviation_of(
-    values: Sequence[np.ndarray], mean: Estimate, confidence: float, replicates: np.ndarray | None = None,
-    n_curved: int = 0, part: float = 0.0,
-) -> tuple[float, np.ndarray]:  # fmt: skip
+    values: Sequence[np.ndarray],
+    mean: Estimate,
+    confidence: float,
+    replicates: np.ndarray | None = None,
+    n_curved: int = 0,
+    part: float = 0.0,
+) -> tuple[float, np.ndarray]:
     """Return the standard deviation of the best model and its interval (2,).
 
     Both are NaN where the variance is not positive, the interval below `FEWEST_OF_DEVIATION` samples.
 
-    `values`, `mean`, `replicates`, `n_curved`, `part`: as `mean_of` takes and gives them.
+    Parameters
+    ----------
+    values, mean, replicates, n_curved, part
+        As `mean_of` takes and gives them.
     """
     n_taken = n_curved + (replicates is not None)  # of few replicates the mean takes one more degree
     centres = [mean.value, *(float(np.mean(value)) for value in values[1:])]
@@ -230,7 +241,10 @@ def deviation_of(
 def probability_of(came_true: Sequence[np.ndarray], confidence: float) -> tuple[float, np.ndarray]:
     """Return the probability of an event in the best model and its interval (2,).
 
-    `came_true`: of every model, bool, as `mean_of` takes values.
+    Parameters
+    ----------
+    came_true
+        Of every model, bool, as `mean_of` takes values.
     """
     value = float(np.mean(came_true[-1]))
     low, high = intervals.of_probability(int(came_true[-1].sum()), came_true[-1].size, confidence)
@@ -254,7 +268,10 @@ def probability_with_failed(
     """Return the probability of an event over the draws that are known in all models, and an interval (2,) in which
     the others are outside the event in every model at its lower end, and in it at the upper one.
 
-    `came_true`, `known`: of every model, bool, as `mean_of` takes values; draws that are not known did not come true.
+    Parameters
+    ----------
+    came_true, known
+        Of every model, bool, as `mean_of` takes values; draws that are not known did not come true.
     """
     each = [known[-1][: one.size] for one in came_true]
     for one in known[:-1]:
@@ -280,18 +297,17 @@ def allocation(costs: np.ndarray, correlations: np.ndarray) -> np.ndarray:
     are not in the order of their correlations, or a cheaper one would have fewer samples, r_i is that of the one
     before.
 
-    - `costs`: of a sample of every model, the best first, (k,).
-    - `correlations`: with the best one, (k,), that of the best itself is 1.
+    Parameters
+    ----------
+    costs
+        Of a sample of every model, the best first, (k,).
+    correlations
+        With the best one, (k,), that of the best itself is 1.
     """
     squared = np.append(np.minimum(correlations**2, 1.0 - 1e-12), 0.0)
     squared[0] = 1.0
     gains = np.maximum(squared[:-1] - squared[1:], 0.0)
     return np.maximum.accumulate(np.sqrt(costs[0] * gains / (costs * gains[0])))
-
-
-def _positive(values: np.ndarray) -> np.ndarray:
-    """Return sums of squares, and infinity where without one sample there is nothing left of them."""
-    return np.where(values > 0.0, values, np.inf)
 
 
 PILOT = 16  # samples of every better model
@@ -302,21 +318,15 @@ ROUNDS = (0.1, 0.4, 1.0)  # shares of what is chosen that are integrated before 
 
 
 class Integrated(Protocol):
-    """The samples of one model as they are chosen here; see `integration.Integration`."""
+    """What is used here of `integration.Integration`."""
 
     plan: Plan
     comm: Comm
     checkpoint: Checkpoint
-
-    @property
-    def n_finished(self) -> int:
-        """How many samples are finished."""
+    n_finished: int
 
     def up_to(self, n: int) -> int:
         """Integrate what is missing before sample n; return how many these were."""
-
-    def kept(self, n: int) -> Checkpoint:
-        """Return the samples before sample n; by rank 0."""
 
 
 def allot(
@@ -327,10 +337,17 @@ def allot(
     Raises `InputError` if the budget does not pay for what is given; `RunError` if the outputs of the pilot's samples
     are not known, or do not vary.
 
-    - `given`: numbers of the better models' samples that are not to be chosen, None for the others.
-    - `limit`: number of the ensemble's samples, None where it is to be chosen.
+    Parameters
+    ----------
+    given
+        Numbers of the better models' samples that are not to be chosen, None for the others.
+    limit
+        Number of the ensemble's samples, None where it is to be chosen.
 
-    Returns list of int, int: numbers of samples of the better models, and of the ensemble's own.
+    Returns
+    -------
+    list of int, int
+        Numbers of samples of the better models, and of the ensemble's own.
     """
     comm, models = own.comm, (*better, own)
     kept = on_root(comm, lambda: own.checkpoint.counts)
@@ -352,7 +369,8 @@ def allot(
 
     def choose(share: float) -> np.ndarray:
         known = np.where(np.isfinite(costs), costs, np.min(costs[np.isfinite(costs)], initial=1.0))
-        correlations = _correlations([model.kept(int(n)) for model, n in zip(models, done)], int(done.min()))
+        kept = [model.checkpoint.up_to(int(n)) for model, n in zip(models, done)]
+        correlations = _correlations(kept, int(done.min()))
         chosen = counts(known, correlations, wanted, stop.left + float(known @ done), own.plan.n_samples)
         if chosen is None:
             raise InputError(
@@ -377,11 +395,18 @@ def counts(
 ) -> np.ndarray | None:
     """Return the numbers of samples of all models, the best first, that a budget pays for; None where there are none.
 
-    - `costs`: of a sample, s, (k,).
-    - `correlations`: with the best model, (k,).
-    - `given`: numbers that are not to be chosen, None for the others.
-    - `budget`: for all samples, s.
-    - `most`: samples of the cheapest model.
+    Parameters
+    ----------
+    costs
+        Of a sample, s, (k,).
+    correlations
+        With the best model, (k,).
+    given
+        Numbers that are not to be chosen, None for the others.
+    budget
+        For all samples, s.
+    most
+        Samples of the cheapest model.
     """
     shares = allocation(costs, correlations)
     enough = FEWEST_OF_DEVIATION

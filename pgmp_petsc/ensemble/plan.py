@@ -187,10 +187,14 @@ class Piece:
 def pieces(samples: Ranges, to_check: Ranges, n_groups: int, largest: int) -> list[Piece]:
     """Return the pieces of an ensemble, or of what is left of it, in the order in which they are dealt out.
 
-    - `samples`, `to_check`: ranges (first, last) of the samples to be integrated, and of those whose errors are to be
-      estimated.
-    - `n_groups`: number of ranks, or of groups of ranks that share a sample.
-    - `largest`: most samples of a piece.
+    Parameters
+    ----------
+    samples, to_check
+        Ranges (first, last) of the samples to be integrated, and of those whose errors are to be estimated.
+    n_groups
+        Number of ranks, or of groups of ranks that share a sample.
+    largest
+        Most samples of a piece.
     """
     a_rank = -(-sum(last - first for first, last in to_check) // n_groups)
     even = min(max(_whole_lanes(a_rank), LEAST_CHECKED), MOST_CHECKED, largest)

@@ -260,13 +260,21 @@ def find(
 ) -> RareSamples:
     """Find and weigh the event ``g <= 0``.
 
-    - `limit_state`: g of points (n, d), shape (n,); NaN where it is not known.
-    - `d`: number of variables.
-    - `n_samples`: evaluations of g at most, with those of `slopes`; those that subset simulation leaves are weighted.
-      At least 500.
-    - `seed`: of all random numbers.
-    - `slopes`: g and its derivatives, for design points; None: from differences, where samples allow them.
-    - `has_design`: whether design points are looked for, which events of variables that step have none of.
+    Parameters
+    ----------
+    limit_state
+        g of points (n, d), shape (n,); NaN where it is not known.
+    d
+        Number of variables.
+    n_samples
+        Evaluations of g at most, with those of `slopes`; those that subset simulation leaves are weighted. At least
+        500.
+    seed
+        Of all random numbers.
+    slopes
+        g and its derivatives, for design points; None: from differences, where samples allow them.
+    has_design
+        Whether design points are looked for, which events of variables that step have none of.
     """
     chains = _Chains(limit_state, seed, d, n_samples, slopes, has_design)
     levels, directions, last = _levels(chains)
@@ -274,7 +282,7 @@ def find(
     if levels:
         # those of the last level first, which know them best
         rays = np.concatenate([*directions[::-1], np.eye(d), -np.eye(d), *(-one for one in directions[::-1])])
-        rays = rays[unlike(rays, NEARLY_ALIKE)][: most_rays(chains.left)]
+        rays = rays[unlike(rays, NEARLY_ALIKE)][: chains.left // (2 * PART_OF_SAMPLES)]  # of STEPS one is followed
         chance = float(np.prod([level.share for level in levels]))
         weighed = levels[-1].threshold
         centres = entrances(lambda u: chains.evaluate(u) - weighed, rays, chance)
@@ -292,9 +300,14 @@ def find(
         chains.evaluate(chains.random().standard_normal((chains.left, d)))
         weights = [np.ones(chains.values[-1].size)]
     found = RareSamples(
-        tuple(levels), np.concatenate(chains.points), np.concatenate(chains.values),
-        np.concatenate([np.zeros(0), *weights]), tuple(of_round.size for of_round in weights), weighed, design,
-    )  # fmt: skip
+        tuple(levels),
+        np.concatenate(chains.points),
+        np.concatenate(chains.values),
+        np.concatenate([np.zeros(0), *weights]),
+        tuple(of_round.size for of_round in weights),
+        weighed,
+        design,
+    )
     for level in levels[::-1] if weighed > 0.0 else ():
         found = replace(found, weighed=level.threshold)
         if found.n_effective >= ENOUGH:
@@ -307,7 +320,8 @@ def _levels(chains: _Chains) -> tuple[list[Level], list[np.ndarray], tuple[np.nd
     the chains of the level before that they stem from."""
     size = level_size(chains.left)
     least_left = max(LEAST_OF_LEVEL, chains.left // PART_WEIGHED)
-    points, g = chains.begin(size)
+    points = chains.random().standard_normal((size, chains.d))
+    g = chains.evaluate(points)
     levels: list[Level] = []
     directions: list[np.ndarray] = []
     own = families = np.arange(size)  # the chains of this level that points are of, and those of the one before
@@ -350,10 +364,15 @@ class _Chains:
     """Evaluates g, and keeps all points."""
 
     def __init__(
-        self, limit_state: LimitState, seed: int, d: int, n_samples: int, slopes: Slopes | None = None,
+        self,
+        limit_state: LimitState,
+        seed: int,
+        d: int,
+        n_samples: int,
+        slopes: Slopes | None = None,
         has_design: bool = True,
-    ) -> None:  # fmt: skip
-        self._limit_state, self._seed, self._d, self._n_samples = limit_state, seed, d, n_samples
+    ) -> None:
+        self._limit_state, self._seed, self.d, self._n_samples = limit_state, seed, d, n_samples
         self._slopes, self._has_design = slopes, has_design
         self._from_afar: DesignPoints | None = None
         self.points: list[np.ndarray] = []
@@ -365,24 +384,14 @@ class _Chains:
     @property
     def left(self) -> int:
         """Number of evaluations that are left."""
-        return self._n_samples - self.n - self._n_differentiated
-
-    @property
-    def n(self) -> int:
-        """Number of evaluations."""
-        return sum(part.size for part in self.values)
-
-    def begin(self, size: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return independent points and g."""
-        points = self.random().standard_normal((size, self._d))
-        return points, self.evaluate(points)
+        return self._n_samples - sum(part.size for part in self.values) - self._n_differentiated
 
     def go_on(
         self, seeds: np.ndarray, g: np.ndarray, threshold: float, size: int
     ) -> tuple[np.ndarray, np.ndarray, float]:
         """Return points (size, d) that pass a threshold, their g, and the share of accepted steps."""
         random = self.random()
-        deviation = np.minimum(seeds.std(axis=0), 1.0) if len(seeds) >= FEWEST_SEEDS else np.ones(self._d)
+        deviation = np.minimum(seeds.std(axis=0), 1.0) if len(seeds) >= FEWEST_SEEDS else np.ones(self.d)
         current, value = seeds, g
         points, values, accepted = [seeds], [g], []
         while sum(map(len, points)) < size:
@@ -406,7 +415,7 @@ class _Chains:
             return self._from_afar
         n_scanned, random = self.left // PART_SCANNED, self.random()
         self.evaluate(
-            np.repeat(SCANNED, n_scanned)[:, None] * random.standard_normal((len(SCANNED) * n_scanned, self._d))
+            np.repeat(SCANNED, n_scanned)[:, None] * random.standard_normal((len(SCANNED) * n_scanned, self.d))
         )
         nearest = starts[np.argsort(np.sum(starts**2, axis=1))]
         units = nearest / np.maximum(np.sqrt(np.sum(nearest**2, axis=1, keepdims=True)), 1e-300)
@@ -451,7 +460,7 @@ class _Chains:
         of parts of an event none is lost on the way. In d variables a step of the deviation by ``0.6 / sqrt(d)`` of it
         leaves about half of the samples their worth.
         """
-        random, d = self.random(), self._d
+        random, d = self.random(), self.d
         n = self.left - to_be_left
         best: tuple[float, np.ndarray, np.ndarray, int] | None = None
         of_event = np.zeros((0, d))
@@ -502,9 +511,14 @@ class _Chains:
         return points, g, np.repeat(np.arange(n_first), copies), float(chances.mean())
 
     def weigh(
-        self, points: np.ndarray, g: np.ndarray, families: np.ndarray, entrances: np.ndarray, level: float,
+        self,
+        points: np.ndarray,
+        g: np.ndarray,
+        families: np.ndarray,
+        entrances: np.ndarray,
+        level: float,
         design: DesignPoints | None,
-    ) -> list[np.ndarray]:  # fmt: skip
+    ) -> list[np.ndarray]:
         """Evaluate all points that are left from densities that points of the event, or of a level on g, make, and
         return the weights of all rounds but one.
 
@@ -616,11 +630,6 @@ def unlike(directions: np.ndarray, alike: float = ALIKE) -> list[int]:
     return kept
 
 
-def most_rays(n_left: int) -> int:
-    """Return how many rays samples that are left can try, of which one of `STEPS` is followed."""
-    return n_left // (2 * PART_OF_SAMPLES)
-
-
 def apart(points: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Return the points (n, d) that are in none of the directions of others (m, d)."""
     units = [one / np.sqrt(np.sum(one**2, axis=1, keepdims=True)) for one in (points, others)]
@@ -632,9 +641,14 @@ def entrances(
 ) -> np.ndarray:
     """Return points in the event near where rays enter it, shape (n_entrances, d); of rays that do not, none.
 
-    - `limit_state`: g of points (n, d), shape (n,); all rays are followed at once.
-    - `directions`: unit vectors, shape (n, d).
-    - `probability`: of the event, as nearly as it is known.
+    Parameters
+    ----------
+    limit_state
+        g of points (n, d), shape (n,); all rays are followed at once.
+    directions
+        Unit vectors, shape (n, d).
+    probability
+        Of the event, as nearly as it is known.
     """
     far = -float(ndtri(RARER * probability))
     if len(directions):

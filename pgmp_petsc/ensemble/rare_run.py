@@ -80,7 +80,10 @@ def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: 
     Raises `InputError` if no parameter has a distribution, or there are too few samples; `RunError` if samples cannot
     be integrated at all.
 
-    The first rank gets the `RareEvent`, the others None.
+    Returns
+    -------
+    RareEvent or None
+        On the first rank, None elsewhere.
     """
     if n_samples < FEWEST:
         raise InputError(f"-n {n_samples}: with --rare at least {FEWEST} samples are needed, of which levels are made")
@@ -105,17 +108,15 @@ def stepping_names(scene: Scene) -> list[str]:
     return [name for name in uncertain_names(scene) if not scene.parameters[name].distribution.is_continuous]
 
 
-def text_of(event: Event) -> str:
-    """Return an event as ``--rare`` takes it."""
-    side = ">" if event.above is not None else "<"
-    return f"{'ever ' if event.when == 'ever' else ''}{event.output} {side} {event.level!r}"
-
-
 class _Runs:
     """Runs of points in the space of normal variables.
 
-    - `names`: parameters that are drawn.
-    - `values`, `status`, `parameters`: of all samples so far.
+    Attributes
+    ----------
+    names
+        Parameters that are drawn.
+    values, status, parameters
+        Of all samples so far.
     """
 
     def __init__(self, model: Model, event: Event, names: list[str], comm: Comm, bar) -> None:
@@ -213,37 +214,56 @@ def _result(
     weight = np.zeros(value.size)
     weight[value.size - found.weights.size :] = found.weights
     values, probabilities = found.curve()
+    side = ">" if event.above is not None else "<"  # as --rare takes it
+    text = f"{'ever ' if event.when == 'ever' else ''}{event.output} {side} {event.level!r}"
     confidence, words = scene.ensemble.confidence, in_words(event, unit)
     parameters = {name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters}
-    estimated = isinstance(model, (FullModel, *REDUCED))
-    remarks = rare_remarks(found, status, estimated, confidence)
+    remarks = rare_remarks(found, status, isinstance(model, (FullModel, *REDUCED)), confidence)
     said = (*scene.remarks, *remarks, *draw_remarks(scene))
     stepping = stepping_names(scene)
     if stepping:
-        text = f"values of {', '.join(stepping)} step, so that the event has no design point, and none was looked for"
-        said += (note(text),)
+        what = f"values of {', '.join(stepping)} step, so that the event has no design point, and none was looked for"
+        said += (note(what),)
     if isinstance(model, ReducedModel):
         said += outside_of(model.served, parameters, "--rare")
     if isinstance(model, REDUCED):
         said += _of_own_error(model, event, found, runs.names, parameters, value)
     return RareEvent(
-        model=model.name, record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
-        event=words, text=text_of(event), output=event.output, unit=unit, confidence=confidence,
-        estimate=found.probability, interval=with_failed(found, confidence), variation=found.variation,
-        at_most=found.at_most, n_effective=found.n_effective,
+        model=model.name,
+        record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
+        event=words,
+        text=text,
+        output=event.output,
+        unit=unit,
+        confidence=confidence,
+        estimate=found.probability,
+        interval=with_failed(found, confidence),
+        variation=found.variation,
+        at_most=found.at_most,
+        n_effective=found.n_effective,
         threshold=np.array([event.level + sign * level.threshold for level in found.levels]),
         share=np.array([level.share for level in found.levels]),
         accepted=np.array([level.accepted for level in found.levels]),
-        curve=(event.level + sign * values, probabilities), names=tuple(runs.names), normal=found.points, value=value,
-        weight=weight, most_likely=runs.most_likely(found.design), asked=n_samples, parameters=parameters,
+        curve=(event.level + sign * values, probabilities),
+        names=tuple(runs.names),
+        normal=found.points,
+        value=value,
+        weight=weight,
+        most_likely=runs.most_likely(found.design),
+        asked=n_samples,
+        parameters=parameters,
         status=status,
-    )  # fmt: skip
+    )
 
 
 def _of_own_error(
-    model: ReducedModel | LengthLanes, event: Event, found: RareSamples, names: Sequence[str],
-    parameters: Mapping[str, np.ndarray], value: np.ndarray,
-) -> tuple[Remark, ...]:  # fmt: skip
+    model: ReducedModel | LengthLanes,
+    event: Event,
+    found: RareSamples,
+    names: Sequence[str],
+    parameters: Mapping[str, np.ndarray],
+    value: np.ndarray,
+) -> tuple[Remark, ...]:
     """Return what errors of the model do to the probability: as much as if the level were off by their mean at the
     samples nearest to it.
 

@@ -39,10 +39,12 @@ def read_samples(path: Path | Columns, scene: Scene, n_samples: int | None) -> S
     """
     where = called(path)
     if not isinstance(path, Path):
-        content = hashlib.sha256()
-        columns, lines, others = _of_columns(path, scene, where)
+        columns = {name: np.asarray(path[name], dtype=float) for name in _used(where, list(path), scene)}
+        _check_lengths(columns, where)
+        content, lines = hashlib.sha256(), np.arange(len(next(iter(columns.values()))))
         for name, values in columns.items():
             content.update(name.encode() + b"\0" + values.tobytes())
+        others = [name for name in path if name not in columns]
         return _checked(Path("samples"), columns, lines, others, content.hexdigest(), scene, n_samples, where, "sample")
     import h5py
 
@@ -123,14 +125,6 @@ def _of_hdf5(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarra
             columns[name] = np.asarray(data[()], dtype=float)
     _check_lengths(columns, f"{OPTION} {path}")
     return columns, np.arange(len(columns[used[0]])), []
-
-
-def _of_columns(given: Columns, scene: Scene, where: str) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
-    """Return the columns of parameters, the number of each sample, and the names of columns without a part."""
-    used = _used(where, list(given), scene)
-    columns = {name: np.asarray(given[name], dtype=float) for name in used}
-    _check_lengths(columns, where)
-    return columns, np.arange(len(columns[used[0]])), [name for name in given if name not in used]
 
 
 def _check_lengths(columns: Mapping[str, np.ndarray], where: str) -> None:

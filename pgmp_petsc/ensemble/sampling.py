@@ -68,16 +68,18 @@ DOUBLE = 2.0**-53
 def first_numbers(seed: int, numbers: np.ndarray, d: int) -> np.ndarray:
     """Return the first d uniform numbers of the streams of samples, shape (n, d).
 
-    - `seed`: not negative.
-    - `numbers`: of the samples, shape (n,), below 2^32.
+    Parameters
+    ----------
+    seed
+        Not negative.
+    numbers
+        Of the samples, shape (n,), below 2^32.
     """
     words = _words(seed, np.asarray(numbers, dtype=np.uint32))
     parts = [(high.astype(np.uint64) << HALF) | low for low, high in zip(words[::2], words[1::2])]
     state, increment = (parts[0], parts[1]), (parts[2], parts[3])
-    increment = (
-        (increment[0] << np.uint64(1)) | (increment[1] >> np.uint64(63)),
-        (increment[1] << np.uint64(1)) | np.uint64(1),
-    )
+    one = np.uint64(1)
+    increment = (increment[0] << one) | (increment[1] >> np.uint64(63)), (increment[1] << one) | one
     state = _stepped(_sum(increment, state), increment)
     found = np.empty((len(numbers), d))
     for column in found.T:
@@ -163,8 +165,12 @@ class Design(Protocol):
 class Independent:
     """Independent random samples.
 
-    - `seed`: of all streams.
-    - `d`: number of parameters.
+    Parameters
+    ----------
+    seed
+        Of all streams.
+    d
+        Number of parameters.
     """
 
     extends = True
@@ -173,14 +179,16 @@ class Independent:
         self._seed, self._d = seed, d
 
     def uniform(self, first: int, last: int) -> np.ndarray:
-        """Return the uniform numbers; see `Design`."""
         return first_numbers(self._seed, np.arange(first, last), self._d)
 
 
 class LatinHypercube:
     """A Latin hypercube of n samples; see `Independent`.
 
-    Raises `InputError` if its permutations would not fit in memory.
+    Raises
+    ------
+    InputError
+        If its permutations would not fit in memory.
     """
 
     extends = False
@@ -203,8 +211,12 @@ class LatinHypercube:
 class Replicates:
     """Scrambled Sobol sequences that take turns; see `Independent`.
 
-    - `n_replicates`: number of sequences.
-    - `purpose`: first key of the streams that scramble them.
+    Parameters
+    ----------
+    n_replicates
+        Number of sequences.
+    purpose
+        First key of the streams that scramble them.
     """
 
     extends = True
@@ -214,7 +226,6 @@ class Replicates:
         self._sequences = [Scrambled(d, stream(seed, purpose, number)) for number in range(n_replicates)]
 
     def uniform(self, first: int, last: int) -> np.ndarray:
-        """Return the uniform numbers; see `Design`."""
         found = np.empty((last - first, self._d))
         for number, sequence in enumerate(self._sequences):
             begin = first + (number - first) % self._n  # its first sample from `first` on
@@ -251,8 +262,12 @@ class Scrambled:
 
     Its numbers are multiples of 2^-30, of which half is added: 0 has no finite quantile.
 
-    - `d`: dimensions.
-    - `random`: what scrambles it.
+    Parameters
+    ----------
+    d
+        Dimensions.
+    random
+        What scrambles it.
     """
 
     def __init__(self, d: int, random: np.random.Generator) -> None:
@@ -285,13 +300,24 @@ ROUNDS_NAMED = 2  # of all replicates: one would not show whether sequences take
 class Sampler:
     """Where the samples of an ensemble come from.
 
-    `scene`, `plan`: the scene, whose parameters with a distribution are drawn, and the ensemble.
+    Parameters
+    ----------
+    scene, plan
+        The scene, whose parameters with a distribution are drawn, and the ensemble.
 
-    - `names`: parameters that are drawn, or that a file gives, sorted.
-    - `kind`: ``random``, ``latin_hypercube``, ``sobol``, ``saltelli``, or ``file``.
-    - `extends`: whether a longer run has the samples of a shorter one.
+    Attributes
+    ----------
+    names
+        Parameters that are drawn, or that a file gives, sorted.
+    kind
+        ``random``, ``latin_hypercube``, ``sobol``, ``saltelli``, or ``file``.
+    extends
+        Whether a longer run has the samples of a shorter one.
 
-    Raises `InputError` if no parameter has a distribution, or the number of samples does not suit the design.
+    Raises
+    ------
+    InputError
+        If no parameter has a distribution, or the number of samples does not suit the design.
     """
 
     def __init__(self, scene: Scene, plan: Plan) -> None:
@@ -339,12 +365,12 @@ class Sampler:
         not be."""
         if self._design is None:
             return self.kind, ""
-        turns = self.kind in IN_TURNS
-        n_replicates = self._scene.ensemble.replicates if turns else 1
+        kind, n_replicates = self.kind, 1
+        if kind in IN_TURNS:
+            n_replicates = self._scene.ensemble.replicates
+            kind = f"{kind} of {n_replicates} replicates"
         n = ROUNDS_NAMED * n_replicates * self._size
-        numbers = self._design.uniform(0, n if self.extends else min(n, self._plan.n_samples))
-        kind = f"{self.kind} of {n_replicates} replicates" if turns else self.kind
-        return kind, identity(numbers)
+        return kind, identity(self._design.uniform(0, n if self.extends else min(n, self._plan.n_samples)))
 
     def _designed(self) -> Design:
         seed, d, n, asked = self._plan.seed, len(self.names), self._plan.n_samples, self._scene.ensemble
@@ -458,11 +484,8 @@ def draw_remarks(scene: Scene) -> Iterator[Remark]:
                 f"parameters.{name}: its distribution is truncated to the bounds [{low:g}, {high:g}] and renormalised; "
                 f"they cut off {_percent(below)} below and {_percent(above)} above"
             )
-            if below + above > MUCH_CUT_OFF:
-                text += "; so much is missing that bounds and distribution may not mean the same quantity: check both"
-                yield warning(text)
-            else:
-                yield note(text)
+            much = "; so much is missing that bounds and distribution may not mean the same quantity: check both"
+            yield warning(text + much) if below + above > MUCH_CUT_OFF else note(text)
 
 
 def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -38,7 +38,10 @@ def of_blocks(values: np.ndarray, names: list[str], confidence: float, n_replica
     Blocks with a sample that failed (NaN) are left out. None where too few are left of a replicate, or one does not
     vary.
 
-    `n_replicates`: number of independent Sobol sequences that blocks are of in turn.
+    Parameters
+    ----------
+    n_replicates
+        Number of independent Sobol sequences that blocks are of in turn.
     """
     from SALib.analyze.sobol import first_order, total_order
 
@@ -100,36 +103,40 @@ def _explained(ordered: np.ndarray, n_slices: int) -> tuple[float, float]:
 
 
 def sensitivities(
-    quantities: Iterable[tuple[str, np.ndarray]], parameters: Mapping[str, np.ndarray], names: list[str],
-    fine: np.ndarray, n_replicates: int | None, confidence: float,
-) -> dict[str, Sensitivity]:  # fmt: skip
+    quantities: Iterable[tuple[str, np.ndarray]],
+    parameters: Mapping[str, np.ndarray],
+    names: list[str],
+    fine: np.ndarray,
+    n_replicates: int | None,
+    confidence: float,
+) -> dict[str, Sensitivity]:
     """Return the indices of all quantities that have them.
 
-    - `quantities`: names and columns (N,); one is in memory at a time.
-    - `parameters`, `names`: columns (N,), and which of them are drawn.
-    - `fine`: which samples are fine, (N,).
-    - `n_replicates`: number of Sobol sequences that Saltelli's blocks are of in turn; None of other samples.
+    Parameters
+    ----------
+    quantities
+        Names and columns (N,); one is in memory at a time.
+    parameters, names
+        Columns (N,), and which of them are drawn.
+    fine
+        Which samples are fine, (N,).
+    n_replicates
+        Number of Sobol sequences that Saltelli's blocks are of in turn; None of other samples.
     """
-    if n_replicates is not None:
-        found = {
-            name: of_blocks(np.where(fine, values, np.nan), names, confidence, n_replicates)
-            for name, values in quantities
-        }
-    elif len(names) < 2:
-        found = {}
-    else:
-        n = _needed(fine)
+    if n_replicates is None and len(names) < 2:
+        return {}
+    places, n = np.flatnonzero(fine), fine.size
+    if n_replicates is None:
+        n = int(places[MOST_GIVEN - 1]) + 1 if places.size > MOST_GIVEN else n  # those hold the first that are fine
         first = {name: parameters[name][:n].copy() for name in names}
-        found = {
-            name: of_given(np.where(fine[:n], values[:n], np.nan), first, confidence) for name, values in quantities
-        }
+    found = {}
+    for name, values in quantities:
+        known = np.where(fine[:n], values[:n], np.nan)
+        if n_replicates is None:
+            found[name] = of_given(known, first, confidence)
+        else:
+            found[name] = of_blocks(known, names, confidence, n_replicates)
     return {name: one for name, one in found.items() if one is not None}
-
-
-def _needed(fine: np.ndarray) -> int:
-    """Return how many samples hold the first `MOST_GIVEN` that are fine."""
-    places = np.flatnonzero(fine)
-    return int(places[MOST_GIVEN - 1]) + 1 if places.size > MOST_GIVEN else fine.size
 
 
 def sensitivity_remarks(

@@ -7,6 +7,7 @@ samples, and whoever joins them describes them.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark
 from pgmp_petsc.base.resources import Timings
-from pgmp_petsc.ensemble.checkpoint import Checkpoint, Columns
+from pgmp_petsc.ensemble.checkpoint import Checkpoint, Columns, joined
 from pgmp_petsc.ensemble.description import Origin, describe_ensemble
 from pgmp_petsc.ensemble.plan import Plan, SampleFile
 from pgmp_petsc.ensemble.sampling import Sampler
@@ -34,20 +35,35 @@ def shard_of(origin: Origin, plan: Plan, checkpoint: Checkpoint, ranks: int, tim
     place = Place(plan.shard.number, plan.shard.count, plan.n_samples, first, checkpoint.run, of_file)
     seed = None if file is not None else plan.seed
     return ShardSamples(
-        origin.model, RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), scene.remarks),
-        place, origin.units, origin.said, () if file is None else file.remarks, origin.checked_share,
-        checkpoint.remarks, checkpoint.columns(), checkpoint.bands(min(scene.ensemble.band_samples, last)),
-    )  # fmt: skip
+        origin.model,
+        RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), scene.remarks),
+        place,
+        origin.units,
+        origin.said,
+        () if file is None else file.remarks,
+        origin.checked_share,
+        checkpoint.remarks,
+        checkpoint.columns(),
+        checkpoint.bands(min(scene.ensemble.band_samples, last)),
+    )
 
 
 class Shards:
     """All shards of an ensemble, in their order; in place of a checkpoint.
 
-    - `paths`: their files.
-    - `shards`: what is in them.
-    - `folder`: where there is space for their columns.
+    Parameters
+    ----------
+    paths
+        Their files.
+    shards
+        What is in them.
+    folder
+        Where there is space for their columns.
 
-    Raises `InputError` if they are not all shards of one ensemble, each once.
+    Raises
+    ------
+    InputError
+        If they are not all shards of one ensemble, each once.
     """
 
     def __init__(self, paths: Sequence[Path], shards: Sequence[ShardSamples], folder: Path) -> None:
@@ -70,13 +86,16 @@ class Shards:
 
     def _check_instants(self, paths: Sequence[Path]) -> None:
         """Raise `InputError` where the bands of a shard have other instants than those of the first."""
-        counts = {path: values.shape[1] for path, shard in zip(paths, self._shards) for values in _first(shard.bands)}
-        for path, n in counts.items():
-            if n != next(iter(counts.values())):
-                raise InputError(
-                    f"file '{path}' is damaged: bands at {n} instants, not {next(iter(counts.values()))}; "
-                    "write it again"
-                )
+        # those of a shard are alike
+        counts = [
+            (path, shard.bands[next(iter(shard.bands))].shape[1])
+            for path, shard in zip(paths, self._shards)
+            if shard.bands
+        ]
+        for path, n in counts:
+            if n != counts[0][1]:
+                what = f"bands at {n} instants, not {counts[0][1]}"
+                raise InputError(f"file '{path}' is damaged: {what}; write it again")
 
     def columns(self) -> Columns:
         """Return all samples as columns; raises `RunError` if the system fails to write them."""
@@ -88,11 +107,7 @@ class Shards:
 
     def bands(self, n: int) -> Mapping[str, np.ndarray]:
         """Return the outputs of the first n samples at the instants of the bands, each (n, n_t)."""
-        parts: dict[str, list[np.ndarray]] = {}
-        for shard in self._shards:
-            for name in shard.bands if shard.place.first < n else ():
-                parts.setdefault(name, []).append(shard.bands[name])
-        return {name: np.concatenate(values) for name, values in parts.items()}
+        return joined(shard.bands for shard in self._shards if shard.place.first < n)
 
     def described(self, output: Path) -> Ensemble:
         """Return the ensemble."""
@@ -107,15 +122,10 @@ class Shards:
             file = SampleFile(Path(place.file["path"]), values, str(place.file["identity"]), first.file_remarks)
         plan = Plan(place.n_samples, record.seed or 0, output, file=file)
         ranks = sum(shard.record.ranks for shard in self._shards)
-        return describe_ensemble(origin, plan, Sampler(scene, plan), self, ranks, self._timings())
-
-    def _timings(self) -> Timings:
-        """Return the time of every phase in all shards together: they may have run one after the other."""
-        seconds: dict[str, float] = {}
+        seconds: Counter[str] = Counter()  # of all shards together: they may have run one after the other
         for shard in self._shards:
-            for phase, time in shard.record.timings.items():
-                seconds[phase] = seconds.get(phase, 0.0) + time
-        return Timings(seconds)
+            seconds.update(shard.record.timings)
+        return describe_ensemble(origin, plan, Sampler(scene, plan), self, ranks, Timings(dict(seconds)))
 
 
 def _check(paths: Sequence[Path], places: Sequence[Place]) -> None:
@@ -143,8 +153,3 @@ def _check(paths: Sequence[Path], places: Sequence[Place]) -> None:
     absent = [f"{number}/{place.count}" for number in range(1, place.count + 1) if number not in known]
     if absent:
         raise InputError(f"missing: shard {', '.join(absent)}; give the files of all {place.count}")
-
-
-def _first(bands: Mapping[str, np.ndarray]) -> list[np.ndarray]:
-    """Return the first of some arrays, none where there are none: those of a shard are alike."""
-    return [bands[name] for name in list(bands)[:1]]

@@ -109,24 +109,37 @@ def is_constant(values: np.ndarray, size: float = 0.0) -> bool:
 
 
 def describe(
-    values: np.ndarray, bins: int | None, probabilities: Sequence[float], n_missing: int = 0, confidence: float = 0.95,
-    replicates: np.ndarray | None = None, size: float = 0.0,
-) -> Statistics:  # fmt: skip
+    values: np.ndarray,
+    bins: int | None,
+    probabilities: Sequence[float],
+    n_missing: int = 0,
+    confidence: float = 0.95,
+    replicates: np.ndarray | None = None,
+    size: float = 0.0,
+) -> Statistics:
     """Describe a sample, of which some values may be missing.
 
     The standard error of the standard deviation s takes the sample's own fourth moment,
     ``var(s) = (mu4 - s^4) / (4 s^2 N)``. Where the sample consists of independent replicates, standard errors and
     intervals follow from the spread between these.
 
-    - `values`: shape (N,), all finite; an empty sample gives NaN and no bins.
-    - `bins`: number of equal bins of the density over the sample's range; None for as many as the sample tells.
-    - `probabilities`: of the quantiles.
-    - `n_missing`: how many more values there would be if no sample had failed; they have no part but in the bounds of
-      the quantiles.
-    - `confidence`: level of the intervals; see `intervals`.
-    - `replicates`: numbers of the replicates that the values belong to, shape (N,); None where values are independent.
-    - `size`: of the quantity, beside which variation may be round-off (`is_constant`); what is constant has no
-      deviation.
+    Parameters
+    ----------
+    values
+        Shape (N,), all finite; an empty sample gives NaN and no bins.
+    bins
+        Number of equal bins of the density over the sample's range; None for as many as the sample tells.
+    probabilities
+        Of the quantiles.
+    n_missing
+        How many more values there would be if no sample had failed; they have no part but in the bounds of the
+        quantiles.
+    confidence
+        Level of the intervals; see `intervals`.
+    replicates
+        Numbers of the replicates that the values belong to, shape (N,); None where values are independent.
+    size
+        Of the quantity, beside which variation may be round-off (`is_constant`); what is constant has no deviation.
     """
     constant = values.size > 1 and is_constant(values, size)
     if constant:
@@ -148,14 +161,22 @@ def describe(
         errors, of_mean, std, of_deviation = _between(values, replicates, mean, std, confidence)
         sizes = _equivalent_sizes(values, ordered, replicates, probabilities, confidence)
     return Statistics(
-        count=values.size, mean=mean, std=std, mean_standard_error=errors[0], std_standard_error=errors[1], pdf=pdf,
+        count=values.size,
+        mean=mean,
+        std=std,
+        mean_standard_error=errors[0],
+        std_standard_error=errors[1],
+        pdf=pdf,
         edges=edges,
         quantiles=np.quantile(ordered, probabilities) if values.size else np.full(probabilities.size, np.nan),
-        quantile_bounds=quantile_bounds(ordered, probabilities, n_missing), probabilities=probabilities,
-        mean_interval=of_mean, std_interval=of_deviation,
-        quantile_intervals=intervals.of_quantiles(ordered, probabilities, confidence, sizes), confidence=confidence,
+        quantile_bounds=quantile_bounds(ordered, probabilities, n_missing),
+        probabilities=probabilities,
+        mean_interval=of_mean,
+        std_interval=of_deviation,
+        quantile_intervals=intervals.of_quantiles(ordered, probabilities, confidence, sizes),
+        confidence=confidence,
         constant=constant,
-    )  # fmt: skip
+    )
 
 
 def _error_of_deviation(values: np.ndarray, std: float) -> float:
@@ -212,7 +233,7 @@ def _equivalent_sizes(
     """Return how many independent values are as good at each quantile, (n_quantiles,); None of no values."""
     if not values.size:
         return None
-    _, places = np.unique(replicates, return_inverse=True)
+    places = np.unique(replicates, return_inverse=True)[1]
     counts = np.bincount(places).astype(float)
     below = (np.bincount(places, values <= limit) for limit in np.quantile(ordered, probabilities))
     return np.array([intervals.equivalent_size(of, counts, confidence) for of in below])
@@ -223,9 +244,12 @@ def of_event(
 ) -> tuple[int, int, np.ndarray]:
     """Return in how many samples an event came true, of how many that is known, and the probability's interval.
 
-    - `true`, `known`, `failed`: whether it came true, whether that is known, and whether it is not because the sample
-      failed, bool (N,).
-    - `replicates`: numbers of the replicates that samples belong to, (N,); None of independent samples.
+    Parameters
+    ----------
+    true, known, failed
+        Whether it came true, whether that is known, and whether it is not because the sample failed, bool (N,).
+    replicates
+        Numbers of the replicates that samples belong to, (N,); None of independent samples.
     """
     places = np.zeros(true.size, dtype=int) if replicates is None else np.unique(replicates, return_inverse=True)[1]
     n = int(places.max(initial=0)) + 1
@@ -239,9 +263,12 @@ def holds_to(excess: np.ndarray, largest: np.ndarray, true: np.ndarray, confiden
     With a larger one the event is in doubt in so many samples that the interval, which all of them widen, gets wider
     by more than it is, and by more than `MATTERS` of the probability. NaN of no samples.
 
-    - `excess`, `largest`, `true`: by how much the output is beyond the level, its largest size, and whether the event
-      came true, (N,).
-    - `confidence`: of the interval.
+    Parameters
+    ----------
+    excess, largest, true
+        By how much the output is beyond the level, its largest size, and whether the event came true, (N,).
+    confidence
+        Of the interval.
     """
     n, count = true.size, int(true.sum())
     if not n:

@@ -88,11 +88,6 @@ class Rule:
         return f"{100 * self.wanted:g} %" if self.relative else f"{self.wanted:g}"
 
 
-def read_rule(text: str, scene: Scene) -> Rule:
-    """Read a rule. Raises `InputError` if it is none, with the place marked, or names what the scene does not have."""
-    return _Reader(text, scene).rule()
-
-
 class _Reader:
     """Takes a rule apart, from left to right."""
 
@@ -100,31 +95,24 @@ class _Reader:
         self._text, self._scene, self._place = text, scene, 0
 
     def rule(self) -> Rule:
-        kind = self._name("mean, std or P", (*MOMENTS, "P"))
+        kind, extremes = self._name("mean, std or P", (*MOMENTS, "P")), self._scene.ensemble.extremes
         self._sign("(")
-        quantity, event = self._quantity() if kind in MOMENTS else "", None
         if kind == "P":
             quantity, event = self._event()
+        else:
+            over_time = [f"{name}.{which}" for name in self._scene.outputs for which in DESCRIBED if extremes]
+            quantity, event = self._name("the name of an output", [*self._scene.outputs, *over_time]), None
         self._sign(")")
         relative = self._sign("<", "+-", "±") == "<"
-        place = self._place
-        wanted = self._number()
+        place, wanted = self._place, self._number()
         if not wanted > 0.0:
             self._refuse("a positive precision", place)
-        if relative:
-            self._sign("%")
-        elif self._text[self._place :].strip() == "%":
+        if relative or self._text[self._place :].strip() == "%":
             self._sign("%")
             relative = True
         if self._text[self._place :].strip():
             self._refuse("the end")
         return Rule(self._text, kind, quantity, event, 0.01 * wanted if relative else wanted, relative)
-
-    def _quantity(self) -> str:
-        known = list(self._scene.outputs)
-        if self._scene.ensemble.extremes:
-            known += [f"{name}.{which}" for name in self._scene.outputs for which in DESCRIBED]
-        return self._name("the name of an output", known)
 
     def _event(self) -> tuple[str, Event | None]:
         """Read a label, or an output beyond a level."""
@@ -136,8 +124,7 @@ class _Reader:
         return "", Event(output=name, **{side: self._number()})
 
     def _name(self, expected: str, known: list[str] | tuple[str, ...]) -> str:
-        place = self._place
-        name = self._take("name")
+        place, name = self._place, self._take("name")
         if name is None:
             self._refuse(expected)
         if name not in known:
@@ -153,8 +140,7 @@ class _Reader:
         return float(number)
 
     def _sign(self, *allowed: str) -> str:
-        place = self._place
-        sign = self._take("sign")
+        place, sign = self._place, self._take("sign")
         if sign not in allowed:
             self._refuse(" or ".join(f"'{one}'" for one in allowed if one != "±"), place)
         return sign
@@ -175,6 +161,11 @@ class _Reader:
             f'{OPTION} "{self._text}": expected at character {place + 1}: {expected}; rules are such as {EXAMPLES}\n'
             f"  {self._text}\n  {' ' * place}^"
         )
+
+
+def read_rule(text: str, scene: Scene) -> Rule:
+    """Read a rule. Raises `InputError` if it is none, with the place marked, or names what the scene does not have."""
+    return _Reader(text, scene).rule()
 
 
 FIRST = 64  # samples at the first look, at least
@@ -203,8 +194,12 @@ def level_of_each(confidence: float) -> float:
 def looks(unit: int, most: int) -> Iterator[int]:
     """Yield the numbers of samples at which one looks.
 
-    - `unit`: of which all but the last are multiples.
-    - `most`: the last.
+    Parameters
+    ----------
+    unit
+        Of which all but the last are multiples.
+    most
+        The last.
     """
     n = unit
     while n < FIRST:
@@ -313,9 +308,14 @@ def stages(
 
     Collective on `comm`.
 
-    - `unit`, `most`: as of `looks`.
-    - `run`: integrates all samples up to a number; returns how many there were to do.
-    - `seen`: looks at these; on every rank the same.
+    Parameters
+    ----------
+    unit, most
+        As of `looks`.
+    run
+        Integrates all samples up to a number; returns how many there were to do.
+    seen
+        Looks at these; on every rank the same.
     """
     found: list[Seen] = []
     clock, done = Clock(stop, comm), 0
@@ -353,13 +353,17 @@ def stopping_of(stop: Stop, history: list[Seen], plan: Plan, units: dict[str, st
     else:
         why = f"the budget of {stop.budget:g} s is spent"
     return Stopping(
-        why, stop.budget, tuple(rule.text for rule in stop.rules),
+        why,
+        stop.budget,
+        tuple(rule.text for rule in stop.rules),
         tuple(units.get(rule.quantity, "1") if rule.kind in MOMENTS else "1" for rule in stop.rules),
-        np.array([rule.wanted for rule in stop.rules]), np.array([rule.relative for rule in stop.rules], dtype=bool),
-        met, np.array([seen.n for seen in history]),
+        np.array([rule.wanted for rule in stop.rules]),
+        np.array([rule.relative for rule in stop.rules], dtype=bool),
+        met,
+        np.array([seen.n for seen in history]),
         np.array([seen.estimates for seen in history]).T.reshape(len(stop.rules), len(history)),
         np.array([seen.intervals for seen in history]).transpose(1, 0, 2),
-    )  # fmt: skip
+    )
 
 
 @gathered

@@ -52,8 +52,12 @@ from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, S
 class CheckingModel:
     """The model that a reduced model is checked against.
 
-    - `full`: its equations.
-    - `rotations`: largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_delta,), rad.
+    Attributes
+    ----------
+    full
+        Its equations.
+    rotations
+        Largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_delta,), rad.
     """
 
     def __init__(self, model: ReducedModel) -> None:
@@ -64,8 +68,11 @@ class CheckingModel:
         rom = model.rom
         if any(body.n_amplitudes for body in mechanism.bodies):
             rom = _in_floating_frames(rom, model.kinematics.mechanism, mechanism)
-        self.rotations = _rotations(rom.projection, mechanism)
-        scheme, nodes = scene.reduction.interpolation, range(mechanism.n_nodes)
+        space, nodes = mechanism.space, range(mechanism.n_nodes)
+        shape = len(rom.projection), len(nodes), space.n_dofs, -1
+        nodal = rom.projection[:, : space.n_dofs * len(nodes)].reshape(shape)
+        self.rotations = np.abs(nodal[:, :, space.dimension :]).max(axis=(0, 1, 2))
+        scheme = scene.reduction.interpolation
         self._reconstruction = Reconstruction(self.full.kinematics, rom, scheme, nodes, internal=True)
 
     def unknowns_of(self, paths: np.ndarray) -> np.ndarray:
@@ -87,11 +94,18 @@ class CheckingModel:
     def starts(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Return what samples start with: static equilibria, or what joints that are off build in.
 
-        - `values`: parameter values, each of shape (n,).
-        - `samples`: mask of the samples that are asked for, shape (n,).
+        Parameters
+        ----------
+        values
+            Parameter values, each of shape (n,).
+        samples
+            Mask of the samples that are asked for, shape (n,).
 
-        Returns tuple of ndarray, or None: unknowns and velocities, each (n_dofs, n), NaN where there is no such start;
-        None where runs start undeformed.
+        Returns
+        -------
+        tuple of ndarray, or None
+            Unknowns and velocities, each (n_dofs, n), NaN where there is no such start; None where runs start
+            undeformed.
         """
         from_rest, full = self.full.scene.initial.equilibrium, self.full
         if not from_rest and not full.is_off:
@@ -117,27 +131,32 @@ class CheckingModel:
 class ErrorSystem(SecondOrderSystem):
     """Full-order equations about a reference motion; see `SecondOrderSystem`.
 
-    - `full`: full-order model of the same samples, with its loads at the instants of the motion.
-    - `motion`: reference motion; its instant number k is that of the time ``k interval``.
-    - `interval`: step of the integration, s.
-    - `theta`: rigid coordinates at the start, from which turns are counted, shape (n_theta, n_samples), rad.
-    - `begin`: full-order unknowns and velocities that samples start with, each (n_dofs, n_samples), NaN for those that
-      are never advanced; None where runs start undeformed.
+    Parameters
+    ----------
+    full
+        Full-order model of the same samples, with its loads at the instants of the motion.
+    motion
+        Reference motion; its instant number k is that of the time ``k interval``.
+    interval
+        Step of the integration, s.
+    theta
+        Rigid coordinates at the start, from which turns are counted, shape (n_theta, n_samples), rad.
+    begin
+        Full-order unknowns and velocities that samples start with, each (n_dofs, n_samples), NaN for those that are
+        never advanced; None where runs start undeformed.
     """
 
     def __init__(
-        self, full: FullBatch, motion: ReferenceMotion, interval: float, theta: np.ndarray,
+        self,
+        full: FullBatch,
+        motion: ReferenceMotion,
+        interval: float,
+        theta: np.ndarray,
         begin: tuple[np.ndarray, np.ndarray] | None = None,
-    ) -> None:  # fmt: skip
-        self.comm = full.comm
-        self.n_samples = full.n_samples
-        self._full = full
-        self._motion = motion
-        self._interval = interval
-        self._turns = full.pack(full.turns(theta))
-        self._begin = begin
-        self._number = -1
-        self.steps_at_once = full.edgeless_at_once
+    ) -> None:
+        self.comm, self.n_samples, self.steps_at_once = full.comm, full.n_samples, full.edgeless_at_once
+        self._full, self._motion, self._interval, self._begin = full, motion, interval, begin
+        self._turns, self._number = full.pack(full.turns(theta)), -1
 
     def start(self) -> State:
         """Return the error of the start, or none.
@@ -167,17 +186,14 @@ class ErrorSystem(SecondOrderSystem):
         return size
 
     def begin_iteration(self) -> None:
-        """Take note that an iteration begins."""
         self._full.begin_iteration()
 
     def limited(self) -> np.ndarray:
-        """Return the samples of which a law was limited."""
         return self._full.limited()
 
     def take_steps(self, asked: StepsAsked) -> StepsTaken:
         """Take steps of the error; see `FullBatch.take_steps`."""
-        first = round(asked.ends[0] / self._interval)
-        return self._full.take_steps(asked, self._motion.over(first, asked.ends.size))
+        return self._full.take_steps(asked, self._motion.over(round(asked.ends[0] / self._interval), asked.ends.size))
 
     def count_turns(self, state: State) -> None:
         """Take note of the angles at the instant that was corrected last; see `FullBatch.count_turns`."""
@@ -191,25 +207,15 @@ class ErrorSystem(SecondOrderSystem):
         return self._parts
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
-        """Put samples back."""
         self._full.restore(state, previous, samples)
 
     restore_all = restore
 
     def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
-        """Return why samples fail; see `SecondOrderSystem.reasons`."""
         return self._full.reasons(time, state, samples)
 
     def unpack(self, array: np.ndarray) -> np.ndarray:
-        """Return a state's array as (n, n_samples)."""
         return self._full.unpack(array)
-
-
-def _rotations(projection: np.ndarray, mechanism: Mechanism) -> np.ndarray:
-    """Return the largest rotations of frames in flexible vectors (n_samples, n_dofs, n_delta), shape (n_delta,)."""
-    space, n_samples = mechanism.space, len(projection)
-    nodal = projection[:, : space.n_dofs * mechanism.n_nodes].reshape(n_samples, mechanism.n_nodes, space.n_dofs, -1)
-    return np.abs(nodal[:, :, space.dimension :]).max(axis=(0, 1, 2))
 
 
 def _in_floating_frames(rom: ReducedOrderModel, reduced: Mechanism, full: Mechanism) -> ReducedOrderModel:

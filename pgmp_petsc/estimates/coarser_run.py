@@ -68,8 +68,7 @@ class CoarserRun:
     time: np.ndarray  # instants, shape (n_t,), s
     #: by name, each of shape (n_t, n_samples); NaN from the step on in which a sample failed
     outputs: dict[str, np.ndarray]
-    #: status, failure_time: of every sample; FINE and NaN where only the work was too much
-    status: np.ndarray
+    status: np.ndarray  # status, failure_time: of every sample; FINE and NaN where only the work was too much
     failure_time: np.ndarray
     divided: np.ndarray  # share of the steps that were taken in parts, shape (n_samples,)
     #: time between two crossings of an edge, the shortest, shape (n_samples,), s; infinite where there is none
@@ -87,15 +86,25 @@ class StepErrors:
 
 
 def run_coarser(
-    model: Model, system: SecondOrderSystem, simulation: Simulation, alive: np.ndarray, of: Run | None = None,
+    model: Model,
+    system: SecondOrderSystem,
+    simulation: Simulation,
+    alive: np.ndarray,
+    of: Run | None = None,
     bar: Progress | None = None,
-) -> CoarserRun:  # fmt: skip
+) -> CoarserRun:
     """Run a system again, with a coarser step. Collective on ``system.comm``.
 
-    - `simulation`: that of the run.
-    - `alive`: samples to run, shape (n_samples,).
-    - `of`: the run, which says what it took; no limit where it is not given.
-    - `bar`: shows its steps.
+    Parameters
+    ----------
+    simulation
+        That of the run.
+    alive
+        Samples to run, shape (n_samples,).
+    of
+        The run, which says what it took; no limit where it is not given.
+    bar
+        Shows its steps.
     """
     coarse = coarser(simulation)
     n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, bar)
@@ -132,8 +141,12 @@ def run_coarser(
 class OutputRecord(Observer):
     """Keeps what the outputs are made of after every step; observes a run.
 
-    - `model`, `system`: a model, and its system.
-    - `bar`: shows the steps.
+    Parameters
+    ----------
+    model, system
+        A model, and its system.
+    bar
+        Shows the steps.
     """
 
     def __init__(self, model: Model, system: SecondOrderSystem, bar: Progress | None = None) -> None:
@@ -186,13 +199,16 @@ def step_errors(
 ) -> StepErrors | None:
     """Return the errors of a run, at the instants of the coarser one; None where that did not go far enough.
 
-    - `time`, `outputs`: of the run, shape (n_t,), and each of the same shape.
-    - `sample`: number of the sample in it.
+    Parameters
+    ----------
+    time, outputs
+        Of the run, shape (n_t,), and each of the same shape.
+    sample
+        Number of the sample in it.
     """
     known = np.all([np.isfinite(values[:, sample]) for values in other.outputs.values()], axis=0)
     n = known.size if known.all() else int(np.argmin(known))
-    finite = all(np.isfinite(values).all() for values in outputs.values())
-    if n <= FEWEST or not finite:
+    if n <= FEWEST or not all(np.isfinite(values).all() for values in outputs.values()):
         return None
     from scipy.interpolate import CubicSpline  # a noticeable time, and reduced runs have no coarser one
 
@@ -252,9 +268,14 @@ class Bands:
         """Return how far vibrations out of phase are off in every window, shape (n_windows, k), and their mean ``omega
         h``, shape (k,), of k outputs.
 
-        - `fine`, `coarse`: the outputs of both runs after every step of the finer one, shape (n, k).
-        - `ratio`: of their steps.
-        - `kinked`: which outputs have kinks, shape (k,).
+        Parameters
+        ----------
+        fine, coarse
+            The outputs of both runs after every step of the finer one, shape (n, k).
+        ratio
+            Of their steps.
+        kinked
+            Which outputs have kinks, shape (k,).
         """
         if len(fine) < 2 * self.length:
             return np.zeros((1, kinked.size)), np.full(kinked.size, np.nan)

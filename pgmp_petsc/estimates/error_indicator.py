@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 
 TOGETHER = 2**21  # unknowns of instants whose outputs are evaluated together
 
-
 UNSOLVED = "the full-order equations could not be solved about this motion"
 STOPPED = f"the reduced run with 1/{reference_motion.FINER} of the step, which the estimate is made from, stopped"
 
@@ -63,7 +62,10 @@ class Estimate:
 class ErrorIndicator:
     """Estimates the errors of runs of one reduced model; to be made once for all of them.
 
-    `told`: the model whose outputs runs have, where these are not the model's own.
+    Parameters
+    ----------
+    told
+        The model whose outputs runs have, where these are not the model's own.
     """
 
     def __init__(self, model: ReducedModel, told: LengthLanes | None = None) -> None:
@@ -92,8 +94,12 @@ class ErrorIndicator:
     def watch(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> WatchedRun:
         """Begin to watch a run of a batch.
 
-        - `values`: parameter values of the whole batch, each of shape (n_batch,).
-        - `samples`: numbers of the samples within the batch whose errors are wanted, shape (n,).
+        Parameters
+        ----------
+        values
+            Parameter values of the whole batch, each of shape (n_batch,).
+        samples
+            Numbers of the samples within the batch whose errors are wanted, shape (n,).
         """
         return WatchedRun(self, {name: value[samples] for name, value in values.items()}, np.asarray(samples))
 
@@ -101,8 +107,12 @@ class ErrorIndicator:
 class _FinerRun(Observer):
     """The observer of a run with smaller steps, which keeps some of its states.
 
-    - `kept`: numbers of the steps that are kept.
-    - `shape`: of positions, velocities and accelerations: (3, n_samples, n_eta).
+    Parameters
+    ----------
+    kept
+        Numbers of the steps that are kept.
+    shape
+        Of positions, velocities and accelerations: (3, n_samples, n_eta).
     """
 
     def __init__(self, kept: np.ndarray, shape: tuple[int, int, int]) -> None:
@@ -110,11 +120,9 @@ class _FinerRun(Observer):
         self.states = np.empty((kept.size, *shape))
 
     def __call__(self, number: int, time: float, state: State) -> None:
-        """Take in the state after a step; the observer of the run."""
         self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
 
     def over(self, numbers: np.ndarray, times: np.ndarray, motion: np.ndarray) -> None:
-        """Take in the states after many steps; see `Observer`."""
         places = self._place[numbers]
         self.states[places[places >= 0]] = motion[places >= 0]
 
@@ -123,9 +131,7 @@ class WatchedRun(Observer):
     """The run of one batch: its observer while it runs, its estimate afterwards."""
 
     def __init__(self, indicator: ErrorIndicator, values: Mapping[str, np.ndarray], samples: np.ndarray) -> None:
-        self._indicator = indicator
-        self._values = values
-        self._samples = samples
+        self._indicator, self._values, self._samples = indicator, values, samples
         told = indicator.kept[indicator.kept % reference_motion.FINER == 0] // reference_motion.FINER
         self._place = reference_motion.places_of(told)
         n_eta = indicator.model.kinematics.n_coordinates + indicator.model.terms.tables.n_modes
@@ -133,22 +139,20 @@ class WatchedRun(Observer):
         self._batch: tuple[np.ndarray, FullBatch] | None = None
 
     def __call__(self, number: int, time: float, state: State) -> None:
-        """Take in the state after a step; the observer of the run."""
-        self._keep(np.array([number]), np.array([[state.q, state.v, state.a]]))
+        self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Take in the states after many steps; see `Observer`."""
-        self._keep(numbers, trail)
-
-    def _keep(self, numbers: np.ndarray, motion: np.ndarray) -> None:
         places = self._place[numbers]
         kept = places >= 0
-        self._plain[places[kept]] = motion[kept][:, :, self._samples]
+        self._plain[places[kept]] = trail[kept][:, :, self._samples]
 
     def estimate(self, status: np.ndarray) -> Estimate:
         """Return the estimate once the run has ended.
 
-        `status`: of the whole batch, shape (n_batch,).
+        Parameters
+        ----------
+        status
+            Of the whole batch, shape (n_batch,).
         """
         indicator, n = self._indicator, self._samples.size
         fine = status[self._samples] == Status.FINE
@@ -191,7 +195,10 @@ class WatchedRun(Observer):
             reasons[fine & ~followed] = STOPPED
             unsure = np.isfinite(largest[name]) & ~(apart[name] <= allowed)
             for sample in np.flatnonzero(unsure):
-                reasons[sample] = _disagree(apart[name][sample])
+                factor = apart[name][sample]
+                by = f"by a factor of {factor:.2g}" if np.isfinite(factor) else "so far that one has none"
+                what = f"two estimates, with long and with short steps, disagree {by}"
+                reasons[sample] = f"{what}; a smaller simulation.step is needed"
                 histories[sample][1][name][:] = np.nan
             largest[name][unsure] = at_end[name][unsure] = np.nan
             absent[name] = tuple(reasons)
@@ -214,24 +221,39 @@ class WatchedRun(Observer):
         return finer.states, fine & (run.status == Status.FINE)
 
     def _evaluate(
-        self, schedule: reference_motion.Schedule, chosen: np.ndarray, states: np.ndarray, about: np.ndarray,
+        self,
+        schedule: reference_motion.Schedule,
+        chosen: np.ndarray,
+        states: np.ndarray,
+        about: np.ndarray,
         begin: tuple[np.ndarray, np.ndarray] | None,
-    ) -> dict[str, np.ndarray]:  # fmt: skip
+    ) -> dict[str, np.ndarray]:
         """Return errors (n_e, n) of some samples at the ends of the run's own steps among the instants of a schedule.
 
-        - `schedule`, `chosen`: instants, and numbers of the samples.
-        - `states`: of all samples, as of `_followed`.
-        - `about`: which of the chosen ones are advanced at all.
-        - `begin`: as of `ErrorSystem`.
+        Parameters
+        ----------
+        schedule, chosen
+            Instants, and numbers of the samples.
+        states
+            Of all samples, as of `_followed`.
+        about
+            Which of the chosen ones are advanced at all.
+        begin
+            As of `ErrorSystem`.
         """
         indicator, r = self._indicator, self._indicator.model.kinematics.n_coordinates
         checking, states = indicator.checking, states[schedule.places][:, :, chosen]
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
         full = checking.scheduled(self._batch_of(chosen, values), schedule, indicator.step / reference_motion.FINER)
         motion = reference_motion.ReferenceMotion(
-            checking.unknowns_of, full.n_dofs, states, r, indicator.simulation.duration, checking.rotations,
+            checking.unknowns_of,
+            full.n_dofs,
+            states,
+            r,
+            indicator.simulation.duration,
+            checking.rotations,
             indicator.model.terms.scale[:r],
-        )  # fmt: skip
+        )
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
         time = schedule.steps * (indicator.step / reference_motion.FINER)
         observed = _Observed(checking.full, full, values, motion, schedule, time)
@@ -276,30 +298,27 @@ class WatchedRun(Observer):
         return finite & reached.all(axis=0)
 
 
-def _disagree(factor: float) -> str:
-    """Return that estimates disagree by a factor, NaN where the other is not known."""
-    by = f"by a factor of {factor:.2g}" if np.isfinite(factor) else "so far that one has none"
-    return f"two estimates, with long and with short steps, disagree {by}; a smaller simulation.step is needed"
-
-
 class _Observed(Observer):
     """Outputs of n corrected motions at some of the instants, evaluated for many together; observes their errors."""
 
     def __init__(
-        self, model: ComponentModel, batch: FullBatch, values: Mapping[str, np.ndarray],
-        motion: reference_motion.ReferenceMotion, schedule: reference_motion.Schedule, time: np.ndarray,
-    ) -> None:  # fmt: skip
+        self,
+        model: ComponentModel,
+        batch: FullBatch,
+        values: Mapping[str, np.ndarray],
+        motion: reference_motion.ReferenceMotion,
+        schedule: reference_motion.Schedule,
+        time: np.ndarray,
+    ) -> None:
         self._model, self._batch, self._values, self._motion = model, batch, values, motion
         self._told, self._interval, self._time = schedule.told, schedule.interval, time
         self._waiting: list[tuple[np.ndarray, ...]] = []
         self._found: list[dict[str, np.ndarray]] = []
 
     def __call__(self, number: int, time: float, error: State) -> None:
-        """Take in the error at an instant."""
         self._take(number, State(*(part[None] for part in error.parts())))
 
     def over_states(self, numbers: np.ndarray, times: np.ndarray, errors: State) -> None:
-        """Take in the errors at many instants in turn; see `Observer`."""
         self._take(int(numbers[0]), errors)
 
     def _take(self, number: int, errors: State) -> None:
@@ -357,8 +376,12 @@ def indicator_of(model: ReducedModel | LengthLanes) -> ErrorIndicator | MemberIn
 class MemberIndicator:
     """Estimates the errors of runs of samples with mechanisms of their own; see `ErrorIndicator`.
 
-    - `model`: the model.
-    - `apart`: parameters of which every value makes a mechanism of its own: lengths, or by how much joints are off.
+    Parameters
+    ----------
+    model
+        The model.
+    apart
+        Parameters of which every value makes a mechanism of its own: lengths, or by how much joints are off.
     """
 
     def __init__(self, model: ReducedModel | LengthLanes, apart: Iterable[str]) -> None:
@@ -392,12 +415,10 @@ class WatchedSamples(Observer):
         self._runs, self._outputs = runs, outputs
 
     def __call__(self, number: int, time: float, state: State) -> None:
-        """Take in the state after a step; the observer of the run."""
         for run in self._known:
             run(number, time, state)
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Take in the states after many steps; see `Observer`."""
         for run in self._known:
             run.over(numbers, times, trail)
 
@@ -417,7 +438,6 @@ class WatchedSamples(Observer):
 
 
 def _nothing(outputs: list[str]) -> Estimate:
-    """Return that nothing is known of a sample."""
     unknown = {name: np.full(1, np.nan) for name in outputs}
     histories = ((np.zeros(0), {name: np.zeros(0) for name in outputs}),)
     return Estimate(unknown, dict(unknown), histories, dict.fromkeys(outputs, ("",)))

@@ -93,10 +93,14 @@ def large_errors(
 ) -> Iterator[Remark]:
     """Return a warning of outputs whose estimated errors are large, in any of some runs.
 
-    - `errors`, `sizes`: largest error, and largest size, of every output in each run, shape (n_runs,); NaN where they
-      are not known.
-    - `units`: units of outputs.
-    - `model`: what runs are of.
+    Parameters
+    ----------
+    errors, sizes
+        Largest error, and largest size, of every output in each run, shape (n_runs,); NaN where they are not known.
+    units
+        Units of outputs.
+    model
+        What runs are of.
     """
     found = []
     for name, values in errors.items():
@@ -124,8 +128,12 @@ def step_remarks(
 ) -> Iterator[Remark]:
     """Return what is to be said of the estimated errors of a run's time step.
 
-    - `time`, `outputs`: of the run, shape (n_t,), s, and each of the same shape.
-    - `other`, `errors`: the run with the coarser step, and what it tells; None where it tells nothing.
+    Parameters
+    ----------
+    time, outputs
+        Of the run, shape (n_t,), s, and each of the same shape.
+    other, errors
+        The run with the coarser step, and what it tells; None where it tells nothing.
     """
     with_step = f"a run with a step of {other.step:.3g} s, which these errors are taken from,"
     why = f"would take more than {100 * MOST:g} % of the run's own price, and was given up"
@@ -307,17 +315,29 @@ def not_known(scene: Scene, what: str) -> Remark:
 
 @gathered
 def of_statistics(
-    quantities: Iterable[tuple[str, np.ndarray]], errors: Mapping[str, np.ndarray], fine: np.ndarray,
-    units: Mapping[str, str], described: tuple[str, str], model: str = "reduced",
-) -> Iterator[Remark]:  # fmt: skip
+    quantities: Iterable[tuple[str, np.ndarray]],
+    errors: Mapping[str, np.ndarray],
+    fine: np.ndarray,
+    units: Mapping[str, str],
+    described: tuple[str, str],
+    model: str = "reduced",
+) -> Iterator[Remark]:
     """Return a warning of statistics to which errors are comparable; nothing where none is.
 
-    - `quantities`: values of the samples, shape (N,) each, by the names of outputs.
-    - `errors`: estimated errors of these, NaN but for the samples that are checked.
-    - `fine`: which samples are described, shape (N,).
-    - `units`: of the quantities.
-    - `described`: what goes by the mean, and what by the spread.
-    - `model`: what was run; errors of others than the reduced model are those of their time step.
+    Parameters
+    ----------
+    quantities
+        Values of the samples, shape (N,) each, by the names of outputs.
+    errors
+        Estimated errors of these, NaN but for the samples that are checked.
+    fine
+        Which samples are described, shape (N,).
+    units
+        Of the quantities.
+    described
+        What goes by the mean, and what by the spread.
+    model
+        What was run; errors of others than the reduced model are those of their time step.
     """
     whose, cure = ("the reduced model", CURE) if model == "reduced" else ("the time step", SMALLER_ERRORS[model])
     told, n_checked = [], 0
@@ -363,9 +383,13 @@ def of_figures(
 ) -> tuple[Remark, ...]:
     """Return a warning of figures to which the error is comparable, and a note of how small it is otherwise.
 
-    - `figures`: what they are, their values, the values without the estimated errors, and the sizes that differences
-      are compared with.
-    - `sizes`, `comparable`: what the latter are, in words, and the share of them from which on there is a warning.
+    Parameters
+    ----------
+    figures
+        What they are, their values, the values without the estimated errors, and the sizes that differences are
+        compared with.
+    sizes, comparable
+        What the latter are, in words, and the share of them from which on there is a warning.
     """
     shares, told = [0.0], []
     for what, value, without, size in figures:

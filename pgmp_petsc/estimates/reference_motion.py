@@ -138,8 +138,7 @@ TOGETHER = 2**17  # that are evaluated together: no more than stay in the cache
 class Instant:
     """Motion at one instant; all of shape (n_dofs, n_samples)."""
 
-    #: q, v, a: unknowns, velocities and accelerations that belong together
-    q: np.ndarray
+    q: np.ndarray  # q, v, a: unknowns, velocities and accelerations that belong together
     v: np.ndarray
     a: np.ndarray
 
@@ -147,14 +146,20 @@ class Instant:
 class ReferenceMotion:
     """Motion at the instants of evaluation.
 
-    - `unknowns`, `n_dofs`: back-transformation, and the number of its unknowns.
-    - `states`: reduced coordinates, velocities and accelerations at every instant, shape (n_instants, 3, n_samples,
-      n_eta).
-    - `n_theta`: number of rigid coordinates.
-    - `longest`: largest step of the differences, s: for what does not move at all.
-    - `rotations`: largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_eta -
-      n_theta,), rad.
-    - `turns`: what one unit of each rigid coordinate counts, shape (n_theta,), rad.
+    Parameters
+    ----------
+    unknowns, n_dofs
+        Back-transformation, and the number of its unknowns.
+    states
+        Reduced coordinates, velocities and accelerations at every instant, shape (n_instants, 3, n_samples, n_eta).
+    n_theta
+        Number of rigid coordinates.
+    longest
+        Largest step of the differences, s: for what does not move at all.
+    rotations
+        Largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_eta - n_theta,), rad.
+    turns
+        What one unit of each rigid coordinate counts, shape (n_theta,), rad.
     """
 
     def __init__(
@@ -167,15 +172,11 @@ class ReferenceMotion:
 
     def at(self, number: int) -> Instant:
         """Return an instant by its number; consecutive ones are computed together."""
-        return Instant(*self._of(number, 1)[:, 0])
+        return Instant(*self.over(number, 1)[:, 0])
 
     def over(self, number: int, n: int) -> np.ndarray:
         """Return positions, velocities and accelerations at n instants from a number on, shape (3, n, n_dofs,
         n_samples)."""
-        return self._of(number, n)
-
-    def _of(self, number: int, n: int) -> np.ndarray:
-        """Return the parts of n instants from a number on, shape (3, n, n_dofs, n_samples)."""
         first = number - self._first
         if not 0 <= first <= self._kept.shape[1] - n:
             self._compute(number, n)
@@ -211,9 +212,14 @@ class ReferenceMotion:
 def fill_path(states, tau, eta):
     """Fill reduced coordinates: those of states, and those along the path on both sides.
 
-    - `states`: as of `ReferenceMotion`, shape (n, 4, n_samples, n_eta).
-    - `tau`: steps of the differences, shape (n, n_samples), s.
-    - `eta`: results, shape (5, n, n_samples, n_eta).
+    Parameters
+    ----------
+    states
+        As of `ReferenceMotion`, shape (n, 4, n_samples, n_eta).
+    tau
+        Steps of the differences, shape (n, n_samples), s.
+    eta
+        Results, shape (5, n, n_samples, n_eta).
     """
     for k in range(tau.shape[0]):
         for b in range(tau.shape[1]):

@@ -51,10 +51,16 @@ Amplitude = Callable[[float | np.ndarray], float | np.ndarray]
 class SampledAmplitude:
     """An amplitude at the instants of evaluation, with the impulse that the run missed.
 
-    - `amplitude`: over time, s.
-    - `steps`: numbers of the steps at which the error is evaluated, the first 0, increasing.
-    - `step`: s.
-    - `interval`: time between two evaluations, s; the evaluation number k has the time ``k interval``.
+    Parameters
+    ----------
+    amplitude
+        Over time, s.
+    steps
+        Numbers of the steps at which the error is evaluated, the first 0, increasing.
+    step
+        s.
+    interval
+        Time between two evaluations, s; the evaluation number k has the time ``k interval``.
     """
 
     def __init__(self, amplitude: Amplitude, steps: np.ndarray, step: float, interval: float) -> None:
@@ -83,7 +89,6 @@ class SampledLoad(Effect):
         self._effect, self._instants = effect, (steps, step, interval)
 
     def loads(self, matrices: AffineMatrices) -> list[Load]:
-        """Return the load terms of the effect."""
         return self._effect.loads(matrices)
 
     def actions(self) -> list[Action]:
@@ -91,11 +96,9 @@ class SampledLoad(Effect):
         return self._sampled(self._effect.actions())
 
     def natural_actions(self) -> list[Action]:
-        """Return those in natural coordinates."""
         return self._sampled(self._effect.natural_actions())
 
     def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
-        """Return the amplitude at the nearest evaluation."""
         return self._of_loads(time)
 
     @cached_property
@@ -104,12 +107,10 @@ class SampledLoad(Effect):
         return SampledAmplitude(self._effect.amplitude, *self._instants)
 
     def _sampled(self, actions: Sequence[Action]) -> list[Action]:
-        return [
-            action
-            if action.amplitude is None
-            else replace(action, amplitude=SampledAmplitude(action.amplitude, *self._instants))
-            for action in actions
-        ]
+        sampled = (
+            None if one.amplitude is None else SampledAmplitude(one.amplitude, *self._instants) for one in actions
+        )
+        return [replace(action, amplitude=amplitude) for action, amplitude in zip(actions, sampled)]
 
 
 class SampledMotion:
@@ -161,8 +162,12 @@ def jump_remarks(model: ReducedModel, system: ReducedSystem, start: State, strai
     A warning where a start from static deformation cures it: then the mechanism is held or driven from the start, and
     would not have been undeformed. Otherwise a note: it may be let go, or loads may set in, as the scene says.
 
-    - `model`, `system`, `start`: of the run.
-    - `strain`: strain energy over the run, shape (n_t,), J.
+    Parameters
+    ----------
+    model, system, start
+        Of the run.
+    strain
+        Strain energy over the run, shape (n_t,), J.
     """
     largest = float(np.max(strain, initial=0.0))
     if model.scene.initial.equilibrium or not largest > 0.0:

@@ -45,10 +45,8 @@ from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.generalised_alpha import count_steps
 from pgmp_petsc.stepping.second_order_system import Observer, State
 
-# A motion that the steps resolve has ten and more a period: every second one misses its peak by 5 % at most.
-EVERY = 2
-# Evaluating a state costs about as much as a step of a single run, less in a batch.
-N_PARTS = 20
+EVERY = 2  # a motion that the steps resolve has ten and more a period: every second one misses its peak by 5 % at most
+N_PARTS = 20  # evaluating a state costs about as much as a step of a single run, less in a batch
 SHORTEST = 10  # looks of which one state is evaluated
 TURNED = 0.02  # rad, beyond which a rotation is a share of what forces that do not turn with it do
 LARGEST = 2**17  # displacements that are evaluated together, no more than stay in the cache
@@ -57,19 +55,29 @@ LARGEST = 2**17  # displacements that are evaluated together, no more than stay 
 class Validity(Observer):
     """The observer of a batch that keeps the largest values of every sample.
 
-    - `model`, `system`, `values`: the model, reduced, of one mechanism or of lanes of lengths; its batch, and the
-      batch's parameter values, each of shape (n_samples,).
-    - `simulation`: of the run.
+    Parameters
+    ----------
+    model, system, values
+        The model, reduced, of one mechanism or of lanes of lengths; its batch, and the batch's parameter values, each
+        of shape (n_samples,).
+    simulation
+        Of the run.
 
-    `every`: steps of which one is looked at.
+    Attributes
+    ----------
+    every
+        Steps of which one is looked at.
     """
 
     every = EVERY
 
     def __init__(
-        self, model: ReducedModel | LengthLanes, system: ReducedSystem, values: Mapping[str, np.ndarray],
+        self,
+        model: ReducedModel | LengthLanes,
+        system: ReducedSystem,
+        values: Mapping[str, np.ndarray],
         simulation: Simulation,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._model, self._system, self._values = model, system, values
         n_steps = self._n_steps = count_steps(simulation.duration, simulation.step)
         self._part = max(SHORTEST, -(-n_steps // (EVERY * N_PARTS)))
@@ -97,7 +105,6 @@ class Validity(Observer):
         return {name: found[name] for name in VALIDITY}
 
     def __call__(self, number: int, time: float, state: State) -> None:
-        """Look at a state, if it is its turn; the observer of the run."""
         self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
@@ -155,10 +162,15 @@ def _turning(model: ReducedModel | LengthLanes, coordinates: np.ndarray) -> np.n
 class BodyStrains:
     """Elastic rotations and strains from displacements in body frames.
 
-    - `scene`, `mechanism`: the scene and its mechanism.
-    - `values`: parameter values, each a number or of shape (n,).
-    - `curved`: whether displacements are of second order in the deformation, so that bending shortens a beam: strains
-      are then geometrically exact, in space to second order. Without, the linear ones are what the model has.
+    Parameters
+    ----------
+    scene, mechanism
+        The scene and its mechanism.
+    values
+        Parameter values, each a number or of shape (n,).
+    curved
+        Whether displacements are of second order in the deformation, so that bending shortens a beam: strains are then
+        geometrically exact, in space to second order. Without, the linear ones are what the model has.
     """
 
     def __init__(
@@ -177,8 +189,11 @@ class BodyStrains:
     def largest(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the largest rotation (rad), and strain of n states, each of shape (n,); NaN where there is no beam.
 
-        `local`: displacements and rotations of all nodes in body frames, shape (n, n_nodes, 3), in space (n, n_nodes,
-        6); of all samples in the order of the parameter values, as often as there are states of each.
+        Parameters
+        ----------
+        local
+            Displacements and rotations of all nodes in body frames, shape (n, n_nodes, 3), in space (n, n_nodes, 6); of
+            all samples in the order of the parameter values, as often as there are states of each.
         """
         rotation, strain = np.zeros(len(local)), np.full(len(local), np.nan)
         for body in self._flexible:
@@ -233,7 +248,10 @@ def half_height(scene: Scene, body: str, values: Mapping[str, np.ndarray | float
 def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> Iterator[Remark]:
     """Return warnings of what is beyond its limit in a run or in some samples, and notes on what is not known.
 
-    `validity`: by the names of `VALIDITY`, each a number or of shape (n,).
+    Parameters
+    ----------
+    validity
+        By the names of `VALIDITY`, each a number or of shape (n,).
     """
     for name, text in _beyond(scene).items():
         values = np.atleast_1d(validity[name])
@@ -261,11 +279,8 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> Iter
             f"change of stiffness is not computed with continuum bodies ({', '.join(meshed)}) in a model "
             "without terms of second order; take pgmp check --effects, or geometric_stiffening in the build"
         )
-    by_coefficients = [
-        name
-        for name, body in scene.bodies.items()
-        if body.flexible and body.section is not None and body.section.reach is None
-    ]
+    beams = {name: body for name, body in scene.bodies.items() if body.flexible and body.section is not None}
+    by_coefficients = [name for name, body in beams.items() if body.section.reach is None]
     if by_coefficients:
         yield note(
             f"strain of {', '.join(by_coefficients)}: sections given by coefficients have no height; that of a "

@@ -30,8 +30,7 @@ ROUND_OFF = 1e-9  # of an angle: so close to the middle between two places, the 
 class Axis(NamedTuple):
     """Places along one coordinate."""
 
-    #: lower, turn: lower end of the range and, of a periodic one, its length, or else 0; rad
-    lower: float
+    lower: float  # lower, turn: lower end of the range and, of a periodic one, its length, or else 0; rad
     turn: float
     middles: np.ndarray  # between neighbouring places, rad; behind the last one of a periodic range comes the first
     n: int  # number of places
@@ -66,8 +65,7 @@ class Places(NamedTuple):
 class Weights(NamedTuple):
     """Weights of the terms of n samples, from their own parameters."""
 
-    #: mass, loads: vectors (n_blocks, n_terms, LANES)
-    mass: np.ndarray
+    mass: np.ndarray  # mass, loads: vectors (n_blocks, n_terms, LANES)
     loads: np.ndarray
     stiffness: np.ndarray  # shape (n, n_terms)
 
@@ -121,12 +119,19 @@ def _side_by_side(rows: np.ndarray) -> np.ndarray:
 def look_at(places, weights, first, length, loads, forces, trail, kept):
     """Look at some states of all samples.
 
-    - `weights`: `Weights`.
-    - `first`, `length`: number of states of each sample that were looked at before, and in a part of the run.
-    - `loads`, `forces`: amplitudes of the load terms, shape (n_t, n_loads), and forces of the actions with their
-      weights, shape (n_t, n, n_actions).
-    - `trail`: positions, velocities and accelerations, shape (n_t, 3, n, n_eta).
-    - `kept`: moved on.
+    Parameters
+    ----------
+    weights
+        `Weights`.
+    first, length
+        Number of states of each sample that were looked at before, and in a part of the run.
+    loads, forces
+        Amplitudes of the load terms, shape (n_t, n_loads), and forces of the actions with their weights, shape (n_t, n,
+        n_actions).
+    trail
+        Positions, velocities and accelerations, shape (n_t, 3, n, n_eta).
+    kept
+        Moved on.
     """
     n_eta, r = trail.shape[3], len(places.axes)
     q, rates, moving = empty_lanes(n_eta, LANES), empty_lanes(r, LANES), empty_lanes(r + r * (r + 1) // 2, LANES)
@@ -290,13 +295,21 @@ def look_at_planar_beam(local, nodes, cells, lengths, longer, angles, half_heigh
     """Enlarge rotations, (n,), to the largest one of a planar beam, and fill the largest strain of an outermost fibre,
     (n,); NaN where one is.
 
-    - `local`: displacements and rotations of all nodes in body frames, shape (n, n_nodes, 3).
-    - `nodes`: the beam's, first and behind the last.
-    - `cells`, `lengths`, `angles`: nodes of every element, shape (n_elements, 2), counted from the beam's first;
-      lengths, m, and directions, rad, each of shape (n_elements,).
-    - `longer`: how often these lengths one sample after the other has, or one for all.
-    - `half_heights`: of one sample after the other, or one for all, m.
-    - `curved`: whether strains are geometrically exact.
+    Parameters
+    ----------
+    local
+        Displacements and rotations of all nodes in body frames, shape (n, n_nodes, 3).
+    nodes
+        The beam's, first and behind the last.
+    cells, lengths, angles
+        Nodes of every element, shape (n_elements, 2), counted from the beam's first; lengths, m, and directions, rad,
+        each of shape (n_elements,).
+    longer
+        How often these lengths one sample after the other has, or one for all.
+    half_heights
+        Of one sample after the other, or one for all, m.
+    curved
+        Whether strains are geometrically exact.
     """
     cos, sin = np.cos(angles), np.sin(angles)
     for k in range(local.shape[0]):

@@ -21,8 +21,7 @@ from pgmp_petsc.figures.style import heading, quantity, scene_of, top_legend
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results import Trajectory
 
-# A picture has room for so many, of so many characters; the files have the rest.
-MOST, LONGEST = 3, 220
+MOST, LONGEST = 3, 220  # a picture has room for so many, of so many characters; the files have the rest
 
 
 def planned_end(run: Trajectory) -> float:
@@ -49,9 +48,9 @@ def of_runs(runs: Sequence[Trajectory], labels: Sequence[str] = ()) -> list[str]
     return [*early, *of_records([run.record for run in runs], labels)]
 
 
-def headed(figure: Figure, keys: Sequence[Artist], what: str, record: RunRecord, label: str = "") -> None:
+def headed(figure: Figure, keys: Sequence[Artist], what: str, record: RunRecord, label: str = "") -> Figure:
     """Put what a picture of one result shows above it, the warnings that come with the result, and rows of keys."""
-    top_legend(figure, keys, heading(what, record, label), of_records([record]))
+    return top_legend(figure, keys, heading(what, record, label), of_records([record]))
 
 
 def of_records(records: Sequence[RunRecord], labels: Sequence[str] = ()) -> list[str]:
@@ -85,8 +84,7 @@ WITHOUT_EFFECT = ("scene", "parameters", "outputs", "ensemble", "simulation.fram
 OF_THE_MODEL = ("reduction", "simulation")
 OF_RUNS = ("simulation", "simulation.initial", "initial")
 _START = "simulation.initial"
-# More entries, and longer values, are not spelled out: the file's name says more.
-MOST_ENTRIES, LONGEST_VALUE = 3, 24
+MOST_ENTRIES, LONGEST_VALUE = 3, 24  # more entries, and longer values, are not spelled out: the file's name says more
 _ABSENT = object()
 
 
@@ -101,23 +99,30 @@ def same_case(one: RunRecord, other: RunRecord) -> bool:
     """Tell whether the runs of two models show the same case: equal parameters, but for the last digits, and scenes
     that differ in what concerns one model or the resolution in time alone."""
     mine, theirs = one.parameters, other.parameters
-    equal = mine.keys() == theirs.keys() and all(
-        np.isclose(mine[name], theirs[name], rtol=1e-9, atol=0.0) for name in mine
-    )
+    alike = (np.isclose(mine[name], theirs[name], rtol=1e-9, atol=0.0) for name in mine)
+    equal = mine.keys() == theirs.keys() and all(alike)
     different = _differing([scene_of(one), scene_of(other)])
     return equal and not any(_counts(name, (*WITHOUT_EFFECT, *OF_THE_MODEL)) for name, _ in different)
 
 
 def tell_apart(
-    records: Sequence[RunRecord], kinds: Sequence[str] = (), files: Sequence[Path | None] = (),
+    records: Sequence[RunRecord],
+    kinds: Sequence[str] = (),
+    files: Sequence[Path | None] = (),
     ignored: Collection[str] = WITHOUT_EFFECT,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """Return for each result the words that tell it from the others; empty texts where there is one result alone.
 
-    - `records`: of the results.
-    - `kinds`: what else a result is, the model say; told where it varies.
-    - `files`: where the results come from; told where nothing else differs.
-    - `ignored`: tables and entries of scenes that make no difference.
+    Parameters
+    ----------
+    records
+        Of the results.
+    kinds
+        What else a result is, the model say; told where it varies.
+    files
+        Where the results come from; told where nothing else differs.
+    ignored
+        Tables and entries of scenes that make no difference.
     """
     if len(records) < 2:
         return [""] * len(records)
@@ -133,13 +138,11 @@ def tell_apart(
         for text, record in zip(words, records):
             text.append(f"seed {'none' if record.seed is None else record.seed}")
     texts = [", ".join(filter(None, text)) for text in words]
-    told = len(set(texts)) == len(texts) and len(entries) <= MOST_ENTRIES
-    if told or not files or None in files:
-        return texts
-    counts = {text: texts.count(text) for text in texts}
     alone = len(entries) <= MOST_ENTRIES
+    if alone and len(set(texts)) == len(texts) or not files or None in files:
+        return texts
     return [
-        text if counts[text] == 1 and alone else ", ".join(filter(None, (text, name)))
+        text if texts.count(text) == 1 and alone else ", ".join(filter(None, (text, name)))
         for text, name in zip(texts, short_names(files))
     ]
 
@@ -148,14 +151,11 @@ def labels_by_parameters(records: Sequence[RunRecord]) -> list[str]:
     """Return for each run the parameters in which the runs differ; an empty text where they do not."""
     names = sorted({name for record in records for name in record.parameters})
     varied = [name for name in names if len({record.parameters.get(name) for record in records}) > 1]
-    return [
-        ", ".join(
-            quantity(name, record.parameters[name], _parameter_unit(record, name))
-            for name in varied
-            if name in record.parameters
-        )
-        for record in records
-    ]
+    words = []
+    for record in records:
+        known = {name: record.parameters[name] for name in varied if name in record.parameters}
+        words.append(", ".join(quantity(name, value, _parameter_unit(record, name)) for name, value in known.items()))
+    return words
 
 
 def short_names(files: Sequence[Path]) -> list[str]:
@@ -200,7 +200,6 @@ def _entry(name: str, value: Any) -> str:
 
 
 def _parameter_unit(record: RunRecord, name: str) -> str:
-    """Return the unit that the scene gives for a parameter."""
     try:
         return str(scene_of(record)["parameters"][name]["unit"])
     except (KeyError, TypeError):

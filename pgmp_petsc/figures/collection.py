@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -60,11 +60,12 @@ def draw(files: Sequence[Path], directory: Path, exaggeration: float = 1.0, at: 
     """
     # All files are read before any picture is drawn: a bad one is reported at once.
     scenes: dict[tuple, list] = {}
-    lines = []
-    for path, again in _once(files):
-        if again:
+    lines, seen = [], set()
+    for path in files:
+        if (real := os.path.realpath(path)) in seen:
             lines.append(f"{path} is given twice and drawn once")
             continue
+        seen.add(real)
         with open_file(path, READERS) as file:
             reader = READERS[str(file.attrs["kind"])]
         result = reader.read(path)
@@ -99,7 +100,6 @@ def draw_result(result: Result, directory: Path) -> str:
 
 
 def _of_scene(results: Sourced, exaggeration: float, at: float | None) -> tuple[Pictures, list[str]]:
-    """Return the pictures of one scene's results, and lines on what is left out."""
     tables, runs, ensembles, studies = (
         [(path, result) for path, result in results if isinstance(result, kind)]
         for kind in (ModesTable, Trajectory, Ensemble, Tradeoff)
@@ -130,7 +130,10 @@ def _of_ensembles(ensembles: Sourced) -> tuple[Pictures, list[str]]:
     of_each = {
         "bands": (bands, lambda ensemble: any(band.count for band in ensemble.bands.values())),
         "sobol": (sobol, lambda ensemble: bool(ensemble.sobol)),
-        "joined": (joined, _has_corrected_means),
+        "joined": (
+            joined,
+            lambda one: one.joined and any("mean" in of.figures for of in one.joined.corrected.values()),
+        ),
         "stopping": (stopping, lambda ensemble: ensemble.stopping is not None and bool(ensemble.stopping.rules)),
     }
     for title, (picture, has) in of_each.items():
@@ -139,12 +142,6 @@ def _of_ensembles(ensembles: Sourced) -> tuple[Pictures, list[str]]:
             pictures[name] = partial(picture, ensemble, label=label)
     shown = [{*ensemble.parameters, *ensemble.outputs} & set(ensemble.statistics) for ensemble in found]
     return pictures, _left_out("densities", shown)
-
-
-def _has_corrected_means(ensemble: Ensemble) -> bool:
-    """Return whether there is a better model's mean of any output."""
-    found = ensemble.joined
-    return found is not None and any("mean" in one.figures for one in found.corrected.values())
 
 
 def _of_modes(tables: Sourced) -> Pictures:
@@ -172,7 +169,11 @@ def _of_runs(runs: Sourced, exaggeration: float, at: float | None) -> tuple[Pict
     comparisons = paired(found)
     labels = labels_of(comparisons, files)
     pictures: Pictures = {"trajectories": partial(trajectories, comparisons, labels=labels)}
-    label_of = {id(run): label for model in MODELS for run, label in _told_apart(found, files, model)}
+    label_of: dict[int, str] = {}  # what tells runs of one model from each other
+    for model in MODELS:
+        chosen = [run for run in found if run.model == model]
+        told = tell_apart([run.record for run in chosen], files=[files[id(run)] for run in chosen])
+        label_of |= dict(zip(map(id, chosen), told))
     of_one = {
         "mechanism": (partial(mechanism, exaggeration=exaggeration), lambda run: run.frames is not None),
         "solids": (partial(solids, at=at, exaggeration=exaggeration), has_solids),
@@ -197,26 +198,10 @@ def _of_runs(runs: Sourced, exaggeration: float, at: float | None) -> tuple[Pict
     return pictures, notes
 
 
-def _told_apart(runs: Sequence[Trajectory], files: Mapping[int, Path], model: str) -> Iterator[tuple[Trajectory, str]]:
-    """Return the runs of a model with what tells them from each other; the files are given by the runs' `id`."""
-    chosen = [run for run in runs if run.model == model]
-    labels = tell_apart([run.record for run in chosen], files=[files[id(run)] for run in chosen])
-    return zip(chosen, labels)
-
-
 def _left_out(name: str, quantities: Sequence[set[str]]) -> list[str]:
     """Return a line on the quantities that some results lack and that are therefore not drawn."""
     lacking = sorted(set.union(*quantities) - set.intersection(*quantities))
     return [f"{name}.png is without {', '.join(lacking)}: not every file has it"] if lacking else []
-
-
-def _once(files: Sequence[Path]) -> Iterator[tuple[Path, bool]]:
-    """Yield every path, and whether its file came before."""
-    seen: set[str] = set()
-    for path in files:
-        real = os.path.realpath(path)
-        yield path, real in seen
-        seen.add(real)
 
 
 def _endings(results: Sequence[Result]) -> list[str]:
@@ -224,13 +209,8 @@ def _endings(results: Sequence[Result]) -> list[str]:
     if len(results) == 1:
         return [""]
     names = [re.sub(r"[^\w-]+", "_", scene_name(result.record)).strip("_") or "unnamed" for result in results]
-    counts = Counter(names)
-    order: Counter[str] = Counter()
-    order_of = []
-    for name in names:
-        order[name] += 1
-        order_of.append(f"_{name}" if counts[name] == 1 else f"_{name}_{order[name]}")
-    return order_of
+    several = {name for name, count in Counter(names).items() if count > 1}
+    return [f"_{name}_{1 + names[:k].count(name)}" if name in several else f"_{name}" for k, name in enumerate(names)]
 
 
 def _numbered(results: Sequence[Result], name: str) -> list[tuple[Result, str]]:

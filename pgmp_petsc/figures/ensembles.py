@@ -51,16 +51,23 @@ def densities(
     peak. Raises `InputError` if the ensembles do not share one of `names`, or have no quantity in common or one has no
     sample that is fine.
 
-    - `ensembles`: the first is drawn as an area, the others as steps over it.
-    - `labels`: by default the model, how many of its samples are fine, and what else tells the ensembles apart.
-    - `names`: only these quantities, in this order.
+    Parameters
+    ----------
+    ensembles : sequence of Ensemble
+        The first is drawn as an area, the others as steps over it.
+    labels : sequence of str, optional
+        By default the model, how many of its samples are fine, and what else tells the ensembles apart.
+    names : sequence of str, optional
+        Only these quantities, in this order.
     """
     labels = labels_of(ensembles) if labels is None else labels
     names = _common(ensembles, names)
     compared = len(ensembles) == 2
     height, ratios = (4.1, (2.8, 1.0)) if compared else (3.1 + 0.3 * len(ensembles), (1.0,))
     figure, blocks = style.panel_grid(len(names), COLUMNS, (3.6, height), 0.65, 5.0, ratios)
-    colours = _colours(ensembles)
+    models = [ensemble.model for ensemble in ensembles]
+    colours = style.distinct_colours(len(models))
+    colours = [COLOURS[model] for model in models] if len(set(models)) == len(models) else colours
     for block, name in zip(blocks, names):
         _draw_quantity(block, ensembles, name, colours)
     keys = [
@@ -75,13 +82,16 @@ def densities(
     brackets = " and ".join(f"{100 * level:g} %" for level in levels)
     keys.append(Line2D([], [], linestyle="none", label=f"[ ]: {brackets} interval"))
     what = style.heading("Densities of parameters and outputs at the end", ensembles[0].record)
-    style.top_legend(figure, keys, what, _notes(ensembles, labels))
-    return figure
+    return style.top_legend(figure, keys, what, _notes(ensembles, labels))
 
 
 def labels_of(ensembles: Sequence[Ensemble], files: Sequence[Path] = ()) -> list[str]:
     """Return each ensemble's model, how many of its samples are fine, and what tells it from the others."""
-    kinds = [_label(ensemble) for ensemble in ensembles]
+    kinds = []
+    for ensemble in ensembles:
+        n, n_fine = len(ensemble.status), int(np.count_nonzero(ensemble.status == 0))
+        count = f"{n} samples" if n_fine == n else f"{n_fine} fine of {n} samples"
+        kinds.append(f"{style.MODELS[ensemble.model]}, {count}")
     apart = tell_apart([ensemble.record for ensemble in ensembles], kinds, files)
     return [
         text if text.startswith(kind) else ", ".join(filter(None, (kind, text))) for kind, text in zip(kinds, apart)
@@ -144,10 +154,14 @@ def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[st
         text = f"mean {mean}{shown}\n{spread}, N = {one.count}"
         longest = max(map(len, text.splitlines()))
         note = axes.annotate(
-            text.replace("-", "\N{MINUS SIGN}"), xy=(0.0, 1.0), xycoords="axes fraction",
-            xytext=(0.0, 5.0 + LINES * LINE_POINTS * (len(known) - 1 - number)), textcoords="offset points",
-            fontsize=NOTE_SIZE * min(1.0, NOTE_LENGTH / longest), color=colour,
-        )  # fmt: skip
+            text.replace("-", "\N{MINUS SIGN}"),
+            xy=(0.0, 1.0),
+            xycoords="axes fraction",
+            xytext=(0.0, 5.0 + LINES * LINE_POINTS * (len(known) - 1 - number)),
+            textcoords="offset points",
+            fontsize=NOTE_SIZE * min(1.0, NOTE_LENGTH / longest),
+            color=colour,
+        )
         # a long line must not narrow the panels
         note.set_in_layout(False)
 
@@ -155,9 +169,7 @@ def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[st
 def _with_interval(value: float, ends: np.ndarray) -> str:
     """Return a value with as many decimals as two digits of its interval's width have: ``5.601 [5.583, 5.619]``."""
     width = float(ends[1] - ends[0])
-    if not np.isfinite(width) or width <= 0.0:
-        return f"{value:.5g}"
-    decimals = max(0, 1 - int(np.floor(np.log10(width))))
+    decimals = max(0, 1 - int(np.floor(np.log10(width)))) if np.isfinite(width) and width > 0.0 else 13
     if decimals >= 13:
         return f"{value:.5g}"
     return f"{value:.{decimals}f} [{ends[0]:.{decimals}f}, {ends[1]:.{decimals}f}]"
@@ -170,13 +182,12 @@ def _densities(ensembles: Sequence[Ensemble], name: str) -> tuple[np.ndarray, li
         return known[0].edges, [known[0].pdf]
     low, high = min(s.edges[0] for s in known), max(s.edges[-1] for s in known)
     edges = np.linspace(low, high, max(s.pdf.size for s in known) + 1)
-    return edges, [np.histogram(_values(ensemble, name), edges, density=True)[0] for ensemble in ensembles]
-
-
-def _values(ensemble: Ensemble, name: str) -> np.ndarray:
-    """Return the values of a quantity that the statistics are of: outputs that are fine, parameters of all samples."""
-    values = (ensemble.parameters | ensemble.outputs)[name]
-    return values[np.isfinite(values) if name in ensemble.parameters else ensemble.status == 0]
+    found = []
+    for ensemble in ensembles:  # the values that statistics are of: outputs that are fine, parameters of all samples
+        values = (ensemble.parameters | ensemble.outputs)[name]
+        chosen = values[np.isfinite(values) if name in ensemble.parameters else ensemble.status == 0]
+        found.append(np.histogram(chosen, edges, density=True)[0])
+    return edges, found
 
 
 def _common(ensembles: Sequence[Ensemble], wanted: Sequence[str] | None) -> list[str]:
@@ -198,21 +209,6 @@ def _common(ensembles: Sequence[Ensemble], wanted: Sequence[str] | None) -> list
                 what = f"no sample of the {ensemble.model} ensemble has a value of '{name}', or too many failed"
                 raise InputError(f"{what}; pgmp info says which")
     return names
-
-
-def _label(ensemble: Ensemble) -> str:
-    """Return the model and how many of its samples are fine."""
-    n_samples, n_fine = len(ensemble.status), int(np.count_nonzero(ensemble.status == 0))
-    count = f"{n_samples} samples" if n_fine == n_samples else f"{n_fine} fine of {n_samples} samples"
-    return f"{style.MODELS[ensemble.model]}, {count}"
-
-
-def _colours(ensembles: Sequence[Ensemble]) -> list[str]:
-    """Return the models' colours, or the palette's where there are several ensembles of one model."""
-    models = [ensemble.model for ensemble in ensembles]
-    if len(set(models)) < len(models):
-        return style.distinct_colours(len(models))
-    return [COLOURS[model] for model in models]
 
 
 def _tint(colour: str) -> str:
@@ -250,8 +246,7 @@ def bands(ensemble: Ensemble, label: str = "") -> Figure:
         ends = f"{100 * first.probabilities[low]:g} to {100 * first.probabilities[high]:g} %"
         alpha = 1.0 - (1.0 - OPACITY / len(pairs)) ** (number + 1)  # as over each other
         keys.append(Patch(facecolor=colour, alpha=alpha, linewidth=0, label=ends))
-    captions.headed(figure, keys, "Outputs over time", ensemble.record, label)
-    return figure
+    return captions.headed(figure, keys, "Outputs over time", ensemble.record, label)
 
 
 def _draw(axes: Axes, band: Band, factor: float, colour: str) -> None:
@@ -301,8 +296,7 @@ def sobol(ensemble: Ensemble, label: str = "") -> Figure:
     keys = [Patch(facecolor=FIRST, label=f"first index: share of the variance by itself, {level}")]
     if one.total is not None:
         keys.append(Patch(facecolor=TOTAL, label="total index: with all that it acts together with"))
-    captions.headed(figure, keys, "Sobol indices of outputs", ensemble.record, label)
-    return figure
+    return captions.headed(figure, keys, "Sobol indices of outputs", ensemble.record, label)
 
 
 @style.styled
@@ -319,8 +313,7 @@ def stopping(ensemble: Ensemble, label: str = "") -> Figure:
     axes.axhline(1.0, color="#333333", linewidth=1.0)
     axes.set_xlabel("samples")
     axes.set_ylabel("half the interval / what was wanted")
-    captions.headed(figure, keys, "precision at every look", ensemble.record, label)
-    return figure
+    return captions.headed(figure, keys, "precision at every look", ensemble.record, label)
 
 
 JOINED_COLOURS = (style.PALETTE[0], style.PALETTE[4], "#333333")
@@ -354,8 +347,7 @@ def joined(ensemble: Ensemble, label: str = "") -> Figure:
         axes.locator_params(axis="x", nbins=2 if long else 4)
         axes.set_xlabel(style.axis_label(f"mean {name}".replace(".", ", "), unit))
     what = f"{best} model from few samples of it, {100 * found.confidence:g} % intervals"
-    captions.headed(figure, [], what, ensemble.record, label)
-    return figure
+    return captions.headed(figure, [], what, ensemble.record, label)
 
 
 @style.styled
@@ -382,5 +374,4 @@ def rare_event(found: RareEvent, label: str = "") -> Figure:
     axes.set_yscale("log")
     axes.set_xlabel(style.axis_label(found.output, unit))
     axes.set_ylabel("probability of beyond")
-    captions.headed(figure, keys, found.event.replace("_", " "), found.record, label)
-    return figure
+    return captions.headed(figure, keys, found.event.replace("_", " "), found.record, label)

@@ -21,24 +21,31 @@ from pgmp_petsc.figures.captions import OF_RUNS, WITHOUT_EFFECT, tell_apart
 from pgmp_petsc.figures.mechanism import TimeColours
 from pgmp_petsc.results import ModesTable, Trajectory
 
-# About as many crosses as can be told from the line below them.
-N_CROSSES = 24
+N_CROSSES = 24  # about as many crosses as can be told from the line below them
 COLUMNS = 2
 
 
 @style.styled
 def frequencies(
-    tables: Sequence[ModesTable], n_modes: int = 4, labels: Sequence[str] | None = None,
+    tables: Sequence[ModesTable],
+    n_modes: int = 4,
+    labels: Sequence[str] | None = None,
     titles: Sequence[str] | None = None,
-) -> Figure:  # fmt: skip
+) -> Figure:
     """Draw the first ``n_modes`` flexible eigenfrequencies, one panel a mode.
 
     Raises `InputError` if no table has a flexible mode.
 
-    - `tables`: drawn over each other, one colour each.
-    - `n_modes`: number of panels; fewer where no table has as many.
-    - `labels`: names of the tables; by default that in which they differ.
-    - `titles`: titles of the panels; by default the number of the flexible mode.
+    Parameters
+    ----------
+    tables : sequence of ModesTable
+        Drawn over each other, one colour each.
+    n_modes : int
+        Number of panels; fewer where no table has as many.
+    labels : sequence of str, optional
+        Names of the tables; by default that in which they differ.
+    titles : sequence of str, optional
+        Titles of the panels; by default the number of the flexible mode.
     """
     labels = labels_of(tables) if labels is None else labels
     colours = style.distinct_colours(len(tables))
@@ -65,8 +72,7 @@ def frequencies(
         keys.append(Line2D([], [], color=line_colour, linestyle="none", marker="x", label="reduced"))
     what = "Eigenfrequencies, full order" + (" and reduced" if reduced else "")
     notes = captions.of_records([table.record for table in tables], labels)
-    style.top_legend(figure, keys, style.heading(what, tables[0].record, "" if several else labels[0]), notes)
-    return figure
+    return style.top_legend(figure, keys, style.heading(what, tables[0].record, "" if several else labels[0]), notes)
 
 
 def labels_of(tables: Sequence[ModesTable], files: Sequence[Path] = ()) -> list[str]:
@@ -75,7 +81,6 @@ def labels_of(tables: Sequence[ModesTable], files: Sequence[Path] = ()) -> list[
 
 
 def _draw_mode(axes, table: ModesTable, mode: int, colour: str) -> None:
-    """Draw one mode of one table, the reduced one as sparse crosses."""
     theta = _abscissa(table)[0]
     if mode < table.full_hz.shape[1]:
         axes.plot(theta, table.full_hz[:, mode], color=colour)
@@ -93,8 +98,7 @@ def _abscissa(table: ModesTable) -> tuple[np.ndarray, str, str]:
 
 
 N_LEVELS = 12
-# Shorter segments of a path are paler, because each is smoothed at its edges.
-N_SEGMENTS = 200
+N_SEGMENTS = 200  # shorter segments of a path are paler, because each is smoothed at its edges
 
 
 @style.styled
@@ -115,7 +119,11 @@ def frequency_maps(table: ModesTable, n_modes: int = 4, label: str = "") -> Figu
         values = table.full_hz[:, mode].reshape(len(first), len(second))
         filled = axes.contourf(first, second, values.T, MaxNLocator(N_LEVELS).tick_values(values.min(), values.max()))
         figure.colorbar(filled, ax=axes, pad=0.02, ticks=MaxNLocator(5)).outline.set_visible(False)
-        axes.set_title(f"flexible mode {mode + 1} (Hz){_difference(table, mode)}")
+        within = ""
+        if table.reduced_hz is not None and mode < table.reduced_hz.shape[1]:
+            off = np.max(np.abs(table.reduced_hz[:, mode] / table.full_hz[:, mode] - 1.0))
+            within = f", reduced within {100.0 * off:.1g} %"
+        axes.set_title(f"flexible mode {mode + 1} (Hz){within}")
         axes.grid(False)
         if mode >= n_modes - COLUMNS:
             axes.set_xlabel(style.axis_label(x_name, x_unit))
@@ -123,8 +131,7 @@ def frequency_maps(table: ModesTable, n_modes: int = 4, label: str = "") -> Figu
         if mode % COLUMNS == 0:
             axes.set_ylabel(style.axis_label(y_name, y_unit))
     what = "Eigenfrequencies, full order" + (" and reduced" if table.reduced_hz is not None else "")
-    captions.headed(figure, [], what, table.record, label)
-    return figure
+    return captions.headed(figure, [], what, table.record, label)
 
 
 @style.styled
@@ -154,8 +161,7 @@ def coordinate_path(trajectory: Trajectory, label: str = "") -> Figure:
     axes.autoscale_view()
     colours.add_bar(axes)
     what = style.heading(f"Path of the coordinates, {style.MODELS[trajectory.model]}", trajectory.record, label)
-    style.top_legend(figure, keys, what, captions.of_runs([trajectory]))
-    return figure
+    return style.top_legend(figure, keys, what, captions.of_runs([trajectory]))
 
 
 def _draw_ranges(axes: Axes, trajectory: Trajectory) -> list[Line2D]:
@@ -169,11 +175,3 @@ def _draw_ranges(axes: Axes, trajectory: Trajectory) -> list[Line2D]:
                 draw(end, **dashed)
             keys = [Line2D([], [], label="ends of the ranges", **dashed)]
     return keys
-
-
-def _difference(table: ModesTable, mode: int) -> str:
-    """Return by how much the reduced frequencies of a mode differ at most; an empty text where there are none."""
-    if table.reduced_hz is None or mode >= table.reduced_hz.shape[1]:
-        return ""
-    exact = table.full_hz[:, mode]
-    return f", reduced within {100.0 * np.max(np.abs(table.reduced_hz[:, mode] / exact - 1.0)):.1g} %"

@@ -32,10 +32,8 @@ from pgmp_petsc.ranks.ending import guarded
 from pgmp_petsc.results import Trajectory
 
 WIDTH, HEIGHT = 5.4, 2.65
-# Shares of the width that the mechanism may take.
-NARROWEST, WIDEST = 0.34, 0.54
-# Room for the scale below the mechanism, as a share of its height.
-FOOT = 0.14
+NARROWEST, WIDEST = 0.34, 0.54  # shares of the width that the mechanism may take
+FOOT = 0.14  # room for the scale below the mechanism, as a share of its height
 N_COLOURS = 256
 
 
@@ -104,8 +102,7 @@ def portrait(run: Trajectory, shown: Portrait) -> Figure:
     left.set_aspect("equal")
     left.axis("off")
     _draw_curve(right, run, shown.output, run.frames.time[instants], colours.at)
-    top_legend(figure, shapes.keys(), f"{shown.title}{_enlarged(shown)}")
-    return figure
+    return top_legend(figure, shapes.keys(), f"{shown.title}{_enlarged(shown)}")
 
 
 def _enlarged(shown: Portrait) -> str:
@@ -145,8 +142,7 @@ def spaced_by_motion(run: Trajectory, n_instants: int, until: float | None) -> n
     time = run.frames.time
     steps = np.abs(np.diff(run.coordinates, axis=0)).sum(axis=1)
     turned = np.interp(time, run.time, np.concatenate([[0.0], np.cumsum(steps)]))
-    last = len(time) if until is None else np.searchsorted(time, until, side="right")
-    turned = turned[:last]
+    turned = turned if until is None else turned[: np.searchsorted(time, until, side="right")]
     return np.unique(np.searchsorted(turned, np.linspace(0.0, turned[-1], n_instants)))
 
 
@@ -176,7 +172,6 @@ def _draw_scale(axes: Axes, shapes: Shapes, unit: str) -> None:
 
 
 def _draw_curve(axes: Axes, run: Trajectory, output: str, instants: np.ndarray, colour: Callable) -> None:
-    """Draw an output over time, with dots at the instants of the shapes, in the colours of their order."""
     values = run.outputs[output]
     factor, unit = axis_unit(run.units.get(output, "1"), values)
     axes.plot(run.time, values * factor, color=QUIET, linewidth=1.1)

@@ -9,8 +9,9 @@ The assembled mechanism with the names of its bodies, joints and points, for `pg
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import matplotlib
@@ -31,16 +32,13 @@ from pgmp_petsc.results import Frames, Trajectory
 from pgmp_petsc.results.selection import Assembly
 
 PATH_COLOUR = "#D8D8D8"
-# Width of a rigid body's bar over that of a beam, and of the line inside it over the bar's.
-BAR, HOLLOW = 1.6, 0.5
+BAR, HOLLOW = 1.6, 0.5  # width of a rigid body's bar over that of a beam, and of the line inside it over the bar's
 KEY_WIDTH = 3.0  # points
-# A pin that moves by less than this share of the mechanism's extent is held by the ground.
-AT_REST = 1e-6
+AT_REST = 1e-6  # a pin that moves by less than this share of the mechanism's extent is held by the ground
 # A motion that leaves the plane by less than this share of its extent is shown along z, another one obliquely.
 FLAT = 1e-3
 OBLIQUE = np.array([[1.0, 0.0], [0.0, 1.0], [-0.45, -0.35]])
-# A triangle below the pin, as a marker's vertices.
-_GROUND = ((0.0, 0.0), (-0.65, -1.0), (0.65, -1.0), (0.0, 0.0))
+_GROUND = ((0.0, 0.0), (-0.65, -1.0), (0.65, -1.0), (0.0, 0.0))  # a triangle below the pin, as a marker's vertices
 
 
 @dataclass(frozen=True)
@@ -126,8 +124,12 @@ class Shapes:
     def draw(self, axes: Axes, number: int, colour: Sequence[float], width: float, pin: float, zorder: float) -> None:
         """Draw all bodies at one frame.
 
-        - `number`: of the frame.
-        - `width`, `pin`: width of the lines and size of the markers on the bodies' ends, points.
+        Parameters
+        ----------
+        number
+            Of the frame.
+        width, pin
+            Width of the lines and size of the markers on the bodies' ends, points.
         """
         for body, cells in self.frames.cells.items():
             points = self.draw_body(axes, body, number, colour, width, 1.6 * pin, zorder)
@@ -216,11 +218,17 @@ def mechanism(
 
     Raises `InputError` if the trajectory has no frames.
 
-    - `trajectory`: with frames.
-    - `n_instants`: number of shapes; fewer where there are fewer frames.
-    - `exaggeration`: factor on each body's deformation: its nodes' distances from the undeformed body laid through the
-      body's two ends, so that the bodies stay joined. Stated in the picture if it is not 1.
-    - `label`: what tells the run from others.
+    Parameters
+    ----------
+    trajectory : Trajectory
+        With frames.
+    n_instants : int
+        Number of shapes; fewer where there are fewer frames.
+    exaggeration : float
+        Factor on each body's deformation: its nodes' distances from the undeformed body laid through the
+        body's two ends, so that the bodies stay joined. Stated in the picture if it is not 1.
+    label : str
+        What tells the run from others.
     """
     frames = trajectory.frames
     if frames is None or not len(frames.time):
@@ -257,13 +265,11 @@ def mechanism(
             enlarged = f", deformation enlarged {exaggeration:g} times"
     instants = f"at {len(chosen)} instants" if len(chosen) > 1 else "at one instant"
     what = f"Shape {instants}, {style.MODELS[trajectory.model]}{enlarged}"
-    style.top_legend(figure, keys, style.heading(what, trajectory.record, label), notes)
-    return figure
+    return style.top_legend(figure, keys, style.heading(what, trajectory.record, label), notes)
 
 
 ASSEMBLY_WIDTH = 9.0
-# Names within this share of the mechanism's size are of one place.
-TOGETHER = 1e-3
+TOGETHER = 1e-3  # names within this share of the mechanism's size are of one place
 # Where a label may stand, points from its place: in rings around it.
 RINGS, DIRECTIONS = (14.0, 30.0, 50.0, 75.0, 105.0, 140.0, 180.0), 16
 MARGIN = 0.22  # of the mechanism's size, around it, for labels
@@ -293,7 +299,8 @@ class _Hidden:
         outside = (
             box.x0 < self.inside.x0 or box.x1 > self.inside.x1 or box.y0 < self.inside.y0 or box.y1 > self.inside.y1
         )
-        cost = 1e6 * outside + ON_LABEL * sum(_overlap(box, other) for other in self.labels)
+        shared = filter(None, (Bbox.intersection(box, other) for other in self.labels))
+        cost = 1e6 * outside + ON_LABEL * sum(one.width * one.height for one in shared)
         cost += ON_LINE * box.padded(2).count_contains(self.lines)
         return cost + ON_LINE * sum(other.count_contains(leader) for other in self.labels)
 
@@ -328,8 +335,7 @@ def assembly(shown: Assembly) -> Figure:
         look = {"color": "#333333", "markeredgecolor": "white", "markersize": 5}
         if label.joints:
             look = {"color": "white", "markeredgecolor": "#222222", "markeredgewidth": 1.6, "markersize": 9}
-        ground = any(point.startswith("ground:") for point in label.points)
-        if ground:
+        if any(point.startswith("ground:") for point in label.points):
             axes.plot(*label.place, marker="^", color="#C9CED3", markersize=17, zorder=3)
         axes.plot(*label.place, marker="o", zorder=6, **look)
     axes.set_xlim(low[0], high[0])
@@ -401,22 +407,15 @@ def _write(axes: Axes, place: np.ndarray, text: str, look: dict, hidden: _Hidden
         text, place, xytext=(0, 0), textcoords="offset points", ha="center", va="center", zorder=8, linespacing=1.15,
         arrowprops={"arrowstyle": "-", "color": "#B5BAC0", "linewidth": 0.7, "shrinkA": 0, "shrinkB": 5}, **look,
     )  # fmt: skip
-    best, cost = (0.0, 0.0), np.inf
-    for offset in _offsets(_extent(note)):
+    best, cost, size = (0.0, 0.0), np.inf, _extent(note)
+    for ring, angle in product(RINGS, 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS):
+        offset = np.cos(angle) * (ring + 0.5 * size[0]), np.sin(angle) * (ring + 0.5 * size[1])
         found = hidden.cost(_box_at(note, offset), _leader(note, offset)) + np.hypot(*offset)
         if found < cost:
             best, cost = offset, found
     note.set_position(best)
     note.set_anncoords("offset points")
     hidden.add(_box_at(note, best), _leader(note, best))
-
-
-def _offsets(size: tuple[float, float]) -> Iterator[tuple[float, float]]:
-    """Yield where the middle of a label of a size (points) may stand, points from its place."""
-    for ring in RINGS:
-        for angle in 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
-            x, y = np.cos(angle), np.sin(angle)
-            yield x * (ring + 0.5 * size[0]), y * (ring + 0.5 * size[1])
 
 
 def _extent(note: Annotation) -> tuple[float, float]:
@@ -439,12 +438,6 @@ def _leader(note: Annotation, offset: tuple[float, float]) -> np.ndarray:
     """Return points along the line from a label's place to its middle, but for both ends, (n, 2), pixels."""
     start = note.axes.transData.transform(note.xy)
     return start + np.linspace(0.15, 0.7, 8)[:, None] * np.array(offset) * note.figure.dpi / 72.0
-
-
-def _overlap(one: Bbox, other: Bbox) -> float:
-    """Return the area, in pixels, that two boxes share."""
-    shared = Bbox.intersection(one, other)
-    return 0.0 if shared is None else shared.width * shared.height
 
 
 def _pixels(axes: Axes, shapes: Shapes) -> np.ndarray:

@@ -42,11 +42,14 @@ _TRIANGLES = {
 def outer_faces(kind: str, cells: np.ndarray) -> np.ndarray:
     """Return the faces that one cell alone has, in the plane all cells, by the nodes around them, shape (n_faces, k).
 
-    - `kind`: meshio's name of the cells.
-    - `cells`: their nodes, shape (n_cells, n_a).
+    Parameters
+    ----------
+    kind
+        meshio's name of the cells.
+    cells
+        Their nodes, shape (n_cells, n_a).
     """
-    shape = next(name for name in _SHAPES if kind.startswith(name))
-    edges, faces = _SHAPES[shape]
+    edges, faces = _SHAPES[next(name for name in _SHAPES if kind.startswith(name))]
     n_corners = 1 + max(max(face) for face in faces)
     between = {frozenset(edge): n_corners + number for number, edge in enumerate(edges)}
     around = []
@@ -72,8 +75,12 @@ def outlines(faces: np.ndarray, nodes: np.ndarray, sharp: float = 0.5) -> np.nda
     """Return the pieces of edges that show a body's shape, shape (n, 2): those of one face, and between faces whose
     normals are more than `sharp` radians apart.
 
-    - `faces`: shape (n_faces, k).
-    - `nodes`: where their nodes are, shape (n_nodes, d).
+    Parameters
+    ----------
+    faces
+        Shape (n_faces, k).
+    nodes
+        Where their nodes are, shape (n_nodes, d).
     """
     n_faces, k = faces.shape
     pieces = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
@@ -104,10 +111,16 @@ def coarsened(
     Nodes in the same cube become one, that of the largest weight among them (Rossignac and Borrel, Multi-resolution 3D
     approximations for rendering complex scenes, 1993).
 
-    - `nodes`: shape (n_nodes, d).
-    - `triangles`: shape (n_triangles, 3).
-    - `weights`: shape (n_nodes,).
-    - `most`: nodes that are kept at most.
+    Parameters
+    ----------
+    nodes
+        Shape (n_nodes, d).
+    triangles
+        Shape (n_triangles, 3).
+    weights
+        Shape (n_nodes,).
+    most
+        Nodes that are kept at most.
     """
     corners = nodes[triangles]
     sides = np.zeros((len(triangles), 2, 3))
@@ -156,8 +169,7 @@ class Motion:
 
     skins: tuple[Skin, ...]  # of the bodies
     captions: list[str]  # what is written beside each instant
-    #: title, notes: above all of them
-    title: str
+    title: str  # title, notes: above all of them
     notes: list[str] = field(default_factory=list)
     quantity: str = ""  # what colours bodies, with its unit; empty where nothing does
     largest: float = 0.0  # the largest value of the colours, in the unit
@@ -196,9 +208,14 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
 
     Raises `InputError` if the run has no frames, or nothing of it is known in the colour.
 
-    - `colour`: one of `WORDS`.
-    - `scale`: factor on the deformation; None for one that shows it.
-    - `label`: what tells the run from others.
+    Parameters
+    ----------
+    colour
+        One of `WORDS`.
+    scale
+        Factor on the deformation; None for one that shows it.
+    label
+        What tells the run from others.
     """
     frames = run.frames
     if frames is None or not len(frames.time):
@@ -209,9 +226,8 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
         if name in run.fields:
             skins.append(skin_of(name, run.fields[name], factor, VALUES[colour]))
             continue
-        edges = frames.cells[name]
-        nothing = np.zeros((0, 3), dtype=int)
-        skins.append(Skin(name, in_space(positions), nothing, edges, 0.0, None, name in frames.rigid))
+        none = np.zeros((0, 3), dtype=int)
+        skins.append(Skin(name, in_space(positions), none, frames.cells[name], 0.0, None, name in frames.rigid))
     bare = [skin.name for skin in skins if len(skin.edges) and not skin.rigid and skin.name not in run.fields]
     if bare:
         notes.append(f"{', '.join(bare)}: drawn as lines between joints, their fields are not stored (see pgmp info)")
@@ -239,8 +255,12 @@ def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | 
 
     Raises `InputError` if nothing of it is known in the colour.
 
-    - `colour`: one of `WORDS`.
-    - `scale`: its largest displacement over that of a picture nobody asks another one of.
+    Parameters
+    ----------
+    colour
+        One of `WORDS`.
+    scale
+        Its largest displacement over that of a picture nobody asks another one of.
     """
     places = np.concatenate([own.positions.reshape(-1, own.positions.shape[2]) for own in shape.fields.values()])
     reach = LARGEST_SHOWN * float(np.ptp(places, axis=0).max()) * (1.0 if scale is None else scale)
@@ -251,17 +271,8 @@ def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | 
         still = _size(own.deformation) if colour in ("deformation", "displacement") else VALUES[colour](own)
         values = None if own.rigid or still is None else np.repeat(still, N_PHASES, axis=0)
         moved = own.positions + reach * swing[:, None, None] * own.deformation
-        skins.append(
-            replace(
-                skin_of(
-                    name,
-                    replace(own, positions=moved, deformation=0.0 * moved, units={}, at_nodes={}, at_cells={}),
-                    1.0,
-                    VALUES["none"],
-                ),
-                values=values,
-            )
-        )
+        bare = replace(own, positions=moved, deformation=0.0 * moved, units={}, at_nodes={}, at_cells={})
+        skins.append(replace(skin_of(name, bare, 1.0, VALUES["none"]), values=values))
     largest = max((float(np.nanmax(skin.values)) for skin in skins if skin.values is not None), default=0.0)
     if colour != "none" and not largest > 0.0:
         raise InputError(f"nothing of this mode is known in {WORDS[colour]}; take --field displacement or none")
@@ -271,9 +282,16 @@ def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | 
     quantity = "" if colour == "none" else f"{WORDS[colour]} over the largest"
     captions = ["size arbitrary"] * N_PHASES
     return Motion(
-        tuple(skins), captions, heading(what, shape.record), notes, quantity, 1.0, 1.0, N_PHASES // 4,
+        tuple(skins),
+        captions,
+        heading(what, shape.record),
+        notes,
+        quantity,
+        1.0,
+        1.0,
+        N_PHASES // 4,
         shape.record.system.unit("m"),
-    )  # fmt: skip
+    )
 
 
 def skin_of(name: str, own: BodyField, scale: float, values: Callable[[BodyField], np.ndarray | None]) -> Skin:
@@ -281,12 +299,10 @@ def skin_of(name: str, own: BodyField, scale: float, values: Callable[[BodyField
     shown = own.positions + (scale - 1.0) * np.nan_to_num(own.deformation)
     colours = None if own.rigid else values(own)
     if own.kind == "line":
-        return Skin(
-            name, in_space(shown), np.zeros((0, 3), dtype=int), own.cells, own.radius or 0.0, colours, own.rigid
-        )
+        none, radius = np.zeros((0, 3), dtype=int), own.radius or 0.0
+        return Skin(name, in_space(shown), none, own.cells, radius, colours, own.rigid)
     faces = outer_faces(own.kind, own.cells)
-    edges = outlines(faces, own.nodes)
-    return Skin(name, in_space(shown), triangles(faces), edges, 0.0, colours, own.rigid)
+    return Skin(name, in_space(shown), triangles(faces), outlines(faces, own.nodes), 0.0, colours, own.rigid)
 
 
 def in_unit(skins: list[Skin], colour: str, unit: str) -> tuple[list[Skin], str, float, int]:
@@ -309,9 +325,7 @@ def scale_of(fields: Mapping[str, BodyField]) -> float:
     extent = float(np.ptp(np.concatenate(places), axis=0).max())
     largest = max(float(np.nanmax(_size(own.deformation), initial=0.0)) for own in fields.values())
     wanted = LARGEST_SHOWN * extent / largest if largest > 1e-9 * extent else 1.0
-    if wanted <= 1.0:
-        return 1.0
-    return round_below(wanted)
+    return 1.0 if wanted <= 1.0 else round_below(wanted)
 
 
 def _size(vectors: np.ndarray) -> np.ndarray:

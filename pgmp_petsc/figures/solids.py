@@ -46,8 +46,7 @@ WINDOWS = {"vtkEGLRenderWindow": "libEGL.so.1", "vtkOSOpenGLRenderWindow": "libO
 OLDEST = (9, 4)  # of VTK: older ones end the process where there is no display
 THINNEST = 1.5e-3  # radius of beams over the size of the picture: thinner ones are drawn so
 MARGIN = 1.06
-# How far from the axis of least extent a mechanism in space is seen: along up and to the side.
-TILT = (0.5, 0.4)
+TILT = (0.5, 0.4)  # how far from the axis of least extent a mechanism in space is seen: along up and to the side
 SPLIT = 35.0  # degrees between neighbouring faces beyond which an edge is sharp
 
 
@@ -105,10 +104,17 @@ def view_of(points: np.ndarray, flat: bool) -> np.ndarray:
 class Stage:
     """Bodies in front of a camera that sees all of their motion; to be closed.
 
-    - `motion`: what is drawn.
-    - `width`, `height`: of the picture, in pixels.
+    Parameters
+    ----------
+    motion
+        What is drawn.
+    width, height
+        Of the picture, in pixels.
 
-    `metre`: pixels that a metre across the line of sight has.
+    Attributes
+    ----------
+    metre
+        Pixels that a metre across the line of sight has.
     """
 
     def __init__(self, motion: Motion, width: int, height: int) -> None:
@@ -171,15 +177,11 @@ class _Drawn:
     ) -> None:
         self._pyvista, self._skin, self._largest = pyvista, skin, motion.largest
         self._radius = max(skin.radius, thinnest)
-        look = {
-            "ambient": 0.3,
-            "diffuse": 0.75,
-            "specular": 0.1,
-            "lighting": not motion.flat or not len(skin.triangles),
-        }
-        colour = (
-            {"rgb": True, "scalars": "rgb"} if skin.values is not None else {"color": RIGID if skin.rigid else PLAIN}
-        )
+        lit = not motion.flat or not len(skin.triangles)
+        look: dict[str, object] = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.1, "lighting": lit}
+        colour: dict[str, object] = {"rgb": True, "scalars": "rgb"}
+        if skin.values is None:
+            colour = {"color": RIGID if skin.rigid else PLAIN}
         self._edges = None
         if len(skin.triangles):
             self._mesh = self._split()
@@ -253,10 +255,16 @@ def solids(run: Trajectory, at: float | None = None, exaggeration: float = 1.0, 
 
     Raises `InputError` if there is nothing to draw, `at` is outside the run, or there is nothing to draw with.
 
-    - `run`: with frames and fields.
-    - `at`: instant, s: the nearest frame is drawn, and named. None for that of the largest stress.
-    - `exaggeration`: factor on the deformation; stated in the picture if it is not 1.
-    - `label`: what tells the run from others.
+    Parameters
+    ----------
+    run
+        With frames and fields.
+    at
+        Instant, s: the nearest frame is drawn, and named. None for that of the largest stress.
+    exaggeration
+        Factor on the deformation; stated in the picture if it is not 1.
+    label
+        What tells the run from others.
     """
     motion = motion_of(run, "mises", exaggeration, label)
     number, why = motion.peak, ", when it is largest"
@@ -304,12 +312,21 @@ def _images(motion: Motion, numbers: np.ndarray, frame: Surround) -> Iterator[np
 class Surround:
     """Surround of the bodies: title, notes, bar of the colours, bar of the scale, and the instant.
 
-    - `motion`: what is drawn.
-    - `caption`: of the instant.
-    - `resolution`: pixels an inch.
+    Parameters
+    ----------
+    motion
+        What is drawn.
+    caption
+        Of the instant.
+    resolution
+        Pixels an inch.
 
-    - `figure`, `axes`: the figure, and where in it the bodies are.
-    - `size`: width and height of that place, pixels.
+    Attributes
+    ----------
+    figure, axes
+        The figure, and where in it the bodies are.
+    size
+        Width and height of that place, pixels.
     """
 
     def __init__(self, motion: Motion, caption: str, resolution: int = RESOLUTION) -> None:
@@ -348,9 +365,8 @@ class Surround:
         below = {"transform": self.axes.transAxes, "clip_on": False, "color": QUIET}
         at = -9.0 / self.size[1] * RESOLUTION / 72.0
         self.axes.plot([0.0, share], [at, at], linewidth=1.6, **below)
-        self.axes.text(
-            share + 0.01, at, f"{nice * factor:g} {unit}", transform=self.axes.transAxes, va="center", color=QUIET
-        )
+        beside = {"transform": self.axes.transAxes, "va": "center", "color": QUIET}
+        self.axes.text(share + 0.01, at, f"{nice * factor:g} {unit}", **beside)
 
     def around(self, picture: np.ndarray, caption: str) -> np.ndarray:
         """Return a picture of the bodies with its surround, as bytes of shape (height, width, 3)."""

@@ -94,9 +94,12 @@ def panel_grid(
 ) -> tuple[Figure, np.ndarray]:  # fmt: skip
     """Return a figure of n blocks, row by row, and the axes of each from above, shape (n, len(ratios)).
 
-    - `size`, `margin`, `least`: width and height of a block, what the figure is higher than all of them, and its least
-      width, inches.
-    - `ratios`: heights of the axes of a block.
+    Parameters
+    ----------
+    size, margin, least
+        Width and height of a block, what the figure is higher than all of them, and its least width, inches.
+    ratios
+        Heights of the axes of a block.
     """
     n_columns = min(n, columns)
     n_rows = -(-n // n_columns)
@@ -123,10 +126,12 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> Path:
     return path
 
 
-def top_legend(figure: Figure, handles: Sequence[Artist], title: str | None = None, notes: Sequence[str] = ()) -> None:
-    """Put a title, what has to be known besides, and rows of keys above all axes; keep that strip free of them.
+def top_legend(
+    figure: Figure, handles: Sequence[Artist], title: str | None = None, notes: Sequence[str] = ()
+) -> Figure:
+    """Put a title, what has to be known besides, and rows of keys above all axes; return the figure.
 
-    The figure grows by what lies beyond one line of title and one row of keys.
+    The strip is kept free of axes; the figure grows by what lies beyond one line of title and one row of keys.
     """
     width = figure.get_figwidth()
     lines = [(line, _TITLE) for line in _wrapped(title or "", width, _TITLE)]
@@ -145,11 +150,16 @@ def top_legend(figure: Figure, handles: Sequence[Artist], title: str | None = No
     used += 0.04
     if handles:
         figure.legend(
-            handles=handles, loc="upper left", bbox_to_anchor=(0.0, 1 - (used - 0.06) / inches), ncol=n_columns,
-            handlelength=1.9, columnspacing=1.8,
-        )  # fmt: skip
+            handles=handles,
+            loc="upper left",
+            bbox_to_anchor=(0.0, 1 - (used - 0.06) / inches),
+            ncol=n_columns,
+            handlelength=1.9,
+            columnspacing=1.8,
+        )
         used += 0.24 + 0.2 * (n_rows - 1)
     figure.get_layout_engine().set(rect=(0, 0, 1, 1 - used / inches))
+    return figure
 
 
 def _wrapped(text: str, width: float, look: Mapping[str, Any]) -> list[str]:

@@ -76,8 +76,9 @@ def mesh_costs(study: Tradeoff) -> Figure:
             axes.legend(handles=keys, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=3 if len(keys) > 4 else 2)
         else:
             axes.text(0.5, 0.5, "nothing known", transform=axes.transAxes, ha="center", color=style.QUIET)
-    style.top_legend(figure, [], style.heading("What meshes cost in error and time", study.record), _notes(study))
-    return figure
+    return style.top_legend(
+        figure, [], style.heading("What meshes cost in error and time", study.record), _notes(study)
+    )
 
 
 def _keys_of_errors(study: Tradeoff) -> list[Line2D]:
@@ -96,10 +97,10 @@ def _keys_of_errors(study: Tradeoff) -> list[Line2D]:
 def _keys_of_times(study: Tradeoff) -> list[Line2D]:
     """Return the keys of times over meshes, of what is drawn alone."""
     looks = (("full", style.FULL_COLOUR, "s"), ("reduced", style.REDUCED_COLOUR, "o"))
+    run = [look for look in looks if _over_meshes(study, look[0]).size]
     keys = [
-        _key(_on_meshes(study, family), colour, marker, linestyle="-")
-        for family, colour, marker in looks
-        if _over_meshes(study, family).size
+        Line2D([], [], color=colour, marker=marker, markersize=5.5, label=_on_meshes(study, family))
+        for family, colour, marker in run
     ]
     if keys:
         keys.append(Line2D([], [], color=style.QUIET, label=f"{study.batch} together"))
@@ -122,16 +123,20 @@ def _work_precision(study: Tradeoff, cost: np.ndarray, label: str, title: str) -
         axes.set_xlabel(label)
         axes.tick_params(labelbottom=True)
     blocks[0, 0].annotate(
-        "better", (0.02, 0.02), xytext=(0.09, 0.09), xycoords="axes fraction", textcoords="axes fraction", fontsize=8.5,
-        color=style.QUIET, arrowprops={"arrowstyle": "->", "color": style.QUIET, "shrinkA": 0.0},
-    )  # fmt: skip
+        "better",
+        (0.02, 0.02),
+        xytext=(0.09, 0.09),
+        xycoords="axes fraction",
+        textcoords="axes fraction",
+        fontsize=8.5,
+        color=style.QUIET,
+        arrowprops={"arrowstyle": "->", "color": style.QUIET, "shrinkA": 0.0},
+    )
     known = np.array([_known(study, cost, column) for column in range(len(study.outputs))]).any(axis=0)
-    style.top_legend(figure, _keys(study, known, cost), style.heading(title, study.record), _notes(study))
-    return figure
+    return style.top_legend(figure, _keys(study, known, cost), style.heading(title, study.record), _notes(study))
 
 
 def _draw_output(axes: Axes, study: Tradeoff, cost: np.ndarray, column: int) -> None:
-    """Draw one output's errors over the costs."""
     error = np.maximum(100 * study.errors[:, column], FLOOR)
     known = _known(study, cost, column)
     axes.set_xscale("log")
@@ -210,12 +215,17 @@ def _write_labels(axes: Axes, study: Tradeoff, cost: np.ndarray, error: np.ndarr
 
 def _write(axes: Axes, text: str, x: float, y: float) -> None:
     """Write beside a point, on the side where there is room."""
-    place = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))[0]
-    left = place > RIGHT
+    left = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))[0] > RIGHT
     note = axes.annotate(
-        text, (x, y), xytext=(-7 if left else 7, 4), textcoords="offset points", ha="right" if left else "left",
-        fontsize=8.0, color=style.QUIET, zorder=5,
-    )  # fmt: skip
+        text,
+        (x, y),
+        xytext=(-7 if left else 7, 4),
+        textcoords="offset points",
+        ha="right" if left else "left",
+        fontsize=8.0,
+        color=style.QUIET,
+        zorder=5,
+    )
     note.set_in_layout(False)
 
 
@@ -295,10 +305,6 @@ def _clock(study: Tradeoff) -> str:
     return "processor time" if study.busy else "time"
 
 
-def _key(label: str, colour: str, marker: str, linestyle: str = "none", **look: object) -> Line2D:
-    return Line2D([], [], color=colour, marker=marker, linestyle=linestyle, markersize=5.5, label=label, **look)
-
-
 def _rows(known: np.ndarray, study: Tradeoff, family: str, own_mesh: bool) -> np.ndarray:
     chosen = known & np.array([each == family for each in study.families])
     return np.flatnonzero(chosen & study.own_mesh if own_mesh else chosen)
@@ -306,8 +312,7 @@ def _rows(known: np.ndarray, study: Tradeoff, family: str, own_mesh: bool) -> np
 
 def _over_meshes(study: Tradeoff, family: str) -> np.ndarray:
     """Return the settings of a family that differ in the mesh alone, the coarsest first; none without refined ones."""
-    known = np.isfinite(study.times.batch)
-    rows = _rows(known, study, family, own_mesh=False)
+    rows = _rows(np.isfinite(study.times.batch), study, family, own_mesh=False)
     refined = rows[study.columns["refinement"][rows] > 1]
     if not refined.size:
         return np.empty(0, dtype=int)

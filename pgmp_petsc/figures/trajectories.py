@@ -137,9 +137,14 @@ def trajectories(
     full-order run that several reduced ones share is grey. A square ends a run that ended before its scene. Raises
     `InputError` if the runs have no output in common.
 
-    - `comparisons`: one colour each.
-    - `outputs`: by default all that every run has.
-    - `labels`: by default that in which the runs differ.
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        One colour each.
+    outputs : sequence of str, optional
+        By default all that every run has.
+    labels : sequence of str, optional
+        By default that in which the runs differ.
     """
     runs = [run for comparison in comparisons for run in comparison.runs]
     if outputs is None:
@@ -158,8 +163,7 @@ def trajectories(
     kinds = {comparison.kind for comparison in comparisons}
     what = f"Outputs over time, {kinds.pop() if len(kinds) == 1 else 'full order and reduced'}"
     alone = labels[0] if len(comparisons) == 1 else ""
-    style.top_legend(figure, _keys(comparisons, labels), style.heading(what, runs[0].record, alone), notes)
-    return figure
+    return style.top_legend(figure, _keys(comparisons, labels), style.heading(what, runs[0].record, alone), notes)
 
 
 def _labelled_runs(comparisons: Sequence[Comparison], labels: Sequence[str]) -> tuple[list[Trajectory], list[str]]:
@@ -181,7 +185,6 @@ def labels_of(comparisons: Sequence[Comparison], files: Mapping[int, Path] | Non
 
 
 def _draw_output(block: np.ndarray, comparisons: Sequence[Comparison], output: str) -> None:
-    """Draw one output, and below it its error where there is one."""
     runs = [run for comparison in comparisons for run in comparison.runs]
     factor, unit = style.axis_unit(runs[0].units.get(output, "1"), *(run.outputs[output] for run in runs))
     axes, drawn = block[0], set()
@@ -322,8 +325,7 @@ def energies(trajectory: Trajectory, label: str = "") -> Figure:
     panels[-1].set_xlabel("time (s)")
     figure.align_ylabels(panels)
     what = style.heading(f"Balance of energy, {style.MODELS[trajectory.model]}", trajectory.record, label)
-    style.top_legend(figure, [], what, captions.of_runs([trajectory]))
-    return figure
+    return style.top_legend(figure, [], what, captions.of_runs([trajectory]))
 
 
 def _draw_curves(axes: Axes, time: np.ndarray, curves: Mapping[str, np.ndarray], title: str, joule: str) -> None:
@@ -374,8 +376,7 @@ def design(found: Design, label: str = "") -> Figure:
         Line2D([], [], color=style.QUIET, linestyle=":", label=f"at the start, {begun}"),
         Line2D([], [], color=style.REDUCED_COLOUR, label=f"design, {ended}"),
     ]
-    captions.headed(figure, keys, f"Design, {found.goal}", found.record, label)
-    return figure
+    return captions.headed(figure, keys, f"Design, {found.goal}", found.record, label)
 
 
 MEASURED = style.PALETTE[0]
@@ -409,8 +410,7 @@ def fit(found: Fit, label: str = "") -> Figure:
         Line2D([], [], color=style.REDUCED_COLOUR, label=f"fitted, {values}"),
         Line2D([], [], color=style.QUIET, linewidth=0.8, linestyle="--", label="two deviations of the noise"),
     ]
-    captions.headed(figure, keys, "Fit", found.record, label)
-    return figure
+    return captions.headed(figure, keys, "Fit", found.record, label)
 
 
 def _with_error(parameter: FittedParameter) -> str:
@@ -446,5 +446,4 @@ def sensitivities(found: Derivatives, label: str = "") -> Figure:
     for (name, (change, what)), colour in zip(found.changes.items(), colours):
         text = style.quantity(name, change, found.units.get(name, "1")).replace(" = ", " + ")
         keys.append(Line2D([], [], color=colour, label=f"{text}, {what}"))
-    captions.headed(figure, keys, "Sensitivities, to first order", found.record, label)
-    return figure
+    return captions.headed(figure, keys, "Sensitivities, to first order", found.record, label)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.bodies.beam3d import N_ELEMENT, add_force, beam_work, fill_tangent, stretch, viscous_stress
-from pgmp_petsc.bodies.continuum import Cells, cell_work, evaluate_cells, n_work, strain_energies
+from pgmp_petsc.bodies.elasticity import Cells, cell_work, evaluate_cells, n_work, strain_energies
 from pgmp_petsc.full.forces import add_entry
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items, keep, of_column

@@ -53,17 +53,29 @@ class Contact:
 class Contacts:
     """The steps of a run of one sample that cross edges of laws.
 
-    - `model`, `values`: the reduced model, and the value of every parameter.
-    - `linearisation`: of the sample.
-    - `times`, `states`: of the whole run, (n_t,) and arrays of shape (n_t, n_eta).
+    Parameters
+    ----------
+    model, values
+        The reduced model, and the value of every parameter.
+    linearisation
+        Of the sample.
+    times, states
+        Of the whole run, (n_t,) and arrays of shape (n_t, n_eta).
 
-    `found`: what was met and left so far.
+    Attributes
+    ----------
+    found
+        What was met and left so far.
     """
 
     def __init__(
-        self, model: ReducedModel | LengthLanes, values: Mapping[str, float], linearisation: Linearisation,
-        times: np.ndarray, states: State,
-    ) -> None:  # fmt: skip
+        self,
+        model: ReducedModel | LengthLanes,
+        values: Mapping[str, float],
+        linearisation: Linearisation,
+        times: np.ndarray,
+        states: State,
+    ) -> None:
         self._model, self._linearisation, self._times, self._states = model, linearisation, times, states
         self._radius, self._step = model.scene.simulation.spectral_radius, times[-1] / (len(times) - 1)
         self._free = ~model.terms.tables.prescribed(model.motions)
@@ -87,8 +99,12 @@ class Contacts:
 
         Raises `InputError` if an edge is grazed; `RunError` if the step does not lead where the run went.
 
-        - `number`: of the instant, as `following` gives it.
-        - `moment`: s_q, S_v, S_a and S_A at the step's beginning, shape (4, n_parameters, n_eta).
+        Parameters
+        ----------
+        number
+            Of the instant, as `following` gives it.
+        moment
+            S_q, S_v, S_a and S_A at the step's beginning, shape (4, n_parameters, n_eta).
         """
         moved = np.zeros(moment.shape[1])  # the beginning of the part, s per unit of a parameter
         before, parts = self._retraced(number)

@@ -70,8 +70,7 @@ class DifferentiatedRun:
     outputs: dict[str, np.ndarray]  # each of shape (n_t,)
     #: of every output with every parameter, by the names of both: ``derivatives[output][parameter]``, (n_t,)
     derivatives: dict[str, dict[str, np.ndarray]]
-    #: eta, changes: reduced coordinates (n_t, n_eta), and their derivatives (n_t, n_parameters, n_eta)
-    eta: np.ndarray
+    eta: np.ndarray  # eta, changes: reduced coordinates (n_t, n_eta), and their derivatives (n_t, n_parameters, n_eta)
     changes: np.ndarray
     steps_divided: int = 1  # by what the scene's step was divided
     contacts: tuple[Contact, ...] = ()  # instants at which end stops are met and left, with their own derivatives
@@ -83,18 +82,26 @@ class DifferentiatedRun:
 
 
 def differentiate(
-    model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str],
+    model: ReducedModel | LengthLanes,
+    values: Mapping[str, float],
+    names: Sequence[str],
     pulse: Callable[[int], object] = lambda n_steps: None,
-) -> DifferentiatedRun:  # fmt: skip
+) -> DifferentiatedRun:
     """Run one sample, and differentiate its outputs with some parameters.
 
     Raises `InputError` if the scene has no outputs, there is no static equilibrium to start from, or an end stop is
     grazed; `RunError` if the run stops before its end, with smaller steps too.
 
-    - `model`: the model of samples in which these parameters vary (`models.of_samples`).
-    - `values`: value of every parameter of the scene.
-    - `names`: parameters to differentiate with.
-    - `pulse`: called with the number of steps that have been taken since the last call.
+    Parameters
+    ----------
+    model
+        The model of samples in which these parameters vary (`models.of_samples`).
+    values
+        Value of every parameter of the scene.
+    names
+        Parameters to differentiate with.
+    pulse
+        Called with the number of steps that have been taken since the last call.
     """
     for name, entry in model.scene.outputs.items():
         if "multipliers" in entry.reads:
@@ -139,9 +146,12 @@ def differentiate(
 
 
 def _propagated(
-    model: ReducedModel | LengthLanes, linearisation: Linearisation, contacts: Contacts, times: np.ndarray,
+    model: ReducedModel | LengthLanes,
+    linearisation: Linearisation,
+    contacts: Contacts,
+    times: np.ndarray,
     states: State,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Return the derivatives of the reduced coordinates, their rates and their accelerations over the run, shape (3,
     n_t, n_parameters, n_eta)."""
     n_t, n = states.q.shape
@@ -191,12 +201,20 @@ def _require_finite(
 def propagate(by_q, by_v, by_a, by_parameters, scheme, step, prescribed, moment, result):
     """Take the sensitivities through steps.
 
-    - `by_q`, `by_v`, `by_a`, `by_parameters`: at the ends of the steps, see `linearisation.Linearised`.
-    - `scheme`: ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)`` of the step.
-    - `step`: s.
-    - `prescribed`: whether a coordinate is given, shape (n_eta,): it stays what it is in the beginning.
-    - `moment`: s_q, S_v, S_a and S_A at the beginning, shape (4, n_parameters, n_eta); advanced in place.
-    - `result`: s_q, S_v and S_a at the ends of the steps, shape (3, n_t, n_parameters, n_eta).
+    Parameters
+    ----------
+    by_q, by_v, by_a, by_parameters
+        At the ends of the steps, see `linearisation.Linearised`.
+    scheme
+        ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)`` of the step.
+    step
+        s.
+    prescribed
+        Whether a coordinate is given, shape (n_eta,): it stays what it is in the beginning.
+    moment
+        S_q, S_v, S_a and S_A at the beginning, shape (4, n_parameters, n_eta); advanced in place.
+    result
+        S_q, S_v and S_a at the ends of the steps, shape (3, n_t, n_parameters, n_eta).
     """
     alpha_m, alpha_f, beta, gamma, gain_v, gain_a = scheme
     n_t, n_parameters, n = by_parameters.shape
@@ -239,7 +257,10 @@ DIFFERENCE = 1e-3  # of second differences of fourth order: rounding and truncat
 def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Linearisation, start: State) -> np.ndarray:
     """Return S_q, S_v, S_a and S_A of a sample at time zero, shape (4, n_parameters, n_eta).
 
-    `start`: state at the start, arrays of shape (1, n_eta).
+    Parameters
+    ----------
+    start
+        State at the start, arrays of shape (1, n_eta).
     """
     n_parameters, n = len(linearisation.names), start.q.shape[1]
     moment = np.zeros((4, n_parameters, n))
@@ -301,9 +322,12 @@ def _solved(matrix: np.ndarray, rows: np.ndarray, free: np.ndarray) -> np.ndarra
 
 
 def _held(
-    model: ReducedModel | LengthLanes, eta: np.ndarray, at_rest: Linearised, linearisation: Linearisation,
+    model: ReducedModel | LengthLanes,
+    eta: np.ndarray,
+    at_rest: Linearised,
+    linearisation: Linearisation,
     given: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Return S_q of coordinates (n_parameters, n_eta) whose joints' angles are held, at eta (1, n_eta); `given` has
     that of coordinates that say how far joints are off."""
     angles = [member.joint_angles for member in model.members]
@@ -350,17 +374,20 @@ def _angles(angles: Sequence[JointAngles], shares: np.ndarray, eta: np.ndarray) 
 
 # in rad or of the mechanism's size: truncation leaves 2e-9, and rounding 1e-12 of the mechanism's size
 OBSERVED_DIFFERENCE = 1e-4
-# of stresses, and of the parameter: their lines leave cells, where slopes of tables have corners
-OF_STRESSES = 1e-5
+OF_STRESSES = 1e-5  # of stresses, and of the parameter: their lines leave cells, where slopes of tables have corners
 
 
 class ObservedChanges:
     """The outputs of one run and their derivatives.
 
-    - `model`: the reduced model.
-    - `values`: value of every parameter.
-    - `times`, `states`: instants of the run (n_t,), s, and reduced coordinates, rates and accelerations there, shapes
-      (n_t, n_eta).
+    Parameters
+    ----------
+    model
+        The reduced model.
+    values
+        Value of every parameter.
+    times, states
+        Instants of the run (n_t,), s, and reduced coordinates, rates and accelerations there, shapes (n_t, n_eta).
     """
 
     def __init__(
@@ -407,11 +434,12 @@ class _Member:
         """Return the derivatives of the outputs with a parameter."""
         size, value = np.max(np.abs(changes[0]) * self._model.terms.scale, axis=1), self._values[name]
         # what is multiplied by the parameter itself must not be taken far from its value
-        largest = np.maximum(size, _inverse(value))
+        largest = np.maximum(size, 1.0 / abs(value) if value else 0.0)
+        of_frames, of_line = (np.where(most > 0.0, most, 1.0) for most in (size, largest))
         steps = {
-            "frames": OBSERVED_DIFFERENCE / np.where(size > 0.0, size, 1.0),
-            "line": OBSERVED_DIFFERENCE / np.where(largest > 0.0, largest, 1.0),
-            "stresses": OF_STRESSES / np.where(largest > 0.0, largest, 1.0),
+            "frames": OBSERVED_DIFFERENCE / of_frames,
+            "line": OBSERVED_DIFFERENCE / of_line,
+            "stresses": OF_STRESSES / of_line,
         }
         total: dict[str, np.ndarray] = {}
         frames_at = self._along(changes[0])
@@ -421,8 +449,7 @@ class _Member:
                     continue
                 far = share * steps[kind]
                 if kind == "frames":
-                    frames = frames_at(far)
-                    found = self._evaluate(np.concatenate([frames.reshape(-1, far.size), self._behind]))
+                    found = self._evaluate(np.concatenate([frames_at(far).reshape(-1, far.size), self._behind]))
                 else:
                     found = self._on_line(name, far, changes, kind)
                 for output in names:
@@ -448,7 +475,3 @@ def _total(parts: Iterable[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
     for part in parts:
         total = {output: total.get(output, 0.0) + values for output, values in part.items()}
     return total
-
-
-def _inverse(value: float) -> float:
-    return 1.0 / abs(value) if value else 0.0

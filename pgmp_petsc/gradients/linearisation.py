@@ -36,8 +36,7 @@ from pgmp_petsc.stepping.second_order_system import Scheme, State
 class Linearised:
     """Derivatives of the residual at some instants."""
 
-    #: by_q, by_v, by_a: with coordinates, velocities and accelerations, shape (n_t, n_eta, n_eta)
-    by_q: np.ndarray
+    by_q: np.ndarray  # by_q, by_v, by_a: with coordinates, velocities and accelerations, shape (n_t, n_eta, n_eta)
     by_v: np.ndarray
     by_a: np.ndarray
     by_parameters: np.ndarray  # with the parameters, shape (n_t, n_parameters, n_eta)
@@ -47,9 +46,14 @@ class Linearised:
 class Linearisation:
     """Derivatives of the equations of motion of one sample.
 
-    - `model`: the reduced model.
-    - `values`: value of every parameter.
-    - `names`: parameters to differentiate with.
+    Parameters
+    ----------
+    model
+        The reduced model.
+    values
+        Value of every parameter.
+    names
+        Parameters to differentiate with.
     """
 
     def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str]) -> None:
@@ -64,9 +68,13 @@ class Linearisation:
         self._room = _room(terms.layout, len(tables.load_weights))
 
     def at(
-        self, times: np.ndarray, states: State, scheme: Scheme | None = None, with_time: bool = False,
+        self,
+        times: np.ndarray,
+        states: State,
+        scheme: Scheme | None = None,
+        with_time: bool = False,
         loaded: bool = True,
-    ) -> Linearised:  # fmt: skip
+    ) -> Linearised:
         """Return the derivatives at times (n_t,), in states of which each array has the shape (n_t, n_eta).
 
         With a scheme they are those at the end of its steps, where the engine's iteration leaves a part of 1e-11 of the
@@ -123,12 +131,10 @@ class _Room(NamedTuple):
     loads: np.ndarray
     load_jets: np.ndarray
     amplitudes: np.ndarray  # weights of the load terms (n_load_terms,)
-    #: state, moment: coordinates, velocities and accelerations (3, n_eta); see `_take_up`
-    state: np.ndarray
+    state: np.ndarray  # state, moment: coordinates, velocities and accelerations (3, n_eta); see `_take_up`
     moment: np.ndarray
     balance: np.ndarray  # a residual, (n_eta,)
-    #: by_q, by_v, by_a, matrix: derivatives, and those within a step, (n_eta, n_eta)
-    by_q: np.ndarray
+    by_q: np.ndarray  # by_q, by_v, by_a, matrix: derivatives, and those within a step, (n_eta, n_eta)
     by_v: np.ndarray
     by_a: np.ndarray
     matrix: np.ndarray
@@ -171,15 +177,25 @@ def _located(grid: Sequence[Grid], theta: np.ndarray) -> tuple[np.ndarray, np.nd
 def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, located, states, local, room, result):
     """Add the derivatives at all instants to those of local effects.
 
-    - `weights`, `loads`: of terms, (n_sets, n_terms), and of load terms with their amplitudes, (n_t, n_sets,
-      n_load_terms): of the sample, and their derivatives with the parameters.
-    - `prescribed`: whether a coordinate is given, shape (n_eta,).
-    - `gains`: ``(gain_v, gain_a)`` of the step that ends here, zero where the states are to be taken as they are.
-    - `located`: instants in the order of their cells (n_t,), and of every instant cell (n_t,) and place (n_t, n_theta).
-    - `states`: coordinates, velocities and accelerations, (n_t, n_eta) each.
-    - `local`: whether there are local effects.
-    - `room`: see `_Room`.
-    - `result`: see `Linearised`; the residual is that before a correction.
+    Parameters
+    ----------
+    weights, loads
+        Of terms, (n_sets, n_terms), and of load terms with their amplitudes, (n_t, n_sets, n_load_terms): of the
+        sample, and their derivatives with the parameters.
+    prescribed
+        Whether a coordinate is given, shape (n_eta,).
+    gains
+        ``(gain_v, gain_a)`` of the step that ends here, zero where the states are to be taken as they are.
+    located
+        Instants in the order of their cells (n_t,), and of every instant cell (n_t,) and place (n_t, n_theta).
+    states
+        Coordinates, velocities and accelerations, (n_t, n_eta) each.
+    local
+        Whether there are local effects.
+    room
+        See `_Room`.
+    result
+        See `Linearised`; the residual is that before a correction.
     """
     all_by_q, all_by_v, all_by_a, by_parameters, residual = result
     turns, cells, places = located
@@ -219,9 +235,7 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
             weigh(tables.loads[cell], amplitudes, of_loads)
             fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, True, room.load_jets)
         _take_up(layout, state, mass_damping, moment)
-        fill_residual(
-            layout, room.jets, room.load_jets, 0, 1, layout.rigid, loaded, room.moment, room.balance
-        )  # fmt: skip
+        fill_residual(layout, room.jets, room.load_jets, 0, 1, layout.rigid, loaded, room.moment, room.balance)
         for lane in range(count):
             for i in range(n):
                 residual[at[lane], i] += room.balance[i, lane]
@@ -278,9 +292,7 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
                         room.amplitudes[l, lane] = loads[at[lane], s, l]
                 weigh(tables.loads[cell], amplitudes, of_loads)
                 fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, False, room.load_jets)
-            fill_residual(
-                layout, room.jets, room.load_jets, 0, 1, layout.rigid, loaded, room.moment, room.balance
-            )  # fmt: skip
+            fill_residual(layout, room.jets, room.load_jets, 0, 1, layout.rigid, loaded, room.moment, room.balance)
             for lane in range(count):
                 for i in range(n):
                     by_parameters[at[lane], s - 1, i] += room.balance[i, lane]

@@ -44,15 +44,17 @@ class Edge:
     #: (n_parameters,)
     gradient: np.ndarray
     by_parameters: np.ndarray
-    #: rate, acceleration: with time along the motion, per s and per s2
-    rate: float
+    rate: float  # rate, acceleration: with time along the motion, per s and per s2
     acceleration: float
 
 
 class LocalDerivatives:
     """Derivatives of the local effects of one sample.
 
-    `model`, `values`, `names`: as of `Linearisation`.
+    Parameters
+    ----------
+    model, values, names
+        As of `Linearisation`.
     """
 
     def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str]) -> None:
@@ -63,27 +65,21 @@ class LocalDerivatives:
         self._weights = same_in_all_lanes(evaluate_weights(weights, values))
         places = {place.name: place for weight in weights for place, _ in weight.places}
         # weights beside those of a length, by its number: how far these are (m), and the factors of differences
-        self._beside = {
-            number: [
-                (
-                    factor / step,
-                    same_in_all_lanes(evaluate_weights(weights, {**values, name: values[name] + far * step})),
-                )
-                for step in (ALONG_LENGTH * places[name].half,)
-                for far, factor in zip((-2.0, -1.0, 1.0, 2.0), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0)
-            ]
-            for number, name in enumerate(names)
-            if name in places
-        }
-        quantities = [[quantity for quantity in action.parameters] for action in self._actions]
+        self._beside: dict[int, list[tuple[float, np.ndarray]]] = {}
+        for number, name in enumerate(names):
+            for far, factor in zip((-2.0, -1.0, 1.0, 2.0), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0):
+                if name in places:
+                    step = ALONG_LENGTH * places[name].half
+                    there = evaluate_weights(weights, {**values, name: values[name] + far * step})
+                    self._beside.setdefault(number, []).append((factor / step, same_in_all_lanes(there)))
         self._edges = model.actions.edges
         self._led = np.flatnonzero(self._local.actions.roles == LED)
         self._addresses = np.array([action.law.address_of_slopes for action in self._actions], dtype=np.int64)
         # changes of the parameters of laws with those of the scene, (n_parameters, n_actions, of one law)
         self._changes = np.zeros((len(names), *self._local.actions.parameters.shape[::2]))
         for row, name in zip(self._changes, names):
-            for own, table in zip(quantities, row):
-                for k, quantity in enumerate(own):
+            for action, table in zip(self._actions, row):
+                for k, quantity in enumerate(action.parameters):
                     table[k] = quantity.derivative(name, values)
 
     @property

@@ -34,9 +34,11 @@ from functools import cached_property
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.declare.records import Record, array, attribute
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE, SINGULAR_TOLERANCE, LoopClosure
 
+POSES = "m of positions, rad of angles, 1 of directors"
 MOST_HALVINGS = 3
 PROBES = (0.25, 0.5, 0.75)  # of a cell; polynomials are furthest from the solution in the middle
 SHARE = 0.5  # of the closure's tolerance that is left between them
@@ -45,19 +47,39 @@ SHARE_OF_GAP = 1e-2  # that poses between them may be open by, where redundant c
 
 
 @dataclass(frozen=True, eq=False)
-class PoseBranch:
-    """Poses on a grid over the coordinates, the last of which runs fastest."""
+class PoseBranch(Record):
+    """Poses and their derivatives on a grid over the coordinates, the last of which runs fastest.
 
-    axes: tuple[np.ndarray, ...]  # values of every coordinate, at equal distances, rad
-    poses: np.ndarray  # shape (n, n_bodies, n_pose)
-    #: rates, curvatures: derivatives with the coordinates, shapes (n, n_bodies, n_pose, n_theta) and (..., n_theta,
-    #: n_theta)
-    rates: np.ndarray
-    curvatures: np.ndarray
-    #: how often every body has turned when a periodic coordinate has made a turn, shape (n_theta, n_bodies)
-    winding: np.ndarray
-    is_exact: bool  # whether `guess` is as close as a solution inside the range
-    n_redundant: int  # number of constraints that follow from the others
+    It is exact where `guess` is as close as a solution everywhere inside the range; `winding` is zero of coordinates
+    that are not periodic.
+    """
+
+    lower: np.ndarray = attribute("@lower", "coordinate", about="first value of each coordinate, rad or m")
+    upper: np.ndarray = attribute("@upper", "coordinate", about="last value of each coordinate, rad or m")
+    shape: np.ndarray = attribute("@shape", "coordinate", about="number of values of each, at equal distances")
+    is_exact: bool = attribute("@is_exact", about="whether interpolated poses close the mechanism")
+    n_redundant: int = attribute("@n_redundant", about="constraints that follow from the others")
+    poses: np.ndarray = array("place", "body", "pose", unit=POSES, about="poses of the undeformed bodies")
+    rates: np.ndarray = array(
+        "place", "body", "pose", "coordinate", unit=f"{POSES}; per rad or m", about="their derivatives with theta"
+    )
+    curvatures: np.ndarray = array(
+        "place", "body", "pose", "coordinate", "coordinate", unit=f"{POSES}; per rad^2 or m^2",
+        about="their second derivatives",
+    )  # fmt: skip
+    winding: np.ndarray = array("coordinate", "body", about="turns of bodies in a turn of a coordinate")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.shape.dtype.kind not in "iu" or np.any(self.shape < 2) or np.prod(self.shape) != len(self.poses):
+            raise ValueError(f"kinematics has {len(self.poses)} poses on a grid of {self.shape.tolist()}")
+        if not np.isfinite([self.lower, self.upper]).all():
+            raise ValueError("kinematics: its range is not finite")
+
+    @cached_property
+    def axes(self) -> tuple[np.ndarray, ...]:
+        """Values of every coordinate, at equal distances, rad or m."""
+        return tuple(np.linspace(lower, upper, n) for lower, upper, n in zip(self.lower, self.upper, self.shape))
 
     @classmethod
     def of(
@@ -96,7 +118,8 @@ class PoseBranch:
         rates = closure.rates(poses)
         curvatures = closure.curvatures(poses, rates)
         parts = (np.ascontiguousarray(np.moveaxis(part, -1, 0)) for part in (poses, rates, curvatures))
-        return cls(tuple(axes), *parts, winding, False, n_redundant)
+        ends, shape = np.array([(axis[0], axis[-1]) for axis in axes]).T, np.array([axis.size for axis in axes])
+        return cls(*ends, shape, False, n_redundant, *parts, winding)
 
     def _closes(self, closure: LoopClosure) -> bool:
         """Return whether the polynomials close the loops everywhere."""

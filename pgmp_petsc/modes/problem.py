@@ -288,7 +288,10 @@ class ModalProblem:
         undeflated = self.norms(self._pencil.shifted_answers(loads))
         answers, m_answers = np.zeros((2, *loads.shape))
         last = np.full(loads.shape[1], np.inf)
-        active = np.flatnonzero(self._feels(loads))
+        # those that the constraints do not take up altogether
+        squares = [np.sum(part**2, axis=0) for part in (self._pencil.felt(loads), loads)]
+        felt, whole = np.sqrt(self._summed(np.array(squares)))
+        active = np.flatnonzero(felt > TAKEN_UP * whole)
         if not active.size:
             return answers
         for number in range(MAX_REFINEMENTS):
@@ -325,12 +328,6 @@ class ModalProblem:
             missed = 1.0 / values - 1.0 / (values - self._pencil.shift)
             step += flexible @ (missed[:, None] * self.inner(flexible, residual))
         return step
-
-    def _feels(self, loads: np.ndarray) -> np.ndarray:
-        """Return which loads the constraints do not take up altogether, shape (k,)."""
-        sizes = [np.sum(part**2, axis=0) for part in (self._pencil.felt(loads), loads)]
-        felt, whole = np.sqrt(self._summed(np.array(sizes)))
-        return felt > TAKEN_UP * whole
 
     def onto(self, basis: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         """Return the M-orthogonal projection of vectors onto a basis."""

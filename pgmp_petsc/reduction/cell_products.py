@@ -187,6 +187,9 @@ def _multiply(rows, table, weights, factors, products):
                 store(products, j, total + x_2 * row_2[i, j] + x_3 * row_3[i, j])
 
 
+CURVED = ("cubic", "curved_load", "curved_inertia")  # the fields of `SecondOrderTables`
+
+
 @dataclass(frozen=True, eq=False)
 class SecondOrderTables:
     """Tables at n samples, symmetric in the flexible indices."""
@@ -197,7 +200,7 @@ class SecondOrderTables:
 
     def at(self, rows: np.ndarray) -> SecondOrderTables:
         """Return the tables at some of the samples, given by their numbers."""
-        return SecondOrderTables(self.cubic[rows], self.curved_load[rows], self.curved_inertia[rows])
+        return SecondOrderTables(*(getattr(self, name)[rows] for name in CURVED))
 
     def turned(self, rotations: np.ndarray) -> SecondOrderTables:
         """Express the flexible coordinates in another basis, ``Psi_new = Psi Q``, Q of shape (n, n_delta, n_delta)."""
@@ -209,17 +212,12 @@ class SecondOrderTables:
     def over_two_turns(self, samples: SampleGrid, axis: int, signs: np.ndarray) -> SecondOrderTables:
         """Append a second revolution along an axis with other signs of the flexible coordinates, shape (n_delta,)."""
         second = self.turned(np.broadcast_to(np.diag(signs), (samples.n, signs.size, signs.size)))
-        names = ("cubic", "curved_load", "curved_inertia")
-        return SecondOrderTables(*(samples.twice(axis, getattr(self, name), getattr(second, name)) for name in names))
+        return SecondOrderTables(*(samples.twice(axis, getattr(self, name), getattr(second, name)) for name in CURVED))
 
     @classmethod
     def joined(cls, parts: Sequence[SecondOrderTables]) -> SecondOrderTables:
         """Return the tables of all parts, one after the other."""
-        return cls(
-            np.concatenate([part.cubic for part in parts]),
-            np.concatenate([part.curved_load for part in parts]),
-            np.concatenate([part.curved_inertia for part in parts]),
-        )
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in CURVED))
 
 
 def congruent(left: np.ndarray, matrices: np.ndarray) -> np.ndarray:

@@ -38,7 +38,7 @@ from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.sampler import TABLES, Sample
 from pgmp_petsc.reduction.snapshots import Compression
-from pgmp_petsc.reduction.tables import ReducedTables, flipping_signs, with_units
+from pgmp_petsc.reduction.tables import REDUCED, ReducedTables, flipping_signs, with_units
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,7 +264,7 @@ class ContinuousBasis:
             load_weights=tuple(load.weight for load in loads),
             load_effects=tuple(load.effect for load in loads),
             n_given=joined.n_given,
-            **{name: joined.tables[name] for name in ("mass", "inertia", "stiffness", "load")},
+            **{name: joined.tables[name] for name in REDUCED},
         ).turned(combinations)
         projection = joined.shapes @ combinations
         flipped = _with_given(np.hstack([joined.flipped[:, :n_kept], compression.flips]), joined.n_given)

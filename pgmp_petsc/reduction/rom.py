@@ -34,13 +34,12 @@ from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.reduction.cell_products import SecondOrderTables
+from pgmp_petsc.reduction.cell_products import CURVED, SecondOrderTables
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.joint_gaps import JointGaps
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
 from pgmp_petsc.reduction.rom_file import (
     BodyFile,
-    BranchFile,
     GapsFile,
     LengthsFile,
     ModelFile,
@@ -52,7 +51,6 @@ from pgmp_petsc.reduction.tables import ModeChanges, ReducedTables, StiffnessCha
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import Parameter, spanning_values
 
-CURVED = ("cubic", "curved_load", "curved_inertia")  # of `SecondOrderTables`
 OWN = ("n_redundant", "indefinite", "projection", "curvature", "frequencies_hz", "cosines")  # as the file has it
 
 
@@ -150,20 +148,17 @@ class ReducedOrderModel:
     def _fields(self) -> dict[str, Any]:
         """Return all but the record and the family as a file has it."""
         tables, second_order = self.tables, None
-        weights = {name: getattr(tables, name) for name in ("mass_weights", "stiffness_weights", "load_weights")}
+        weights = {name: getattr(tables, name) for name in dict.fromkeys(OF_TABLES.values())}
         if tables.second_order is not None:
             second_order = SecondOrderFile(**vars(tables.second_order), **vars(tables.changes), **weights)
         return {
-            **{
-                name: getattr(tables, name)
-                for name in ("mass", "inertia", "stiffness", "load", "load_effects", "n_given")
-            },
+            **{name: getattr(tables, name) for name in (*OF_TABLES, "load_effects", "n_given")},
             **{name: getattr(self, name) for name in OWN},
             **ModelFile.of_samples(tables.samples),
             **weights,
             "rigid": self.rigid_inertia,
             "second_order": second_order,
-            "kinematics": BranchFile.of(self.branch),
+            "kinematics": self.branch,
             "stiffness_changes": self.stiffness_changes,
             "missed": self.missed,
             "joint_gaps": None if self.gaps is None else GapsFile(**vars(self.gaps)),
@@ -192,23 +187,16 @@ class ReducedOrderModel:
     def _of(cls, found: ModelFile, record: RunRecord) -> ReducedOrderModel:
         """Return the model that a file has."""
         second, gaps = found.second_order, found.joint_gaps
+        as_they_are = (*OF_TABLES, *dict.fromkeys(OF_TABLES.values()), "load_effects", "n_given")
         tables = ReducedTables(
             samples=found.samples,
-            mass_weights=found.mass_weights,
-            stiffness_weights=found.stiffness_weights,
-            load_weights=found.load_weights,
-            load_effects=found.load_effects,
-            mass=found.mass,
-            inertia=found.inertia,
-            stiffness=found.stiffness,
-            load=found.load,
-            n_given=found.n_given,
+            **{name: getattr(found, name) for name in as_they_are},
             second_order=second and SecondOrderTables(*(getattr(second, name) for name in CURVED)),
             changes=second and ModeChanges(second.gyroscopic, second.spread),
         )
         return cls(
             tables=tables,
-            branch=found.kinematics.branch,
+            branch=found.kinematics,
             rigid_inertia=found.rigid,
             meshes={name: body.shape for name, body in found.mesh.items()},
             record=record,

@@ -28,7 +28,6 @@ from pgmp_petsc.reduction.tables import WEIGHT_FREE, WEIGHTS, StiffnessChanges, 
 
 AMPLITUDES = "amplitudes in the floating frame"
 UNKNOWNS = "frames' displacements and rotations, then internal coordinates"
-POSES = "m of positions, rad of angles, 1 of directors"
 NODE_UNITS = "m of the translations, 1 of the rotations, per unit of the modal coordinate (kg^-1/2)"
 CURVATURE_UNITS = "m of the translations, 1 of the rotations, per unit of two modal coordinates (kg^-1)"
 Terms = dict[Monomial, np.ndarray]
@@ -45,47 +44,6 @@ def _stacked(terms: Mapping[Monomial, np.ndarray], *shape: int) -> tuple[np.ndar
 
 def _terms(table: np.ndarray, weights: Weights) -> Terms:
     return dict(zip(weights, table))
-
-
-@dataclass(frozen=True)
-class BranchFile(Record):
-    """The assembly branch of a mechanism over a grid, whose last coordinate runs fastest."""
-
-    lower: np.ndarray = attribute("@lower", "coordinate", about="first value of each coordinate, rad or m")
-    upper: np.ndarray = attribute("@upper", "coordinate", about="last value of each coordinate, rad or m")
-    shape: np.ndarray = attribute("@shape", "coordinate", about="number of values of each, at equal distances")
-    is_exact: bool = attribute("@is_exact", about="whether interpolated poses close the mechanism")
-    n_redundant: int = attribute("@n_redundant", about="constraints that follow from the others")
-    poses: np.ndarray = array("place", "body", "pose", unit=POSES, about="poses of the undeformed bodies")
-    rates: np.ndarray = array(
-        "place", "body", "pose", "coordinate", unit=f"{POSES}; per rad or m", about="their derivatives with theta"
-    )
-    curvatures: np.ndarray = array(
-        "place", "body", "pose", "coordinate", "coordinate", unit=f"{POSES}; per rad^2 or m^2",
-        about="their second derivatives",
-    )  # fmt: skip
-    winding: np.ndarray = array("coordinate", "body", about="turns of bodies in a turn of a coordinate")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.shape.dtype.kind not in "iu" or np.any(self.shape < 2) or np.prod(self.shape) != len(self.poses):
-            raise ValueError(f"kinematics has {len(self.poses)} poses on a grid of {self.shape.tolist()}")
-        if not np.isfinite([self.lower, self.upper]).all():
-            raise ValueError("kinematics: its range is not finite")
-
-    @classmethod
-    def of(cls, branch: PoseBranch) -> Self:
-        """Return a branch as a file has it."""
-        lower, upper, shape = (np.array([one(axis) for axis in branch.axes]) for one in (np.min, np.max, np.size))
-        tables = (branch.poses, branch.rates, branch.curvatures, branch.winding)
-        return cls(lower, upper, shape, branch.is_exact, branch.n_redundant, *tables)
-
-    @property
-    def branch(self) -> PoseBranch:
-        """The branch."""
-        axes = tuple(np.linspace(lower, upper, n) for lower, upper, n in zip(self.lower, self.upper, self.shape))
-        tables = (self.poses, self.rates, self.curvatures, self.winding)
-        return PoseBranch(axes, *tables, self.is_exact, self.n_redundant)
 
 
 @dataclass(frozen=True)
@@ -414,7 +372,7 @@ class ModelFile(Record):
     load_weights: Weights = weights_of("tables/load", "load term")
     load_effects: tuple[str, ...] = attribute("tables/load@effects", "load term", about="effect of each term")
     second_order: SecondOrderFile | None = array(at="tables/second_order", absent=None)
-    kinematics: BranchFile = array()
+    kinematics: PoseBranch = array()
     projection: np.ndarray = array(
         "configuration", "unknown", "mode", unit=NODE_UNITS, about="flexible modes in body frames"
     )

@@ -168,6 +168,9 @@ class StiffnessChanges(Record):
         return StiffnessChanges(influence, stiffness)
 
 
+REDUCED = ("mass", "inertia", "stiffness", "load")  # of `ReducedTables`, a row for each sample
+
+
 @dataclass(frozen=True)
 class ReducedTables:
     """Reduced matrices and loads at the samples."""
@@ -212,10 +215,7 @@ class ReducedTables:
         return replace(
             self,
             samples=self.samples.tabulated(self.samples.theta[rows]),
-            mass=self.mass[rows],
-            inertia=self.inertia[rows],
-            stiffness=self.stiffness[rows],
-            load=self.load[rows],
+            **{name: getattr(self, name)[rows] for name in REDUCED},
             second_order=None if self.second_order is None else self.second_order.at(rows),
             changes=None,
         )
@@ -245,8 +245,7 @@ class ReducedTables:
         signs = flipping_signs(self.n_modes, flipped)
         everywhere = np.broadcast_to(np.diag(signs), (self.samples.n, signs.size, signs.size))
         second, curved = replace(self, second_order=None).turned(everywhere), self.second_order
-        names = ("mass", "inertia", "stiffness", "load")
-        both = {name: self.samples.twice(axis, getattr(self, name), getattr(second, name)) for name in names}
+        both = {name: self.samples.twice(axis, getattr(self, name), getattr(second, name)) for name in REDUCED}
         return replace(
             self,
             samples=self.samples.over_two_turns(axis),

@@ -30,6 +30,7 @@ from pgmp_petsc.report.sources import (
     failed_of,
     in_words,
     mean_of,
+    of_kind,
     read_sources,
     sentence_case,
 )
@@ -130,7 +131,7 @@ def _share(source: Source, name: str) -> Datum:
 
 def error_budget(sources: Sequence[Source], error: ModelError | None) -> list[Line]:
     """Return the lines of the budget of one scene."""
-    studies = [source for source in sources if isinstance(source.result, Tradeoff)]
+    studies = of_kind(sources, Tradeoff)
     builds = [source.result for source in sources if isinstance(source.result, Build)]
     return [
         *_of_model(sources, error),
@@ -148,7 +149,9 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
     models = {source.result.model for source in sources if isinstance(source.result, (Trajectory, Ensemble))}
     if error is not None and error.worst is not None:
         for what, one in (("model", error), ("model and time step", error.with_step)):
-            for name, share in () if one is None else sorted(one.shares.items(), key=_largest_first):
+            known = {} if one is None else one.shares
+            # those that are not known come last
+            for name, share in sorted(known.items(), key=lambda item: -float(np.nan_to_num(item[1], nan=-1.0))):
                 how = f"not estimated: {one.absent[name]}" if name in one.absent else one.how
                 yield Line(f"{what}: {in_words(name)}", [one.datums[name]] if np.isfinite(share) else [], how)
     elif "reduced" in models:
@@ -161,19 +164,16 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
             yield Line("model", ["none"], f"{kinds}: nothing was reduced")
         else:
             yield Line("model", [], f"add a full-order run of the same scene: nothing tells it of {kinds}")
-    for source in sources:
+    for source in of_kind(sources, Ensemble):
         result = source.result
-        if not isinstance(result, Ensemble):
-            continue
         for name, values in result.errors.items():
             known = values[np.isfinite(values)]
             if not known.size:
                 continue
             (largest, factor, unit), median = _largest_error(source, name), float(np.median(known))
             size = ["median ", Datum(median, plain(factor * median)), ", largest ", largest, unit]
-            yield Line(
-                f"model, in samples: {in_words(name)}", size, f"estimated for {known.size} of {len(values)} samples"
-            )
+            how = f"estimated for {known.size} of {len(values)} samples"
+            yield Line(f"model, in samples: {in_words(name)}", size, how)
 
 
 def _of_steps(sources: Sequence[Source]) -> Iterator[Line]:
@@ -193,11 +193,6 @@ def step_errors(sources: Sequence[Source]) -> Iterator[tuple[Source, EstimatedEr
         errors = source.result.errors if isinstance(source.result, Trajectory) else None
         if errors is not None and errors.what == OF_STEP:
             yield source, errors
-
-
-def _largest_first(item: tuple[str, float]) -> float:
-    """Return the key by which errors that are not known come last."""
-    return -float(np.nan_to_num(item[1], nan=-1.0))
 
 
 def _of_parts(builds: Sequence[Build]) -> Iterator[Line]:
@@ -236,10 +231,8 @@ def _of_mesh(studies: Sequence[Source]) -> Iterator[Line]:
 
 def _of_sampling(sources: Sequence[Source]) -> Iterator[Line]:
     """Yield the half widths of intervals."""
-    for source in sources:
+    for source in of_kind(sources, Ensemble):
         result = source.result
-        if not isinstance(result, Ensemble):
-            continue
         for label, chance in result.probabilities.items():
             half = 0.5 * float(chance.interval[1] - chance.interval[0])
             size = [Datum(half, f"± {100 * half:.2g} percentage points")] if np.isfinite(half) else []
@@ -267,21 +260,16 @@ def _of_balance(sources: Sequence[Source]) -> Iterator[Line]:
 
 def _of_small_deformations(sources: Sequence[Source]) -> Iterator[Line]:
     """Yield how far single runs left small deformations, for which the models are made."""
-    for source in sources:
+    for source in of_kind(sources, Trajectory):
         result = source.result
-        if not isinstance(result, Trajectory):
-            continue
         scene = scene_of(result.record)
         stiffened = any(effect.get("type") == "geometric_stiffening" for effect in scene.get("effects", {}).values())
         limits = limits_of(stiffened or bool(scene.get("reduction", {}).get("second_order")))
         for name, value in result.validity.items():
             if np.isfinite(value):
                 unit, about = VALIDITY[name]
-                size = [
-                    Datum(value, f"{value:.2g}", source.name, f"/validity/{name}"),
-                    "" if unit == "1" else f" {unit}",
-                ]
-                limit = limits[name]
+                shown = Datum(value, f"{value:.2g}", source.name, f"/validity/{name}")
+                size, limit = [shown, "" if unit == "1" else f" {unit}"], limits[name]
                 beyond = "no limit" if np.isinf(limit) else f"worth a warning beyond {limit:g}"
                 yield Line(f"small deformations: {name.replace('_', ' ')}", size, f"{about}; {beyond}")
 
@@ -291,17 +279,16 @@ MUCH_MORE = 2.4  # times the other: beyond it no more than 5 % of estimates are 
 
 def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentence]:
     """Return the sentences, the most telling one first."""
-    ensembles = [source for source in sources if isinstance(source.result, Ensemble)]
-    runs = [source for source in sources if isinstance(source.result, Trajectory)]
+    ensembles = of_kind(sources, Ensemble)
+    runs = of_kind(sources, Trajectory)
     sentences: list[Sentence] = []
     for source in ensembles:
         sentences += _of_ensemble(source, len(ensembles) > 1, error, _full_order_stops(sources))
+    if not sentences and runs:
+        sentences += _of_run(runs[0])
     if not sentences:
-        for source in runs[:1]:
-            sentences += _of_run(source)
-    if not sentences:
-        for source in sources:
-            sentences += _of_rare_event(source) if isinstance(source.result, RareEvent) else ()
+        chances = [(source, chance_of(source)) for source in sources if isinstance(source.result, RareEvent)]
+        sentences += [[f"{source.result.event.replace('_', ' ')}: ", *of, "."] for source, of in chances if of]
     if not sentences:
         studies = [source.result for source in sources if isinstance(source.result, Tradeoff)]
         sentences += [[line] for study in studies for line in study.advice[:1]]
@@ -392,24 +379,14 @@ def _of_run(source: Source) -> Iterator[Sentence]:
         yield [f"Largest {WORDS['mises']} ", largest, f" {unit}, in {stress.body} {stress.when}{doubt}."]
 
 
-def _of_rare_event(source: Source) -> Iterator[Sentence]:
-    """Yield the probability of a rare event."""
-    if chance := chance_of(source):
-        yield [f"{source.result.event.replace('_', ' ')}: ", *chance, "."]
-
-
 def _of_error(error: ModelError | None, sources: Sequence[Source], ensembles: Sequence[Source]) -> Iterator[Sentence]:
     """Yield how far off the model is: of single runs, else of the samples that were checked."""
     if not sources:
         return
     models = {source.result.model for source in sources}
     if error is not None and error.worst is not None:
-        of = in_words(error.worst)
-        yield [
-            "Model error ",
-            error.datums[error.worst],
-            f" of the largest {of}, the worst of the outputs; {error.how}.",
-        ]
+        of = f" of the largest {in_words(error.worst)}, the worst of the outputs; {error.how}."
+        yield ["Model error ", error.datums[error.worst], of]
         if error.with_step is not None:
             yield from _what_steps_hide(error, error.with_step)
     elif "reduced" in models:
@@ -429,18 +406,13 @@ def _what_steps_hide(measured: ModelError, known: ModelError) -> Iterator[Senten
     better model alone, which has vibrations that the reduced one has not."""
     largest = measured.shares[measured.worst]
     if known.worst and known.shares[known.worst] > MUCH_MORE * largest:
-        yield [
-            "With the error of the time step it is estimated to be ",
-            known.datums[known.worst],
-            f" of the largest {in_words(known.worst)}: take a smaller simulation.step, or name a simulation.tolerance.",
-        ]
+        cure = f"{in_words(known.worst)}: take a smaller simulation.step, or name a simulation.tolerance."
+        said = "With the error of the time step it is estimated to be "
+        yield [said, known.datums[known.worst], f" of the largest {cure}"]
     elif MUCH_MORE * known.shares.get(measured.worst, np.nan) < largest:
-        yield [
-            "The reduced run itself is estimated to be off by ",
-            known.datums[measured.worst],
-            " of it; the rest should be the time step's error in the run of the better model: a smaller "
-            "simulation.step tells.",
-        ]
+        rest = " of it; the rest should be the time step's error in the run of the better model: a smaller "
+        said = "The reduced run itself is estimated to be off by "
+        yield [said, known.datums[measured.worst], f"{rest}simulation.step tells."]
 
 
 def _of_time_steps(sources: Sequence[Source]) -> Iterator[Sentence]:
@@ -490,7 +462,7 @@ def headline_of_build(path: Path) -> str:
     build = Build.read(path)
     chosen = {} if build.selection is None else dict(build.selection.chosen)
     what = ", ".join(f"{name} = {value}" for name, value in chosen.items()) or "as the scene says"
-    return f"{what}; {_seconds(build.record)}{_remarks(build.record)}"
+    return f"{what}; {plain(sum(build.record.timings.values()), 3)} s{_remarks(build.record)}"
 
 
 def headline_of_run(path: Path) -> str:
@@ -568,10 +540,6 @@ def headline_of_ensemble(path: Path, *runs: Path) -> str:
             words += "" if unit == "1" else f" {shown}"
             parts.append(f"mean {name} {words if np.isfinite(s.mean) else 'is not known'}")
     return f"{'; '.join(parts)}{_remarks(ensemble.record)}"
-
-
-def _seconds(record: RunRecord) -> str:
-    return f"{plain(sum(record.timings.values()), 3)} s"
 
 
 def _remarks(record: RunRecord) -> str:

@@ -36,15 +36,13 @@ class Chart:
     """A picture."""
 
     svg: str  # its element
-    #: title, caption: above and below it
-    title: str
+    title: str  # title, caption: above and below it
     caption: str = ""
     #: of charts over time: left and right end of the axis and its lower and upper end in the SVG's own unit, and the
     #: instants (s) at both ends; empty for others
     axis: tuple[float, ...] = ()
     output: str = ""  # name of the output that it shows, where it shows one over time
-    #: factor, unit: of that output: the picture's unit, and how many of it the file's unit is
-    factor: float = 1.0
+    factor: float = 1.0  # factor, unit: of that output: the picture's unit, and how many of it the file's unit is
     unit: str = ""
 
 
@@ -66,17 +64,23 @@ def _drawn(draw: Callable[[Axes], None], height: float) -> Figure:
 
 
 def chart(
-    draw: Callable[[Axes], None], title: str, caption: str = "", height: float = HEIGHT, over_time: bool = False,
+    draw: Callable[[Axes], None],
+    title: str,
+    caption: str = "",
+    height: float = HEIGHT,
+    over_time: bool = False,
     output: str = "",
-) -> Chart:  # fmt: skip
+) -> Chart:
     """Return what `draw` draws on axes of its own."""
     figure = _drawn(draw, height)
     stream = io.StringIO()
     with matplotlib.rc_context({**_SVG, "svg.hashsalt": title + output}):
         figure.savefig(
-            stream, format="svg", transparent=True,
+            stream,
+            format="svg",
+            transparent=True,
             metadata={"Date": None, "Creator": None, "Type": None, "Format": None},
-        )  # fmt: skip
+        )
     axis = ()
     if over_time:
         axes = figure.axes[0]
@@ -136,14 +140,10 @@ def output_over_time(
                 axes.fill_between(band.time, *ends.T, color=COLOURS[model], alpha=0.4 / len(pairs), linewidth=0)
             axes.plot(band.time, factor * band.mean, color=COLOURS[model], linestyle=":", label="mean of the samples")
         for number, curve in enumerate(curves):
-            dashed = number > 0
-            colour = (
-                COLOURS[curve.model] if number < 3 and _first_of(curves, number) else PALETTE[number % len(PALETTE)]
-            )
-            style = (0, (4, 2.5)) if dashed else "-"
-            axes.plot(
-                curve.time, factor * curve.values, color=colour, linestyle=style, linewidth=1.3, label=curve.label
-            )
+            is_first = number < 3 and all(one.model != curve.model for one in curves[:number])
+            colour = COLOURS[curve.model] if is_first else PALETTE[number % len(PALETTE)]
+            look = {"color": colour, "linestyle": (0, (4, 2.5)) if number else "-", "linewidth": 1.3}
+            axes.plot(curve.time, factor * curve.values, label=curve.label, **look)
         if level is not None:
             axes.axhline(factor * level, color=LEVEL, linewidth=0.9, linestyle=(0, (1, 1.5)), label=event.label)
         axes.set_ylabel(axis_label(name, shown))
@@ -160,10 +160,6 @@ def output_over_time(
         caption = f"Areas: {ends} of {band.count} samples. {beyond}".rstrip()
     drawn = chart(draw, in_words(name), caption, over_time=True, output=name)
     return replace(drawn, factor=factor, unit="" if shown == "1" else shown)
-
-
-def _first_of(curves: Sequence[Curve], number: int) -> bool:
-    return all(curve.model != curves[number].model for curve in curves[:number])
 
 
 def distribution(
@@ -211,23 +207,13 @@ def ranking(name: str, found: Sensitivity) -> Chart:
 
     def draw(axes: Axes) -> None:
         places = np.arange(order.size)
-        kinds = [
-            (found.first, found.first_interval, PALETTE[0], "first: by itself", 0.0 if found.total is None else 0.19)
-        ]
+        shift = 0.0 if found.total is None else 0.19
+        kinds = [(found.first, found.first_interval, PALETTE[0], "first: by itself", shift)]
         if found.total is not None:
             kinds.append((found.total, found.total_interval, PALETTE[4], "total: with all others", -0.19))
         for values, ends, colour, label, shift in kinds:
-            errors = np.abs(ends.T - values)[:, order]
-            axes.barh(
-                places + shift,
-                values[order],
-                0.36,
-                xerr=errors,
-                color=colour,
-                ecolor="#333333",
-                capsize=2.0,
-                label=label,
-            )
+            look = {"xerr": np.abs(ends.T - values)[:, order], "ecolor": "#333333", "capsize": 2.0}
+            axes.barh(places + shift, values[order], 0.36, color=colour, label=label, **look)
         axes.set_yticks(places, [found.parameters[k].replace("_", " ") for k in order])
         axes.grid(axis="y", visible=False)
         axes.set_xlabel("share of the variance")

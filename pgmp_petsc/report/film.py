@@ -34,8 +34,7 @@ from pgmp_petsc.report.sources import Datum
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import BodyField, truncated
 
-# Nodes of all surfaces of a film: what a phone draws 25 times a second.
-MOST_NODES = 6000
+MOST_NODES = 6000  # nodes of all surfaces of a film: what a phone draws 25 times a second
 MESHED = ("solid2d", "solid3d")
 
 
@@ -61,9 +60,12 @@ class FilmBody:
         """Return the body at some of the frames."""
         values = None if self.values is None else self.values[frames]
         return replace(
-            self, points=self.points[frames], deformation=self.deformation[frames], known=self.known[frames],
+            self,
+            points=self.points[frames],
+            deformation=self.deformation[frames],
+            known=self.known[frames],
             values=values,
-        )  # fmt: skip
+        )
 
 
 def bodies_of(run: Trajectory) -> list[FilmBody]:
@@ -95,9 +97,18 @@ def _with_field(name: str, own: BodyField, most: int) -> FilmBody:
         edges = outlines(triangles, own.nodes[used])
     values = None if skin.values is None else skin.values[:, used]
     return FilmBody(
-        name, kind, own.nodes[used], skin.points[:, used], moved[:, used], known, nothing, triangles, edges, values,
+        name,
+        kind,
+        own.nodes[used],
+        skin.points[:, used],
+        moved[:, used],
+        known,
+        nothing,
+        triangles,
+        edges,
+        values,
         note,
-    )  # fmt: skip
+    )
 
 
 def _of_frames(run: Trajectory, name: str) -> FilmBody:
@@ -118,12 +129,10 @@ class Stress:
 
     over_time: np.ndarray  # of all bodies at the frames, shape (n_f,), Pa
     largest: float  # of all frames, and of the outputs of this stress at all steps, Pa
-    #: body, frame: where it is, and the frame at which that of the frames is largest
-    body: str
+    body: str  # body, frame: where it is, and the frame at which that of the frames is largest
     frame: int
     when: str  # its instant, and of what it is the largest
-    #: path, index: dataset and place in the file; empty of beams at frames, where it is worked out of two
-    path: str
+    path: str  # path, index: dataset and place in the file; empty of beams at frames, where it is worked out of two
     index: str
 
 
@@ -172,12 +181,10 @@ def meshed_bodies(run: Trajectory) -> list[str]:
 
 SIZE = 10_000
 MOST_FRAMES = 241
-# Of the shapes on a page, which base64 makes 4/3 of: more nodes mean fewer frames.
-MOST_BYTES = 1_500_000
+MOST_BYTES = 1_500_000  # of the shapes on a page, which base64 makes 4/3 of: more nodes mean fewer frames
 TALLEST, FLATTEST = 1.1, 0.28  # of the picture over its width
 FOOT = 600  # below the mechanism, for the bar of the scale
-# An enlarged deformation may reach this share of the picture's height.
-LARGEST_SHOWN = 0.3
+LARGEST_SHOWN = 0.3  # an enlarged deformation may reach this share of the picture's height
 FACTORS = (1, 3, 10, 30, 100, 300, 1000)
 N_STOPS = 33  # colours that the page interpolates between
 SHADES = 254  # of stress from zero to the largest one; one more number says that it is not known
@@ -187,8 +194,7 @@ SHADES = 254  # of stress from zero to the largest one; one more number says tha
 class Legend:
     """Meaning of the colours."""
 
-    #: words, unit: of the quantity
-    words: str
+    words: str  # words, unit: of the quantity
     unit: str
     stops: list[str]  # colours from zero to the largest value
     largest: Datum  # of the whole run, as far as it is known
@@ -199,8 +205,7 @@ class Legend:
 class Film:
     """Data that the page needs to draw the mechanism."""
 
-    #: width, height: of the picture, in its own unit
-    width: int
+    width: int  # width, height: of the picture, in its own unit
     height: int
     start: int  # number of the frame that is shown first and printed: that of the largest stress
     #: bodies without a surface at that frame: kind (``flexible``, ``rigid``, ``mass``), colour, paths with their
@@ -253,25 +258,33 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
     packed = [_packed(body, picture, stress) for body in shown]
     reach = max((entry["step"] * np.iinfo(np.int16).max for entry in packed if "step" in entry), default=0.0)
     time = frames.time[chosen]
+    # digits behind the point that tell frames apart
+    decimals = int(np.clip(1 - np.floor(np.log10(np.diff(time).min()) + 1e-9), 0, 12)) if len(time) > 1 else 3
     bar = round_below(SIZE / 6.0 / picture.unit)  # m, about a sixth of the picture
+    length, metre = axis_unit(run.record.system.unit("m"), np.array([bar]))
     stops = [to_hex(colour) for colour in matplotlib.colormaps[COLOURS](np.linspace(0.0, 1.0, N_STOPS))]
     legend = None if stress is None else _legend(stress, name, stops, run.record.system.unit("Pa"))
     data: dict[str, Any] = {
         "time": time.tolist(),
-        "decimals": _decimals(time),
+        "decimals": decimals,
         "width": SIZE,
         "height": height + FOOT,
         "start": start,
         "bar": bar,
         "bodies": [entry | {"colour": colour} for entry, colour in zip(packed, colours)],
         "factors": [factor for factor in FACTORS if factor == 1 or 0.0 < factor * reach <= LARGEST_SHOWN * height],
-        "outputs": {key: [_finite(v) for v in np.interp(time, run.time, own)] for key, own in run.outputs.items()},
+        "outputs": {
+            key: [float(value) if np.isfinite(value) else None for value in np.interp(time, run.time, own)]
+            for key, own in run.outputs.items()
+        },
     }
     if stress is not None:
         factor, _ = axis_unit(run.record.system.unit("Pa"), np.array([stress.largest]))
         data |= {"stops": stops, "stress": (factor * stress.over_time[chosen]).tolist(), "unit": legend.unit}
     flat = [picture.places(body.points[start]) for body in shown]
-    still = still_of(shown, flat, _share(shown, stress), start, (SIZE, height + FOOT))
+    largest = 1.0 if stress is None else max(stress.largest, 1e-300)
+    shares = [None if body.values is None else body.values / largest for body in shown]
+    still = still_of(shown, flat, shares, start, (SIZE, height + FOOT))
     return Film(
         width=SIZE,
         height=height + FOOT,
@@ -283,7 +296,7 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
         ],
         paths=["M" + "L".join(_pair(at) for at in path) for path in _paths(run, joints, picture, True)],
         ground=[tuple(path[0, :2].round().astype(int).tolist()) for path in _paths(run, joints, picture, False)],
-        scale=(round(bar * picture.unit), _length(bar, run.record.system.unit("m"))),
+        scale=(round(bar * picture.unit), f"{bar * length:g} {metre}"),
         still=still,
         keys=[
             ("surface" if len(body.triangles) else body.kind, colour, body.name + ", rigid" * (body.kind == "rigid"))
@@ -354,12 +367,6 @@ def _text(numbers: np.ndarray, kind: str) -> str:
     return base64.b64encode(np.ascontiguousarray(numbers, dtype=kind).tobytes()).decode("ascii")
 
 
-def _share(bodies: list[FilmBody], stress: Stress | None) -> list[np.ndarray | None]:
-    """Return stresses as shares of the largest one."""
-    largest = 1.0 if stress is None else max(stress.largest, 1e-300)
-    return [None if body.values is None else body.values / largest for body in bodies]
-
-
 def _line(
     body: FilmBody, at: np.ndarray, colour: str, stress: Stress | None, stops: list[str], number: int
 ) -> dict[str, Any]:
@@ -426,34 +433,29 @@ def _left_out(run: Trajectory, bodies: list[FilmBody], n_shown: int, name: str) 
     return found
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _decimals(time: np.ndarray) -> int:
-    """Return digits behind the point that tell frames apart."""
-    return int(np.clip(1 - np.floor(np.log10(np.diff(time).min()) + 1e-9), 0, 12)) if len(time) > 1 else 3
-
-
-def _length(metres: float, metre: str) -> str:
-    factor, unit = axis_unit(metre, np.array([metres]))
-    return f"{metres * factor:g} {unit}"
-
-
 WIDTH = 1400  # pixels
 DARKEST = 0.5  # of a face along the line of sight; the page's script has the same
 
 
 def still_of(
-    bodies: Sequence[FilmBody], places: Sequence[np.ndarray], shares: Sequence[np.ndarray | None], number: int,
+    bodies: Sequence[FilmBody],
+    places: Sequence[np.ndarray],
+    shares: Sequence[np.ndarray | None],
+    number: int,
     size: tuple[int, int],
-) -> str:  # fmt: skip
+) -> str:
     """Return the address of a picture of a frame as PNG, empty where there is no surface.
 
-    - `places`: of the bodies' nodes in the picture, and towards the eye, shape (n, 3) each.
-    - `shares`: of the largest stress, shape (n_f, n); None where none is known.
-    - `number`: of the frame.
-    - `size`: width and height of the picture in its own unit.
+    Parameters
+    ----------
+    places
+        Of the bodies' nodes in the picture, and towards the eye, shape (n, 3) each.
+    shares
+        Of the largest stress, shape (n_f, n); None where none is known.
+    number
+        Of the frame.
+    size
+        Width and height of the picture in its own unit.
     """
     corners, colours = [], []
     for body, at, share in zip(bodies, places, shares):

@@ -43,6 +43,7 @@ from pgmp_petsc.report.sources import (
     failed_of,
     in_words,
     mean_of,
+    of_kind,
     read_sources,
     sentence_case,
 )
@@ -97,9 +98,9 @@ def section_of(sources: Sequence[Source]) -> Section:
     """Return the part of a scene."""
     scene = scene_of(sources[0].record)
     header = scene.get("scene", {})
-    runs = [source for source in sources if isinstance(source.result, Trajectory)]
-    ensembles = [source for source in sources if isinstance(source.result, Ensemble)]
-    studies = [source for source in sources if isinstance(source.result, Tradeoff)]
+    runs = of_kind(sources, Trajectory)
+    ensembles = of_kind(sources, Ensemble)
+    studies = of_kind(sources, Tradeoff)
     comparisons = paired([source.result for source in runs])
     error = model_error(sources, comparisons)
     filmed = next((source for source in runs if source.result.frames is not None), None)
@@ -123,7 +124,7 @@ def section_of(sources: Sequence[Source]) -> Section:
         budget=error_budget(sources, error),
         energies=list(_energies(runs)),
         tradeoffs=[_tradeoff(source) for source in studies],
-        rare_events=[_rare_event(source) for source in sources if isinstance(source.result, RareEvent)],
+        rare_events=[_rare_event(source) for source in of_kind(sources, RareEvent)],
         failures=[_failures(source) for source in ensembles if source.result.status.any()],
         remarks=_remarks(sources),
         cost=_cost(sources),
@@ -278,7 +279,6 @@ def _ranked(source: Source) -> str:
 
 
 def _energies(runs: Sequence[Source]) -> Iterator[Chart]:
-    """Yield the energies of the first run that has them, and what is left over of their balance."""
     run = next((source.result for source in runs if source.result.balance is not None), None)
     if run is not None:
         yield charts.energies(run, run.balance)
@@ -316,18 +316,8 @@ def _failures(source: Source) -> Table:
     names = list(ensemble.parameters)
     rows = []
     for k in failed[:MOST_FAILED]:
-        values = [
-            [
-                Datum(
-                    ensemble.parameters[n][k],
-                    f"{ensemble.parameters[n][k]:.5g}",
-                    source.name,
-                    f"/parameters/{n}",
-                    str(k),
-                )
-            ]
-            for n in names
-        ]
+        drawn = {name: ensemble.parameters[name][k] for name in names}
+        values = [[Datum(v, f"{v:.5g}", source.name, f"/parameters/{name}", str(k))] for name, v in drawn.items()]
         time = Datum(ensemble.failure_time[k], f"{ensemble.failure_time[k]:.4g}", source.name, "/failure_time", str(k))
         rows.append([[str(k)], *values, [time], [ensemble.meanings[int(ensemble.status[k])]]])
     units = [ensemble.units.get(name, "1") for name in names]
@@ -381,19 +371,16 @@ def _origins(sources: Sequence[Source]) -> Table:
     rows = []
     for source in sources:
         kind, model = KINDS[names[type(source.result)]], getattr(source.result, "model", "")
-        seed = source.record.seed
-        of = f", {MODELS[model]}" if model else ""
-        rows.append(
-            [[source.name], [f"{kind}{of}"], [f"pgmp {source.program}"], [str(source.record.ranks)],
-             ["" if seed is None else str(seed)]]
-        )  # fmt: skip
+        seed, of = source.record.seed, f", {MODELS[model]}" if model else ""
+        told = source.name, f"{kind}{of}", f"pgmp {source.program}", str(source.record.ranks), seed
+        rows.append([["" if text is None else str(text)] for text in told])
     return Table(["file", "what it is", "written by", "ranks", "seed"], rows)
 
 
 def _commands(sources: Sequence[Source]) -> list[str]:
     """Return commands that repeat the results, from the scene that they carry."""
     any_reduced = any(getattr(source.result, "model", "") == "reduced" for source in sources)
-    builds = [shlex.quote(source.name) for source in sources if isinstance(source.result, Build)]
+    builds = [shlex.quote(source.name) for source in of_kind(sources, Build)]
     rom = builds[0] if builds else "rom.h5"
     found = [f"pgmp info {shlex.quote(str(sources[0].path))} --scene > scene.toml"]
     if builds or any_reduced:
@@ -501,8 +488,7 @@ def write_report(files: Sequence[Path], output: Path) -> list[str]:
     with replacing(output, "report") as partial:
         partial.write_text(text, encoding="utf-8", errors="replace")
     size = len(text.encode("utf-8", "replace")) / 1e6
-    n_files = sum(map(len, scenes))
-    about = counted(n_files, "file")
+    about = counted(sum(map(len, scenes)), "file")
     if len(scenes) > 1:
         about += f" of {len(scenes)} scenes, each in a section of its own"
     return [f"{output}: {about}, {plain(size)} MB", *lines]
@@ -526,11 +512,7 @@ def _largest_of_units(results: Sequence[object]) -> dict[str, float]:
 
 def page_of(scenes: Sequence[Sequence], lines: Sequence[str]) -> str:
     """Return the page's text."""
-    from jinja2 import (  # only this command needs it
-        Environment,
-        PackageLoader,
-        StrictUndefined,
-    )
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # only this command needs it
 
     environment = Environment(
         loader=PackageLoader("pgmp_petsc.report", "page"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,

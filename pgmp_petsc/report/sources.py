@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -78,6 +78,11 @@ def read_sources(files: Sequence[Path]) -> tuple[list[list[Source]], list[str]]:
         source = Source(name, reader.read(path), program, path)
         scenes.setdefault(mechanism_key(source.record), []).append(source)
     return list(scenes.values()), lines
+
+
+def of_kind(sources: Iterable[Source], kind: type | tuple[type, ...]) -> list[Source]:
+    """Return the sources with results of a kind."""
+    return [source for source in sources if isinstance(source.result, kind)]
 
 
 def compact_json(data: object) -> str:

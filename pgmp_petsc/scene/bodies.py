@@ -123,8 +123,7 @@ NodeSet = Annotated[
     ),
 ]
 Numbers = Annotated[
-    tuple[float, ...],
-    needed("finite numbers in brackets are needed", lambda value: _is_full_list(value, is_number)),
+    tuple[float, ...], needed("finite numbers in brackets are needed", lambda value: _is_full_list(value, is_number))
 ]
 
 

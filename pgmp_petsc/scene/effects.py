@@ -117,7 +117,7 @@ class EffectEntry(Table):
         Parameters
         ----------
         run
-            Of the rigid mechanism, a `studies.rigid_run.RigidRun`.
+            Of the rigid mechanism, a `studies.effect_sizes.RigidRun`.
         exchanged
             Energy that is moved around in it, J.
         tolerance

@@ -129,12 +129,7 @@ one of `[parameters]`. What has neither a default nor the word *needed* is absen
 scene chooses begin with a letter or `_` and go on with letters, digits, `_` and `-`.
 """
 #: Units in texts that are written otherwise than in `base.units.UNITS`.
-SPELLED = {
-    "Nm": "N m",
-    "Nm/rad": "N m/rad",
-    "Nm s/rad": "N m s/rad",
-    "Hz": "Hz",
-}
+SPELLED = {"Nm": "N m", "Nm/rad": "N m/rad", "Nm s/rad": "N m s/rad", "Hz": "Hz"}
 
 
 def reference_page() -> str:

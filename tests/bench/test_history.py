@@ -62,8 +62,7 @@ def test_instants_without_a_number_do_not_count() -> None:
 @pytest.mark.parametrize(("coarse", "fine"), [(64, 128), (257, 2056), (1000, 2000), (1500, 12000), (1595, 6380)])
 def test_runs_with_other_steps_are_compared_at_the_instants_of_both(coarse: int, fine: int) -> None:
     def ramp(n_steps: int) -> History:
-        kept = np.arange(0, n_steps + 1, spacing(n_steps)) / n_steps
-        return history(kept[:, None], n_steps)
+        return history((np.arange(0, n_steps + 1, spacing(n_steps)) / n_steps)[:, None], n_steps)
 
     assert errors_between(ramp(coarse), ramp(fine), FLOORS)[0, 0] < 1e-14
     assert errors_between(ramp(fine), ramp(coarse), FLOORS)[0, 0] < 1e-14

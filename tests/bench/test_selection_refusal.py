@@ -8,7 +8,7 @@ import pytest
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bench.candidates import Limits
-from pgmp_petsc.bench.cases import Load, Training
+from pgmp_petsc.bench.cases import Load, Setting, Training
 from pgmp_petsc.bench.history import Errors, Ledger, Trial
 from pgmp_petsc.bench.reduction_choice import ReductionChoice
 from pgmp_petsc.bench.step_choice import StepChoice, fine_enough
@@ -40,9 +40,14 @@ class Known:
     """A bench that knows the errors of every candidate: of the basis under the quick load, of the angles under all."""
 
     def __init__(
-        self, basis, tolerance: float = 1e-2, round_off: float = 0.0, builds: bool = True, given: str = "",
+        self,
+        basis,
+        tolerance: float = 1e-2,
+        round_off: float = 0.0,
+        builds: bool = True,
+        given: str = "",
         budget: float = np.inf,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.scene = slider_crank(f"reduction={{tolerance={tolerance}{given}}}")
         self.outputs, self.training = ("x",), training()
         self._basis, self._round_off, self._builds = basis, round_off, builds
@@ -50,8 +55,7 @@ class Known:
         self.tried: list[Reduction] = []
 
     def _grid(self, reduction: Reduction) -> float:
-        order = 4.0 if reduction.interpolation == "spline" else 6.0
-        return 1e-3 * (32.0 / reduction.angles) ** order
+        return 1e-3 * (32.0 / reduction.angles) ** (4.0 if reduction.interpolation == "spline" else 6.0)
 
     def try_out(self, reduction: Reduction, n_steps: int, loads: tuple[str, ...] | None = None) -> Trial:
         self.tried.append(reduction)
@@ -61,8 +65,7 @@ class Known:
         errors = errors_of(tuple(values), self._round_off)
         if loads is not None:
             errors = replace(errors, values=errors.values[1:], round_off=errors.round_off[1:], loads=loads)
-        reason = "" if self._builds else "no convergence"
-        return Trial(reduction, n_steps, errors, reason, 0.0, self._builds)
+        return Trial(reduction, n_steps, errors, "" if self._builds else "no convergence", 0.0, self._builds)
 
     def go_on(self, trial: Trial, loads: tuple[str, ...] | None = None) -> Trial:
         return trial if len(trial.errors.loads) == 2 else self.try_out(trial.reduction, trial.n_steps)
@@ -423,9 +426,9 @@ class Reduced(Steps):
         super().__init__(0.0, 0.0)
         self.per_step, self.compared = per_step, []
 
-    def moved_reduced(self, trial: Trial, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
-        self.compared.append((coarse, fine))
-        return errors_of((self.per_step / coarse**2,), 0.0)
+    def errors(self, names: tuple[str, ...], found: Setting, exact: Setting) -> Errors:
+        self.compared.append((found.n_steps, exact.n_steps))
+        return errors_of((self.per_step / found.n_steps**2,), 0.0)
 
 
 @pytest.mark.parametrize(("per_step", "n_steps"), [(1.0, 64), (5.0, 128), (20.0, 256), (1e2, 512), (1e4, 1024)])

@@ -25,8 +25,7 @@ def vibrating(n_steps: int) -> np.ndarray:
     s, w = Scheme.of(0.8, 1.0), (omega * step) ** 2
     left = np.array([[1, 0, 0, -s.beta], [0, 1, 0, -s.gamma], [w, 0, 1, 0], [0, 0, s.alpha_f - 1, 1 - s.alpha_m]])
     right = np.array([[1, 1, 0, 0.5 - s.beta], [0, 1, 0, 1 - s.gamma], [0, 0, 0, 0], [0, 0, s.alpha_f, -s.alpha_m]])
-    values = np.linalg.eigvals(np.linalg.solve(left, right))
-    root = max(values, key=lambda value: (abs(value), value.imag))
+    root = max(np.linalg.eigvals(np.linalg.solve(left, right)), key=lambda value: (abs(value), value.imag))
     return smooth(n_steps) + SHARE * np.real(
         np.abs(root) ** (INSTANTS / step) * np.exp(1j * np.abs(np.angle(root)) * INSTANTS / step)
     )

@@ -117,8 +117,7 @@ def test_without_uncertain_parameters_the_scenes_values_are_the_test() -> None:
 
 def test_several_parameters() -> None:
     density = 'parameters.rho={nominal=7.8e3, distribution={name="norm", loc=7.8e3, scale=1e2}}'
-    two = small_scene(LIMITED, density, 'materials.steel.rho="rho"')
-    result = study(two, replace(LEAST, surfaces=2))
+    result = study(small_scene(LIMITED, density, 'materials.steel.rho="rho"'), replace(LEAST, surfaces=2))
     assert set(result.test_values) == {"r1", "rho"}
     surfaces = [row for row, family in enumerate(result.families) if family == "surface"]
     assert [result.columns["nodes"][row] for row in surfaces] == [5, 10]

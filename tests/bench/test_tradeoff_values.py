@@ -40,8 +40,7 @@ def test_test_values_are_no_nodes(n: int) -> None:
 
 
 def test_bounds_cut_the_distribution_off() -> None:
-    cut = scene(NORMAL, "parameters.r1.bounds=[5.6e-3, 7.0e-3]")
-    values = held_out(cut)[0]["r1"]
+    values = held_out(scene(NORMAL, "parameters.r1.bounds=[5.6e-3, 7.0e-3]"))[0]["r1"]
     assert values.min() > 5.6e-3 and values.max() < 7.0e-3
     share = (LAW.cdf(values) - 0.5) / (LAW.cdf(7.0e-3) - 0.5)
     np.testing.assert_allclose(share, np.linspace(0.01, 0.99, 8), rtol=1e-9)

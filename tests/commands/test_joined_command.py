@@ -11,8 +11,7 @@ import pytest
 from mpi4py import MPI
 from runs import IN_TURN, PAPER_SCENE, SMALL, full_model, overridden, paper_scene, pgmp, refused, rom_of
 
-from pgmp_petsc.api.ensembles import exit_status
-from pgmp_petsc.api.requests import Correction, better_models, in_order
+from pgmp_petsc.api.ensembles import Correction, better_models, exit_status, in_order
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.ensemble import integration, joined
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint

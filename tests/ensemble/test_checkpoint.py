@@ -30,9 +30,15 @@ def batch(first: int, n: int = 4) -> Batch:
     outputs = {"angle": -numbers, "x.y": numbers / 7}
     estimates = {name: np.where(numbers < 3, 1e-3 * values, np.nan) for name, values in outputs.items()}
     return Batch(
-        first, {"r1": numbers}, outputs, status, np.where(status, 0.5, np.nan), estimates, dict(estimates),
+        first,
+        {"r1": numbers},
+        outputs,
+        status,
+        np.where(status, 0.5, np.nan),
+        estimates,
+        dict(estimates),
         {"bent": numbers},
-    )  # fmt: skip
+    )
 
 
 def started(plan: Plan, *firsts: int) -> Checkpoint:
@@ -48,9 +54,13 @@ def add(checkpoint: Checkpoint, first: int, n: int = 4, is_checked: bool = False
 
 
 def taken_up(
-    plan: Plan, scene: str = SCENE, model: str = "reduced", tables: str = TABLES, design: tuple[str, str] = DESIGN,
+    plan: Plan,
+    scene: str = SCENE,
+    model: str = "reduced",
+    tables: str = TABLES,
+    design: tuple[str, str] = DESIGN,
     **changes: object,
-) -> Checkpoint:  # fmt: skip
+) -> Checkpoint:
     return Checkpoint(replace(plan, resume=True, **changes), scene, model, tables, design)
 
 
@@ -67,8 +77,7 @@ def piece(checkpoint: Checkpoint, first: int) -> Path:
 
 
 def test_batches_come_back_in_order_and_unchanged(plan: Plan) -> None:
-    written = started(plan, 8, 0, 4)
-    at_hand, read = list(written.batches()), list(taken_up(plan).batches())
+    at_hand, read = list(started(plan, 8, 0, 4).batches()), list(taken_up(plan).batches())
     assert [one.first for one in at_hand] == [one.first for one in read] == [0, 4, 8]
     for one in (*at_hand, *read):
         expected = batch(one.first)
@@ -95,8 +104,7 @@ def test_a_resumed_run_takes_up_finished_batches(plan: Plan) -> None:
 
 
 def test_a_batch_that_was_not_finished_does_not_count(plan: Plan) -> None:
-    checkpoint = started(plan, 0)
-    (checkpoint.folder / ".samples_000000004.npz.123.partial").write_bytes(b"half")
+    (started(plan, 0).folder / ".samples_000000004.npz.123.partial").write_bytes(b"half")
     assert again(plan) == {0}
 
 
@@ -172,18 +180,15 @@ def test_a_label_without_its_number_of_samples_is_refused(plan: Plan) -> None:
 def test_bands_are_those_of_the_first_samples_in_their_order(plan: Plan) -> None:
     checkpoint = started(plan)
     for first in (8, 0, 4):
-        numbers = first + np.arange(4.0)
-        over_time = {"angle": numbers[:, None] + [0.0, 0.5]} if first < 8 else {}
+        over_time = {"angle": (first + np.arange(4.0))[:, None] + [0.0, 0.5]} if first < 8 else {}
         checkpoint.add(Piece(first, first + 4), replace(batch(first), bands=over_time))
-    found = checkpoint.bands(6)["angle"]
-    np.testing.assert_array_equal(found, np.arange(6.0)[:, None] + [0.0, 0.5])
+    np.testing.assert_array_equal(checkpoint.bands(6)["angle"], np.arange(6.0)[:, None] + [0.0, 0.5])
     assert list(checkpoint.columns().of("bands")) == []
 
 
 def test_a_batch_of_another_run_is_not_taken_up(plan: Plan, tmp_path: Path) -> None:
     """As left by a job that went on when another had started with the same output."""
-    other = replace(plan, output=tmp_path / "other.h5", seed=4)
-    stranger = started(other, 4)
+    stranger = started(replace(plan, output=tmp_path / "other.h5", seed=4), 4)
     checkpoint = started(plan, 0)
     shutil.copy(piece(stranger, 4), piece(checkpoint, 4))
     checkpoint = taken_up(plan)
@@ -245,8 +250,7 @@ def test_what_a_process_has_just_written_it_need_not_read(plan: Plan, monkeypatc
     size = piece(started(plan, 0), 0).stat().st_size
     monkeypatch.setattr(checkpoint_folder, "AT_HAND", int(1.5 * size))  # the first piece
     checkpoint = started(plan, 0, 4, 8)
-    read = list(taken_up(plan).batches())
-    for one, other in zip(checkpoint.batches(), read, strict=True):
+    for one, other in zip(checkpoint.batches(), list(taken_up(plan).batches()), strict=True):
         assert one.first == other.first
         np.testing.assert_array_equal(one.status, other.status)
         for name, values in other.outputs.items():

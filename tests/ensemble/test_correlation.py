@@ -81,8 +81,7 @@ def test_what_is_no_correlation_is_refused(overrides: list[str], message: str) -
 
 
 def test_coefficients_that_contradict_each_other_are_refused_with_the_smallest_eigenvalue() -> None:
-    coefficients = np.array([[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]])
-    smallest = np.linalg.eigvalsh(coefficients)[0]
+    smallest = np.linalg.eigvalsh(np.array([[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]]))[0]
     assert smallest < 0.0
     with pytest.raises(InputError, match=rf"its smallest eigenvalue is {smallest:.4g}; make some coefficients smaller"):
         scene("correlation.r1={E=0.9, rho=-0.9}", "correlation.E={rho=0.9}")
@@ -100,8 +99,7 @@ def test_students_copula_has_the_margins_and_extremes_that_come_together() -> No
     together = np.mean((shares["r1"] > 0.99) & (shares["E"] > 0.99))
     # by integration over the t distribution of both
     exact = stats.multivariate_t(shape=[[1.0, r], [r, 1.0]], df=freedom)
-    x = stats.t(freedom).isf(0.01)
-    chance = np.mean(np.all(exact.rvs(400_000, random_state=1) > x, axis=1))
+    chance = np.mean(np.all(exact.rvs(400_000, random_state=1) > stats.t(freedom).isf(0.01), axis=1))
     assert together == pytest.approx(chance, abs=4.0 * np.sqrt(chance / n))
     of_normal = draw(scene("correlation.r1={E=0.5}"), 3, 0, n)
     far = stats.norm(5.6e-3, 0.56e-3).isf(0.01), stats.lognorm(0.2, scale=2.1e11).isf(0.01)
@@ -120,8 +118,7 @@ def test_students_copula_joins_three_and_a_sample_does_not_depend_on_its_batch()
         assert kendall == pytest.approx(2.0 / np.pi * np.arcsin(r), abs=0.05)
     coefficients, many = "correlation.r1={E=0.8, rho=0.3}", "ensemble.copula_freedom=1000"
     with_many = draw(scene(coefficients, 'ensemble.copula="student"', many), 3, 0, 50)
-    gaussian = draw(scene(coefficients), 3, 0, 50)
-    for name, values in gaussian.items():
+    for name, values in draw(scene(coefficients), 3, 0, 50).items():
         np.testing.assert_allclose(with_many[name], values, rtol=0.02)
 
 

@@ -201,8 +201,7 @@ def test_sobol_points_know_quantiles_and_probabilities_better_and_hold() -> None
         values = stats.norm.ppf(sobol_points(n, 2, random)).sum(axis=1) / np.sqrt(2.0)
         for factor, replicates in ((1, places), (0, None)):
             found = describe(values, 1, PROBABILITIES, replicates=replicates).quantile_intervals
-            chance = of_event(values > limit, known, ~known, replicates, LEVEL)[2]
-            ends = np.array([*found, chance])
+            ends = np.array([*found, of_event(values > limit, known, ~known, replicates, LEVEL)[2]])
             held += factor * ((ends[:, 0] <= [*true, 0.1]) & ([*true, 0.1] <= ends[:, 1]))
             widths += np.log(np.ptp(ends, axis=1)) * (1 if replicates is None else -1)
     assert np.all(held >= FEWEST), held

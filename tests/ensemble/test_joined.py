@@ -89,8 +89,7 @@ def test_intervals_hold_as_often_as_they_say(sizes: tuple[int, ...]) -> None:
     random, held, widths = np.random.default_rng(3), 0, []
     for _ in range(REPETITIONS):
         values = models(random, sizes)
-        found = joined.mean_of(values)
-        low, high = found.interval(LEVEL)
+        low, high = joined.mean_of(values).interval(LEVEL)
         held += low <= 0.3 <= high
         widths.append((high - low) / np.ptp(intervals.of_mean(values[0], LEVEL)))
     assert FEWEST_HELD <= held <= REPETITIONS
@@ -136,8 +135,7 @@ def test_intervals_of_deviations_hold_where_the_best_model_is_curved_and_skew() 
     random, held, repetitions = np.random.default_rng(8), 0, 200
     for _ in range(repetitions):
         cheap = random.exponential(size=4000)
-        best = (cheap + 0.05 * cheap**2)[:200]
-        found = corrected([best, cheap], LEVEL).figures["std"]
+        found = corrected([(cheap + 0.05 * cheap**2)[:200], cheap], LEVEL).figures["std"]
         held += found.interval[0] <= np.sqrt(1.45) <= found.interval[1]
     # fewer once in 100 times; without the parabola 180
     assert held >= stats.binom(repetitions, LEVEL).ppf(0.01)
@@ -221,8 +219,7 @@ def test_few_samples_have_no_interval_of_the_deviation() -> None:
 def test_a_variance_that_comes_out_negative_is_not_known() -> None:
     """Where squares are x^2 - 1, and all further x are 0, the straight line leads below zero."""
     x = np.tile([1.0, -1.0, 3.0, -3.0], 15)
-    best = np.sign(x) * np.sqrt(x**2 - 1.0)
-    values = [best, np.concatenate([x, np.zeros(5000)])]
+    values = [np.sign(x) * np.sqrt(x**2 - 1.0), np.concatenate([x, np.zeros(5000)])]
     value, ends = joined.deviation_of(values, joined.mean_of(values), LEVEL)
     assert np.isnan(value) and np.isnan(ends).all()
 
@@ -289,8 +286,7 @@ def test_agreement_of_few_samples_proves_little() -> None:
     none_of_50 = 1.0 - 0.05 ** (1 / 50)
     assert value == 0.0 and ends[0] == 0.0 and ends[1] >= 0.999 * none_of_50
     # none of the few samples came true in the cheaper model: what it would be in the better one is not known
-    rare = np.arange(10_000) >= 9_000
-    value, ends = joined.probability_of([same[:50], rare], LEVEL)
+    value, ends = joined.probability_of([same[:50], np.arange(10_000) >= 9_000], LEVEL)
     assert value == 0.1 and ends[0] < 0.01 and ends[1] >= 0.1 + 0.9 * none_of_50 - 0.02
 
 
@@ -328,8 +324,7 @@ def test_numbers_of_samples_for_a_budget() -> None:
     costs, rho = np.array([1.0, 1e-3]), np.array([1.0, 0.999])
     free = counts(costs, rho, [None, None], 200.0, 10**9)
     assert costs @ free == pytest.approx(200.0, rel=0.02) and free[0] > PILOT
-    given = counts(costs, rho, [None, 50_000], 200.0, 50_000)
-    np.testing.assert_array_equal(given, [150, 50_000])
+    np.testing.assert_array_equal(counts(costs, rho, [None, 50_000], 200.0, 50_000), [150, 50_000])
     np.testing.assert_array_equal(counts(costs, rho, [40, None], 200.0, 10**9), [40, 160_000])
     assert counts(costs, rho, [None, 300_000], 200.0, 300_000) is None
     assert counts(costs, rho, [None, None], 1.0, 10**9) is None

@@ -71,8 +71,7 @@ def test_whatever_interval_of_errors_stops_at_the_first_of_two_looks_the_interva
     errors = np.linspace(-8.0, 8.0, 16_001)
     share = stats.norm.pdf(errors) * (errors[1] - errors[0])
     later = stats.norm(errors / np.sqrt(2.0), np.sqrt(0.5))  # Z_2, with Z_1 known
-    lost = share * ((np.abs(errors) > z) - later.sf(z) - later.cdf(-z))
-    sums = np.concatenate([[0.0], np.cumsum(lost)])
+    sums = np.concatenate([[0.0], np.cumsum(share * ((np.abs(errors) > z) - later.sf(z) - later.cdf(-z)))])
     worst = np.max(sums - np.minimum.accumulate(sums))  # of all intervals of Z_1
     assert 2.0 * stats.norm.sf(z) + worst == pytest.approx(1.0 - confidence, abs=2e-4)  # the steps of the grid
 

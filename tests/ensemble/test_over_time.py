@@ -47,13 +47,11 @@ def watched(model: Model, divisor: int = 1, status: np.ndarray | None = None, at
     """Return what is found of sizes * sin(2 pi t), in steps of STEP / divisor, shown one by one or many at once."""
     watcher = OverTimeWatcher(model, with_bands=True)
     simulation = model.scene.simulation.model_copy(update={"step": STEP / divisor})
-    samples = np.arange(N)
-    watch = watcher.watch(Begun(SimpleNamespace(n_samples=N, values={}), {}, samples, simulation))
+    watch = watcher.watch(Begun(SimpleNamespace(n_samples=N, values={}), {}, np.arange(N), simulation))
     numbers = np.arange(N_STEPS * divisor + 1)
     numbers = numbers[(numbers % watch.observer.every == 0) | (numbers == numbers[-1])]
     times = numbers * STEP / divisor
-    q = SIZES * np.sin(2.0 * np.pi * times)[:, None]
-    trail = np.repeat(q[:, None, :, None], 3, axis=1)
+    trail = np.repeat((SIZES * np.sin(2.0 * np.pi * times)[:, None])[:, None, :, None], 3, axis=1)
     watch.observer(0, 0.0, State(*trail[0], np.zeros(0)))
     if at_once:
         for first in range(1, times.size, at_once):
@@ -121,8 +119,7 @@ def test_steps_shown_together_and_smaller_ones_change_nothing(at_once: int, divi
 
 def test_a_sample_that_failed_has_none() -> None:
     status = np.where(np.arange(N) == 2, Status.NOT_CONVERGED, Status.FINE)
-    found = watched(Model(extremes=True, probabilities=EVENTS, bands=5), status=status)
-    for arrays in found.values():
+    for arrays in watched(Model(extremes=True, probabilities=EVENTS, bands=5), status=status).values():
         for values in arrays.values():
             assert np.isnan(values[2]).all()
             np.testing.assert_array_equal(np.isfinite(values[3]).all(), True)
@@ -158,8 +155,7 @@ def test_nothing_is_looked_at_where_nothing_is_asked_for() -> None:
 
 def test_figures_of_a_part_of_the_samples_are_said_to_be() -> None:
     known = {"extremes": ["y/max", "y/min", "z/max", "z/min"], "first_passages": ["late", "soon"]}
-    counts = {"y.max": 9, "z.max": 10, "late": 4, "soon": 10}
-    passages, extremes = over_time_remarks(counts, known, 10)
+    passages, extremes = over_time_remarks({"y.max": 9, "z.max": 10, "late": 4, "soon": 10}, known, 10)
     assert "first passages of late are described over the 4 of 10 samples that have one" in passages.text
     assert "extremes of y are not known of 1 of 10 samples that are fine" in extremes.text
 

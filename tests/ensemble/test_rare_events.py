@@ -75,8 +75,7 @@ def test_rounds_but_the_first_make_the_probability() -> None:
     found = rare_events.find(plane(2, 3.0), 2, 1001, 4)
     n_levels = 1001 - sum(found.rounds) - min(found.rounds)
     assert len(found.rounds) == 3 and found.weights.size == sum(found.rounds)
-    in_event = found.limit_state[-found.weights.size :] <= 0.0
-    np.testing.assert_array_equal(found.contributions > 0.0, in_event)
+    np.testing.assert_array_equal(found.contributions > 0.0, found.limit_state[-found.weights.size :] <= 0.0)
     # square roots of their numbers: weights phi / q are the same but for 1, sqrt(2), sqrt(3)
     each = np.split(found.contributions, np.cumsum(found.rounds)[:-1])
     roots = np.sqrt([1.0, 2.0, 3.0]) / np.average(np.sqrt([1.0, 2.0, 3.0]), weights=found.rounds)
@@ -139,8 +138,7 @@ def test_an_event_that_nothing_leads_to_is_counted_by_plain_samples() -> None:
     ends = np.array([one.interval(0.95) for one in found])
     assert np.sum((ends[:, 0] <= exact) & (exact <= ends[:, 1])) >= 4
     assert all(one.limit_state.size > 2990 for one in found)
-    plain = [one for one in found if one.is_plain and one.reached]
-    for one in plain:
+    for one in [one for one in found if one.is_plain and one.reached]:
         assert one.probability == np.mean(one.contributions)
         assert "plain random samples are in it" in rare_remarks(one, np.zeros(3000), True)[0].text
 
@@ -295,8 +293,7 @@ def test_failed_samples_count_as_not_in_the_event_and_bound_it() -> None:
 
 
 def test_the_curve_of_the_levels_falls_along_the_true_one() -> None:
-    found = rare_events.find(plane(1, ONE_IN_TEN_THOUSAND), 1, 5000, 1)
-    values, probabilities = found.curve()
+    values, probabilities = rare_events.find(plane(1, ONE_IN_TEN_THOUSAND), 1, 5000, 1).curve()
     assert np.all(np.diff(values) <= 0.0) and probabilities[0] == 1.0
     # each level of 500 samples adds 13 % (0.3 / sqrt(500) / 0.1), chains somewhat more
     exact = norm.sf(ONE_IN_TEN_THOUSAND - values[::50])
@@ -476,7 +473,6 @@ def test_rays_alike_are_followed_once_and_no_more_than_samples_allow() -> None:
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
     assert rare_events.unlike(directions) == [0, 2, 4] and rare_events.unlike(directions[:0]) == []
     assert rare_events.unlike(directions, 0.95) == [0, 1, 2, 4]
-    assert [rare_events.most_rays(n) for n in (2000, 100, 10)] == [125, 6, 0]  # a sixteenth of those that are left
     np.testing.assert_array_equal(rare_events.apart(2.0 * directions, 5.0 * directions[1:2]), 2.0 * directions[2:])
 
 

@@ -10,8 +10,7 @@ from pgmp_petsc.ensemble.sampling import first_numbers, stream
 @pytest.mark.parametrize("seed", [0, 1, 42, 2**32 - 1, 2**32, 123456789012345678, LARGEST_SEED])
 def test_the_first_numbers_are_those_of_every_stream(seed: int) -> None:
     """Bit for bit, for seeds of one word and of two, and the samples that there may be."""
-    random = np.random.default_rng(seed)
-    numbers = np.append(np.arange(40), random.integers(40, MOST_SAMPLES, 40))
+    numbers = np.append(np.arange(40), np.random.default_rng(seed).integers(40, MOST_SAMPLES, 40))
     numbers = np.append(numbers, MOST_SAMPLES - 1)
     for d in (1, 5):
         expected = [stream(seed, int(number)).random(d) for number in numbers]

@@ -31,8 +31,7 @@ def test_blocks_have_the_indices_of_ishigamis_function() -> None:
 
 
 def test_indices_are_those_of_salib_and_intervals_those_of_its_indices_of_each_replicate() -> None:
-    n = 256
-    values = ishigami(Blocks(2, 3, R).uniform(0, 5 * n))
+    values = ishigami(Blocks(2, 3, R).uniform(0, 5 * 256))
     found = of_blocks(values, NAMES, 0.95, R)
     problem = {"num_vars": 3, "names": NAMES, "bounds": [[0.0, 1.0]] * 3}
 
@@ -85,8 +84,7 @@ def test_first_indices_of_any_samples_are_those_of_lines_in_slices_by_least_squa
 
 
 def test_failed_samples_are_left_out_and_that_is_said() -> None:
-    uniform = Blocks(1, 3, R).uniform(0, 5 * 64)
-    values, fine = ishigami(uniform), np.ones(5 * 64, dtype=bool)
+    values, fine = ishigami(Blocks(1, 3, R).uniform(0, 5 * 64)), np.ones(5 * 64, dtype=bool)
     fine[[7, 8, 100]] = False  # two blocks
     (found,) = sensitivities([("y", values)], {}, NAMES, fine, R, 0.95).values()
     assert found.count == 62

@@ -82,8 +82,7 @@ def test_quantiles_of_all_lie_in_their_bounds_whatever_the_missing_values_are(n:
     known = random.normal(0.0, 1.0, n - n_missing)
     bounds = quantile_bounds(known, probabilities, n_missing)
     for loc in (-20.0, -1.0, 0.0, 2.0, 20.0):
-        whole = np.concatenate([known, random.normal(loc, 1.0, n_missing)])
-        quantiles = np.quantile(whole, probabilities)
+        quantiles = np.quantile(np.concatenate([known, random.normal(loc, 1.0, n_missing)]), probabilities)
         assert np.all((bounds[:, 0] - 1e-12 <= quantiles) & (quantiles <= bounds[:, 1] + 1e-12))
         extreme = bounds[:, 0] if loc < -10.0 else bounds[:, 1]
         reached = np.isfinite(extreme) & (abs(loc) > 10.0)

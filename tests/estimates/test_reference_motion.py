@@ -17,8 +17,7 @@ def model() -> ReducedModel:
 
 def states_of(model: ReducedModel, n_instants: int = 6, n_samples: int = 3, bent: float = 1.0) -> np.ndarray:
     """Return made-up states, (n_instants, 4, n_samples, n_eta): speeds from rest to fast, and bending of 1e-4 m."""
-    random = np.random.default_rng(1)
-    states = random.normal(size=(n_instants, 4, n_samples, 1 + model.terms.tables.n_modes))
+    states = np.random.default_rng(1).normal(size=(n_instants, 4, n_samples, 1 + model.terms.tables.n_modes))
     states[..., 1:] *= bent * 1e-5
     states[:, 1] *= np.linspace(0.0, 30.0, n_instants)[:, None, None]
     states[:, 2] *= 50.0

@@ -88,8 +88,7 @@ def test_what_is_said_of_some_samples() -> None:
     scene = slider_crank()
     quiet = {name: np.zeros(5) for name in VALIDITY}
     assert remarks_of(scene, quiet) == ()
-    found = quiet | {"stiffness_lost": np.array([0.0, -0.3, np.nan, -0.9, -0.01])}
-    (remark,) = remarks_of(scene, found)
+    (remark,) = remarks_of(scene, quiet | {"stiffness_lost": np.array([0.0, -0.3, np.nan, -0.9, -0.01])})
     assert remark.kind == "warning" and remark.text.startswith("2 of 5 samples: ")
     assert "-0.9" in remark.text and "geometric_stiffening" in remark.text and "[effects]" in remark.text
 
@@ -167,8 +166,7 @@ def test_what_is_kept_of_a_run(grid: SampleGrid) -> None:
     r, m, n_terms = grid.n_coordinates, 3, 2
     half = random.normal(size=(grid.n, n_terms, m, m))
     stiffness = half @ np.swapaxes(half, 2, 3)
-    pairs = r * (r + 1) // 2
-    influence = random.normal(size=(grid.n, 2, 1 + 1 + n_terms * (r + pairs)))
+    influence = random.normal(size=(grid.n, 2, 1 + 1 + n_terms * (r + (r * (r + 1) // 2))))
     changes = StiffnessChanges(influence, random.uniform(1.0, 2.0, size=(grid.n, n_terms, 2)))
     weights, load_weights = random.uniform(0.5, 2.0, size=(2, n, n_terms)), random.uniform(0.5, 2.0, size=(n, 1))
     trail = random.normal(size=(n_t, 3, n, r + m))
@@ -214,8 +212,7 @@ def test_changes_of_stiffness_are_those_of_the_static_deformation(scene: Scene) 
     rom = rom_of(scene)
     kinematics = kinematics_of(scene)
     mechanism = kinematics.mechanism
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
-    loads = loads_of(effects_of(scene, mechanism), matrices)
+    loads = loads_of(effects_of(scene, mechanism), assemble(mechanism.bodies, range(mechanism.n_dofs)))
     values = {name: np.array([value]) for name, value in scene.nominal.items()}
     of_loads, of_mass, of_stiffness = (
         np.atleast_2d(evaluate_weights(weights, values).T).reshape(1, -1)

@@ -80,8 +80,7 @@ def test_frequencies_over_three_coordinates_are_numbered():
 
 def test_runs_are_paired_by_their_parameters():
     runs = [synthetic.trajectory(model, r1, 0, 50) for model in ("full", "reduced") for r1 in RADII]
-    lonely = synthetic.trajectory("full", 7e-3, 0, 50)
-    comparisons = paired([*runs, lonely])
+    comparisons = paired([*runs, synthetic.trajectory("full", 7e-3, 0, 50)])
     assert [comparison.runs[0].record.parameters["r1"] for comparison in comparisons] == [*RADII, 7e-3]
     assert [len(comparison.runs) for comparison in comparisons] == [2, 2, 2, 1]
 
@@ -111,9 +110,12 @@ def test_the_error_needs_two_runs_and_a_signal():
 def test_the_error_is_known_only_where_both_runs_are():
     full, reduced = synthetic.trajectory("full"), synthetic.trajectory("reduced")
     short = replace(
-        reduced, time=reduced.time[:501], outputs={name: values[:501] for name, values in reduced.outputs.items()},
-        coordinates=reduced.coordinates[:501], modal=None,
-    )  # fmt: skip
+        reduced,
+        time=reduced.time[:501],
+        outputs={name: values[:501] for name, values in reduced.outputs.items()},
+        coordinates=reduced.coordinates[:501],
+        modal=None,
+    )
     assert len(Comparison(full, short).error_percent("crank_angle")[0]) == 501
     # the run that stopped is named alone, and how far it was to go
     said = Comparison(full, short).part
@@ -186,8 +188,7 @@ def test_bands_lie_between_pairs_of_quantiles(model, probabilities):
     panels = visible(figure)
     assert len(panels) == 2 and all(len(axes.collections) == len(probabilities) // 2 for axes in panels)
     band = known["crank_angle"]
-    mean = panels[0].lines[-1].get_ydata()
-    np.testing.assert_allclose(mean, band.mean, rtol=1e-12)
+    np.testing.assert_allclose(panels[0].lines[-1].get_ydata(), band.mean, rtol=1e-12)
     if len(probabilities) > 1:
         outermost = panels[0].collections[0].get_paths()[0].vertices[:, 1]
         assert (outermost.min(), outermost.max()) == (band.quantiles.min(), band.quantiles.max())
@@ -333,7 +334,6 @@ def test_a_directory_that_cannot_be_made_or_written_to(tmp_path, monkeypatch):
     (tmp_path / "taken").write_text("")
     with pytest.raises(InputError, match="cannot be made"):
         draw([tmp_path / "m.h5"], tmp_path / "taken")
-    access = "pgmp_petsc.figures.collection.os.access"
-    monkeypatch.setattr(access, lambda path, mode: mode == 4)
+    monkeypatch.setattr("pgmp_petsc.figures.collection.os.access", lambda path, mode: mode == 4)
     with pytest.raises(InputError, match="no permission to write"):
         draw([tmp_path / "m.h5"], tmp_path / "out")

@@ -130,8 +130,7 @@ def test_titles_say_what_is_shown_and_of_which_scene() -> None:
 
 
 def test_a_run_that_ended_early_says_so() -> None:
-    part = cut(run(), 20)
-    figure = trajectories(paired([run("full"), part]))
+    figure = trajectories(paired([run("full"), cut(run(), 20)]))
     assert "reduced: ended early, at 0.38 s of 1 s" in texts(figure) and "ended early" in legend_texts(figure)
     assert visible(figure)[0].get_xlim() == (0.0, 1.0)
     assert_inside(figure)
@@ -144,8 +143,7 @@ def test_every_picture_of_a_run_of_one_instant_is_drawn() -> None:
     part, unknown = cut(run(), 1), synthetic.SCENE
     for toml in (part.record.scene_toml, unknown):
         short = replace(part, record=replace(part.record, scene_toml=toml))
-        balance = Balance(*(np.zeros(1) for _ in range(3)), {})
-        assert_inside(energies(replace(short, balance=balance)))
+        assert_inside(energies(replace(short, balance=Balance(*(np.zeros(1) for _ in range(3)), {}))))
         plane = replace(short, coordinates=np.ones((1, 2)), coordinate_units={"a": "rad", "b": "rad"})
         assert_inside(coordinate_path(plane))
         assert_inside(trajectories(paired([short])))

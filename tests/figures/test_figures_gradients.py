@@ -23,8 +23,7 @@ def test_sensitivities_show_outputs_and_changes() -> None:
     figure = sensitivities(synthetic.derivatives())
     assert len(visible(figure)) == 4
     assert legend_texts(figure) == ["r1 + 0.56 mm, one standard deviation", "c + 0.0002, 1 % of its value"]
-    change = visible(figure)[1].lines[0]
-    np.testing.assert_allclose(change.get_ydata(), -300.0 * synthetic.INSTANTS * 0.56e-3)
+    np.testing.assert_allclose(visible(figure)[1].lines[0].get_ydata(), -300.0 * synthetic.INSTANTS * 0.56e-3)
     assert_inside(figure)
 
 

@@ -43,18 +43,23 @@ def planar_table(n: int = 6, n_modes: int = 3, reduced: float | None = 1.0002):
     theta = np.array(np.meshgrid(np.linspace(0, 1, n), np.linspace(2, 4, n + 1), indexing="ij")).reshape(2, -1)
     full = 100.0 * np.arange(1, n_modes + 1) + (theta[0] + 0.1 * theta[1])[:, None]
     return replace(
-        synthetic.modes_table(), theta=theta, full_hz=full, coordinate_units=PLANE,
+        synthetic.modes_table(),
+        theta=theta,
+        full_hz=full,
+        coordinate_units=PLANE,
         reduced_hz=None if reduced is None else full * reduced,
-    )  # fmt: skip
+    )
 
 
 def planar_run():
     """Return a run over two coordinates."""
     run = synthetic.trajectory(n_frames=3)
     return replace(
-        run, coordinates=np.column_stack([run.coordinates[:, 0], np.sin(run.time)]), coordinate_units=PLANE,
+        run,
+        coordinates=np.column_stack([run.coordinates[:, 0], np.sin(run.time)]),
+        coordinate_units=PLANE,
         record=replace(run.record, scene_toml=RANGES),
-    )  # fmt: skip
+    )
 
 
 def half_rigid():
@@ -92,8 +97,7 @@ def test_many_effects_are_told_apart():
 
 def test_nothing_moves_and_nothing_is_left():
     run = balanced()
-    still = Balance(*(np.zeros_like(run.time) for _ in range(3)), {})
-    figure = energies(replace(run, balance=still))
+    figure = energies(replace(run, balance=Balance(*(np.zeros_like(run.time) for _ in range(3)), {})))
     assert "at most 0.0e+00" in visible(figure)[0].get_title(loc="left")
 
 

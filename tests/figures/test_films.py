@@ -93,12 +93,10 @@ def test_a_run_without_what_is_asked_for() -> None:
 
 
 def test_a_flat_body_is_where_it_is_in_its_colours() -> None:
-    motion = motion_of(flat_run(), scale=1.0)
-    with Stage(motion, WIDE, HIGH) as stage:
+    with Stage(motion_of(flat_run(), scale=1.0), WIDE, HIGH) as stage:
         first, last = stage.picture(0), stage.picture(3)
         metre = stage.metre
-    shown = coloured(last)
-    rows, columns = np.nonzero(shown)
+    rows, columns = np.nonzero(coloured(last))
     # a bar of 1 m by 0.2 m, without the lines around it
     assert np.ptp(columns) == pytest.approx(metre, abs=4) and np.ptp(rows) == pytest.approx(0.2 * metre, abs=4)
     # it moved to the right by its length

@@ -93,7 +93,7 @@ joints.elbow={type='universal', connect=['crank:tip', 'rod:hinge'], axis=[0, 0, 
 joints.elbow={type='universal', connect=['crank:tip', 'rod:hinge'], axis=[1, 2, 3], second_axis=[-2, -4, -6]} -> \
     joints.elbow.second_axis = [-2, -4, -6]: must not have the direction of axis; both axes are at a right angle
 joints.slider={type='spherical', connect=['ground:origin', 'rod:tip'], axis=[0, 0, 1]} -> \
-    joints.slider.axis = [0, 0, 1]: unknown key (allowed: connect, elastic, offset, type)
+    joints.slider.axis = [0, 0, 1]: unknown key (allowed: connect, elastic, offset, clearance, type)
 joints.elbow.type='hinge' -> = "hinge": unknown
 coordinates.theta.joint='slider' -> coordinates.theta.periodic = true: for angles; what slides has two ends
 coordinates.theta.motion='sliding' -> = "sliding": crank_hinge is revolute: allowed is "turning"

@@ -71,8 +71,7 @@ def shown(tree: Element) -> list[Element]:
 def csv_of(tree: Element, name: str) -> dict[str, list[str]]:
     """Return the columns of a table that the page hands out."""
     link = next(item for item in tree.iter("a") if item.get("download") == name)
-    content = base64.b64decode(link.get("href").partition("base64,")[2]).decode()
-    head, *rows = csv.reader(io.StringIO(content))
+    head, *rows = csv.reader(io.StringIO(base64.b64decode(link.get("href").partition("base64,")[2]).decode()))
     return dict(zip(head, zip(*rows)))
 
 
@@ -86,8 +85,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     of_run = replace(run.record, remarks=(warning("the rod bends <far>"), note("nothing else")))
     replace(run, record=of_run, balance=balance, validity={"elastic_rotation": 0.02}).write(folder / "run.h5")
     synthetic.trajectory("full").write(folder / "full.h5")
-    many = synthetic.described()
-    many.write(folder / "many.h5")
+    synthetic.described().write(folder / "many.h5")
     synthetic.tradeoff().write(folder / "study.h5")
     other = synthetic.SCENE.replace("slider_crank", "x<script>alert(1)</script>")
     replace(run, record=replace(run.record, scene_toml=other), frames=None).write(folder / "other.h5")
@@ -176,8 +174,7 @@ def test_a_probability_within_the_model_error_has_no_figure_in_the_verdict(tmp_p
 
 def test_what_is_constant_has_no_deviation_and_no_density(tmp_path: Path) -> None:
     found = synthetic.described()
-    angle = found.statistics["crank_angle"]
-    same = replace(angle, constant=True, std=0.0, std_interval=np.zeros(2))
+    same = replace(found.statistics["crank_angle"], constant=True, std=0.0, std_interval=np.zeros(2))
     replace(found, statistics=found.statistics | {"crank_angle": same}).write(tmp_path / "many.h5")
     read = Ensemble.read(tmp_path / "many.h5")
     assert read.statistics["crank_angle"].constant and not read.statistics["slider_deformation"].constant

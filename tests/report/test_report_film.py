@@ -176,8 +176,7 @@ def test_without_a_script_a_still_is_there() -> None:
 
 
 def test_unknown_deformations_and_stresses_are_drawn_as_they_are() -> None:
-    run = flat_run(1e-3)
-    own = run.fields["bar"]
+    own = flat_run(1e-3).fields["bar"]
     bent, stress = own.deformation.copy(), own.at_nodes["von_mises"].copy()
     bent[1], stress[2, 0] = np.nan, np.nan
     film = film_of(run_of(bar=replace(own, deformation=bent, at_nodes={"von_mises": stress})))
@@ -233,8 +232,7 @@ def test_fewer_frames_keep_that_of_the_largest_stress() -> None:
 def test_large_surfaces_are_coarsened(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module_of_films, "MOST_NODES", 120)
     mesh = box_mesh("hexahedron20", (12, 4, 4), (1.0, 0.3, 0.3))
-    field = field_of(mesh, np.zeros((2, 3)), 1e-4, 3e6)
-    film = film_of(run_of(2, block=field))
+    film = film_of(run_of(2, block=field_of(mesh, np.zeros((2, 3)), 1e-4, 3e6)))
     entry = film.data["bodies"][0]
     assert 60 < entry["n"] <= 120 and film.left_out[0].startswith(f"the surface of block has {entry['n']} of its ")
     assert taken(entry, "shades", "<u1").max() == SHADES  # the largest one remains
