@@ -9,7 +9,8 @@ gives the frames from its unknowns, the reduced one from its coordinates.
 A force that hangs on another motion than the one that it acts on is two actions, one after the other: the first one
 leads, which is that it measures s and does nothing, and the law of the second one is led by it, ``F(t, s_1, s_1')``
 along g_2. With ``k = -dF/ds_1`` and ``c = -dF/ds_1'`` its tangent is ``g_2 (k + gain_v c) g_1^T - F h_2``, which is
-not symmetric, and its power ``F s_2'``.
+not symmetric, and its power ``F s_2'``. Friction of a force that hangs on another motion *rubs*: its law is ``F(s_1,
+s_1', s_2')`` along g_2, with s_1' as its amplitude and s_2' as its rate.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Combination, Statement
 from pgmp_petsc.scene.effects import LawMismatch
 
-ALONE, LEADS, LED = range(3)  # whose measure a law is of: see `Action.role`
+ALONE, LEADS, LED, BY_LOAD = range(4)  # whose measure a law is of: see `Action.role`
 NOTHING = Law("nothing", (), force="0")  # of an action that leads
 
 
@@ -55,6 +56,7 @@ class Action:
     amplitude: TimeFunction | None = None  # of a source over time, s; None for other laws
     further: tuple[Attachment, ...] = ()  # a pair for each further term of a combination
     led: bool = False  # whether its law is of the measure of the action before it
+    by_load: bool = False  # whether its law is of the measure and the rate of the action before it, and of its own rate
 
     def __post_init__(self) -> None:
         if len(self.parameters) != len(self.law.parameters):
@@ -77,8 +79,8 @@ class Action:
 
     @property
     def role(self) -> int:
-        """`ALONE`, `LEADS` or `LED`."""
-        return LEADS if self.leads else LED if self.led else ALONE
+        """`ALONE`, `LEADS`, `LED` or `BY_LOAD`."""
+        return LEADS if self.leads else LED if self.led else BY_LOAD if self.by_load else ALONE
 
     @property
     def stiffness(self) -> Quantity | None:

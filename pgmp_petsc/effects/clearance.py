@@ -15,9 +15,13 @@ impact, from v to -e v. So ``a = c v`` and the restitution e are tied, whatever 
 
     (1 + e) a = log((1 + a) / (1 - e a)).
 
-The linear formula ``c = 3 (1 - e^2) / (4 v)`` of Lankarani and Nikravesh (1990) is its limit as e goes to 1, but for a
-factor, and leaves more speed than was asked for. `RESTITUTION` is the polynomial ``e a / (1 - e)`` of e, within 6e-5 of
-e. As c is constant, slower impacts are more elastic than that at the speed that e is of, as Hunt and Crossley's are.
+The formula ``c = 3 (1 - e^2) / (4 v)`` of Lankarani and Nikravesh (1990) agrees with it only as e goes to 1, where
+both are ``3 (1 - e) / (2 v)``, and leaves more speed than was asked for elsewhere. `RESTITUTION` is the polynomial
+``e a / (1 - e)`` of e, within 6e-5 of e. As c is constant, slower impacts are more elastic than that which e is of.
+
+Friction is ``friction N tanh(v_t / friction_speed)`` against the speed v_t of the pin's middle across e: the joint
+knows no radius of the pin, and takes it for one that is small. What turning in the joint rubs is an effect of type
+joint_friction. It acts along ``w = e_1 de_2 - e_2 de_1``, whose rate is |e| v_t and which is smooth in the middle too.
 """
 
 from __future__ import annotations
@@ -31,7 +35,7 @@ from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.laws import SOURCE
 from pgmp_petsc.mechanism.joints import Connection
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.statements import Combination, Function
+from pgmp_petsc.mechanism.statements import Combination, Function, U, sweeping
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.joints import IMPACT_SPEED
 
@@ -70,6 +74,14 @@ CONTACT = OfSquare(
     left_out="it is a contact beyond a clearance, not linear",
 )
 
+RUBBING = OfSquare(
+    "rubbing",
+    (*CONTACT.parameters, "friction", "friction_speed"),
+    force=f"-friction * k * {DEPTH} ** (exponent / 2) * max(0, 1 + {SLOPE} * amplitude / (2 * {FAR})) / {FAR} "
+    f"* tanh(rate / ({FAR} * friction_speed)) if s > radius**2 else 0",
+    about_zero="radius * friction_speed",
+)
+
 
 class ClearanceEffect(ActionEffect):
     """What acts in a joint with a clearance. In the middle of the room no force has a direction: static answers are to
@@ -100,4 +112,9 @@ def loose_joint(name: str, scene: Scene, mechanism: Mechanism) -> ClearanceEffec
     distance = Combination(tuple((part.statement, Function.square()) for part in connection.released))
     sides = [side for _ in connection.released for side in connection.sides]
     contact = Action(name, distance, *sides[:2], CONTACT, parameters, further=tuple(sides[2:]))
-    return ClearanceEffect([contact], connection, mechanism)
+    if not entry.friction:
+        return ClearanceEffect([contact], connection, mechanism)
+    across = sweeping(*(part.statement.axes[U] for part in connection.released))
+    rubbing = *parameters, Quantity.of(entry.friction), Quantity.of(entry.friction_speed)
+    friction = Action(name, across, *connection.sides, RUBBING, rubbing, by_load=True)
+    return ClearanceEffect([contact, friction], connection, mechanism)

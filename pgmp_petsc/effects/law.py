@@ -111,7 +111,7 @@ class Law(Printed):
         object.__setattr__(self, "place", place)
         entry, of_s = f"law {self.name}", ("s", *self.parameters)
         check_names(entry, (self.name,), (), place)
-        check_names(entry, self.parameters, (*STATE, "elastic", "about", "depths", "found", "p"), place)
+        check_names(entry, self.parameters, (*STATE, "elastic", "about", "slow", "depths", "found", "p"), place)
         check(f"{entry}: force", self.force, (*STATE, "elastic", *self.parameters), place)
         check(f"{entry}: potential", self.potential, of_s, place)
         for number, edge in enumerate(self.edges):
@@ -188,7 +188,8 @@ class Law(Printed):
         found = [force, -sp.diff(force, s), -sp.diff(force, rate), elastic, potential]
         at_zero = [one.subs(rate, 0) for one in found]
         at_zero[0] -= at_zero[2] * rate
-        about, speed = sp.Symbol("about", real=True), symbolic(self.about_zero or "0", names)
+        about, speed = sp.Symbol("about", real=True), sp.Symbol("slow", real=True)
+        slow = symbolic(self.about_zero or "0", names)
         slopes = [sp.diff(force, one) for one in (*p, amplitude)]
         of_edges = [[sp.diff(edge, s), sp.diff(edge, s, 2), *(sp.diff(edge, one) for one in p)] for edge in edges]
         constant = all(sp.diff(one, two) == 0 for one in found[1:3] for two in (s, rate, amplitude))
@@ -208,7 +209,7 @@ class Law(Printed):
 
         limited = ""
         if self.about_zero:
-            limited = f"    if {printed([limit])[1][0]}:\n" + python(
+            limited = f"    slow = {printed([slow])[1][0]}\n    if {printed([limit])[1][0]}:\n" + python(
                 at_zero, lambda values: [f"return {', '.join(values)}, float('nan')"], 8
             )
         return PYTHON.format(
@@ -219,10 +220,10 @@ class Law(Printed):
             evaluate=python([*found, *edges], evaluated),
             slopes=python(slopes, lambda values: [*numbered("found", values), "return 0.0"]),
             edges=python(sum(of_edges, []), lambda values: [f"return {_rows(values, len(p) + 2)}"]),
-            c=self._in_c(found[:3], at_zero[:3], edges, limit),
+            c=self._in_c(found[:3], at_zero[:3], edges, limit, slow),
         )
 
-    def _in_c(self, found: Sequence[Any], at_zero: Sequence[Any], edges: Sequence[Any], limit: Any) -> str:
+    def _in_c(self, found: Sequence[Any], at_zero: Sequence[Any], edges: Sequence[Any], limit: Any, slow: Any) -> str:
         """Return the function that gives force, stiffness, damping, about and how far edges are crossed in C."""
         takes = "const double p[], double amplitude, double s, double rate, double about, double found[]"
         lines = [f"static void law_{self.name}({takes}) {{"]
@@ -236,6 +237,7 @@ class Law(Printed):
             return [f"{indent}{part}" for part in parts]
 
         if self.about_zero:
+            lines += [f"    const double slow = {printed([slow], in_c=True)[1][0]};"]
             lines += [f"    if ({printed([limit], in_c=True)[1][0]}) {{", *block(at_zero, "NAN", " " * 8)]
             lines += ["        return;", "    }"]
         return "\n".join([*lines, *block(found, "rate", "    "), "}"])

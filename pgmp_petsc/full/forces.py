@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from pgmp_petsc.effects.action import LEADS, LED, Actions
+from pgmp_petsc.effects.action import BY_LOAD, LED, Actions
 from pgmp_petsc.effects.law import Laws, obey
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
@@ -77,13 +77,19 @@ def evaluate_actions(
                 s += state(statements, first + term, own, near, with_tangents, scratch, g[term], h[term])
                 for i in range(width):
                     rate += g[term, i] * rates[first + term, i, sample]
-            led = actions.roles[k] == LED
-            if actions.roles[k] == LEADS:
+            led, by_load, amplitude = actions.roles[k] == LED, actions.roles[k] == BY_LOAD, amplitudes[k]
+            at, at_rate = s, rate
+            if led or by_load:
+                at = leading[0, sample]
+            else:
                 leading[0, sample], leading[1, sample] = s, rate
-            at, at_rate = (leading[0, sample], leading[1, sample]) if led else (s, rate)
+            if led:
+                at_rate = leading[1, sample]
+            elif by_load:
+                amplitude = leading[1, sample]
             before = about[k, sample] if with_tangents and about.shape[0] else np.nan
             crossed = depths[sample, actions.laws.edges[k] :]
-            found = obey(actions.laws.addresses[k], p, amplitudes[k], at, at_rate, before, crossed)
+            found = obey(actions.laws.addresses[k], p, amplitude, at, at_rate, before, crossed)
             if about.shape[0]:
                 about[k, sample] = found.about
             powers[k, sample] = (found.force - (0.0 if led else found.elastic)) * rate
@@ -91,7 +97,7 @@ def evaluate_actions(
             for term in range(n_terms):
                 for i in range(width):
                     forces[first + term, i, sample] = found.force * g[term, i]
-            stiffness = 0.0 if led else found.stiffness + gain_v * found.damping
+            stiffness = 0.0 if led else (0.0 if by_load else found.stiffness) + gain_v * found.damping
             for entry in range(starts[k], starts[k + 1] if with_tangents else starts[k]):
                 one, other = rows[entry] // width, columns[entry] // width
                 i, j = rows[entry] - one * width, columns[entry] - other * width

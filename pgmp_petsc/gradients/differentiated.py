@@ -103,13 +103,6 @@ def differentiate(
     pulse
         Called with the number of steps that have been taken since the last call.
     """
-    for name, entry in model.scene.outputs.items():
-        if "multipliers" in entry.reads:
-            why = "derivatives of forces in joints, which take those of accelerations, are not known"
-            raise InputError(f"outputs.{name} ({entry.type}): {why}; leave it out, or compare runs (--set)")
-    for name in model.scene.controllers:
-        why = "derivatives of runs with controllers are not known"
-        raise InputError(f"controllers.{name}: {why}; compare runs (--set), or take samples (pgmp montecarlo)")
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
     of_sample = {name: np.array([value]) for name, value in values.items()}
@@ -428,7 +421,8 @@ class _Member:
         self._kinds: dict[str, set[str]] = {"frames": set(), "line": set(), "stresses": set()}
         for name, reading in model.outputs.functions.items():
             on_line = reading.depth(0) or reading.needs.parameters or reading.needs.base
-            self._kinds["stresses" if reading.needs.stresses else "line" if on_line else "frames"].add(name)
+            of_model = reading.needs.stresses or reading.needs.multipliers
+            self._kinds["stresses" if of_model else "line" if on_line else "frames"].add(name)
 
     def changes(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
         """Return the derivatives of the outputs with a parameter."""

@@ -20,14 +20,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.effects.action import LED, amplitudes_over
+from pgmp_petsc.effects.action import BY_LOAD, LED, amplitudes_over
 from pgmp_petsc.effects.law import differentiate, obey
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import empty_lanes
 from pgmp_petsc.lanes.vectors import LANES, add, load, same_in_all_lanes, spread, store
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.reduced.action_frames import KeptPlaces, place_nodes
-from pgmp_petsc.reduced.action_kernel import MEASURE, RATE, allocate_local, measure
+from pgmp_petsc.reduced.action_kernel import LEADING, MEASURE, RATE, allocate_local, measure
 from pgmp_petsc.stepping.second_order_system import State
 
 DIFFERENCE = 1e-8  # in rad, and of flexible coordinates in units of the mechanism's size or of 1 rad
@@ -73,7 +73,7 @@ class LocalDerivatives:
                     there = evaluate_weights(weights, {**values, name: values[name] + far * step})
                     self._beside.setdefault(number, []).append((factor / step, same_in_all_lanes(there)))
         self._edges = model.actions.edges
-        self._led = np.flatnonzero(self._local.actions.roles == LED)
+        self._led, self._by_load = (np.flatnonzero(self._local.actions.roles == role) for role in (LED, BY_LOAD))
         self._addresses = np.array([action.law.address_of_slopes for action in self._actions], dtype=np.int64)
         # changes of the parameters of laws with those of the scene, (n_parameters, n_actions, of one law)
         self._changes = np.zeros((len(names), *self._local.actions.parameters.shape[::2]))
@@ -101,14 +101,19 @@ class LocalDerivatives:
         force, stiffness, damping = (measured[:, :, row] for row in (FORCE, STIFFNESS, DAMPING))
         residual -= _summed(force, gradient)
         across, leading = np.swapaxes(gradient, 1, 2), gradient
-        if self._led.size:
+        pushes = np.zeros_like(force)  # minus the derivatives with the rate of the action before
+        if self._led.size or self._by_load.size:
             leading = gradient.copy()
             leading[:, self._led] = gradient[:, self._led - 1]
-        by_q += np.matmul(across * stiffness[:, None], leading)
         by_v += np.matmul(across * damping[:, None], leading)
+        for number in self._by_load:
+            pushes[:, number] = -slopes[:, number, len(self._actions[number].parameters)]
+            leading[:, number] = gradient[:, number - 1]
+            by_v += pushes[:, number, None, None] * gradient[:, number, :, None] * gradient[:, number - 1, None]
+        by_q += np.matmul(across * stiffness[:, None], leading)
         _bend(
             self._local, self._weights, self._terms.grid, DIFFERENCE / self._terms.scale,
-            np.ascontiguousarray(states.q), np.ascontiguousarray(states.v), measured, by_q,
+            np.ascontiguousarray(states.q), np.ascontiguousarray(states.v), measured, pushes, by_q,
         )  # fmt: skip
         for number, beside in self._beside.items():
             for factor, weights in beside:
@@ -214,12 +219,16 @@ def _measure(local, weights, grid, strengths, q, v, addresses, gradients, measur
         for action in range(n_actions):
             s, speed = measure(local, action, r, of_q, of_v, False, work)
             if actions.roles[action] != LED:
-                store(work.measured, MEASURE, s)
                 store(work.measured, RATE, speed)
+                if actions.roles[action] != BY_LOAD:
+                    store(work.measured, MEASURE, s)
+                    store(work.measured, LEADING, speed)
             for lane in range(min(LANES, n_t - first)):
                 t, p = first + lane, actions.parameters[action, 0]
                 place, rate = work.measured[MEASURE, lane], work.measured[RATE, lane]
                 strength, crossed = strengths[t, action], depths[t, actions.laws.edges[action] :]
+                if actions.roles[action] == BY_LOAD:
+                    strength = work.measured[LEADING, lane]
                 now = obey(actions.laws.addresses[action], p, strength, place, rate, np.nan, crossed)
                 found = measured[t, action]
                 found[S], found[SPEED], found[FORCE] = place, rate, now.force
@@ -230,8 +239,9 @@ def _measure(local, weights, grid, strengths, q, v, addresses, gradients, measur
 
 
 @njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"})
-def _bend(local, weights, grid, steps, q, v, measured, by_q):
-    """Add ``c g (H eta')^T - F H`` to `by_q` (n_t, n_eta, n_eta), with differences over steps (n_eta,) for H.
+def _bend(local, weights, grid, steps, q, v, measured, pushes, by_q):
+    """Add ``c g (H eta')^T - F H`` to `by_q` (n_t, n_eta, n_eta), with differences over steps (n_eta,) for H; pushes
+    (n_t, n_actions) are damping by the rate of the action before.
 
     Parameters as of `_measure`, which has filled `measured`. A tile of states is bent along all coordinates before the
     next one: so the polynomials of its cells serve for all.
@@ -241,7 +251,7 @@ def _bend(local, weights, grid, steps, q, v, measured, by_q):
     d, n_actions, r = local.actions.statements.axes.shape[2], local.actions.roles.size, len(grid)
     work, kept = allocate_local(local, r, n), _places_kept(local, weights)
     of_q, of_v, total = empty_lanes(n, LANES), empty_lanes(n, LANES), empty_lanes(n, LANES)
-    straight, laws = empty_lanes(n_actions * n, LANES), empty_lanes(2 * n_actions, LANES)
+    straight, laws = empty_lanes(n_actions * n, LANES), empty_lanes(3 * n_actions, LANES)
     roles, leading = local.actions.roles, empty_lanes(1, LANES)
     for first in range(0, n_t, LANES):
         _take(q, first, of_q)
@@ -249,8 +259,9 @@ def _bend(local, weights, grid, steps, q, v, measured, by_q):
         for action in range(n_actions):
             for lane in range(LANES):
                 t = min(first + lane, n_t - 1)
-                laws[2 * action, lane] = measured[t, action, FORCE]
-                laws[2 * action + 1, lane] = measured[t, action, DAMPING]
+                laws[3 * action, lane] = measured[t, action, FORCE]
+                laws[3 * action + 1, lane] = measured[t, action, DAMPING]
+                laws[3 * action + 2, lane] = pushes[t, action]
         place_nodes(places, local.all.nodes, grid, d, of_q, kept, work.frames)
         for action in range(n_actions):
             measure(local, action, r, of_q, of_v, False, work)
@@ -264,17 +275,20 @@ def _bend(local, weights, grid, steps, q, v, measured, by_q):
                 store(total, i, 0.0)
             for action in range(n_actions):
                 measure(local, action, r, of_q, of_v, False, work)
-                turned, force, damping = spread(0.0), load(laws, 2 * action), load(laws, 2 * action + 1)
+                turned, force, damping = spread(0.0), load(laws, 3 * action), load(laws, 3 * action + 1)
                 for i in range(n):
                     bent = (load(work.projected, i) - load(straight, action * n + i)) * inverse
                     turned += bent * load(of_v, i)
                     add(total, i, -(force * bent))
                 if roles[action] == LED:
                     turned = load(leading, 0)
-                else:
+                pushed = damping * turned
+                if roles[action] == BY_LOAD:
+                    pushed += load(laws, 3 * action + 2) * load(leading, 0)
+                elif roles[action] != LED:
                     store(leading, 0, turned)
                 for i in range(n):
-                    add(total, i, damping * turned * load(straight, action * n + i))
+                    add(total, i, pushed * load(straight, action * n + i))
             store(of_q, j, here)
             for lane in range(min(LANES, n_t - first)):
                 for i in range(n):

@@ -97,6 +97,7 @@ class Kind:
     periodic: bool = False  # whether it is an angle, of which the turn is taken that is nearest to one that is known
     singular: bool = False  # whether derivatives are taken as zero where its product is
     pull: str = ""  # no measure, but a force: the vector that pulls at the point of b
+    sweep: bool = False  # no measure, but a force: the measure has two products, along ``q0 dq1 - q1 dq0``
     fixed: bool = False  # whether the gradient keeps its direction in the frames, however they stand
     limited: bool = False  # whether its first product counts within 0 and 1 alone
     generic: str = ""  # the kind with derivatives everywhere that this one has within limits
@@ -113,6 +114,8 @@ class Kind:
                 *(f"        {loop}hessian[n + c, {at}] = {factor}" for loop, at, factor in one.entries("k")),
                 "return 0.0 * z[0]",
             ]
+        if self.sweep:
+            return self._swept()
         products, outer = self._parts()
         touched = sorted({part for pair in products for one in pair for part in one.touched}) if outer else []
         lines = _first(products, touched)
@@ -124,6 +127,25 @@ class Kind:
             lines += [f"for i in range({n_first}): gradient[{first} + i] = {mixed}"]
         turned = f" + {TURN} * nearest_whole((turned - s) / {TURN})" if self.periodic else ""
         return [*lines, f"return s{turned}"]
+
+    def _swept(self) -> list[str]:
+        """Return the body of the function of a pull along ``q0 dq1 - q1 dq0``, whose Hessian has a skew part."""
+        products, _ = self._parts()
+        touched = sorted({part for pair in products for one in pair for part in one.touched})
+        lines = [*_first(products, touched), "let f0 = -q1", "let f1 = q0"]
+        curved = _second(products, touched, outer=False)
+        for (first, n_first), (then, n_then) in itertools.product(touched, repeat=2):
+            one, other = f"{first} + i", f"{then} + j"
+            skew = f"spare[{one}] * gradient[{other}] - gradient[{one}] * spare[{other}]"
+            curved += [
+                f"for i in range({n_first}):",
+                f"    for j in range({n_then}): hessian[{one}, {other}] += {skew}",
+            ]
+        lines += ["if second:", *_indented(curved)]
+        for first, count in touched:
+            mixed = f"f0 * gradient[{first} + i] + f1 * spare[{first} + i]"
+            lines += [f"for i in range({count}): gradient[{first} + i] = {mixed}"]
+        return [*lines, "return 0.0 * z[0]"]
 
     def _parts(self) -> tuple[list[tuple[_Vector, _Vector]], Any]:
         """Return the products, and the function of them in sympy's form; None where it is the only product itself."""
@@ -184,7 +206,9 @@ def _first(products: Sequence[tuple[_Vector, _Vector]], touched: Sequence[tuple[
     return [*lines, "for c in range(d):", *_indented(body)]
 
 
-def _second(products: Sequence[tuple[_Vector, _Vector]], touched: Sequence[tuple[str, str]]) -> list[str]:
+def _second(
+    products: Sequence[tuple[_Vector, _Vector]], touched: Sequence[tuple[str, str]], outer: bool = True
+) -> list[str]:
     """Return what adds up the second derivatives: those of products, and for functions of them what is `touched`."""
     lines, numbers = ["for c in range(d):"], range(len(products))
     for m, (x, y) in enumerate(products):
@@ -194,7 +218,7 @@ def _second(products: Sequence[tuple[_Vector, _Vector]], touched: Sequence[tuple
         for (loop, at, one), (inner, other, two) in pairs:
             value = _times(factor, one, two, f"f{m}" if touched else "1.0")
             lines += [f"    {loop}{inner}{_both(at, other, value, len(lines))}"]
-    for (first, n_first), (then, n_then) in itertools.combinations_with_replacement(touched, 2):
+    for (first, n_first), (then, n_then) in itertools.combinations_with_replacement(touched if outer else (), 2):
         lines += [f"for i in range({n_first}):"]
         for m in numbers:
             mixed = " + ".join(f"f{min(m, k)}{max(m, k)} * {ARRAYS[k]}[{first} + i]" for k in numbers)

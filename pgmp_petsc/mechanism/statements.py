@@ -31,9 +31,10 @@ KINDS = (
     Kind("BULGING", "bulge(dot(u_a, p_b - p_a)) * dot(v_a, w_b)", limited=True, generic="BULGING_EVERYWHERE"),
     Kind("FADING_EVERYWHERE", "dot(u_a, p_b - p_a) * dot(v_a, p_b - p_a)"),
     Kind("BULGING_EVERYWHERE", "dot(u_a, p_b - p_a) * dot(v_a, w_b)"),
+    Kind("SWEEPING", "dot(u_a, p_b - p_a) * dot(v_a, p_b - p_a)", sweep=True),
 )
 NAMES = [kind.name for kind in KINDS]
-MEET, PERPENDICULAR, WITHIN, ALONG, ANGLE, DISTANCE, FOLLOWING, FADING, BULGING, _, _ = range(len(KINDS))
+MEET, PERPENDICULAR, WITHIN, ALONG, ANGLE, DISTANCE, FOLLOWING, FADING, BULGING, _, _, SWEEPING = range(len(KINDS))
 U, V, W = range(3)  # rows of a statement's directions
 _MARK = text_mark(
     *(f"pgmp_petsc.{name}" for name in ("mechanism.statement_kinds", "declare.forms", "declare.expressions"))
@@ -212,6 +213,12 @@ def distance(dimension: int) -> Statement:
 def following(axis: np.ndarray) -> Statement:
     """Return a direction (d,) that turns with b; its length does not matter."""
     return _statement(FOLLOWING, w=np.asarray(axis, dtype=float) / np.linalg.norm(axis))
+
+
+def sweeping(u: np.ndarray, v: np.ndarray) -> Statement:
+    """Return a pull across the way from a to b in the plane of directions u and v (d,) in a, times that way: its rate
+    is twice the area that b sweeps in a second."""
+    return _statement(SWEEPING, u=u, v=v)
 
 
 def _statement(kind: int, **directions: np.ndarray) -> Statement:

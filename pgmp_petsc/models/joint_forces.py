@@ -16,6 +16,7 @@ from pgmp_petsc.outputs.joint_forces import ForceOutput
 from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedDamping, ReducedTerms
+from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.joint_gaps import rows_of
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
@@ -65,6 +66,10 @@ class ReducedMultipliers:
         self._n_held, self._n_own = kinematics.mechanism.n_held, rom.tables.n_modes + rom.tables.n_coordinates
         self._rows, self._effects, self._motions = known, effects, motions
         scheme, wider = scene.reduction.interpolation, rom.with_gaps
+        self._weights, self._inertia = rom.tables.mass_weights, None
+        if rom.gaps is not None and rom.gaps.cubic is not None:
+            inertia = np.moveaxis(rom.gaps.mass[..., rom.tables.n_coordinates :], -1, 1)
+            self._inertia = interpolant(rom.tables.samples, inertia.reshape(*inertia.shape[:2], -1), scheme)
         damping = ReducedDamping.of(effects, kinematics, wider)
         self._terms = ReducedTerms.of(
             wider.tables, wider.rigid_inertia, kinematics, wider.projection, scheme, damping, scene.gyroscopic
@@ -93,8 +98,19 @@ class ReducedMultipliers:
             state = State(*(self._wider(part[some]) for part in (states.q, states.v, states.a)), np.zeros(0))
             residual = rows.residuals_at(times[some], state)
             found[self._rows, some] = -residual[:, self._n_own :].T
+            if self._inertia is not None:
+                found[self._rows, some] -= self._as_inertia_changes(state, {k: v[some] for k, v in values.items()})
             found[self._n_held :, some] = -residual[:, driven].T
         return found
+
+    def _as_inertia_changes(self, state: State, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Return ``1/2 m_ij' theta'' d_j``, shape (g, n): what is linear in accelerations of theta of all that
+        skew gyroscopic terms leave out (`JointGaps.changing`)."""
+        m, n = self._inertia.shape[0], len(state.q)
+        theta, delta = np.split(state.q[:, : self._n_own], [self._n_own - m], axis=1)
+        found = sum(self._inertia.product(theta, 0.5 * state.a[:, k, None] * delta, k) for k in range(theta.shape[1]))
+        shares = [np.broadcast_to(weight.evaluate(values), n) for weight in self._weights]
+        return np.einsum("nwg,wn->gn", found.reshape(n, len(shares), self._rows.size), shares)
 
     def _system(self, n: int, values: Mapping[str, np.ndarray]) -> ReducedSystem:
         given = np.zeros((self._terms.tables.n_given, n))

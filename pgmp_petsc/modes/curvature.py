@@ -106,7 +106,7 @@ class CurvatureProblem:
         self._axial = axial_stiffness(bodies, problem.rows, problem.values) if static_stretching else None
 
     def solve(
-        self, modes: ModeSet, shape: np.ndarray, answered: np.ndarray, loose: np.ndarray | None = None
+        self, modes: ModeSet, shape: np.ndarray, answered: np.ndarray, loose: np.ndarray | None = None, n_open: int = 0
     ) -> Curvature:
         """Compute the curvature of the vectors of a basis.
 
@@ -123,6 +123,9 @@ class CurvatureProblem:
             known (joints then take of its elastic forces what they can), shape (n_local, m).
         loose
             Which of them are without strain, as elastic joints allow them, shape (m,); none by default.
+        n_open
+            How many of the last ones answer gaps of constraints, which are the same wherever the mechanism is; without
+            offsets alone.
         """
         loose = np.zeros(shape.shape[1], dtype=bool) if loose is None else loose
         problem, pairs = self._problem, np.tril_indices(shape.shape[1])
@@ -144,6 +147,8 @@ class CurvatureProblem:
         moving = ~loose
         if gaps is not None:
             moving[-self._built_in.n :] = False
+        if n_open:
+            moving[-n_open:] = False
         bent, (i, j) = shape[:, moving], pairs
         own, free = moving[i] & moving[j], (moving[i] | moving[j]) & ~loose[i] & ~loose[j]
         crossed = free & ~own if self._axial is not None else free

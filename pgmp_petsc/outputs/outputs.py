@@ -176,7 +176,9 @@ class OutputSet:
                 functions[name] = ModelReading(name, Needs(frozenset(nodes), stresses=frozenset([name])))
             elif "multipliers" in entry.reads:
                 force = next(one for one in forces if one.name == name)
-                functions[name] = ModelReading(name, Needs(frozenset(force.nodes)), int(force.reads_rates))
+                functions[name] = ModelReading(
+                    name, Needs(frozenset(force.nodes), multipliers=frozenset([name])), int(force.reads_rates)
+                )
             elif "outputs" in entry.reads:
                 parts = {one: functions[one] for one in entry.made_in(scene)}
                 functions[name] = entry.combined(f"outputs.{name}", parts, scene)

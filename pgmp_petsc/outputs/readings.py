@@ -67,6 +67,7 @@ class Needs:
     of_coordinates: frozenset[int] = frozenset()  # of these, at which the rigid mechanism of deformations is measured
     parameters: frozenset[str] = frozenset()
     stresses: frozenset[str] = frozenset()  # names of stress outputs
+    multipliers: frozenset[str] = frozenset()  # names of outputs of multipliers
     time: bool = False
     base: bool = False
 

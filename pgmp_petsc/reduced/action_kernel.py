@@ -7,7 +7,8 @@ s, its gradient g and second derivative h in the frames adds to the equations of
 
 without the change of J with eta. A measure that is the sum of functions f_i of several statements has ``g = sum_i f_i'
 g_i`` and ``h = sum_i (f_i' h_i + f_i'' g_i g_i^T)``, each in the frames of its own two nodes. Of a law that is led by
-the action before it (`effects.action`) ``k + gain_v c`` is with the product of its own g and of g there. An angle is
+the action before it (`effects.action`) ``k + gain_v c`` is with the product of its own g and of g there, of one that
+rubs k alone, without what follows from the other rate. An angle is
 that turn of its joint which is nearest to the rigid mechanism's. Laws are evaluated lane by lane: they have cases.
 """
 
@@ -18,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from pgmp_petsc.effects.action import LEADS, LED, Actions
+from pgmp_petsc.effects.action import BY_LOAD, LEADS, LED, Actions
 from pgmp_petsc.effects.law import obey
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items
@@ -75,14 +76,15 @@ class LocalWork(NamedTuple):
     bent: np.ndarray
     projected: np.ndarray
     leading: np.ndarray
-    measured: np.ndarray  # see below, (6)
-    #: of each law that `rubs` asks for what its rate follows from, measure, rate, force and damping, (n, n_eta + 4)
+    measured: np.ndarray  # see below, (7)
+    #: of each law that `rubs` asks for what its rate follows from, measure, rate, force, damping and the rate of the
+    #: action that leads, (n, n_eta + 5)
     rubbing: np.ndarray
 
 
 #: Rows of `LocalWork.measured`: the measure that the law is of and its rate, the force and its derivatives, and the
-#: rate of what it acts along.
-MEASURE, RATE, STRENGTH, STIFFNESS, DAMPING, ALONG = range(6)
+#: rate of what it acts along, and of what the last action measured that is of its own.
+MEASURE, RATE, STRENGTH, STIFFNESS, DAMPING, ALONG, LEADING = range(7)
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -114,8 +116,8 @@ def allocate_local(local, r, n_eta):
         empty_lanes(n_eta, LANES),
         empty_lanes(n_eta, LANES),
         empty_lanes(n_eta, LANES),
-        empty_lanes(ALONG + 1, LANES),
-        empty_lanes(n_rubbing * (n_eta + 4), LANES).reshape((n_rubbing, n_eta + 4, LANES)),
+        empty_lanes(LEADING + 1, LANES),
+        empty_lanes(n_rubbing * (n_eta + 5), LANES).reshape((n_rubbing, n_eta + 5, LANES)),
     )
 
 
@@ -173,22 +175,28 @@ def act(
         s, rate = measure(local, action, r, q, v, with_tangent and single, work)
         store(work.measured, ALONG, rate)
         if role != LED:
-            store(work.measured, MEASURE, s)
             store(work.measured, RATE, rate)
+            if role != BY_LOAD:
+                store(work.measured, MEASURE, s)
+                store(work.measured, LEADING, rate)
         _obey(actions, action, amplitudes, samples, lanes, limiting, work.measured, known, depths)
         if limiting and actions.laws.taken_up[action]:
             _keep(work.leading if role == LED else work.projected, work.measured, n_rubbing, work.rubbing)
             n_rubbing += 1
-        if role == LEADS:
+        if role == LEADS or (action + 1 < actions.roles.size and actions.roles[action + 1] == BY_LOAD):
             for i in range(n):
                 store(work.leading, i, load(work.projected, i))
+        if role == LEADS:
             continue
         force = load(work.measured, STRENGTH)
         for i in range(n):
             add(acting.balance, i, -force * load(work.projected, i))
         if with_tangent:
-            stiffness = load(work.measured, STIFFNESS) + gain_v * load(work.measured, DAMPING)
-            _stiffen(stiffness, work, work.leading if role == LED else work.projected, acting.tangent)
+            stiffness, damping = load(work.measured, STIFFNESS), gain_v * load(work.measured, DAMPING)
+            if role == BY_LOAD:
+                _stiffen(stiffness, work, work.leading, acting.tangent)
+                stiffness = spread(0.0)
+            _stiffen(stiffness + damping, work, work.leading if role == LED else work.projected, acting.tangent)
             for term in range(first, last if differing(force, spread(0.0)) != 0 else first):
                 if not single:
                     _measure_term(local, term, r, q, True, work)
@@ -199,13 +207,14 @@ def act(
 def _keep(along, measured, number, rubbing):
     """Keep what a law was evaluated at."""
     n = along.shape[0]
-    first = number * (n + 4)
+    first = number * (n + 5)
     for i in range(n):
         store(rubbing, first + i, load(along, i))
     store(rubbing, first + n, load(measured, MEASURE))
     store(rubbing, first + n + 1, load(measured, RATE))
     store(rubbing, first + n + 2, load(measured, STRENGTH))
     store(rubbing, first + n + 3, load(measured, DAMPING))
+    store(rubbing, first + n + 4, load(measured, LEADING))
 
 
 @njit(cache=True, apart=types.int64, error_model="numpy", counted=False)
@@ -218,7 +227,7 @@ def bent_lanes(local, amplitudes, v, samples, lanes, work, depths):
             continue
         rate, kept = spread(0.0), work.rubbing[number]
         for i in range(n):
-            rate += load(work.rubbing, number * (n + 4) + i) * load(v, i)
+            rate += load(work.rubbing, number * (n + 5) + i) * load(v, i)
         store(work.measured, ALONG, rate)
         number += 1
         for lane in range(LANES):
@@ -226,7 +235,8 @@ def bent_lanes(local, amplitudes, v, samples, lanes, work, depths):
                 p, edges = local.actions.parameters[action, samples[lane]], depths[samples[lane], laws.edges[action] :]
                 s, before, force, damping = kept[n, lane], kept[n + 1, lane], kept[n + 2, lane], kept[n + 3, lane]
                 after = work.measured[ALONG, lane]
-                now = obey(laws.addresses[action], p, amplitudes[action, lane], s, after, np.nan, edges).force
+                amplitude = kept[n + 4, lane] if local.actions.roles[action] == BY_LOAD else amplitudes[action, lane]
+                now = obey(laws.addresses[action], p, amplitude, s, after, np.nan, edges).force
                 off = abs(now - force + damping * (after - before))
                 found |= np.int64(not off <= UNBALANCED * (abs(now) + abs(force))) << lane
     return found
@@ -349,7 +359,8 @@ def _obey(actions, action, amplitudes, samples, lanes, limiting, measured, known
         p, of_sample = actions.parameters[action, samples[lane]], known[samples[lane]]
         s, rate, led = measured[MEASURE, lane], measured[RATE, lane], actions.roles[action] == LED
         about = of_sample[ABOUT, action] if limiting else np.nan
-        found = obey(address, p, amplitudes[action, lane], s, rate, about, depths[samples[lane], edge:])
+        amplitude = measured[LEADING, lane] if actions.roles[action] == BY_LOAD else amplitudes[action, lane]
+        found = obey(address, p, amplitude, s, rate, about, depths[samples[lane], edge:])
         measured[STRENGTH, lane], measured[STIFFNESS, lane] = found.force, found.stiffness
         measured[DAMPING, lane] = found.damping
         elastic, stored = (0.0, 0.0) if led else (found.elastic, found.stored)

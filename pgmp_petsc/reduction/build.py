@@ -244,6 +244,7 @@ def _built(
             sampler = Sampler(problem, loads, static_loads, snapshots, probe, built_in)
         sampling = _Sampling(scene, sampler, group, way)
         joined, basis, rounds = sampling.joined(store, loads, bool(actions_of(effects)), timings)
+        manifold = None
         if scene.second_order:
             with timings.phase("second order"):
                 manifold = Manifold(problem, loads, static_loads, scene.static_stretching, built_in)
@@ -255,7 +256,7 @@ def _built(
         gaps = None
         if opened_rows.size:
             with timings.phase("forces in joints"):
-                gaps = sampling.gaps(store, basis, loads, opened_rows)
+                gaps = sampling.gaps(store, basis, loads, opened_rows, manifold)
     n_redundant = problem.n_redundant
     timings = timings.maximum(group.world)
     if joined is None:
@@ -268,6 +269,10 @@ def _built(
             kinematics, mass, tables.samples, basis.projection, scene.reduction.interpolation, tables.n_given
         )
         tables = replace(tables, changes=changes)
+        if gaps is not None and gaps.cubic is not None:
+            wider = np.concatenate([basis.projection, gaps.shapes], axis=2)
+            both = mode_changes(kinematics, mass, tables.samples, wider, scene.reduction.interpolation)
+            gaps = gaps.changing(both, tables.samples, scene.reduction.interpolation)
     n_parameter = tables.n_modes - tables.n_given - joined.n_kept
     indefinite = indefinite_between(tables.moving(), scene.reduction.interpolation, *spanning_values(scene))
     remarks = (
@@ -424,21 +429,23 @@ class _Sampling:
         return _over_turns(found, store.samples, basis)
 
     def gaps(
-        self, store: SampleStore, basis: ContinuousBasis | None, loads: Sequence[Load], rows: np.ndarray
-    ) -> JointGaps | None:
-        """Return the products of static answers to unit gaps in some constraints with the finished basis; None but on
-        the first rank. Collective."""
+        self, store: SampleStore, basis: ContinuousBasis | None, loads: Sequence[Load], rows: np.ndarray,
+        manifold: Manifold | None,
+    ) -> JointGaps | None:  # fmt: skip
+        """Return the products of static answers to unit gaps in some constraints with the finished basis, of second
+        order too where it has a manifold; None but on the first rank. Collective."""
         problem = self.sampler.problem
         turned, closing = TurnedLoads(problem, loads), Closing(problem)
 
         def at(theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, ...]:
-            return gap_answers_at(problem, turned, closing, rows, theta, sample, combination)
+            curved = None if manifold is None or sample.built_in.shape[1] else manifold.at
+            return gap_answers_at(problem, turned, closing, rows, theta, sample, combination, curved)
 
         gathered = self._at_samples(store, basis, "forces in joints", at)
         if gathered is None or basis is None:
             return None
-        shapes, *tables = (np.array(parts) for parts in zip(*gathered))
-        return _over_turns(JointGaps(rows, *tables, shapes), store.samples, basis)
+        shapes, *tables = (None if parts[0] is None else np.array(parts) for parts in zip(*gathered))
+        return _over_turns(JointGaps(rows, *tables[:4], shapes, *tables[4:]), store.samples, basis)
 
     def _at_samples(
         self,
@@ -527,7 +534,9 @@ class Manifold:
         self._problem, self._loads, self._static_loads = problem, TurnedLoads(problem, loads), static_loads
         self._curvature = CurvatureProblem(problem, static_stretching, built_in)
 
-    def at(self, theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, SecondOrderTables]:
+    def at(
+        self, theta: np.ndarray, sample: Sample, combination: np.ndarray, opened: np.ndarray | None = None
+    ) -> tuple[np.ndarray, SecondOrderTables]:
         """Return chi in body frames, pairs packed, local rows, shape (n_local, n_pairs), and the tables of one sample.
 
         Raises `RunError` if the refinement of an answer does not converge.
@@ -540,6 +549,8 @@ class Manifold:
             What was found there.
         combination
             The basis in terms of the sample's vectors, shape (n_vectors, n_delta).
+        opened
+            Answers to unit gaps in constraints, which stand behind the basis then, local rows, shape (n_local, g).
         """
         problem = self._problem
         modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
@@ -548,7 +559,11 @@ class Manifold:
         # motions without strain answer no load
         answered = np.insert(answered, [first] * (last - first), 0.0, axis=1)
         shape, loose = np.hstack([sample.shape, sample.built_in]) @ combination, combination[first:last].any(axis=0)
-        curvature = self._curvature.solve(modes, shape, answered @ combination[: sample.n_kept], loose)
+        answered, g = answered @ combination[: sample.n_kept], 0 if opened is None else opened.shape[1]
+        if g:
+            shape, answered = np.hstack([shape, opened]), np.pad(answered, ((0, 0), (0, g)))
+            loose = np.pad(loose, (0, g))
+        curvature = self._curvature.solve(modes, shape, answered, loose, g)
         everywhere = problem.all_rows(curvature.chi)
         mass = [problem.matrices.mass[weight] for weight in problem.mechanism.mass_weights]
         # (k, pair of i, j): a third of K3, which comes three times, and psi_k.K_t chi_ij

@@ -17,27 +17,36 @@ vectors, loads, local effects and damping, at any parameters. Tables keep the pr
 The multiplier of a prescribed coordinate is minus its own residual, as its rigid velocity ``d rho / d theta_k`` opens
 its statement alone.
 
-Terms of second order in the deformation are not known of the ``Y_i``: forces are of first order in it, those of
-drives of the order of the model. Where constraints follow from others, ``C Y_i`` is the part of ``e_i`` that can be
+In a model of second order ``Y_i`` has, as a flexible coordinate, the curvature and the cubic energy in pairs with the
+basis (`modes.curvature`; the gap is the same wherever the mechanism is), so that the virtual displacement is the one
+about the deformed mechanism, and inertia of the vectors as they turn and change. Otherwise, and where joints are off,
+forces are of first order in the deformation, those of drives of the order of the model. Where constraints follow from
+others, ``C Y_i`` is the part of ``e_i`` that can be
 opened, and the multipliers are the smallest that do the same.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.reduction.cell_products import SecondOrderTables
+from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.tables import ReducedTables
+from pgmp_petsc.reduction.tables import ModeChanges, ReducedTables
 
 if TYPE_CHECKING:
     from pgmp_petsc.modes.built_in import Closing
     from pgmp_petsc.modes.problem import ModalProblem
     from pgmp_petsc.outputs.joint_forces import ForceOutput
     from pgmp_petsc.reduction.sampler import Sample, TurnedLoads
+
+
+#: Arrays of second order with one index of the basis.
+CURVED = ("curved_load", "curved_inertia", "curvature")
 
 
 def rows_of(outputs: Iterable[ForceOutput], n_held: int) -> np.ndarray:
@@ -57,15 +66,42 @@ class JointGaps:
     stiffness: np.ndarray  # ``Y^T K_i Psi``, shape (n, n_stiffness_terms, g, m)
     load: np.ndarray  # ``Y^T f_j``, shape (n, n_load_terms, g)
     shapes: np.ndarray  # Y in body frames, shape (n, n_dofs, g)
+    # of second order, where the model is: cubic energy, shape (n, n_stiffness_terms, g, m, m); work of loads and of
+    # inertia on the curvature, (n, n_load_terms, g, m) and (n, n_mass_terms, r (r + 1) / 2, g, m); the curvature in
+    # body frames, (n, n_dofs, g, m); and what changes as the vectors do, (n, n_mass_terms, r, g, m) and as of inertia
+    cubic: np.ndarray | None = None
+    curved_load: np.ndarray | None = None
+    curved_inertia: np.ndarray | None = None
+    curvature: np.ndarray | None = None
+    gyroscopic: np.ndarray | None = None
+    spread: np.ndarray | None = None
 
     def over_two_turns(self, samples: SampleGrid, axis: int, signs: np.ndarray) -> JointGaps:
         """Append a second revolution along an axis, on which flexible coordinates have signs (m,)."""
         whole = np.concatenate([np.ones(self.mass.shape[-1] - signs.size), signs])
         second = replace(self, mass=self.mass * whole, stiffness=self.stiffness * signs)
-        names = ("mass", "inertia", "stiffness", "load", "shapes")
+        names: tuple[str, ...] = ("mass", "inertia", "stiffness", "load", "shapes")
+        if self.cubic is not None:
+            turned = {name: getattr(self, name) * signs for name in CURVED}
+            second = replace(second, **turned, cubic=self.cubic * np.multiply.outer(signs, signs))
+            names += ("cubic", *CURVED)
         return replace(
             self, **{name: samples.twice(axis, getattr(self, name), getattr(second, name)) for name in names}
         )
+
+    def changing(self, both: ModeChanges, samples: SampleGrid, scheme: str) -> JointGaps:
+        """Add what changes as the vectors do, of a basis of m and g vectors.
+
+        Terms ``A[k,ij] v_k w_i d_j`` of the reduced Lagrangian are skew, as inertia ``m_ij`` of a basis does not
+        change; that of Y and Psi does, and leaves ``1/2 m_ij'' d_j`` over, of which what is quadratic in velocities is
+        added here.
+        """
+        m, r = both.spread.shape[-1] - self.rows.size, both.gyroscopic.shape[2]
+        inertia, spread = interpolant(samples, self.mass[..., -m:], scheme), both.spread[..., m:, :m].copy()
+        for pair, (k, j) in enumerate(zip(*np.tril_indices(r))):
+            slope = interpolant(samples, inertia.slope(samples.theta, k), scheme)
+            spread[:, :, pair] -= 0.5 * slope.slope(samples.theta, j)
+        return replace(self, gyroscopic=both.gyroscopic[..., m:, :m], spread=spread)
 
     def beside(
         self, tables: ReducedTables, projection: np.ndarray, curvature: np.ndarray | None
@@ -82,12 +118,17 @@ class JointGaps:
         second, changes = tables.second_order, tables.changes
         if second is not None:
             cubic = np.pad(second.cubic, ((0, 0),) * 2 + ((0, g),) * 3)
+            if self.cubic is not None:
+                cubic[..., m:, :m, :m] = self.cubic
+                cubic[..., :m, m:, :m] = np.swapaxes(self.cubic, -3, -2)
+                cubic[..., :m, :m, m:] = np.moveaxis(self.cubic, -3, -1)
             second = replace(
-                second, cubic=cubic, curved_load=_widened(second.curved_load, g),
-                curved_inertia=_widened(second.curved_inertia, g),
+                second, cubic=cubic, curved_load=_widened(second.curved_load, g, self.curved_load),
+                curved_inertia=_widened(second.curved_inertia, g, self.curved_inertia),
             )  # fmt: skip
             changes = replace(
-                changes, gyroscopic=_widened(changes.gyroscopic, g), spread=_widened(changes.spread, g)
+                changes, gyroscopic=_widened(changes.gyroscopic, g, self.gyroscopic, -1.0),
+                spread=_widened(changes.spread, g, self.spread),
             )  # fmt: skip
         widened = ReducedTables(
             tables.samples, tables.mass_weights, tables.stiffness_weights, tables.load_weights, tables.load_effects,
@@ -97,12 +138,19 @@ class JointGaps:
         if curvature is not None:  # pairs i >= j, those of the new vectors last
             n_pairs = (m + g) * (m + g + 1) // 2
             curvature = np.pad(curvature, ((0, 0), (0, 0), (0, n_pairs - curvature.shape[2])))
+            for k in range(g if self.curvature is not None else 0):
+                first = (m + k) * (m + k + 1) // 2
+                curvature[..., first : first + m] = self.curvature[:, :, k]
         return widened, np.concatenate([projection, self.shapes], axis=2), curvature
 
 
-def _widened(matrices: np.ndarray, n: int) -> np.ndarray:
-    """Return matrices (..., k, k) with n rows and columns of zeros more."""
-    return np.pad(matrices, ((0, 0),) * (matrices.ndim - 2) + ((0, n),) * 2)
+def _widened(matrices: np.ndarray, n: int, rows: np.ndarray | None = None, sign: float = 1.0) -> np.ndarray:
+    """Return matrices (..., k, k) with n rows more, (..., n, k), zeros by default, and columns that are the same but
+    for a sign."""
+    result, k = np.pad(matrices, ((0, 0),) * (matrices.ndim - 2) + ((0, n),) * 2), matrices.shape[-1]
+    if rows is not None:
+        result[..., k:, :k], result[..., :k, k:] = rows, sign * np.swapaxes(rows, -1, -2)
+    return result
 
 
 def gap_answers_at(
@@ -113,7 +161,8 @@ def gap_answers_at(
     theta: np.ndarray,
     sample: Sample,
     combination: np.ndarray,
-) -> tuple[np.ndarray, ...]:
+    curved: Callable[..., tuple[np.ndarray, SecondOrderTables]] | None = None,
+) -> tuple[np.ndarray | None, ...]:
     """Return Y, local rows (n_local, g), and behind it the other arrays of `JointGaps` at one configuration, in its
     order. Collective on the problem's communicator.
 
@@ -131,6 +180,8 @@ def gap_answers_at(
         Numbers of the constraints that are opened, shape (g,).
     theta, sample, combination
         As of `Manifold.at`.
+    curved
+        That, of a model of second order.
     """
     modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
     shape = np.hstack([sample.shape, sample.built_in]) @ combination
@@ -151,4 +202,25 @@ def gap_answers_at(
         work.reshape(len(mass), r, r, rows.size),
         np.swapaxes(problem.inner(shape, np.array(stiffness)), 1, 2),
         problem.inner(loads.at(theta), found),
+        *(
+            (None,) * 4
+            if curved is None
+            else _of_second_order(problem, *curved(theta, sample, combination, found), shape)
+        ),
+    )
+
+
+def _of_second_order(
+    problem: ModalProblem, chi: np.ndarray, tables: SecondOrderTables, shape: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Return the arrays of second order of `JointGaps`, of these and a basis (n_local, m)."""
+    m, everywhere = shape.shape[1], problem.all_rows(chi)
+    g = tables.cubic.shape[-1] - m
+    firsts = [(m + k) * (m + k + 1) // 2 for k in range(g)]
+    curvature = np.stack([everywhere[:, first : first + m] for first in firsts], axis=1)
+    return (
+        tables.cubic[0][..., m:, :m, :m],
+        tables.curved_load[0][..., m:, :m],
+        tables.curved_inertia[0][..., m:, :m],
+        curvature,
     )

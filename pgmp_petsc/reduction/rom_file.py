@@ -331,6 +331,29 @@ class GapsFile(Record):
     )
     load: np.ndarray = array("configuration", "load term", "gap", unit=WEIGHT_FREE, about="Y^T f_j")
     shapes: np.ndarray = array("configuration", "unknown", "gap", unit=NODE_UNITS, about="Y in body frames")
+    cubic: np.ndarray | None = array(
+        "configuration", "stiffness term", "gap", "mode", "mode", unit=WEIGHT_FREE, absent=None,
+        about="cubic strain energy of Y and two vectors of the basis",
+    )  # fmt: skip
+    curved_load: np.ndarray | None = array(
+        "configuration", "load term", "gap", "mode", unit=WEIGHT_FREE, absent=None, about="work on the curvature"
+    )
+    curved_inertia: np.ndarray | None = array(
+        "configuration", "mass term", "pair of coordinates", "gap", "mode", unit=WEIGHT_FREE, absent=None,
+        about="inertia of the curvature",
+    )  # fmt: skip
+    curvature: np.ndarray | None = array(
+        "configuration", "unknown", "gap", "mode", unit=CURVATURE_UNITS, absent=None,
+        about="of Y and a vector of the basis",
+    )  # fmt: skip
+    gyroscopic: np.ndarray | None = array(
+        "configuration", "mass term", "coordinate", "gap", "mode", unit=WEIGHT_FREE, absent=None,
+        about="Y^T M_i dPsi/d theta",
+    )  # fmt: skip
+    spread: np.ndarray | None = array(
+        "configuration", "mass term", "pair of coordinates", "gap", "mode", unit=WEIGHT_FREE, absent=None,
+        about="inertia of Y and a vector of the basis as they turn and change",
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

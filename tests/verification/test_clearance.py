@@ -9,7 +9,7 @@ from machine_scenes import MODELS
 from runs import history, motion, reduced_model, samples
 from scipy.integrate import solve_ivp
 
-from pgmp_petsc.effects.clearance import CONTACT
+from pgmp_petsc.effects.clearance import CONTACT, RUBBING
 from pgmp_petsc.scene import Scene
 
 
@@ -51,19 +51,30 @@ def test_slower_impacts_lose_less_and_nothing_pulls():
     assert CONTACT.depths(p, 1.1e-3**2)[0] == pytest.approx(0.105e-3) and CONTACT.depths(p, 0.0)[0] < 0.0
 
 
-@pytest.mark.parametrize("model", ["full", "components"])
-def test_a_ball_that_bounces_in_a_bore_is_that_of_another_integrator(model):
-    """The error falls as the square of the step, as instants of contact are found: 1 s in the bore of a ball with a
-    weight at an angle."""
-    scene = ball()
-    p, mass, g = [1e8, 1e-3, 1.5, 0.7, 0.2], 0.5, 20.0 * np.array([0.4, -1.0]) / np.hypot(0.4, 1.0)
+RUB = "joints.bore.clearance.friction=0.2", "joints.bore.clearance.friction_speed=0.01"
 
-    def rates(_, state):
-        return [*state[2:], *(g + _normal(p, state[:2], state[2:]) / mass)]
+
+@pytest.mark.parametrize("model", ["full", "components"])
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+def test_a_ball_that_bounces_in_a_bore_is_that_of_another_integrator(model, friction):
+    """The error falls as the square of the step, as instants of contact are found. A growing force
+    from aside lets the ball slide along the bore, too."""
+    rubs = RUB if friction else ()
+    scene, along = ball(*rubs), np.array([0.4, -1.0])
+    p, mass = [1e8, 1e-3, 1.5, 0.7, 0.2], 0.5
+
+    def rates(t, state):
+        x, v = state[:2], state[2:]
+        force = 10.0 * along / np.hypot(0.4, 1.0) + _normal(p, x, v) + np.array([500.0 * t, 0.0])
+        if friction:
+            s, rate, area = float(x @ x), float(2.0 * x @ v), float(x[0] * v[1] - x[1] * v[0])
+            force += RUBBING.evaluate([*p, friction, 0.01], s, area, rate).force * np.array([-x[1], x[0]])
+        return [*v, *(force / mass)]
 
     errors = []
+    aside = "effects.aside={type='force',point='ball:centre',direction=[1.0,0.0],table=[[0.0,0.0],[1.0,500.0]]}"
     for step in ("1e-4", "5e-5", "2.5e-5"):
-        time, found = _outputs(ball(f"simulation.step={step}"), model)
+        time, found = _outputs(ball(*rubs, aside, f"simulation.step={step}"), model)
         exact = solve_ivp(rates, (0.0, time[-1]), np.zeros(4), t_eval=time, rtol=1e-11, atol=1e-15, max_step=1e-5).y
         errors.append(max(np.max(np.abs(found[name] - own)) for name, own in zip("xy", exact)))
     assert scene.joints["bore"].gives_way == "clearance"
@@ -89,7 +100,7 @@ SHORT = ("simulation.duration=0.01", "simulation.step=1e-5")
 def test_reduced_and_component_runs_are_those_of_full_order():
     """A few impacts; later ones hang on every one before. Terms of second order are worth it: without them the reduced
     run is off by six times as much."""
-    scene = worn(*SHORT, "reduction.second_order=true", "reduction.inertia_modes=true")
+    scene = worn(*SHORT, *RUBS, "reduction.second_order=true", "reduction.inertia_modes=true")
     full, components, reduced = (_outputs(scene, name)[1] for name in ("full", "components", "reduced"))
     rigid = _outputs(worn("joints.pin={type='revolute',connect=['crank:tip','rod:hinge']}", *SHORT), "full")[1]
     room = np.max(np.abs(full["x"] - rigid["x"]))
@@ -104,20 +115,27 @@ def test_radius_and_stiffness_of_a_built_model_are_those_of_a_new_build():
         assert np.max(np.abs(changed[name] - own)) < 1e-7 * np.max(np.abs(own)), name
 
 
-def test_derivatives_are_central_differences():
-    compare(reduced_model(worn("simulation.duration=4e-3")))
+RUBS = "joints.pin.clearance.friction='mu'", "joints.pin.clearance.friction_speed=0.01", "parameters.mu={nominal=0.1}"
+
+
+@pytest.mark.parametrize(("rubs", "share"), [((), 1e-6), (RUBS, 2e-5)], ids=["smooth", "rough"])
+def test_derivatives_are_central_differences(rubs, share, monkeypatch):
+    """Of friction to what the run's own iteration leaves: its matrix has no part of how the normal force is damped, and
+    every impact makes what is left larger."""
+    monkeypatch.setattr("differences.RELATIVE", share)
+    compare(reduced_model(worn("simulation.duration=4e-3", *rubs)))
 
 
 @exported.needs_compiler
 def test_c_code_runs_as_the_model(tmp_path):
-    exported.assert_same_in_c(reduced_model(worn()), tmp_path)
+    exported.assert_same_in_c(reduced_model(worn(*RUBS, "simulation.duration=0.01")), tmp_path, share=1e-8)
 
 
 def test_the_balance_of_energy_holds_at_second_order():
     """What contacts take is in it, by the name of the joint."""
     residuals = []
     for step in ("2e-5", "1e-5"):
-        balance = motion(reduced_model(worn(f"simulation.step={step}"))).balance
+        balance = motion(reduced_model(worn(f"simulation.step={step}", *RUBS))).balance
         residuals.append(np.max(np.abs(balance.residual)))
     assert np.min(balance.work["pin"]) < -10.0 * residuals[-1]
     assert 2.5 < residuals[0] / residuals[1] < 6.0, residuals

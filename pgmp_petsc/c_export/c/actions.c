@@ -214,7 +214,7 @@ void add_actions(const struct pgmp_model *m, const struct stencil *stencil, cons
             s += add_part(action_parts + part, nodes, rigid[0][N_FRAME * N_ACTION_NODES + part], q, projected,
                           fresh ? bent : 0);
         for (int i = 0; i < N; i++) rate += projected[i] * v[i];
-        if (action->role != LED) {
+        if (action->role != LED && action->role != BY_LOAD) {
             place = s, speed = rate;
             memcpy(leading, projected, sizeof leading);
         }
@@ -222,15 +222,18 @@ void add_actions(const struct pgmp_model *m, const struct stencil *stencil, cons
             if (about) about[number] = rate;
             continue;
         }
-        action->law(m->laws[number], action->strength < 0 ? 0.0 : strengths[action->strength], place, speed,
-                    about && fresh ? about[number] : NAN, found);
+        double strength = action->strength < 0 ? 0.0 : strengths[action->strength];
+        action->law(m->laws[number], action->role == BY_LOAD ? speed : strength, place,
+                    action->role == BY_LOAD ? rate : speed, about && fresh ? about[number] : NAN, found);
         if (about) about[number] = found[LAW_ABOUT];
         for (int e = 0; depths && e < action->n_edges; e++) depths[action->edge + e] = found[LAW_END + e];
         for (int i = 0; i < N; i++) r[i] -= found[LAW_FORCE] * projected[i];
-        double stiffness = found[LAW_STIFFNESS] + gain_v * found[LAW_DAMPING];
+        const double *damped = action->role == BY_LOAD ? projected : leading;
         for (int i = 0; fresh && i < N; i++)
             for (int j = 0; j < N; j++)
-                tangent[i][j] += stiffness * projected[i] * leading[j] - found[LAW_FORCE] * bent[i][j];
+                tangent[i][j] += projected[i] * (found[LAW_STIFFNESS] * leading[j] +
+                                                 gain_v * found[LAW_DAMPING] * damped[j]) -
+                                 found[LAW_FORCE] * bent[i][j];
     }
     if (fresh) add_to_matrix(tangent, matrix);
 }

@@ -29,7 +29,7 @@ typedef void law_function(const double p[], double amplitude, double s, double r
 /* A local effect: number of the first part of its measure, which is the sum of them, and of the last one; of its strength,
    and of its first edge among those of all; how many edges its law has; and whose measure the law is of. One that leads
    does nothing but measure, for the law of the one behind it. */
-enum { ALONE, LEADS, LED };
+enum { ALONE, LEADS, LED, BY_LOAD };
 struct action { int first, last, strength, edge, n_edges, role; law_function *law; };
 /* A part of a measure: numbers of its nodes among those of the effects, -1 on the ground. */
 struct part { int a, b; double winding[R]; struct term term; };
