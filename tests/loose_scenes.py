@@ -35,6 +35,27 @@ outputs.theta: type = "angle"; joint = "main"
 outputs.x: type = "position"; point = "rod:tip"; axis = "x"
 """)
 
+GEARS = HEADER + tables("""
+ground.points: other = [0.3, 0.0]
+bodies.one: rigid = { mass = 1.0, centre = [0, 0], inertia = 0.01, points = { far = [0.1, 0] } }
+bodies.two: rigid = { mass = 1.0, centre = [0, 0], inertia = 0.03, points = { far = [0.2, 0] } };
+    placement = { origin = [0.3, 0.0] }
+joints.input: type = "revolute"; connect = ["ground:origin", "one:centre"]
+joints.output: type = "revolute"; connect = ["ground:other", "two:centre"]
+joints.mesh: type = "gear"; joints = ["input", "output"]; ratio = -0.5
+joints.mesh.clearance: radius = 2e-3; stiffness = 1e5; restitution = 0.8; restitution_speed = 0.2
+coordinates.theta: joint = "input"; range = [-6.0, 6.0]
+effects.motor: type = "torque"; joint = "input"; table = [[0.0, 0.5], [0.2, -0.5]]
+simulation: duration = 0.2; step = 4e-4
+outputs.one: type = "angle"; joint = "input"
+outputs.two: type = "angle"; joint = "output"
+""")
+
+
+def gears(*overrides: str) -> Scene:
+    """Return two rigid wheels in mesh with backlash, driven forth and back."""
+    return scene_from_toml(GEARS, ".", overrides)
+
 
 def ball(*overrides: str) -> Scene:
     """Return a rigid ball in a bore, which falls from the middle to the side and bounces."""

@@ -45,8 +45,8 @@ def refusal(scene: Path, command: str) -> str | None:
     if command in ("check --effects", "build", "modes") and len(tables["coordinates"]) > MOST_COORDINATES:
         return f"at most {MOST_COORDINATES} are taken"
     joints = tables["joints"].values()
-    if command == "check --effects" and any("elastic" in joint or "clearance" in joint for joint in joints):
-        return "sizes of effects are those on rigid joints"
+    if command == "check --effects" and any("clearance" in joint for joint in joints):
+        return "sizes of effects are those on joints without room"
     return None
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.matrices import AffineMatrices, MassesOnDemand
 from pgmp_petsc.effects.action import Action
-from pgmp_petsc.effects.clearance import loose_joint
+from pgmp_petsc.effects.clearance import loose_coupling, loose_joint
 from pgmp_petsc.effects.effect import Effect, Load
 from pgmp_petsc.effects.loads import HoldingTorque
 from pgmp_petsc.effects.motion import Held, Motion, driven
@@ -40,7 +40,9 @@ def springs_of_joints(scene: Scene, mechanism: Mechanism) -> list[Effect]:
     makers = {"elastic": elastic_joint, "clearance": loose_joint}
     loose = [(c.name, scene.joints[c.name].gives_way) for c in mechanism.connections if c.released]
     joints = [makers[how](name, scene, mechanism) for name, how in loose]
-    return [*joints, *(elastic_coupling(c, scene, mechanism) for c in mechanism.couplings if c.elastic)]
+    couplings = {"elastic": elastic_coupling, "clearance": loose_coupling}
+    given = [(c, scene.joints[c.name].gives_way) for c in mechanism.couplings if c.elastic]
+    return [*joints, *(couplings[how](c, scene, mechanism) for c, how in given)]
 
 
 def motions_of(scene: Scene, mechanism: Mechanism) -> dict[int, Motion]:

@@ -33,11 +33,11 @@ from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.laws import SOURCE
-from pgmp_petsc.mechanism.joints import Connection
+from pgmp_petsc.mechanism.joints import Connection, Coupling
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import Combination, Function, U, sweeping
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.joints import IMPACT_SPEED
+from pgmp_petsc.scene.joints import IMPACT_SPEED, Clearance
 
 RESTITUTION = (
     1.00492702, 0.72557631, 5.55295772, -26.68819243, 55.68048401, -64.97565655, 42.75255961, -14.28554436, 1.73280757,
@@ -82,8 +82,27 @@ RUBBING = OfSquare(
     about_zero="radius * friction_speed",
 )
 
+BACKLASH = Law(
+    "backlash",
+    (*CONTACT.parameters, "value"),
+    potential="k * ((abs(s - value) - radius)**2 + 1e-40) ** (exponent / 2 + 0.5) / (exponent + 1) "
+    "if abs(s - value) > radius else 0",
+    force=f"elastic * max(0, 1 + {SLOPE} * (rate if s > value else -rate))",
+    edges=("s - value - radius", "value - radius - s"),
+    left_out="it has backlash, not linear",
+)
 
-class ClearanceEffect(ActionEffect):
+
+class LooseEffect(ActionEffect):
+    """What acts in a joint, or a coupling, with a clearance."""
+
+    @property
+    def entry(self) -> str:
+        """The entry of the scene that it is of."""
+        return f"joints.{self.name}.clearance"
+
+
+class ClearanceEffect(LooseEffect):
     """What acts in a joint with a clearance. In the middle of the room no force has a direction: static answers are to
     unit forces along all directions in which there is room."""
 
@@ -94,11 +113,6 @@ class ClearanceEffect(ActionEffect):
             for part in connection.released
         ]
 
-    @property
-    def entry(self) -> str:
-        """The entry of the scene that it is of."""
-        return f"joints.{self.name}.clearance"
-
     def turning_patterns(self) -> list[Action]:
         """Return the unit forces."""
         return self._units
@@ -107,8 +121,7 @@ class ClearanceEffect(ActionEffect):
 def loose_joint(name: str, scene: Scene, mechanism: Mechanism) -> ClearanceEffect:
     """Return what acts in a joint by a name that has a clearance."""
     connection, entry = mechanism.connection(name), scene.joints[name].clearance
-    speed = IMPACT_SPEED / scene.system.speed if entry.restitution_speed is None else entry.restitution_speed
-    parameters = tuple(map(Quantity.of, (entry.stiffness, entry.radius, entry.exponent, entry.restitution, speed)))
+    parameters = _contact(entry, IMPACT_SPEED / scene.system.speed)
     distance = Combination(tuple((part.statement, Function.square()) for part in connection.released))
     sides = [side for _ in connection.released for side in connection.sides]
     contact = Action(name, distance, *sides[:2], CONTACT, parameters, further=tuple(sides[2:]))
@@ -118,3 +131,18 @@ def loose_joint(name: str, scene: Scene, mechanism: Mechanism) -> ClearanceEffec
     rubbing = *parameters, Quantity.of(entry.friction), Quantity.of(entry.friction_speed)
     friction = Action(name, across, *connection.sides, RUBBING, rubbing, by_load=True)
     return ClearanceEffect([contact, friction], connection, mechanism)
+
+
+def loose_coupling(coupling: Coupling, scene: Scene, mechanism: Mechanism) -> LooseEffect:
+    """Return what acts between the teeth of a coupling that has a clearance."""
+    entry, (a, b, *further) = scene.joints[coupling.name].clearance, coupling.sides
+    slow = IMPACT_SPEED / (scene.system.speed if coupling.combination.is_length else 1.0)
+    parameters = *_contact(entry, slow), Quantity(coupling.value)
+    action = Action(coupling.name, coupling.combination, a, b, BACKLASH, parameters, further=tuple(further))
+    return LooseEffect(coupling.name, [action], mechanism)
+
+
+def _contact(entry: Clearance, speed: float) -> tuple[Quantity, ...]:
+    """Return the parameters of the law of a contact, with the speed of the impact where the scene says none."""
+    given = entry.stiffness, entry.radius, entry.exponent, entry.restitution, entry.restitution_speed or speed
+    return tuple(map(Quantity.of, given))

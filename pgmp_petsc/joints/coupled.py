@@ -53,6 +53,7 @@ class Gear(CouplingEntry):
     on."""
 
     type: Literal["gear"]
+    loose = "teeth"
     dimensions = (2, 3)
     joints: TwoNames = Field(description="names of two joints that turn")
     ratio: Annotated[NotZeroOrParameter, Unit("1")] = Field(

@@ -141,7 +141,7 @@ def couplings_of(
         at = [tuple(side.on_pose() for side in sides)]
         rows = StatementRows([combination], at, lambda k: n_pose * k + np.arange(n_pose), scene.dimension)
         value = float(rows.values(poses.ravel())[0]) if entry.from_placements else 0.0
-        elastic = entry.elastic is not None
+        elastic = bool(entry.gives_way)
         couplings.append(Coupling(name, combination, tuple(sides), value, slice(row, row + 1), elastic))
         row += 1
     return tuple(couplings)

@@ -270,7 +270,9 @@ class CurvatureProblem:
         balanced = loads - m_kept @ np.linalg.solve(problem.inner(kept, m_kept), problem.inner(kept, loads))
         # S = K^-1 B R with an unknown R, so that S^T K S = S^T B R
         stiffness = problem.inner(static, problem.times_stiffness(static))
-        return np.hstack([inertia, balanced @ np.linalg.solve(problem.inner(static, balanced), stiffness)])
+        # a load may vanish at a configuration where its answer is the limit of those beside
+        shares = np.linalg.lstsq(problem.inner(static, balanced), stiffness, rcond=None)[0]
+        return np.hstack([inertia, balanced @ shares])
 
 
 class _TurningJoints:

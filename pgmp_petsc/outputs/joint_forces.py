@@ -386,6 +386,9 @@ class OfCoupling(ForceOutput):
         )  # fmt: skip
         spring, nodes = None, set(readings[number].nodes)
         rows = np.array([_first_row(mechanism, coupling.name)])
+        if joint.clearance is not None:
+            words = "what its teeth do where they touch is not read; take the joint's clearance out"
+            raise InputError(problem(f"outputs.{name}.joint", words, coupling.name))
         if coupling.elastic:
             if any(function.breaks.size for _, function in terms):
                 raise InputError(f"outputs.{name}.joint: what an elastic cam takes is not read; take elastic out of "

@@ -176,6 +176,25 @@ class Clearance(Table):
                     break
 
 
+class Backlash(Clearance):
+    """A table ``clearance`` of a gear: its backlash.
+
+    The rigid mechanism closes with the teeth in mesh. In the motion what the second joint is off is free within half of
+    the backlash, and beyond that a torque acts on it as the force of a contact (`effects.clearance`).
+    """
+
+    radius: Annotated[PositiveOrParameter, Unit("rad", "m")] = Field(
+        description="half of the backlash, of the motion of the second joint (rad or m), a number or a parameter's name"
+    )
+    stiffness: Annotated[PositiveOrParameter, Unit()] = Field(
+        description="K of K depth^exponent (N m/rad^exponent or N/m^exponent), a number or a parameter's name"
+    )
+    restitution_speed: Annotated[PositiveOrParameter | None, Unit("rad/s", "m/s")] = Field(
+        None,
+        description="speed of the impact that restitution is of, 1 rad/s or 1 m/s if not given; or a parameter's name",
+    )
+
+
 class Offset(Table):
     """A table ``offset`` of a joint: how far it is from where it should be.
 
@@ -407,8 +426,8 @@ class CouplingEntry(JointTable):
     #: Whether the sum keeps the value that it has as the bodies are placed; it is zero otherwise.
     from_placements: ClassVar[bool] = True
     offset: ClassVar[None] = None
-    clearance: ClassVar[None] = None
     elastic: ElasticCoupling | None = Field(None, description="how it gives way in the motion")
+    clearance: Backlash | None = Field(None, description="backlash, of type gear alone")
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
@@ -418,7 +437,7 @@ class CouplingEntry(JointTable):
     @property
     def gives_way(self) -> str:
         """As of `JointEntry`."""
-        return "elastic" if self.elastic is not None else ""
+        return "elastic" if self.elastic is not None else "clearance" if self.clearance is not None else ""
 
     @property
     def connect(self) -> tuple[str, ...]:

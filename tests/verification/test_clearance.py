@@ -4,12 +4,12 @@ import exported
 import numpy as np
 import pytest
 from differences import compare
-from loose_scenes import ball, worn
+from loose_scenes import ball, gears, worn
 from machine_scenes import MODELS
 from runs import history, motion, reduced_model, samples
 from scipy.integrate import solve_ivp
 
-from pgmp_petsc.effects.clearance import CONTACT, RUBBING
+from pgmp_petsc.effects.clearance import BACKLASH, CONTACT, RUBBING
 from pgmp_petsc.scene import Scene
 
 
@@ -80,6 +80,25 @@ def test_a_ball_that_bounces_in_a_bore_is_that_of_another_integrator(model, fric
     assert scene.joints["bore"].gives_way == "clearance"
     depth = np.hypot(*exact[:2]).max() - 1e-3
     assert depth > 1e-5 and errors[2] < 0.02 * depth, (depth, errors)
+    assert 3.2 < errors[0] / errors[1] < 5.0 and 3.2 < errors[1] / errors[2] < 5.0, errors
+
+
+@pytest.mark.parametrize("model", ["full", "components"])
+def test_wheels_with_backlash_are_those_of_another_integrator(model):
+    """Of second order in the step, by which impacts are resolved; the second wheel stays behind by the backlash."""
+    p = [1e5, 2e-3, 1.5, 0.8, 0.2, 0.0]
+
+    def rates(t, state):
+        one, two, v_one, v_two = state
+        torque = BACKLASH.evaluate(p, two + 0.5 * one, v_two + 0.5 * v_one).force
+        return [v_one, v_two, (0.5 - 5.0 * t + 0.5 * torque) / 0.01, torque / 0.03]
+
+    errors = []
+    for step in ("4e-4", "2e-4", "1e-4"):
+        time, found = _outputs(gears(f"simulation.step={step}"), model)
+        exact = solve_ivp(rates, (0.0, time[-1]), np.zeros(4), t_eval=time, rtol=1e-11, atol=1e-14, max_step=1e-4).y
+        errors.append(max(np.max(np.abs(found[name] - own)) for name, own in zip(("one", "two"), exact)))
+    assert np.max(np.abs(exact[1] + 0.5 * exact[0])) > 2.2e-3
     assert 3.2 < errors[0] / errors[1] < 5.0 and 3.2 < errors[1] / errors[2] < 5.0, errors
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import scipy.linalg
 from mpi4py import MPI
+from offset_scenes import clamped_beam
 from petsc4py import PETSc
-from runs import quick_return, rom_of
+from runs import motion, quick_return, rom_of
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
@@ -269,3 +270,13 @@ def test_a_solver_of_the_users_own_gives_the_same_answers() -> None:
         for name in ("ksp_type", "ksp_rtol"):
             options.delValue(name)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_an_answer_to_a_load_that_vanishes_at_a_configuration_has_terms_of_second_order() -> None:
+    """The weight of a rigid pendulum beside a beam bends nothing, and at some angles turns nothing."""
+    scene = clamped_beam(
+        "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.second_order=true",
+        "effects.weight={type='gravity'}",
+    )  # fmt: skip
+    found, full = (motion(kind, scene).outputs["middle"] for kind in ("reduced", "full"))
+    assert np.max(np.abs(found - full)) < 0.01 * np.max(np.abs(full))
