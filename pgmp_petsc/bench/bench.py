@@ -358,9 +358,9 @@ class Bench:
         values = np.where(np.isnan(errors.values), np.inf, errors.values)
         return replace(errors, values=np.where(counts, values, np.nan))
 
-    def weakened(self, trial: Trial, load: str, factor: float) -> Errors:
-        """Return the errors of a candidate under one load times a factor."""
-        return self.errors((load,), trial.setting, Setting("reference", trial.n_steps), factor=factor)
+    def weakened(self, trial: Trial, load: str) -> Errors:
+        """Return the errors of a candidate under half of one load."""
+        return self.errors((load,), trial.setting, Setting("reference", trial.n_steps), factor=0.5)
 
     def softened(self, trial: Trial, load: str, factor: float) -> Errors:
         """Return the errors of a candidate under one load, its end stops a factor as stiff."""

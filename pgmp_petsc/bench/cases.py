@@ -288,13 +288,13 @@ NODE_RANGE = (0.001, 0.999)
 SEED = 1
 
 
-def held_out(scene: Scene, n: int = N_TEST) -> tuple[dict[str, np.ndarray], int]:
-    """Return n test values of every parameter, shape (n,), and n; one, that of the scene, where nothing is uncertain.
+def held_out(scene: Scene) -> tuple[dict[str, np.ndarray], int]:
+    """Return n test values of every parameter, shape (n,), and n; that of the scene alone where nothing is uncertain.
 
-    Every uncertain parameter takes n quantiles with probabilities at equal distances over `TEST_RANGE`, one: in
+    Every uncertain parameter takes `N_TEST` quantiles with probabilities at equal distances over `TEST_RANGE`, one: in
     order, several: in the random order of a Latin hypercube.
     """
-    names = uncertain_names(scene)
+    names, n = uncertain_names(scene), N_TEST
     if not names:
         return at_values(scene, np.empty((1, 0))), 1
     centred = qmc.LatinHypercube(len(names), scramble=False, seed=SEED).random(n)
@@ -302,7 +302,7 @@ def held_out(scene: Scene, n: int = N_TEST) -> tuple[dict[str, np.ndarray], int]
         centred = np.sort(centred, axis=0)
     low, high = TEST_RANGE
     # the centres of n strata reach from 1/(2n) to 1 - 1/(2n)
-    probabilities = 0.5 * (low + high) + (centred - 0.5) * (high - low) * n / max(n - 1, 1)
+    probabilities = 0.5 * (low + high) + (centred - 0.5) * (high - low) * n / (n - 1)
     return at_values(scene, quantiles(scene, probabilities)), n
 
 

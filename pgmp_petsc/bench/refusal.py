@@ -70,7 +70,7 @@ def refuse_basis(
         refuse(entry, tolerance, "round-off", allowed, ledger, [f"of the basis's error: {ZERO}", possible, *last])
     load, output, sample = errors.place
     name, what, n_steps = errors.loads[load], errors.outputs[output], trial.n_steps
-    half = bench.weakened(trial, name, 0.5).values[0, output, sample]
+    half = bench.weakened(trial, name).values[0, output, sample]
     nominal = np.nanmax(errors.values[:, :, 0])
     finer = bench.run_again(trial, 2 * n_steps, (name,)).values[0, output, sample]
     unresolved = bench.moved(n_steps, 2 * n_steps, (name,)).values[0, output, sample]
@@ -122,7 +122,7 @@ def _of_rival(bench: Bench, rival: Trial, half: float) -> list[str]:
     """Return what the basis that follows stretching in the other way tells of the cause, if half the load leaves so
     much of the best basis's error."""
     load, output, sample = rival.errors.place
-    weak = bench.weakened(rival, rival.errors.loads[load], 0.5).values[0, output, sample]
+    weak = bench.weakened(rival, rival.errors.loads[load]).values[0, output, sample]
     kind, causes = rival.reduction.stretching, []
     if weak <= FELL * rival.errors.largest:
         causes.append(

@@ -104,10 +104,8 @@ def with_second_order(
     if all_fields:
         of_pairs = fields.of_pairs()
         whole = {weight: cyclic(part, recovery.shape[1]) for weight, part in of_pairs.items()}
-        large, third = (
-            LargeDeformation(whole, stretching, slenderness),
-            contraction_of(weighted_sum_dense(whole, nominal)),
-        )
+        large = LargeDeformation(whole, stretching, slenderness)
+        third = contraction_of(weighted_sum_dense(whole, nominal))
         kept = component.recovery and replace(component.recovery, curved=curved_strains(component, of_pairs, nominal))
         component = replace(component, large=large, recovery=kept)
     if not fields.axis.is_long:

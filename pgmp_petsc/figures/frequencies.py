@@ -32,7 +32,7 @@ def frequencies(
     labels: Sequence[str] | None = None,
     titles: Sequence[str] | None = None,
 ) -> Figure:
-    """Draw the first ``n_modes`` flexible eigenfrequencies, one panel a mode.
+    """Draw the first flexible eigenfrequencies, one panel a mode.
 
     Raises `InputError` if no table has a flexible mode.
 
@@ -97,13 +97,14 @@ def _abscissa(table: ModesTable) -> tuple[np.ndarray, str, str]:
     return np.arange(table.theta.shape[1]), "configuration", "1"
 
 
+MAPS = 4  # of the first modes
 N_LEVELS = 12
 N_SEGMENTS = 200  # shorter segments of a path are paler, because each is smoothed at its edges
 
 
 @style.styled
-def frequency_maps(table: ModesTable, n_modes: int = 4, label: str = "") -> Figure:
-    """Draw the first ``n_modes`` flexible eigenfrequencies over the grid of two coordinates, one map each.
+def frequency_maps(table: ModesTable, label: str = "") -> Figure:
+    """Draw the first flexible eigenfrequencies over the grid of two coordinates, one map each.
 
     With a reduced model beside the full order, each title says by how much its frequencies differ at most. The label
     tells the table from others. Raises `InputError` if the table has not two coordinates.
@@ -111,7 +112,7 @@ def frequency_maps(table: ModesTable, n_modes: int = 4, label: str = "") -> Figu
     if len(table.coordinate_units) != 2:
         raise InputError(f"maps of frequencies need two coordinates, the table has {len(table.coordinate_units)}")
     first, second = (np.unique(theta) for theta in table.theta)
-    n_modes = min(n_modes, table.full_hz.shape[1])
+    n_modes = min(MAPS, table.full_hz.shape[1])
     figure, blocks = style.panel_grid(n_modes, COLUMNS, (4.2, 3.1), 0.5, sharex=True, sharey=True)
     (x_name, x_unit), (y_name, y_unit) = table.coordinate_units.items()
     for mode, axes in enumerate(blocks[:, 0]):

@@ -106,11 +106,11 @@ class Shapes:
         margin = 0.05 * max(high - low)
         return low - margin, high + margin
 
-    def draw_paths(self, axes: Axes, linewidth: float = 0.8) -> None:
+    def draw_paths(self, axes: Axes) -> None:
         """Draw the paths of the bodies' ends."""
         for body, cells in self.frames.cells.items():
             for node in ends(cells):
-                axes.plot(*self.positions[body][:, node].T, color=PATH_COLOUR, linewidth=linewidth, zorder=1)
+                axes.plot(*self.positions[body][:, node].T, color=PATH_COLOUR, linewidth=0.8, zorder=1)
 
     def draw_ground(self, axes: Axes, size: float = 24.0) -> None:
         """Draw a triangle below every end of a body that stays where it is."""

@@ -71,9 +71,12 @@ def triangles(faces: np.ndarray) -> np.ndarray:
     return faces[:, np.array(_TRIANGLES[faces.shape[1]])].reshape(-1, 3)
 
 
-def outlines(faces: np.ndarray, nodes: np.ndarray, sharp: float = 0.5) -> np.ndarray:
+SHARP = 0.5  # rad
+
+
+def outlines(faces: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """Return the pieces of edges that show a body's shape, shape (n, 2): those of one face, and between faces whose
-    normals are more than `sharp` radians apart.
+    normals are more than `SHARP` radians apart.
 
     Parameters
     ----------
@@ -92,7 +95,7 @@ def outlines(faces: np.ndarray, nodes: np.ndarray, sharp: float = 0.5) -> np.nda
     if nodes.shape[1] == 3:
         twice = np.flatnonzero(counts == 2)
         first, second = (normals(faces, nodes)[owner[order[starts[twice] + j]]] for j in (0, 1))
-        shown[twice] = np.sum(first * second, axis=1) < np.cos(sharp)
+        shown[twice] = np.sum(first * second, axis=1) < np.cos(SHARP)
     return keys[shown]
 
 

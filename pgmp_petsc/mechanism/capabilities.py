@@ -99,11 +99,13 @@ def _elastic(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.{joint.gives_way}" for name, joint in scene.joints.items() if joint.gives_way)
 
 
-def _off_beside_clearance(scene: Scene) -> Iterator[str]:
-    loose = [name for name, joint in scene.joints.items() if joint.gives_way == "clearance"]
-    for name, joint in scene.joints.items():
-        if joint.offset is not None and loose and not scene.initial.equilibrium:
-            yield f"joints.{name}.offset with joints.{loose[0]}.clearance"
+def _loose(scene: Scene) -> Iterator[str]:
+    return (f"joints.{name}.clearance" for name, joint in scene.joints.items() if joint.gives_way == "clearance")
+
+
+def _off(scene: Scene) -> Iterator[str]:
+    at_rest = scene.initial.equilibrium
+    return (f"joints.{name}.offset" for name, one in scene.joints.items() if one.offset is not None and not at_rest)
 
 
 def _riding_in_space(scene: Scene) -> Iterator[str]:
@@ -181,17 +183,17 @@ FEATURES = (
         cure='take "static", or pgmp simulate --full',
     ),
     Feature(
-        "sizes of effects with elastic joints",
-        _elastic,
+        "sizes of effects with clearance",
+        _loose,
         frozenset({Purpose.SIZES}),
-        why_not="sizes of effects are those on rigid joints",
+        why_not="sizes of effects are those on joints without room",
         cure="take pgmp check without --effects",
     ),
     Feature(
-        "choice of effects with elastic joints",
-        _with(_elastic, _automatic),
+        "choice of effects with clearance",
+        _with(_loose, _automatic),
         OF_THE_REDUCTION,
-        why_not="effects are chosen for rigid joints",
+        why_not="effects are chosen for joints without room",
         cure="name them in [effects]",
     ),
     Feature(
@@ -245,7 +247,7 @@ FEATURES = (
     ),
     Feature(
         "joints that are off beside clearance",
-        _off_beside_clearance,
+        _with(_loose, _off),
         EVERYWHERE - {Purpose.MODES},
         why_not="runs begin with what is built in without loads, and parts with room around them rest nowhere then",
         cure="leave it out, or let the run start under its loads (initial.equilibrium = true)",

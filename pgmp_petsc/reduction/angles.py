@@ -243,14 +243,17 @@ class _Halves:
 
     def predicted(self, tables: ReducedTables, axis: int, table: np.ndarray) -> np.ndarray:
         """Return a table (n, ...) at the others, shape (n_left, ...), from those that are kept along an axis."""
-        rows = np.moveaxis(table.reshape(*tables.samples.shape, *table.shape[1:]), axis, 0)
-        found = interpolant(self.samples, np.ascontiguousarray(rows[self.kept]), self.scheme)(self.theta)
-        return found.reshape(-1, *table.shape[1:])
+        kept = np.ascontiguousarray(_along(tables, axis, table)[self.kept])
+        return interpolant(self.samples, kept, self.scheme)(self.theta).reshape(-1, *table.shape[1:])
 
     def known(self, tables: ReducedTables, axis: int, table: np.ndarray) -> np.ndarray:
         """Return the table itself there."""
-        rows = np.moveaxis(table.reshape(*tables.samples.shape, *table.shape[1:]), axis, 0)
-        return rows[self.left].reshape(-1, *table.shape[1:])
+        return _along(tables, axis, table)[self.left].reshape(-1, *table.shape[1:])
+
+
+def _along(tables: ReducedTables, axis: int, table: np.ndarray) -> np.ndarray:
+    """Return a table (n, ...) with an axis per coordinate, the one of a number first."""
+    return np.moveaxis(table.reshape(*tables.samples.shape, *table.shape[1:]), axis, 0)
 
 
 def _stiffness_and_loads(scene: Scene, tables: ReducedTables, static: range) -> tuple[np.ndarray, np.ndarray]:
@@ -295,10 +298,8 @@ def _largest(output: StressOutput, body: Body, moves: np.ndarray, scene: Scene) 
 def _reference(output: StressOutput, body: Body, moves: np.ndarray, scene: Scene) -> np.ndarray:
     """Return the largest size of what has the output's unit anywhere in the body, under each load, shape (n_loads,)."""
     of_body = body.stresses(scene)
-    points, alike = (
-        of_body.everywhere(),
-        [key for key, unit in of_body.units.items() if unit == output.entry.unit_of_quantity],
-    )
+    points = of_body.everywhere()
+    alike = [key for key, unit in of_body.units.items() if unit == output.entry.unit_of_quantity]
     some, sizes = moves[:: max(1, len(moves) // REFERENCES)], [np.zeros(0)]
     for strains in _strains(points, body, some):
         values: Mapping[str, np.ndarray] = of_body.law.values(alike, points, strains, scene.nominal)

@@ -20,9 +20,10 @@ from pgmp_petsc.bodies.shape import BodyShape, given_properties
 from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of, start_of
 from pgmp_petsc.effects.springs import spring_force
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import Scene
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
 BYTES = 8
 ROUND_OFF = 1e-12  # of the largest moment of inertia
+AWAY = 1e-3  # rad, or of the mechanism's size, from which on a start is elsewhere than bodies are placed
 
 
 def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
@@ -78,7 +80,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     for coordinate in coordinates:
         kind = ("periodic" if coordinate.periodic else "limited") + (", prescribed" if coordinate.prescribed else "")
         ends = f"{coordinate.lower:.6g} to {coordinate.upper:.6g} {coordinate.unit}"
-        lines.append(f"  coordinate    {coordinate.name}: {ends}, {kind}")
+        lines.append(f"  coordinate    {coordinate.name}: {ends}, {kind}{_placed(scene, mechanism, coordinate)}")
     lines += _start(scene, effects, loads, kinematics)
     flexible = _flexible(scene, mechanism, n_patterns)
     reduced = f"{len(coordinates)} rigid + {sum(flexible.values())} flexible reduced"
@@ -172,6 +174,22 @@ def _joints(mechanism: Mechanism, n_redundant: int, n_rigid: int) -> list[str]:
             lines.append(f"  {how:12}  {connection.name}: {n} of {len(connection.statements)} give way in the motion")
     lines += [f"  elastic       {one.name}: gives way in the motion" for one in mechanism.couplings if one.elastic]
     return lines
+
+
+def _placed(scene: Scene, mechanism: Mechanism, coordinate: Coordinate) -> str:
+    """Say where bodies are placed, if runs begin elsewhere and the scene does not say where."""
+    if coordinate.name in scene.simulation.initial or coordinate.prescribed or scene.initial.equilibrium:
+        return ""
+    space, unit = mechanism.space, coordinate.unit
+    frames = [side.frame_of_pose(mechanism.first_guess) for side in coordinate.sides]
+    natural = coordinate.statement.value(*map(space.natural, frames))
+    placed = space.angle(coordinate.statement, *frames) if coordinate.turns else natural
+    start = start_of(scene, mechanism)[0][mechanism.coordinates.index(coordinate)]
+    away = placed - start
+    away -= 2.0 * np.pi * np.rint(away / (2.0 * np.pi)) if coordinate.turns else 0.0
+    if abs(away) < AWAY * coordinate.scale(size_of(mechanism)):
+        return ""
+    return f"; placed at {placed:.6g} {unit}, runs start at {start:.6g} (simulation.initial.{coordinate.name}.position)"
 
 
 def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:

@@ -7,6 +7,8 @@ that run:
 - forces by velocities: ``rho_k.M rho_lm theta_l' theta_m'`` beside all inertia forces on the coordinates,
 - geometric stiffening: the change of the lowest mode's stiffness by loads and inertia forces, beside its eigenvalue
   (`reduction.tables.StiffnessChanges`); forces of springs, dampers and stops are no part of it,
+- where joints are elastic, what is of second order too: the rotation of bodies by what they give way under loads and
+  inertia forces at rest, `(R^T K_s R) delta = R^T f` with their springs K_s and the motions R that they release,
 - inertia of changing mode shapes: the fastest body's spin beside the lowest frequency, as in Coriolis forces on
   vibrations.
 
@@ -22,7 +24,7 @@ deformation come and go by their size. No load is ever added that the scene does
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,9 +36,11 @@ from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.shape import BodyShape, has_long_axis
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.declare.ideas import EFFECTS
-from pgmp_petsc.effects import actions_of, effects_of, loads_of
+from pgmp_petsc.effects import actions_of, effects_of, loads_of, springs_of_joints
 from pgmp_petsc.effects.reduction_terms import GeometricStiffening, Gyroscopic, ModeInertia
+from pgmp_petsc.effects.springs import Block, linear_springs
 from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.body_frames import linear_motion
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.continuation import PoseBranch
@@ -47,6 +51,7 @@ from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.modes.static_modes import SpringStiffness
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.sampler import TurnedLoads
@@ -162,9 +167,10 @@ def _with_rigid_bodies(scene: Scene) -> Scene:
         )
     materials = {name: valued(material, quantities_of(type(material))) for name, material in scene.materials.items()}
     effects = {k: effect for k, effect in scene.effects.items() if not effect.on_vibrations}
-    # rigid bodies do not give way to joints that are off
+    # rigid bodies do not give way to joints that are off; the mechanism is that of elastic joints that are locked
     joints = {
-        k: joint.model_copy(update={"offset": None}) if joint.offset else joint for k, joint in scene.joints.items()
+        k: joint.model_copy(update=dict.fromkeys({"offset", "elastic"} & {*type(joint).model_fields}))
+        for k, joint in scene.joints.items()
     }
     # stresses are those of flexible bodies alone
     changed = {"bodies": bodies, "joints": joints, "materials": materials, "effects": effects}
@@ -308,6 +314,8 @@ def _named(scene: Scene, run: RigidRun, exchanged: float, tolerance: float) -> l
             share = float(np.max(np.abs(work))) / exchanged if exchanged else np.nan
             keeps = not share <= tolerance or effect.cause
             about = "its work, of the energy moved around" if exchanged else f"not known: {RESTS}"
+            if any(joint.gives_way for joint in scene.joints.values()):
+                about += ", elastic joints locked"
             sizes.append(EffectSize(name, effect.type, share, keeps, about))
     return sizes
 
@@ -318,7 +326,7 @@ def _terms(
     if not any(body.flexible for body in scene.bodies.values()):
         return []
     names = {effect.type: name for name, effect in scene.effects.items()}
-    shares = _shares_of_terms(scene, shapes, kinematics, run)
+    shares, rotation = _shares_of_terms(scene, shapes, kinematics, run)
     local = sorted({action.effect for action in actions_of(effects_of(scene, kinematics.mechanism))})
     without = f"; forces of {', '.join(local)} are no part of it" if local else ""
     about = {
@@ -326,6 +334,9 @@ def _terms(
         "geometric_stiffening": f"change of the lowest mode's stiffness by the forces in the bodies{without}",
         "mode_inertia": "spin of the fastest body, of the lowest frequency",
     }
+    if rotation > shares["geometric_stiffening"]:
+        shares["geometric_stiffening"] = rotation
+        about["geometric_stiffening"] = "rotation of bodies by what elastic joints give way, rad"
     # both halves of what is of second order are needed together
     second_order = max(shares["geometric_stiffening"], shares["mode_inertia"]) > tolerance
     keeps = dict.fromkeys(TERMS, second_order) | {"gyroscopic": shares["gyroscopic"] > tolerance or second_order}
@@ -334,7 +345,8 @@ def _terms(
 
 def _shares_of_terms(
     scene: Scene, shapes: Mapping[str, BodyShape], kinematics: RigidKinematics, run: RigidRun
-) -> dict[str, float]:
+) -> tuple[dict[str, float], float]:
+    """Return the shares of the reduced model's terms, and the largest rotation by what elastic joints give way, rad."""
     mechanism = kinematics.mechanism
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     effects = effects_of(scene, mechanism)
@@ -344,7 +356,9 @@ def _shares_of_terms(
     mass_weights = evaluate_weights(mechanism.mass_weights, scene.values)
     instants = _instants(run, kinematics)
     scales = np.array([coordinate.scale(kinematics.size) for coordinate in kinematics.coordinates])
-    by_speed, by_acceleration, stiffening, spins = [], [], [0.0], [0.0]
+    by_speed, by_acceleration, stiffening, spins, rotations = [], [], [0.0], [0.0], [0.0]
+    own = actions_of(springs_of_joints(scene, mechanism))
+    springs = SpringStiffness(kinematics, linear_springs(own), scene.values)
     with ModalProblem(kinematics, scene.values, 1, alone(), matrices) as problem:
         turned, probe = TurnedLoads(problem, loads), InfluenceProbe(problem, ())
         stress = BuiltInStress(problem, scene, shapes)
@@ -363,12 +377,28 @@ def _shares_of_terms(
             forces = np.concatenate([load_weights * amplitudes, np.outer(mass_weights, moving).ravel()])
             change = probe.at(modes, turned.at(theta))[0] @ forces + stress.at(modes)[0, 0]
             stiffening.append(abs(float(change)) / modes.eigenvalues[0])
+            pushed = turned.at(theta) @ (load_weights * amplitudes)
+            pushed = pushed - problem.times_mass((rigid @ acceleration + centripetal)[:, None])[:, 0]
+            released = linear_motion(mechanism, kinematics.motion(theta).released)
+            rotations.append(_given_way(released, springs.at(theta, matrices, alone()), pushed, mechanism))
             spins.append(_fastest_spin(kinematics, theta, speed) / np.sqrt(modes.eigenvalues[0]))
     by_speed, by_acceleration = np.abs(by_speed).max(initial=0.0), np.abs(by_acceleration).max(initial=0.0)
     largest = max(by_speed, by_acceleration)
     shares = (by_speed / largest if largest > 0.0 else 0.0, max(stiffening), max(spins))
     # plain numbers: what is chosen by them becomes an entry of a scene, and is written as one
-    return dict(zip(TERMS, map(float, shares)))
+    return dict(zip(TERMS, map(float, shares))), float(max(rotations))
+
+
+def _given_way(released: np.ndarray, springs: Sequence[Block], forces: np.ndarray, mechanism: Mechanism) -> float:
+    """Return the largest rotation of a node by what elastic joints give way at rest under forces (n_dofs,), rad.
+
+    `released` are the motions that they allow with the coordinates held, shape (n_dofs, n_released).
+    """
+    if not released.shape[1]:
+        return 0.0
+    stiffness = sum(released[one.dofs].T @ one.matrix @ released[one.dofs] for one in springs)
+    moved = released @ np.linalg.lstsq(np.atleast_2d(stiffness), released.T @ forces, rcond=None)[0]
+    return float(np.max(np.linalg.norm(mechanism.by_node(moved)[:, mechanism.space.dimension :], axis=1)))
 
 
 def _fastest_spin(kinematics: RigidKinematics, theta: np.ndarray, speed: np.ndarray) -> float:

@@ -75,7 +75,7 @@ class Known:
             return errors_of((np.inf,))
         return errors_of((abs(self._grid(one.reduction) - self._grid(other.reduction)),))
 
-    def weakened(self, trial: Trial, load: str, factor: float) -> Errors:
+    def weakened(self, trial: Trial, load: str) -> Errors:
         return errors_of((0.25 * trial.errors.largest,))
 
     def softened(self, trial: Trial, load: str, factor: float) -> Errors:
@@ -212,7 +212,7 @@ def test_a_deformation_beyond_second_order_is_told_by_the_other_kind_of_stretchi
     """Under half the load static stretching leaves what it left, dynamic stretching a tenth."""
     bench = Known(beyond_second_order)
 
-    def weakened(trial: Trial, load: str, factor: float) -> Errors:
+    def weakened(trial: Trial, load: str) -> Errors:
         return errors_of(((0.9 if trial.reduction.stretching == "static" else 0.1) * trial.errors.largest,))
 
     monkeypatch.setattr(bench, "weakened", weakened)

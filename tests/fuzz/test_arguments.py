@@ -10,7 +10,7 @@ from result_files import QUICK
 from runs import PAPER_SCENE
 
 import pgmp_petsc as pgmp
-from pgmp_petsc.api.arguments import _TAKEN, kinds_of
+from pgmp_petsc.api.arguments import _KINDS, kinds_of
 
 FUNCTIONS = {name: found for name in pgmp.__all__ if inspect.isfunction(found := getattr(pgmp, name))}
 SHORT = {"simulation.duration": 2e-3, "ensemble.checked_share": 0.0}
@@ -41,7 +41,7 @@ def test_every_function_is_checked_by_annotations_that_are_known() -> None:
     for name, function in FUNCTIONS.items():
         assert hasattr(function, "__wrapped__"), name
         for entry in inspect.signature(function).parameters.values():
-            unknown = [kind for kind in kinds_of(entry.annotation) if kind not in _TAKEN]
+            unknown = [kind for kind in kinds_of(entry.annotation) if kind not in _KINDS]
             assert unknown in ([], ["Comm"]), (name, entry)
 
 

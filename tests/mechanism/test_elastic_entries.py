@@ -89,8 +89,12 @@ PLAY = (
 NOT_WITH_THESE = {
     "off beside room": (Purpose.BUILD, PLAY, "joints.one.offset with joints.hub.clearance: runs begin with what is"),
     "preload": (Purpose.MODES, ("reduction.preload=true",), "reduction.preload = true with joints.one.elastic: the"),
-    "sizes": (Purpose.SIZES, (), "joints.one.elastic: sizes of effects are those on rigid joints"),
-    "automatic": (Purpose.BUILD, AUTOMATIC, 'reduction.effects = "auto" with joints.one.elastic: effects are chosen'),
+    "sizes": (Purpose.SIZES, PLAY[:1], "joints.hub.clearance: sizes of effects are those on joints without room"),
+    "automatic": (
+        Purpose.BUILD,
+        (*AUTOMATIC, PLAY[0]),
+        'reduction.effects = "auto" with joints.hub.clearance: effects are chosen',
+    ),
     "lengths": (Purpose.BUILD, LENGTH, 'bodies.crank.line.length = "l" with joints.one.elastic: models at several'),
 }
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+import pgmp_petsc as pgmp
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import OTHERS, SI
 from pgmp_petsc.mechanism.capabilities import Purpose
@@ -23,6 +24,9 @@ EFFECTS = ROOT / "scenes" / "slider_crank_effects.toml"
 SOLID = ROOT / "scenes" / "slider_crank_solid2d.toml"
 DRIVEN = ROOT / "scenes" / "spinning_beam.toml"
 R1 = "parameters.r1.distribution"
+CRANE = ROOT / "scenes" / "bridge_crane.toml"
+FREELY = 'effects.drive={type="joint_damping", joint="rear", motion="sliding", coefficient=1.0}'
+BEGUN = "simulation.initial.x.position=1.0"
 STOP = 'effects.stop={type="end_stop", joint="crank_hinge", stiffness=100.0, '
 Q = "parameters.q={nominal=0.1, distribution="
 ROD = (
@@ -94,6 +98,7 @@ REFUSED = {
 
 #: Overrides of a scene, the entry that is named, and words of the reason; each gives a warning.
 WARNED = {
+    "rides freely": (CRANE, [FREELY, BEGUN], "joints.rear.type", "the slope of the bent beam drives it"),
     "motion beyond the range": (DRIVEN, ["coordinates.theta.range=[0.0, 6.0]", "coordinates.theta.periodic=false"],
                                 "effects.motor", "beyond coordinates.theta.range = [0, 6], where reduced runs end"),
     "E = 210": (SCENE, ["materials.steel.E=210"], "materials.steel.E", "waves run through steel"),
@@ -222,6 +227,18 @@ def test_warned(name: str) -> None:
     lines = [r.text for r in remarks if r.text.startswith((f"{entry} = ", f"{entry}: "))]
     assert lines and words in lines[0], remarks
     assert all(remark.kind == "warning" for remark in remarks)
+
+
+def test_what_rides_freely_is_not_named_with_terms_of_second_order() -> None:
+    asked = [FREELY, BEGUN, "reduction.second_order=true"]
+    remarks = read_scene(CRANE, asked, (), MPI.COMM_SELF, Purpose.CHECK)[0].remarks
+    assert not any("drives it" in remark.text for remark in remarks)
+
+
+def test_a_start_elsewhere_than_bodies_are_placed_is_said() -> None:
+    placed = "bodies.crank.placement={origin=[0.0, 0.0], angle=0.8}"
+    for asked, said in (([placed], True), ([placed, "simulation.initial.theta.position=0.0"], False), ([], False)):
+        assert ("placed at 0.8 rad, runs start at 0 (simulation" in pgmp.check(SCENE, overrides=asked).text) == said
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "scenes").glob("*.toml")), ids=lambda path: path.stem)

@@ -28,6 +28,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.effect_sizes import choose_effects, estimate_effects
 from pgmp_petsc.studies.modes_table import reduced_vibrations, springs_of
 from scenes import STEEL
 
@@ -224,6 +225,22 @@ def test_a_frame_follows_its_mounts():
     for name, make in MODELS.items():
         found = _outputs(make(scene), scene)
         assert [found["left"][0], found["mid"][0]] == pytest.approx([1e-3, 5e-4], rel=1e-6), name
+
+
+def test_sizes_of_effects_have_what_joints_give_way():
+    """The machine under its weight on soft mounts: their rotation at rest is that of the full-order run. The choice of
+    effects takes terms of second order for it."""
+    sunk = *SUNK[machine], *AT_REST, "effects={weight={type='gravity'}}"
+    scene = machine(*sunk, "outputs={turn={type='rotation',point='frame:middle'}}")
+    turned = abs(_outputs(MODELS["full"](scene), scene)["turn"][0])
+    found = {size.kind: size for size in estimate_effects(scene, read_meshes(scene)).sizes}
+    stiffening = found["geometric_stiffening"]
+    assert stiffening.keeps and stiffening.share == pytest.approx(turned, rel=0.05)
+    assert stiffening.measure == "rotation of bodies by what elastic joints give way, rad"
+    assert found["gravity"].measure.endswith("elastic joints locked")
+    auto = machine(*sunk, "reduction.effects='auto'")
+    kept, _ = choose_effects(auto, read_meshes(auto), read_meshes(auto))
+    assert "weight" in kept.effects and kept.second_order
 
 
 def test_an_offset_without_a_balance_is_refused():

@@ -20,6 +20,7 @@ from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.fields import GROUND
 from pgmp_petsc.scene.joints import ORIGIN
 from pgmp_petsc.scene.messages import Finding, doubt, input_error, refusal
@@ -62,6 +63,7 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
         *load_findings(scene, sizes, system, first),
         *motion_findings(scene, sizes, system),
         *setting_findings(scene, sizes, first),
+        *riding_findings(scene),
         *unused_findings(scene),
     ]
     if not any(finding.refused for finding in findings):  # the mechanism of a scene with sense can be put together
@@ -212,6 +214,19 @@ def _without_effect(scene: Scene) -> Iterator[Finding]:
 
 def _is_set(settings: BaseModel, name: str) -> bool:
     return getattr(settings, name) != type(settings).model_fields[name].default
+
+
+def riding_findings(scene: Scene) -> Iterator[Finding]:
+    """Yield what rides freely on a beam, whose slope drives it, in a scene without terms of second order."""
+    riding = [name for name, joint in scene.joints.items() if joint.rides]
+    moved = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
+    driven = any(scene.coordinates[name].joint in riding for name in moved)
+    if riding and not driven and not scene.second_order and scene.dimension == 2:
+        words = (
+            "moves freely, and the slope of the bent beam drives it, which reduced models have with terms of second "
+            "order alone; name effects of type geometric_stiffening and mode_inertia, or take pgmp simulate --full"
+        )
+        yield doubt(f"joints.{riding[0]}.type", words, scene.joints[riding[0]].type)
 
 
 def unused_findings(scene: Scene) -> Iterator[Finding]:
