@@ -6,10 +6,14 @@ import pytest
 from differences import compare
 from loose_scenes import ball, gears, worn
 from machine_scenes import MODELS
-from runs import history, motion, reduced_model, samples
+from runs import history, motion, read_meshes, reduced_model, samples
 from scipy.integrate import solve_ivp
 
 from pgmp_petsc.effects.clearance import BACKLASH, CONTACT, RUBBING
+from pgmp_petsc.mechanism.joints import meeting
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.releases import loosened
 from pgmp_petsc.scene import Scene
 
 
@@ -81,6 +85,26 @@ def test_a_ball_that_bounces_in_a_bore_is_that_of_another_integrator(model, fric
     depth = np.hypot(*exact[:2]).max() - 1e-3
     assert depth > 1e-5 and errors[2] < 0.02 * depth, (depth, errors)
     assert 3.2 < errors[0] / errors[1] < 5.0 and 3.2 < errors[1] / errors[2] < 5.0, errors
+
+
+IN_SPACE = (
+    "bodies.ball.rigid={mass=0.5,centre=[0,0,0],inertia=[2e-4,2e-4,2e-4,0,0,0],points={far=[0.1,0,0]}}",
+    "joints.bore.axis=[0.0,0.0,1.0]", "effects.weight.direction=[0.4,-1.0,0.0]", *RUB,
+)  # fmt: skip
+
+
+def test_a_pin_in_space_is_the_one_in_the_plane_and_a_ball_has_room_in_all_directions():
+    """The pin stays in its place along its axis; the middle of a ball in its socket is free in three directions."""
+    _, plane = _outputs(ball(*RUB), "full")
+    _, space = _outputs(ball(*IN_SPACE), "full")
+    for name, own in plane.items():
+        assert np.max(np.abs(space[name] - own)) < 1e-6 * np.max(np.abs(own)), name
+    scene = ball(*IN_SPACE[:3])
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
+    assert kinematics.motion(np.zeros(1)).released.shape[-1] == 2
+    (bore,) = kinematics.mechanism.connections
+    held, released = loosened(meeting(3), np.eye(3), "everywhere")
+    assert len(bore.held) == 3 and not held and len(released) == 3
 
 
 @pytest.mark.parametrize("model", ["full", "components"])
