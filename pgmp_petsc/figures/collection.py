@@ -27,6 +27,8 @@ from pgmp_petsc.figures.trajectories import (
     design,
     energies,
     fit,
+    forces,
+    joint_forces,
     labels_of,
     paired,
     rainflow,
@@ -179,6 +181,7 @@ def _of_runs(runs: Sourced, exaggeration: float, at: float | None) -> tuple[Pict
         "solids": (partial(solids, at=at, exaggeration=exaggeration), has_solids),
         "energies": (energies, lambda run: run.balance is not None),
         "rainflow": (rainflow, counted_outputs),
+        "forces": (forces, joint_forces),
         "coordinate_path": (coordinate_path, lambda run: len(run.coordinate_units) == 2),
     }
     notes = _left_out("trajectories", [set(run.outputs) for run in found])

@@ -59,6 +59,7 @@ PORTRAITS = {
     "geared_four_bar": Portrait("Geared four-bar linkage", "bending", 1000.0, n_instants=6),
     "machine_on_mounts": Portrait("Machine frame on mounts", "shake", until=1.3, n_instants=6),
     "bridge_crane": Portrait("Bridge crane", "sag", 20.0, until=8.0, n_instants=6),
+    "servo_arm": Portrait("Servo arm", "tip_deformation", 30.0, until=0.6, n_instants=7),
     "worn_slider_crank": Portrait("Slider-crank with a worn pin", "way", until=0.117, n_instants=6),
     "engine": Portrait("Two-stroke engine", "rod_force", 20.0, until=0.0105, n_instants=5),
     "double_four_bar": Portrait("Double four-bar, rigid", "pin_x", until=1.7, n_instants=6),

@@ -1,6 +1,6 @@
 """Outputs over time, full-order and reduced, and the error between them (as Fig. 4 of Naets et al. 2015).
 
-The cycles of a run by range and mean (rainflow matrix).
+The cycles of a run by range and mean (rainflow matrix), and the forces in its joints (polar diagrams).
 
 The balance of energy of a run: what is stored, what the effects brought, and what is left over.
 
@@ -291,6 +291,40 @@ def rainflow(trajectory: Trajectory, label: str = "") -> Figure:
         figure.colorbar(drawn, ax=axes, label="cycles")
     what = style.heading(f"Rainflow matrix, {style.MODELS[trajectory.model]}", trajectory.record, label)
     style.top_legend(figure, [], what, captions.of_runs([trajectory], [label]))
+    return figure
+
+
+def joint_forces(trajectory: Trajectory) -> list[tuple[str, str, str]]:
+    """Return joints with the outputs of the forces in them along x and y, on one body in one frame."""
+    found: dict[tuple[str, str, str], dict[str, str]] = {}
+    for name, entry in tomllib.loads(trajectory.record.scene_toml).get("outputs", {}).items():
+        if entry["type"] == "joint_force" and name in trajectory.outputs:
+            of, frame = entry.get("of", "second"), entry.get("frame", "ground")
+            found.setdefault((entry["joint"], of, frame), {})[entry.get("component", "magnitude")] = name
+    return [(joint, own["x"], own["y"]) for (joint, *_), own in found.items() if {"x", "y"} <= own.keys()]
+
+
+@style.styled
+def forces(trajectory: Trajectory, label: str = "") -> Figure:
+    """Draw the forces in joints whose components along x and y are outputs as polar diagrams over the run.
+
+    Raises `InputError` if there is none.
+    """
+    joints = joint_forces(trajectory)
+    if not joints:
+        raise InputError("no joint has its forces along x and y among the outputs; add two of type joint_force")
+    polar = {"projection": "polar"}
+    figure, blocks = style.panel_grid(len(joints), COLUMNS, (3.7, 3.6), 0.65, 5.0, subplot_kw=polar)
+    for (axes,), (joint, *names) in zip(blocks, joints):
+        x, y = (trajectory.outputs[name] for name in names)
+        factor, unit = style.axis_unit(trajectory.units.get(names[0], "N"), x, y)
+        angle, size = np.arctan2(y, x), factor * np.hypot(x, y)
+        axes.plot(angle, size, linewidth=0.9)
+        axes.plot(angle[-1], size[-1], "o", color=style.QUIET, markersize=4.0)
+        axes.set_title(style.axis_label(joint, unit))
+    what = style.heading(f"Forces in joints, {style.MODELS[trajectory.model]}", trajectory.record, label)
+    end = Line2D([], [], color=style.QUIET, linestyle="none", marker="o", markersize=4.0, label="at the end")
+    style.top_legend(figure, [end], what, captions.of_runs([trajectory], [label]))
     return figure
 
 

@@ -103,6 +103,9 @@ def differentiate(
     pulse
         Called with the number of steps that have been taken since the last call.
     """
+    for name in model.scene.controllers:
+        why = "derivatives of runs with controllers are not known"
+        raise InputError(f"controllers.{name}: {why}; compare runs (--set), or take samples (pgmp montecarlo)")
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
     of_sample = {name: np.array([value]) for name, value in values.items()}

@@ -142,6 +142,24 @@ def test_the_limit_of_short_sample_times_is_continuous() -> None:
     np.testing.assert_allclose(orders(errors), 1.0, atol=0.25, err_msg=str(errors))
 
 
+def test_a_controller_beside_an_end_stop() -> None:
+    """Steps that end at contacts take the states along: of second order."""
+    stop, errors = 'effects.stop={type="end_stop",joint="hinge",upper=0.5,stiffness=5e3}', []
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        return [
+            y[1],
+            (40.0 * (1 - y[0]) + y[2] - 1.6 * y[1] - 5e3 * max(y[0] - 0.5, 0.0)) / INERTIA,
+            300.0 * (1 - y[0]),
+        ]
+
+    for step in (1e-3, 5e-4):
+        scene = wheel('reference=1.0,gains={p="kp",i=300.0,d=1.6}', stop, f"simulation.step={step}")
+        times, found = angle(scene)
+        errors.append(np.abs(found - exactly(times, rates, [0.0] * 3)).max())
+    np.testing.assert_allclose(orders(errors), 2.0, atol=0.25, err_msg=str(errors))
+
+
 def test_a_speed_is_measured() -> None:
     """A loop of first order: the speed goes to the reference by exp(-p t / J)."""
     times, found = run(wheel('measures="speed",reference=3.0,gains={p=2.0}'), "full")

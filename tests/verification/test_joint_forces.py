@@ -13,6 +13,7 @@ from scipy.integrate import cumulative_trapezoid, solve_ivp
 from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.figures.trajectories import forces, joint_forces
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -405,6 +406,18 @@ def test_forces_and_moments_of_reduced_models_in_space() -> None:
         largest = max(np.abs(exact[name]).max() for name in names)
         for name in names:
             np.testing.assert_allclose(found[name], exact[name], rtol=0, atol=5e-3 * largest, err_msg=name)
+
+
+def test_polar_diagrams_of_runs() -> None:
+    run = motion(
+        "full", scene_from_toml(PENDULUM, ".", (*outputs("hinge", **along("x", "y")), "simulation.duration=0.1"))
+    )
+    assert joint_forces(run) == [("hinge", "x", "y")]
+    axes = forces(run).axes[0]
+    angle, size = axes.lines[0].get_data()
+    np.testing.assert_allclose(size * np.cos(angle), run.outputs["x"], rtol=0, atol=1e-12)
+    with pytest.raises(InputError, match="no joint has its forces along x and y"):
+        forces(motion("full", scene_from_toml(PENDULUM, ".", ("simulation.duration=0.01",))))
 
 
 def test_a_redundant_crank_in_a_reduced_model() -> None:

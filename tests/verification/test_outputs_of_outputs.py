@@ -1,5 +1,6 @@
 """Rates and formulas of outputs: against closed forms, differences of runs, and in every model."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +9,13 @@ from differences import SHARES, compare
 from exported import assert_equal, assert_same_in_c, needs_compiler
 from machine_scenes import MODELS, RAIL_MASS, cart, rail, run
 from refusals import cases, check_said
-from runs import motion, read_meshes, reduced_model, still
+from runs import motion, pgmp, read_meshes, reduced_model, still
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.formulas import FUNCTIONS, Series, SeriesAlgebra, declared, evaluated
 from pgmp_petsc.gradients.differentiated import differentiate
+from pgmp_petsc.results import Design, Fit, Trajectory
+from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.plausibility.check import plausibility
@@ -196,3 +199,34 @@ def test_a_parameter_without_a_unit_needs_that_of_the_formula() -> None:
     eta = np.zeros((2, model.terms.layout.n_eta))
     eta[:, 0] = 0.1
     assert model.outputs.evaluate(model.observed_of(0.0, still(eta), {"q": 3.0}))["o"] == pytest.approx(0.3)
+
+
+def test_every_command_takes_outputs_of_outputs(tmp_path: Path) -> None:
+    """A rate, a formula, a force and a damage: of samples, derivatives, a fit that finds the push, a design at its
+    limit."""
+    scene = cart(
+        'effects.push={type="force",joint="rail",scale="pull",table=[[0.0,0.0],[0.1,8.0]]}', "simulation.duration=0.1",
+        'parameters.pull={nominal=1.0,bounds=[0.5,2.0],distribution={name="uniform",loc=0.8,scale=0.4}}',
+        'outputs={v={type="rate",of="x"},x={type="sliding",joint="rail"},'
+        'squared={type="formula",formula="v * abs(v) * pull",unit="m2/s2"},'
+        'pin={type="joint_force",joint="pivot",component="x"},s={type="stress",body="pole",quantity="stress_max",'
+        'at=[0.1,0.0]},damage={type="rainflow",of="s",curve={exponent=3.0,reference=1e6,cycles=1e6}}}',
+    )  # fmt: skip
+    (tmp_path / "scene.toml").write_text(scene_to_toml(scene))
+    rom, names = tmp_path / "rom.h5", ("v", "squared", "pin", "damage")
+    pgmp("build", tmp_path / "scene.toml", "-o", rom)
+    found = json.loads(pgmp("montecarlo", rom, "-n", 16, "--seed", 1, "-o", tmp_path / "e.h5", "--json").stdout)
+    assert set(names) <= found["statistics"].keys()
+    slopes = json.loads(pgmp("sensitivities", rom, "-o", tmp_path / "g.h5", "--json").stdout)
+    assert set(names) <= slopes["outputs"].keys()
+    pgmp("simulate", rom, "--override", "parameters.pull={nominal=1.0,value=1.1}", "-o", tmp_path / "r.h5")
+    run = Trajectory.read(tmp_path / "r.h5")
+    rows = np.column_stack([run.time, *(run.outputs[name] for name in names)])
+    np.savetxt(tmp_path / "m.csv", rows, delimiter=",", header=",".join(("time", *names)), comments="", fmt="%.17g")
+    pgmp("fit", rom, tmp_path / "m.csv", "-o", tmp_path / "f.h5")
+    assert Fit.read(tmp_path / "f.h5").parameters[0].estimate == pytest.approx(1.1, rel=1e-4)
+    limit = ("--subject-to", "max(abs(pin)) <= 3.0", "--subject-to", "end(damage) <= 1.0")
+    pgmp("optimize", rom, "maximise end(v)", *limit, "-o", tmp_path / "d.h5", status=None)
+    design = Design.read(tmp_path / "d.h5")
+    largest = np.abs(design.designed["pin"]).max()
+    assert largest == pytest.approx(3.0, rel=1e-3) or largest < 3.0 and design.record.parameters["pull"] > 1.99
