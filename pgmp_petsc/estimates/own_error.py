@@ -89,8 +89,8 @@ def too_few_steps(n_steps: int) -> Iterator[Remark]:
 
 NOT_CONVERGED = (
     ". What is wrong by more than all of it has not converged: where impacts make every small difference larger, as in "
-    "joints with clearance, no step may be small enough, and statistics of many samples (pgmp montecarlo) are all that is "
-    "known"
+    "joints with clearance, no step may be small enough, and statistics of many samples (pgmp montecarlo) are all that "
+    "is known"
 )
 
 
