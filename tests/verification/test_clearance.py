@@ -8,6 +8,7 @@ from loose_scenes import ball, gears, worn
 from machine_scenes import MODELS
 from runs import history, motion, read_meshes, reduced_model, samples
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from pgmp_petsc.effects.clearance import BACKLASH, CONTACT, RUBBING
 from pgmp_petsc.mechanism.joints import meeting
@@ -30,7 +31,7 @@ def _normal(p: list[float], x: np.ndarray, v: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 2.2])
 @pytest.mark.parametrize("restitution", [0.05, 0.3, 0.6, 0.9, 0.99, 1.0])
 def test_an_impact_has_the_restitution_that_was_asked_for(restitution, exponent):
-    """To 1e-3, whatever mass, stiffness and exponent; Lankarani and Nikravesh's formula would leave 0.64 of 0.6."""
+    """To 1e-3, whatever mass, stiffness and exponent; Lankarani and Nikravesh's formula leaves 0.756 of 0.6."""
     speed, radius, mass = 0.3, 1e-3, 0.7
     p = [1e9 * 30.0 ** (exponent - 1.5), radius, exponent, restitution, speed]
 
@@ -44,6 +45,13 @@ def test_an_impact_has_the_restitution_that_was_asked_for(restitution, exponent)
     run = solve_ivp(rates, (0.0, 1.0), [radius, speed], events=left, rtol=1e-9, atol=1e-13, max_step=1e-5)
     assert run.status == 1
     assert -run.y[1, -1] / speed == pytest.approx(restitution, abs=1e-3)
+
+
+def test_the_linear_formula_leaves_more_speed_than_was_asked_for():
+    """``(1 + e) a = log((1 + a) / (1 - e a))`` solved for the e that ``a = 3 (1 - 0.6^2) / 4`` gives."""
+    a = 0.75 * (1.0 - 0.6**2)
+    left = brentq(lambda e: (1.0 + e) * a - np.log1p(a) + np.log1p(-e * a), 0.1, 1.0)
+    assert left == pytest.approx(0.756, abs=1e-3)
 
 
 def test_slower_impacts_lose_less_and_nothing_pulls():
