@@ -36,11 +36,12 @@ class Purpose(Enum):
     FULL = "a full-order run"
     COMPONENTS = "a component run"
     TRADEOFF = "pgmp tradeoff"
+    EXPORT = "pgmp export"
 
 
 #: What prepares or uses a reduced model; ``check`` foretells it.
 OF_THE_REDUCTION = frozenset({Purpose.CHECK, Purpose.SIZES, Purpose.BUILD, Purpose.REDUCED, Purpose.TRADEOFF})
-EVERYWHERE = frozenset(Purpose)
+EVERYWHERE = frozenset(Purpose) - {Purpose.EXPORT}  # where models in Python run
 #: What goes over all configurations of the coordinates.
 OVER_CONFIGURATIONS = EVERYWHERE - {Purpose.CHECK, Purpose.FULL, Purpose.COMPONENTS}
 
@@ -246,6 +247,13 @@ FEATURES = (
         cure="compare pgmp simulate SCENE --full with reduced runs",
     ),
     Feature(
+        "models in C and FMUs with controllers",
+        _controllers,
+        frozenset({Purpose.EXPORT}),
+        why_not="a model in C has no controllers",
+        cure="take pgmp simulate for this model",
+    ),
+    Feature(
         "joints that are off beside clearance",
         _with(_loose, _off),
         EVERYWHERE - {Purpose.MODES},
@@ -334,6 +342,18 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
                     _check_third_derivative(scene, entry, feature.cure)
                 if feature.one_coordinate:
                     _check_single(scene, entry, feature.cure)
+
+
+def foretold(scene: Scene) -> Iterator[str]:
+    """Yield the commands and runs that refuse a scene as such, with the reason and the cure."""
+    told: dict[str, list[str]] = {}
+    for feature in FEATURES:
+        if feature.why_not:
+            reason = next((f"{entry}: {feature.why_not}; {feature.cure}" for entry in feature.entries(scene)), None)
+            for purpose in Purpose if reason else ():
+                if purpose in feature.purposes:
+                    told.setdefault(reason, []).append(purpose.value)
+    return (f"{', '.join(purposes)}: {reason}" for reason, purposes in told.items())
 
 
 def _check_elements(scene: Scene, what: str, cure: str) -> None:
