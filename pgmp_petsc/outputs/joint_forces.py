@@ -11,9 +11,9 @@ contact and friction of one with a clearance (`effects.clearance`), nothing wher
 
 **Point and sign.** Force and moment are those on the body of the joint's second point, at that point; with
 ``of = "first"`` they are the opposite ones on the first body, at the same point of space. They are what the joint
-itself transmits: effects of the scene that act on it and prescribed motions are not in it. A coupling acts on the motion of
-its first or second joint by ``-mu df/ds``. What a prescribed motion takes is ``-lambda`` of its coordinate, above zero
-where it drives on; its power is that times the rate of the coordinate.
+itself transmits: effects of the scene that act on it and prescribed motions are not in it. A coupling acts on the
+motion of its first or second joint by ``-mu df/ds``. What a prescribed motion takes is ``-lambda`` of its coordinate,
+above zero where it drives on; its power is that times the rate of the coordinate.
 
 Where constraints follow from others (`mechanism.null_space`), forces that hang on how they are shared out are refused,
 with a combination that is determined. Multipliers are the models' own: of full-order and component models those of

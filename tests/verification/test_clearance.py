@@ -174,7 +174,7 @@ ASIDE = "effects.aside={type='force',point='ball:centre',direction=[1.0,0.0],tab
 @pytest.mark.parametrize("model", ["full", "components"])
 @pytest.mark.parametrize("rubs", [(), RUB], ids=["smooth", "rough"])
 def test_the_force_in_a_bore_is_that_of_newton_and_of_hunt_and_crossley(model, rubs):
-    """Mass times acceleration less the loads; and ``K d^n (1 + c d')`` of depths that outputs have, with c by a root."""
+    """Mass times acceleration less the loads; and ``K d^n (1 + c d')`` of the depth, with c by a root."""
     time, found = _outputs(ball(*_forces("bore"), *MOVED, ASIDE, *rubs), model)
     load = 10.0 * np.array([[0.4], [-1.0]]) / np.hypot(0.4, 1.0) + [500.0 * time, 0.0 * time]
     x, v, a, force = (np.array([found[name + axis] for axis in "xy"]) for name in ("", "v", "a", "f"))
@@ -194,7 +194,7 @@ def test_the_force_in_a_bore_is_that_of_newton_and_of_hunt_and_crossley(model, r
 
 
 def test_a_ball_at_rest_carries_its_weight_and_a_small_room_has_the_force_of_the_rigid_joint():
-    """A damper brings it to rest. Then a force turns what it carries, and the damper takes what moves with the radius."""
+    """A damper brings it to rest. Then a force turns what it carries, and dampers take what moves with the radius."""
     damped = "effects.damper={type='spring_damper',points=['ground:up','ball:centre'],damping=300.0,rest=0.5}"
     table = "[[0.0,0.0],[0.06,0.0],[0.1,8.0],[0.12,8.0]]"
     slow = ("ground.points.up=[0.3,0.4]", damped, f"{ASIDE.split('[[')[0]}{table}}}",
@@ -273,11 +273,11 @@ RUBS = "joints.pin.clearance.friction='mu'", "joints.pin.clearance.friction_spee
 
 
 @pytest.mark.parametrize(
-    ("more", "share"), [((), 1e-6), (IN_CRANK, 2e-4), (RUBS, 2e-5)], ids=["smooth", "forces", "rough"]
+    ("more", "share"), [((), 1e-6), (IN_CRANK, 6e-4), (RUBS, 2e-5)], ids=["smooth", "forces", "rough"]
 )
 def test_derivatives_are_central_differences(more, share, monkeypatch):
     """Of friction to what the run's own iteration leaves: its matrix has no part of how the normal force is damped, and
-    every impact makes what is left larger. Forces are as good as accelerations, which have 4e-5 after an impact."""
+    every impact makes what is left larger. Forces are as good as accelerations, which have more of it."""
     monkeypatch.setattr("differences.RELATIVE", share)
     compare(reduced_model(worn("simulation.duration=4e-3", *more)))
 
