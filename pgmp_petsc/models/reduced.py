@@ -254,7 +254,9 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
             model.kinematics, model.rom, model.scene.reduction.interpolation, model.measures.nodes
         )
         system.control(
-            model.measures.controls(lambda s: reconstruction.jets((s.q, s.v), 1), values, n_samples, system.put_forces)
+            model.measures.controls(
+                lambda s: reconstruction.jets((s.q, s.v), 1), values, n_samples, system.put_forces, system.measured
+            )
         )
     if model.scene.initial.equilibrium:
         free = model.scene.initial.coordinates == "free"

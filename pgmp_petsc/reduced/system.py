@@ -15,7 +15,7 @@ import numpy as np
 
 from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.controllers.acting import ACTING_LAW
+from pgmp_petsc.controllers.acting import ACTING_LAW, NOTED
 from pgmp_petsc.controllers.running import Controls
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
@@ -273,6 +273,17 @@ class ReducedSystem(SecondOrderSystem):
     def put_forces(self, forces: np.ndarray) -> None:
         """Take forces of controllers, with their stiffness and damping, (n_controllers, n_samples, 3)."""
         self._equations.local.actions.parameters[self.controlled, :, :3] = forces
+
+    def measured(self, state: State) -> np.ndarray:
+        """Return the motions that forces of controllers are of, or are led by, and their rates, (n_controllers,
+        n_samples, 2)."""
+        kept, n_actions = self._memory.known.copy(), len(self._actions.actions)
+        nothing = self._lanes.packed_over(np.zeros((1, 1, n_actions)))
+        everyone, found = np.ones(self.n_samples, dtype=bool), np.empty((1, self.n_samples, 3, n_actions))
+        trail = np.array([[state.q, state.v]])
+        act_on(*self._passed, nothing, trail, self._lanes.sets(everyone), 0.0, np.bool_(False), found)
+        self._memory.known[:] = kept  # with what laws that are limited keep for the next iterate
+        return self._equations.local.actions.parameters[self.controlled, :, NOTED]
 
     @property
     def n_eta(self) -> int:
