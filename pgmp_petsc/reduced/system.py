@@ -269,6 +269,7 @@ class ReducedSystem(SecondOrderSystem):
     def control(self, controls: Controls) -> None:
         """Let controllers act."""
         self.beside = controls
+        self._no_amplitudes = self._lanes.packed_over(np.zeros((1, 1, len(self._actions.actions))))
 
     def put_forces(self, forces: np.ndarray) -> None:
         """Take forces of controllers, with their stiffness and damping, (n_controllers, n_samples, 3)."""
@@ -278,10 +279,9 @@ class ReducedSystem(SecondOrderSystem):
         """Return the motions that forces of controllers are of, or are led by, and their rates, (n_controllers,
         n_samples, 2)."""
         kept, n_actions = self._memory.known.copy(), len(self._actions.actions)
-        nothing = self._lanes.packed_over(np.zeros((1, 1, n_actions)))
         everyone, found = np.ones(self.n_samples, dtype=bool), np.empty((1, self.n_samples, 3, n_actions))
         trail = np.array([[state.q, state.v]])
-        act_on(*self._passed, nothing, trail, self._lanes.sets(everyone), 0.0, np.bool_(False), found)
+        act_on(*self._passed, self._no_amplitudes, trail, self._lanes.sets(everyone), 0.0, np.bool_(False), found)
         self._memory.known[:] = kept  # with what laws that are limited keep for the next iterate
         return self._equations.local.actions.parameters[self.controlled, :, NOTED]
 
@@ -603,7 +603,7 @@ class ReducedSystem(SecondOrderSystem):
         found = np.zeros((times.size, self.n_samples, 3, len(actions)))
         if found.size:
             given = amplitudes_over(actions, times)[:, None] if amplitudes is None else amplitudes
-            if self.beside is not None:
+            if self.beside is not None and not self.beside.iterates:
                 given = np.repeat(given, self.n_samples // given.shape[1], axis=1)
                 given[:, :, self.controlled] += self.beside.forces(times)
             act_on(
