@@ -229,7 +229,7 @@ def _size_sentences(study: Tradeoff, known: Sizes | None) -> Iterator[str]:
             values = ", ".join(f"{one} = {study.test_values[one][least]:.3g}" for one in study.varied)
             yield (
                 f"{name} is {small} at test value {least + 1} of {len(sizes)} ({values}), and up to "
-                f"{with_unit(most, unit, 2)} at others: errors are in per cent of each, so that the largest may be there."
+                f"{with_unit(most, unit, 2)} at others: errors are in per cent of each, and the largest may be there."
             )
 
 

@@ -28,7 +28,7 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.scene.uses import offset_values
 from pgmp_petsc.stepping.second_order_system import State
-from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, UNBALANCED, settle
+from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, UNBALANCED, require_balance, settle
 
 if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import ReducedFields
@@ -246,6 +246,7 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
     system = ReducedSystem(model.terms, model.effects, values, start, n_samples, model.motions, model.actions, given)
     springs = model.actions.of_joints(model.kinematics.mechanism)
     if springs.actions and system.built_in is not None and not model.scene.initial.equilibrium:
+        require_balance(model.scene, model.kinematics, positions, own)
         unloaded = [Unloaded(effect.name) for effect in model.effects]
         alone = ReducedSystem(model.terms, unloaded, values, start, n_samples, actions=springs, given=given)
         system.begin_at(*_in_balance(ReducedStatics(alone, angles), angles.scales, start, n_samples))

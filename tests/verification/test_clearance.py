@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.effects.clearance import BACKLASH, CONTACT, RUBBING
+from pgmp_petsc.effects.clearance import BACKLASH, CONTACT, RUBBING, restitution_at
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.joints import meeting
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -32,8 +32,10 @@ def _normal(p: list[float], x: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 2.2])
 @pytest.mark.parametrize("restitution", [0.05, 0.3, 0.6, 0.9, 0.99, 1.0])
-def test_an_impact_has_the_restitution_that_was_asked_for(restitution, exponent):
-    """To 1e-3, whatever mass, stiffness and exponent; Lankarani and Nikravesh's formula leaves 0.756 of 0.6."""
+@pytest.mark.parametrize("ratio", [0.1, 1.0, 10.0])
+def test_an_impact_has_the_restitution_that_was_asked_for(restitution, exponent, ratio):
+    """To 1e-3, whatever mass, stiffness and exponent, and at other speeds that of the closed form; Lankarani and
+    Nikravesh's formula leaves 0.756 of 0.6."""
     speed, radius, mass = 0.3, 1e-3, 0.7
     p = [1e9 * 30.0 ** (exponent - 1.5), radius, exponent, restitution, speed]
 
@@ -44,9 +46,19 @@ def test_an_impact_has_the_restitution_that_was_asked_for(restitution, exponent)
         return state[0] - radius * (1.0 - 1e-9)
 
     left.terminal, left.direction = True, -1.0
-    run = solve_ivp(rates, (0.0, 1.0), [radius, speed], events=left, rtol=1e-9, atol=1e-13, max_step=1e-5)
+    run = solve_ivp(rates, (0.0, 1.0), [radius, ratio * speed], events=left, rtol=1e-9, atol=1e-13, max_step=1e-5)
     assert run.status == 1
-    assert -run.y[1, -1] / speed == pytest.approx(restitution, abs=1e-3)
+    expected = restitution if ratio == 1.0 else restitution_at(restitution, ratio)
+    assert -run.y[1, -1] / (ratio * speed) == pytest.approx(expected, abs=1e-3)
+
+
+def test_the_closed_form_goes_to_its_limits():
+    """At other speeds: 1 - 2 a / 3 of slow impacts, whose next term is of the order of a^2, and 1 / a of fast ones."""
+    assert restitution_at(0.5, 1.0) == pytest.approx(0.5, abs=6e-5) and restitution_at(1.0, 7.0) == 1.0
+    a = 1.0 / (1e4 * restitution_at(0.5, 1e4))  # at the speed of 0.5
+    for ratio in (1e-2 / a, 0.999e-3 / a, 1.001e-3 / a):
+        assert restitution_at(0.5, ratio) == pytest.approx(1.0 - 2.0 * ratio * a / 3.0, abs=(ratio * a) ** 2)
+    assert restitution_at(0.5, 29.9 / a) == pytest.approx(1.0 / 29.9, rel=1e-9)
 
 
 def test_the_linear_formula_leaves_more_speed_than_was_asked_for():
