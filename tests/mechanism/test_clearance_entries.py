@@ -7,9 +7,7 @@ from runs import overridden, read_meshes, refused
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.studies.check import describe_scene
 
@@ -69,22 +67,14 @@ joints.mesh.clearance.radius=-1e-3 -> joints.mesh.clearance.radius = -0.001: a p
 joints.mesh.elastic={stiffness=1e5} -> joints.mesh.elastic: a joint has elastic or clearance, not both
 joints.mesh={type="belt",joints=["input","output"],radii=[0.1,0.2],clearance={radius=1e-3,stiffness=1e5,
     restitution=0.9}} -> joints.mesh.clearance: a joint of type belt has none; those that have are
-outputs.force={type="joint_torque",joint="mesh"} -> outputs.force.joint = "mesh": what its teeth do where they touch is
 """)
 
 
 @pytest.mark.parametrize(("asked", "said"), TEETH)
 def test_refused_of_gears(asked, said):
     with pytest.raises(InputError) as error:
-        scene = gears(asked)
-        OutputSet.of(scene, RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene))))
+        gears(asked)
     check_said(str(error.value), said, asked)
-
-
-def test_forces_in_a_loose_pin_are_refused():
-    scene = worn("outputs.force={type='joint_force',joint='pin',component='magnitude'}")
-    with pytest.raises(InputError, match='outputs.force.joint = "pin": what its parts do where they touch'):
-        OutputSet.of(scene, RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene))))
 
 
 def test_refused_on_several_ranks(tmp_path):
