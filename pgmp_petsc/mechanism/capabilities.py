@@ -104,6 +104,10 @@ def _loose(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.clearance" for name, joint in scene.joints.items() if joint.gives_way == "clearance")
 
 
+def _at_rest(scene: Scene) -> Iterator[str]:
+    yield from _given("initial.equilibrium", scene.initial.equilibrium)
+
+
 def _off(scene: Scene) -> Iterator[str]:
     at_rest = scene.initial.equilibrium
     return (f"joints.{name}.offset" for name, one in scene.joints.items() if one.offset is not None and not at_rest)
@@ -254,11 +258,18 @@ FEATURES = (
         cure="take pgmp simulate for this model",
     ),
     Feature(
+        "static equilibrium beside clearance",
+        _with(_loose, _at_rest),
+        EVERYWHERE - {Purpose.MODES},
+        why_not="in the middle of its room nothing holds a pin, and statics do not find where it comes to rest",
+        cure="leave it out, and let damping bring the run to rest",
+    ),
+    Feature(
         "joints that are off beside clearance",
         _with(_loose, _off),
         EVERYWHERE - {Purpose.MODES},
         why_not="runs begin with what is built in without loads, and parts with room around them rest nowhere then",
-        cure="leave it out, or let the run start under its loads (initial.equilibrium = true)",
+        cure="leave it out",
     ),
     Feature(
         "rigid beams in space with a section of parameters",

@@ -254,9 +254,13 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
         reconstruction = Reconstruction(
             model.kinematics, model.rom, model.scene.reduction.interpolation, model.measures.nodes
         )
-        system.control(
-            model.measures.controls(lambda s: reconstruction.jets((s.q, s.v), 1), values, n_samples, system.put_forces)
-        )
+
+        def frames(state: State) -> list[np.ndarray]:
+            # an iterate that is no number is lost with its correction, and closes no mechanism
+            fine = np.isfinite(state.q).all(axis=1)[:, None]
+            return reconstruction.jets((np.where(fine, state.q, 0.0), np.where(fine, state.v, 0.0)), 1)
+
+        system.control(model.measures.controls(frames, values, n_samples, system.put_forces, system.measured))
     if model.scene.initial.equilibrium:
         free = model.scene.initial.coordinates == "free"
         statics = ReducedStatics(system, None if free else angles)

@@ -10,7 +10,9 @@ from runs import history, motion, read_meshes, reduced_model, samples, trajector
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.effects.clearance import BACKLASH, CONTACT, RUBBING, restitution_at
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.joints import meeting
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -223,6 +225,13 @@ def test_a_ball_at_rest_carries_its_weight_and_a_small_room_has_the_force_of_the
         off.append(max(np.abs(found[name] - rigid[name])[settled].max() for name in ("fx", "fy")))
     assert off[2] < 0.2 * 8.0
     assert 1.6 < off[0] / off[1] < 2.4 and 1.6 < off[1] / off[2] < 2.4, off
+
+
+@pytest.mark.parametrize("purpose", [Purpose.FULL, Purpose.COMPONENTS, Purpose.BUILD, Purpose.REDUCED])
+def test_static_equilibrium_is_refused(purpose):
+    """From the middle of the room, where nothing holds the pin, statics found places without balance."""
+    with pytest.raises(InputError, match="initial.equilibrium = true with joints.pin.clearance.*nothing holds a pin"):
+        check_capabilities(worn("initial.equilibrium=true", "simulation.initial.theta.velocity=0.0"), purpose)
 
 
 def test_forces_in_space_are_those_in_the_plane_and_what_stays_held_is_a_multiplier():

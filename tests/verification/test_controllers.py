@@ -9,7 +9,7 @@ import pytest
 from machine_scenes import MODELS, cart, run
 from mpi4py import MPI
 from refusals import cases, check_said
-from runs import IN_TURN, history, overridden, reduced_model, samples, trajectory
+from runs import IN_TURN, history, overridden, reduced_model, run_model, samples, trajectory
 from scipy.integrate import solve_ivp, trapezoid
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
@@ -21,7 +21,8 @@ from pgmp_petsc.design.optimization import optimize
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, foretold
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
-from scenes import HEADER, tables
+from pgmp_petsc.stepping.status import Status
+from scenes import HEADER, slider_crank, tables
 
 INERTIA = 0.1
 WHEEL = HEADER + tables("""
@@ -281,6 +282,39 @@ def test_a_formula_of_outputs_is_measured_without_slopes() -> None:
     servo = 'reference=0.8,gains={p="kp",i=300.0,d=1.6,filter=0.01}'
     _, found = angle(wheel(f'{servo},measures="seen"', *tip))
     np.testing.assert_allclose(found, angle(wheel(servo))[1], rtol=0, atol=2e-8)
+
+
+@pytest.mark.parametrize(
+    "servo",
+    [
+        'measures="angle",joint="crank_hinge",reference={table=[[0.0,0.0],[0.1,8.0]]},gains={p=100.0,d=2.0}',
+        'measures="speed",joint="crank_hinge",reference=80.0,gains={p=0.5,i=10.0}',
+        'measures="angle",joint="elbow",reference=0.3,gains={p=-2.0,d=-0.02}',
+    ],
+)
+def test_motions_in_joints_are_what_outputs_of_them_are(servo: str) -> None:
+    """Forces of controllers know the motion in their joint, and outputs are not read for it: over more than a turn, of
+    a rate, and led by another joint. What is left is round-off of some 500 steps."""
+    outputs = (f'outputs.{one}={{type="{one}",joint="crank_hinge"}}' for one in ("angle", "speed"))
+    scene = slider_crank(*outputs, "simulation={duration=0.1,step=2e-4}", "effects={}",
+                         f'controllers.servo={{type="pid",{servo}}}')  # fmt: skip
+    found = []
+    for known in (True, False):
+        model = reduced_model(scene)
+        assert model.measures.of_joints
+        model.measures.of_joints = known
+        found.append(history(model, samples(scene, 1), 1)[1]["angle"])
+    assert np.ptp(found[0]) > (0.01 if "elbow" in servo else 4.0)
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-9)
+
+
+def test_an_iterate_that_is_no_number_is_a_sample_that_fails() -> None:
+    """A gain that a step cannot follow, of what is read of outputs: the run says that it failed."""
+    servo = 'measures="seen",joint="crank_hinge",reference=8.0,gains={p=1e5,d=0.5,filter=2e-3}'
+    outputs = 'outputs.angle={type="angle",joint="crank_hinge"}', 'outputs.seen={type="formula",formula="angle"}'
+    scene = slider_crank(*outputs, "simulation={duration=0.01,step=1e-3}", f'controllers.servo={{type="pid",{servo}}}')
+    _, done = run_model(reduced_model(scene), 1, samples(scene, 1))
+    assert done.status[0] != Status.FINE
 
 
 SERVO = 'controllers.servo={type="pid",joint="hinge",measures="angle",gains={p=1.0}}'
