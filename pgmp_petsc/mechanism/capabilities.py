@@ -113,10 +113,6 @@ def _off(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.offset" for name, one in scene.joints.items() if one.offset is not None and not at_rest)
 
 
-def _riding_in_space(scene: Scene) -> Iterator[str]:
-    return (f"joints.{name} ({one.type})" for name, one in scene.joints.items() if one.rides and scene.dimension == 3)
-
-
 def _rigid_of_several_factors(scene: Scene) -> Iterator[str]:
     for name, body in scene.bodies.items():
         if not body.flexible and body.rigid is None and body.element == "beam3d":
@@ -277,13 +273,6 @@ FEATURES = (
         EVERYWHERE,
         why_not="a rigid body in space has a mass with one factor",
         cure="give the section without parameters, or make it flexible",
-    ),
-    Feature(
-        "what rides on beams in space",
-        _riding_in_space,
-        OF_THE_REDUCTION | {Purpose.MODES},
-        why_not="reduced models have it in the plane alone",
-        cure="take pgmp simulate SCENE --full or --components",
     ),
     Feature(
         "preload with elastic joints",

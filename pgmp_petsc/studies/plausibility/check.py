@@ -221,7 +221,7 @@ def riding_findings(scene: Scene) -> Iterator[Finding]:
     riding = [name for name, joint in scene.joints.items() if joint.rides]
     moved = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
     driven = any(scene.coordinates[name].joint in riding for name in moved)
-    if riding and not driven and not scene.second_order and scene.dimension == 2:
+    if riding and not driven and not scene.second_order:
         words = (
             "moves freely, and the slope of the bent beam drives it, which reduced models have with terms of second "
             "order alone; name effects of type geometric_stiffening and mode_inertia, or take pgmp simulate --full"
