@@ -112,6 +112,11 @@ FEATURES = {
     "formula": (
         'effects.x={{type="law",joint="{drive}",force="A * sin(3 * s) - 0.1 * v + t",constants={{A="strength"}}}}',
     ),  # fmt: skip
+    "controllers": (
+        'controllers.x={{type="pid",joint="{drive}",measures="angle",gains={{p="strength",i=2.0,d=0.1}}}}',
+        'controllers.y={{type="formula",joint="{drive}",measures="angle",states={{z="y - z"}},output="-z"}}',
+        "controllers.y.sample_time=1e-3",
+    ),  # fmt: skip
     "bushing": ('effects.x={{type="bushing",points=["ground:origin","{last}:tip"],reference={axes},stiffness={along},'
         "damping={along}}}",),
     "elastic joint": ("joints.{drive}.elastic={{reference={axes},stiffness={stiff},damping={along}}}",),

@@ -14,15 +14,27 @@ from types import MappingProxyType
 
 import numpy as np
 
-from pgmp_petsc.results.numbers import share_text
+from pgmp_petsc.results.numbers import share_text, with_unit
 from pgmp_petsc.results.tradeoff import Tradeoff
 
 THRESHOLDS = (0.05, 0.01, 0.001)
 NOT_KNOWN = 0.1  # share of an error by which the reference may have moved
+SMALL = 0.01  # of an output's largest value at other test values: shares of one as small are said with its size
 MARGIN = 1.25  # over the largest error at test values, for other draws: those were seen to be up to 1.14 times as large
 
 
-def advise(study: Tradeoff, from_mesh: Mapping[str, float] = MappingProxyType({})) -> tuple[str, ...]:
+@dataclass(frozen=True)
+class Sizes:
+    """How large outputs are, in their units."""
+
+    reference: np.ndarray  # largest value at each test value, shape (n_outputs, n_test); 0 where it is round-off
+    #: of every output the test value at which the own meshes are off most, and by how much; None where not measured
+    meshes: tuple[tuple[int, float], ...] | None = None
+
+
+def advise(
+    study: Tradeoff, from_mesh: Mapping[str, float] = MappingProxyType({}), sizes: Sizes | None = None
+) -> tuple[str, ...]:
     """Return advice for all outputs together, for each of them, and what to keep in mind.
 
     A piece of advice is one line, or several: a line that begins with ``--`` holds options to paste.
@@ -33,6 +45,8 @@ def advise(study: Tradeoff, from_mesh: Mapping[str, float] = MappingProxyType({}
         Measurements; its own advice is not looked at.
     from_mesh
         How far the reference is from the mesh in outputs, as far as that was measured.
+    sizes
+        Of the outputs, for what shares of small ones are; nothing is said of them without.
     """
     targets, bounds = _targets(study, study.errors), _targets(study, bounds_of(study, from_mesh))
     alike: dict[tuple[Choice, ...], list[str]] = {}
@@ -49,8 +63,9 @@ def advise(study: Tradeoff, from_mesh: Mapping[str, float] = MappingProxyType({}
         *advice,
         *_break_even(study, first, errors),
         *_margin_sentences(study, from_mesh),
+        *_size_sentences(study, sizes),
         *_surface_sentences(study),
-        *_mesh_sentences(study),
+        *_mesh_sentences(study, sizes),
         *_reference_sentences(study),
     )
 
@@ -202,7 +217,23 @@ def _surface_sentences(study: Tradeoff) -> Iterator[str]:
         )
 
 
-def _mesh_sentences(study: Tradeoff) -> Iterator[str]:
+def _size_sentences(study: Tradeoff, known: Sizes | None) -> Iterator[str]:
+    """Say where shares are of nothing, or of a value that is much smaller than at other test values."""
+    for name, sizes in zip(study.outputs, () if known is None else known.reference):
+        least, most = int(np.argmin(sizes)), float(np.max(sizes, initial=0.0))
+        if most == 0.0:
+            yield f"{name} is zero to round-off in the reference: settings that give as little have no error in it."
+        elif sizes[least] < SMALL * most:
+            unit = study.units[name]
+            small = f"at most {with_unit(sizes[least], unit, 2)}" if sizes[least] else "zero to round-off"
+            values = ", ".join(f"{one} = {study.test_values[one][least]:.3g}" for one in study.varied)
+            yield (
+                f"{name} is {small} at test value {least + 1} of {len(sizes)} ({values}), and up to "
+                f"{with_unit(most, unit, 2)} at others: errors are in per cent of each, and the largest may be there."
+            )
+
+
+def _mesh_sentences(study: Tradeoff, sizes: Sizes | None) -> Iterator[str]:
     """Say where the mesh is worse than the best settings on it."""
     mesh, own = study.mesh, study.own_mesh & study.simulated
     if not mesh.cells.size:
@@ -211,8 +242,8 @@ def _mesh_sentences(study: Tradeoff) -> Iterator[str]:
         return
     best = np.min(np.where(np.isnan(study.errors[own]), np.inf, study.errors[own]), axis=0)
     worse = [
-        f"{share_text(error)} in {name}"
-        for name, error, floor in zip(study.outputs, mesh.errors[0], best)
+        f"{share_text(error)} in {name}{_apart(study, sizes, column)}"
+        for column, (name, error, floor) in enumerate(zip(study.outputs, mesh.errors[0], best))
         if error > floor
     ]
     if worse:
@@ -220,6 +251,15 @@ def _mesh_sentences(study: Tradeoff) -> Iterator[str]:
             f"The scene's meshes themselves are off by {_joined(worse)}, against cells cut into {mesh.refinement[-1]}; "
             "where that matters, refine them before anything else."
         )
+
+
+def _apart(study: Tradeoff, sizes: Sizes | None, column: int) -> str:
+    """Return what the own meshes are off by in an output's unit, and at which test value."""
+    if sizes is None or sizes.meshes is None:
+        return ""
+    worst, apart = sizes.meshes[column]
+    at = f" at test value {worst + 1}" if study.varied else ""
+    return f" ({with_unit(apart, study.units[study.outputs[column]], 2)}{at})"
 
 
 def _reference_sentences(study: Tradeoff) -> Iterator[str]:

@@ -189,10 +189,9 @@ def errors_between(found: History, exact: History, floors: np.ndarray) -> np.nda
     shared = int(np.lcm(*strides))  # of the instants that both kept
     one, other = (item.outputs[:, :: shared // stride] for item, stride in zip((found, exact), strides))
     known = np.isfinite(other)
-    scale = np.max(np.abs(exact.outputs), axis=1, initial=0.0, where=np.isfinite(exact.outputs))
     both = known & np.isfinite(one)
     difference = np.where(both, np.abs(np.where(both, one, 0.0) - np.where(both, other, 0.0)), 0.0)
-    errors = difference.max(axis=1) / np.maximum(scale, floors[:, None])
+    errors = difference.max(axis=1) / np.maximum(sizes_of(exact), floors[:, None])
     # one of them may be at the end of the range a little before the other
     errors[both.sum(axis=1) < (1.0 - MOST_MISSING) * known.sum(axis=1)] = np.inf
     errors[:, found.status != Status.FINE] = np.inf
@@ -203,17 +202,28 @@ def errors_between(found: History, exact: History, floors: np.ndarray) -> np.nda
 def largest_errors(found: History, exact: History, floors: np.ndarray) -> np.ndarray:
     """Return the largest error of every output over time and samples, shape (n_outputs,); see `errors_between`.
 
-    NaN where a sample's output has no number where the exact one has, or no sample has any to compare with.
+    Where both are below `floors` they differ by round-off, which is no error. NaN where a sample's output has no number
+    where the exact one has, or no sample has any to compare with.
     """
-    errors = errors_between(found, exact, floors)
+    errors = errors_of_samples(found, exact, floors)
     largest = np.max(errors, axis=1, initial=-1.0, where=np.isfinite(errors) | np.isposinf(errors))
     return np.where(np.isinf(largest) | (largest < 0.0), np.nan, largest)
 
 
+def errors_of_samples(found: History, exact: History, floors: np.ndarray) -> np.ndarray:
+    """Return `errors_between`, with 0 for what is zero to round-off and differs by no more."""
+    errors = errors_between(found, exact, floors)
+    return np.where((round_off_of(exact, floors) == 1.0) & (errors <= 1.0), 0.0, errors)
+
+
 def round_off_of(exact: History, floors: np.ndarray) -> np.ndarray:
     """Return below which share of its largest value an output's error is round-off, shape (n_outputs, n_samples)."""
-    scale = np.max(np.abs(exact.outputs), axis=1, initial=0.0, where=np.isfinite(exact.outputs))
-    return floors[:, None] / np.maximum(scale, floors[:, None])
+    return floors[:, None] / np.maximum(sizes_of(exact), floors[:, None])
+
+
+def sizes_of(history: History) -> np.ndarray:
+    """Return the largest value over time of every output and sample, shape (n_outputs, n_samples), in its unit."""
+    return np.max(np.abs(history.outputs), axis=1, initial=0.0, where=np.isfinite(history.outputs))
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,11 @@ from pgmp_petsc.base.progress import progress, without_progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bench import candidates
-from pgmp_petsc.bench.advice import advise
+from pgmp_petsc.bench.advice import Sizes, advise
 from pgmp_petsc.bench.bench import TIMED, Bench, Measured
 from pgmp_petsc.bench.cases import Setting, Training, held_out, own_steps
 from pgmp_petsc.bench.finished import Arrays, Finished, step_seconds
-from pgmp_petsc.bench.history import largest_errors
+from pgmp_petsc.bench.history import errors_of_samples, largest_errors, sizes_of
 from pgmp_petsc.bench.reference import (
     Demand,
     Reference,
@@ -122,7 +122,7 @@ def measure_tradeoff(
     record = RunRecord(scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict(), remarks)
     result = study.result(record, reference.model.outputs.units, times)
     result = replace(result, samples=n_samples, quick=quick, waiting=waiting)
-    return replace(result, advice=advise(result, reference.from_mesh))
+    return replace(result, advice=advise(result, reference.from_mesh, study.sizes()))
 
 
 def _of_one_mechanism(scene: Scene) -> Scene:
@@ -371,6 +371,18 @@ class _Study:
             rows.append(errors)
         cells = [self.bench.n_cells(refinement) for refinement in refinements]
         return MeshErrors(np.array(refinements), np.array(cells), np.array(rows))
+
+    def sizes(self) -> Sizes:
+        """Return how large outputs are, and what meshes change, in their units."""
+        found = sizes_of(self._sequences[1].history)
+        apart, runs = None, (self._measured.get(Setting("full", own_steps(self.scene), 1)), self._finest)
+        if all(run is not None and run.history is not None for run in runs):
+            own, exact = (run.history for run in runs)
+            shares = errors_of_samples(own, exact, self._floors)
+            worst = np.argmax(np.nan_to_num(shares, nan=-1.0, posinf=-1.0), axis=1)
+            apart = shares * np.maximum(sizes_of(exact), self._floors[:, None])
+            apart = tuple((int(at), float(row[at])) for at, row in zip(worst, apart))
+        return Sizes(np.where(found > self._floors[:, None], found, 0.0), apart)
 
 
 def _flags(setting: Setting, scene: Scene) -> str:

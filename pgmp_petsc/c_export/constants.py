@@ -30,6 +30,7 @@ from pgmp_petsc.c_export.statements import (
 )
 from pgmp_petsc.declare.ideas import OUTPUTS
 from pgmp_petsc.effects.time_function import Piece
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
@@ -389,6 +390,7 @@ def checked_scene(scene: Scene, what: str) -> Scene:
     what
         What is to be written, for the message.
     """
+    check_capabilities(scene, Purpose.EXPORT)
     for entry, text in _of_scene(scene):
         raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")
     left = {name: output for name, output in scene.outputs.items() if not models_alone(scene, name)}
@@ -419,7 +421,5 @@ def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:
         yield "coordinates", f"a model in C has one or two rigid coordinates, not {len(scene.coordinates)}"
     if scene.fields:
         yield f"fields.{next(iter(scene.fields))}", "a model in C has no random fields"
-    if scene.controllers:
-        yield f"controllers.{next(iter(scene.controllers))}", "a model in C has no controllers"
     if scene.simulation.tolerance is not None:
         yield "simulation.tolerance", "the step of a model in C is a constant; give simulation.step in the build"

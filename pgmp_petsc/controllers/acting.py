@@ -24,12 +24,15 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.controllers import ControllerEntry
 from pgmp_petsc.scene.uses import slides
 
-ACTING = '''"""A force that is given, with the slopes that the iteration of a step takes."""
+#: Among the parameters, where the law notes the measure that it meets, and its rate.
+NOTED = slice(3, 5)
+ACTING = '''"""A force that is given, with the slopes that the iteration of a step takes; notes what is measured."""
 
 STIFFNESS = ""
 
 
 def evaluate(p, amplitude, s, rate, about, depths):
+    p[3], p[4] = s, rate
     return float(amplitude + p[0]), float(p[1]), float(p[2]), 0.0, 0.0, float(rate)
 
 
@@ -62,7 +65,7 @@ class Acting(Law):
 
 ACTING_LAW = Acting(
     "controlled",
-    ("force", "stiffness", "damping"),
+    ("force", "stiffness", "damping", "measure", "rate_of_measure"),
     force="amplitude + force - stiffness * s - damping * rate",
 )
 

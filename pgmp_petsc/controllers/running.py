@@ -67,6 +67,11 @@ class Running:
 class Controls:
     """The controllers of a system.
 
+    Attributes
+    ----------
+    iterates
+        Whether the iteration of a step has the forces, as it was given them, so that `forces` has none to add.
+
     Parameters
     ----------
     scene
@@ -89,7 +94,7 @@ class Controls:
         self.names = tuple(scene.controllers)
         self._each: list[Running] = []
         self._acting = np.zeros((len(self.names), n_samples, 3))
-        self._iterates = False
+        self.iterates = False
         #: forces at the instants that were reached, (n_controllers, n_samples); where one jumps the mean of both, with
         #: which the trapezoidal rule of works is right, and until the next step `_jumped` has the new ones
         self._kept: dict[float, np.ndarray] = {}
@@ -143,7 +148,7 @@ class Controls:
 
     def begin(self, time: float, state, scheme) -> None:
         """Begin the iteration of a step that ends at a time, from the numbers beside at its beginning."""
-        self._iterates, s = True, scheme
+        self.iterates, s = True, scheme
         self._jumped.clear()
         step, kappa = s.gamma / (s.beta * s.gain_v), s.gain_v / s.gain_a
         for one in self._each:
@@ -181,7 +186,7 @@ class Controls:
             for into, new in ((auxiliary, found), (z, one.z), (change, one.rates), (force, one.force[:, :1])):
                 into[samples] = new[samples]
         self._put(np.zeros_like(self._acting))
-        self._iterates = False
+        self.iterates = False
         self._keep(time, state, samples)
 
     def sample(self, time: float, state, samples: np.ndarray) -> bool:
@@ -202,10 +207,9 @@ class Controls:
         return True
 
     def forces(self, times: np.ndarray) -> np.ndarray:
-        """Return the forces at times (n_t,) that were reached, (n_t, n_samples, n_controllers); none while an iteration
-        has them."""
+        """Return the forces at times (n_t,) that were reached, (n_t, n_samples, n_controllers)."""
         found = np.zeros((times.size, self._n_samples, len(self._each)))
-        for row, time in zip(found, times.tolist() if not self._iterates else ()):
+        for row, time in zip(found, times.tolist()):
             if time not in self._kept:  # of a step that failed: as it began
                 time = max((one for one in self._kept if one < time), default=0.0)
             row[:] = self._jumped.get(time, self._kept[time]).T

@@ -1,6 +1,7 @@
 """Designs: values of parameters that meet a goal best under constraints.
 
-The goal f and constraints g <= 0 are figures of reduced runs with exact derivatives. With K deviations (robust) each is
+The goal f and constraints g <= 0 are figures of reduced runs with exact derivatives, with controllers by
+differences of runs. With K deviations (robust) each is
 
     mean_s f_s + K std_s f_s,     d/dx:  mean_s f_s' + K sum_s (f_s - mean) f_s' / ((N - 1) std)
 
@@ -24,7 +25,7 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.design.design_figures import DesignFigures, Question
 from pgmp_petsc.design.fitting import served_remarks
 from pgmp_petsc.design.goals import Dual, Outcome
-from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks, step_remarks
+from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks, difference_remarks, step_remarks
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
@@ -108,8 +109,8 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
         *comm.bcast(own), *served_remarks(model, question.names),
         *_of_end(done, question, last, missed), *figures.turned_back.remarks,
         *_of_limits(question, figures, best), *_of_idle(question, first, last),
-        *_of_robust(question, figures, ends, confidence), *step_remarks(model, ended), *contact_remarks(ended),
-        *model.scene.remarks,
+        *_of_robust(question, figures, ends, confidence), *difference_remarks(model.scene), *step_remarks(model, ended),
+        *contact_remarks(ended), *model.scene.remarks,
     )  # fmt: skip
     sense = question.goal.sense
     described = [

@@ -161,17 +161,26 @@ def step_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> l
 
 
 @gathered
+def difference_remarks(scene: Scene) -> Iterator[Remark]:
+    """Return that derivatives are differences of runs, where they are."""
+    if scene.controllers:
+        names = ", ".join(f"controllers.{name}" for name in scene.controllers)
+        yield note(f"derivatives are differences of runs, four or five beside each one a parameter, because of {names}")
+
+
+@gathered
 def run_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> Iterator[Remark]:
     """Return what is to be said of the derivatives of a run."""
     yield note(
         "derivatives are those of the reduced model with its time step; errors of the run are estimated by pgmp "
         "simulate"
     )
+    yield from difference_remarks(model.scene)
     yield from step_remarks(model, run)
     if isinstance(model, LengthLanes):
         yield polynomials_of_lengths(model, False)
     stresses = model.members[0].outputs.stresses
-    if stresses:
+    if stresses and not model.scene.controllers:
         names = ", ".join(stress.name for stress in stresses)
         yield note(
             f"derivatives of stresses ({names}) follow from central differences along the exact derivatives of the "

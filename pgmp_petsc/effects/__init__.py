@@ -36,7 +36,8 @@ def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
 
 
 def springs_of_joints(scene: Scene, mechanism: Mechanism) -> list[Effect]:
-    """Return the springs of elastic joints and couplings: what holds a mechanism together beside its constraints."""
+    """Return what holds a mechanism together beside its constraints: the springs of elastic joints and couplings, and
+    what acts in those with a clearance."""
     makers = {"elastic": elastic_joint, "clearance": loose_joint}
     loose = [(c.name, scene.joints[c.name].gives_way) for c in mechanism.connections if c.released]
     joints = [makers[how](name, scene, mechanism) for name, how in loose]
@@ -113,5 +114,6 @@ __all__ = [
     "loads_of",
     "motions_of",
     "patterns_of",
+    "springs_of_joints",
     "start_of",
 ]

@@ -17,7 +17,8 @@ impact, from v to -e v. So ``a = c v`` and the restitution e are tied, whatever 
 
 The formula ``c = 3 (1 - e^2) / (4 v)`` of Lankarani and Nikravesh (1990) agrees with it only as e goes to 1, where
 both are ``3 (1 - e) / (2 v)``, and leaves more speed than was asked for elsewhere. `RESTITUTION` is the polynomial
-``e a / (1 - e)`` of e, within 6e-5 of e. As c is constant, slower impacts are more elastic than that which e is of.
+``e a / (1 - e)`` of e, within 6e-5 of e. As c is constant, an impact at another speed v' has ``a' = a v' / v`` and the
+restitution of that: ``1 - 2 a' / 3`` of slow ones, ``1 / a'`` of fast ones, which all leave with the speed 1 / c.
 
 Friction is ``friction N tanh(v_t / friction_speed)`` against the speed v_t of the pin's middle across e: the joint
 knows no radius of the pin, and takes it for one that is small. What turning in the joint rubs is an effect of type
@@ -27,6 +28,9 @@ joint_friction. It acts along ``w = e_1 de_2 - e_2 de_1``, whose rate is |e| v_t
 from __future__ import annotations
 
 from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.action import Action
@@ -42,6 +46,7 @@ from pgmp_petsc.scene.joints import IMPACT_SPEED, Clearance
 RESTITUTION = (
     1.00492702, 0.72557631, 5.55295772, -26.68819243, 55.68048401, -64.97565655, 42.75255961, -14.28554436, 1.73280757,
 )  # fmt: skip
+SLOW, FAST = 1e-3, 30.0  # of a: the limits hold to 1e-6 and to 1e-13
 # what is beside the room's edge is evaluated too: no roots of zero, and no powers of what is negative
 FAR = "sqrt(s + 1e-30)"  # |e|
 DEPTH = f"(({FAR} - radius)**2 + 1e-40)"  # d^2
@@ -121,7 +126,7 @@ class ClearanceEffect(LooseEffect):
 def loose_joint(name: str, scene: Scene, mechanism: Mechanism) -> ClearanceEffect:
     """Return what acts in a joint by a name that has a clearance."""
     connection, entry = mechanism.connection(name), scene.joints[name].clearance
-    parameters = _contact(entry, IMPACT_SPEED / scene.system.speed)
+    parameters = _contact(entry, _impact_speed(scene))
     distance = Combination(tuple((part.statement, Function.square()) for part in connection.released))
     sides = [side for _ in connection.released for side in connection.sides]
     contact = Action(name, distance, *sides[:2], CONTACT, parameters, further=tuple(sides[2:]))
@@ -136,10 +141,42 @@ def loose_joint(name: str, scene: Scene, mechanism: Mechanism) -> ClearanceEffec
 def loose_coupling(coupling: Coupling, scene: Scene, mechanism: Mechanism) -> LooseEffect:
     """Return what acts between the teeth of a coupling that has a clearance."""
     entry, (a, b, *further) = scene.joints[coupling.name].clearance, coupling.sides
-    slow = IMPACT_SPEED / (scene.system.speed if coupling.combination.is_length else 1.0)
-    parameters = *_contact(entry, slow), Quantity(coupling.value)
+    parameters = *_contact(entry, _impact_speed(scene, coupling.combination.is_length)), Quantity(coupling.value)
     action = Action(coupling.name, coupling.combination, a, b, BACKLASH, parameters, further=tuple(further))
     return LooseEffect(coupling.name, [action], mechanism)
+
+
+def restitution_at(restitution: float, ratio: float) -> float:
+    """Return the restitution of impacts at `ratio` times the speed at which it is `restitution`."""
+    a = ratio * (1.0 - restitution) / restitution * float(np.polynomial.Polynomial(RESTITUTION)(restitution))
+    if a < SLOW:
+        return 1.0 - 2.0 * a / 3.0
+    if a > FAST:
+        return 1.0 / a
+    return float(brentq(lambda e: (1.0 + e) * a - np.log1p(a) + np.log1p(-e * a), 0.0, min(1.0, (1.0 - 1e-15) / a)))
+
+
+def impacts(scene: Scene, mechanism: Mechanism) -> list[tuple[str, str]]:
+    """Return joints and couplings with a clearance, and in words at which speed of impacts their restitution is."""
+    found = [(c.name, True) for c in mechanism.connections if c.released]
+    found += [(c.name, c.combination.is_length) for c in mechanism.couplings if c.elastic]
+    said = []
+    for name, is_length in found:
+        entry = scene.joints[name].clearance
+        if entry is not None:
+            e, given = scene.number(entry.restitution), entry.restitution_speed
+            speed = _impact_speed(scene, is_length) if given is None else scene.number(given)
+            unit = scene.system.unit("m/s") if is_length else "rad/s"
+            slow, fast = (f"{restitution_at(e, ratio):.2g}" for ratio in (0.1, 10.0))
+            words = f"restitution {e:.4g} at impacts of {speed:.4g} {unit}"
+            words += "" if given is not None else ", as restitution_speed is left out"
+            said.append((name, f"{words}; {slow} at a tenth of it, {fast} at ten times"))
+    return said
+
+
+def _impact_speed(scene: Scene, is_length: bool = True) -> float:
+    """Return the speed of impacts where a scene says none, in its units."""
+    return IMPACT_SPEED / (scene.system.speed if is_length else 1.0)
 
 
 def _contact(entry: Clearance, speed: float) -> tuple[Quantity, ...]:

@@ -150,6 +150,15 @@ class Law(Printed):
         """Evaluate the law in Python; `about` is the rate of the iterate before in the same step, NaN for the first."""
         return Found(*self.code.evaluate(p, amplitude, s, rate, about, [0.0] * len(self.edges)))
 
+    def forces(
+        self, p: np.ndarray, s: np.ndarray, rates: np.ndarray | float = 0.0, amplitudes: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """Return the forces (n,) at measures (n,) and rates, for parameters (n, n_parameters)."""
+        found = np.zeros(s.shape)
+        state = (np.ascontiguousarray(np.broadcast_to(part, s.shape)) for part in (s, rates, amplitudes))
+        _fill(self.address, np.ascontiguousarray(p), *state, np.zeros(len(self.edges)), found)
+        return found
+
     def depths(self, p: Sequence[float], s: float) -> list[float]:
         """Return how far each edge is crossed, negative where it is not."""
         found = [0.0] * len(self.edges)
@@ -306,6 +315,13 @@ def calling(result: types.Type, takes: tuple[types.Type, ...]) -> Any:
         return convention.call_function(builder, builder.inttoptr(parts[0], kind), result, takes, parts[1:])[1]
 
     return build
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def _fill(address, p, s, rates, amplitudes, depths, found):
+    """Fill the forces of the law whose function is at an address."""
+    for k in range(s.size):
+        found[k] = obey(address, p[k], amplitudes[k], s[k], rates[k], np.nan, depths).force
 
 
 @njit(error_model="numpy")

@@ -84,7 +84,7 @@ class Sources:
         moved = np.array([motion.at(times)[:2] for motion in self.motions]).reshape(-1, 2, n)
         angles, speeds = (np.ascontiguousarray(moved[:, k].T) for k in range(2))
         amplitudes = amplitudes_over(self.actions, times)
-        if self.controls is not None:
+        if self.controls is not None and not self.controls.iterates:
             columns, numbers = self.controlled
             amplitudes[:, columns] += self.controls.forces(times)[:, 0, numbers]
         return Strengths(np.ascontiguousarray(loads.T), amplitudes, angles, speeds)

@@ -49,6 +49,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.gradients.contacts import Contact, Contacts
+from pgmp_petsc.gradients.differences import Differences
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised, factorise, hold, substitute
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.models import LengthLanes, ReducedModel
@@ -87,7 +88,7 @@ def differentiate(
     names: Sequence[str],
     pulse: Callable[[int], object] = lambda n_steps: None,
 ) -> DifferentiatedRun:
-    """Run one sample, and differentiate its outputs with some parameters.
+    """Run one sample, and differentiate its outputs with some parameters; with controllers by `differences`.
 
     Raises `InputError` if the scene has no outputs, there is no static equilibrium to start from, or an end stop is
     grazed; `RunError` if the run stops before its end, with smaller steps too.
@@ -103,20 +104,19 @@ def differentiate(
     pulse
         Called with the number of steps that have been taken since the last call.
     """
-    for name in model.scene.controllers:
-        why = "derivatives of runs with controllers are not known"
-        raise InputError(f"controllers.{name}: {why}; compare runs (--set), or take samples (pgmp montecarlo)")
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
-    of_sample = {name: np.array([value]) for name, value in values.items()}
+    beside = Differences.of(model.scene, values, names if model.scene.controllers else ())
     kept: list[tuple[Attempt, Run, StateRecord]] = []
 
     def once(attempt: Attempt) -> Run:
-        system = model.batch(of_sample, 1)
+        system = model.batch(beside.values, beside.n_runs)
         if system.settled is not None:
             system.settled.require()
         trail = StateRecord(pulse)
         done = integrate(system, attempt.simulation, observer=trail)
+        worst = [int(np.argmax(done.status != Status.FINE))]  # all runs with the same steps
+        done = replace(done, status=done.status[worst], failure_time=done.failure_time[worst])
         kept[:] = [(attempt, done, trail)]
         return done
 
@@ -125,20 +125,54 @@ def differentiate(
     status = Status(done.status[0])
     if status != Status.FINE:
         raise RunError(f"the run stopped at {done.failure_time[0]:.6g} s: {status.meaning}; {status.cure(model.name)}")
+    if model.scene.controllers:
+        return _compared(model, values, names, beside, *trail.of_batch(), attempt.divisor)
     times, states = trail.states()
     linearisation = Linearisation(model, values, names)
     contacts = Contacts(model, values, linearisation, times, states)
     changes = _propagated(model, linearisation, contacts, times, states)
     with np.errstate(all="ignore"):
         observed = ObservedChanges(model, values, times, states)
-        outputs = observed.outputs
         by_name = {name: observed.of(name, changes[:, :, number]) for number, name in enumerate(names)}
+    outputs, derivatives = _counted(model, values, times, observed.outputs, by_name)
+    return DifferentiatedRun(times, outputs, derivatives, states.q, changes[0], attempt.divisor, tuple(contacts.found))
+
+
+def _compared(
+    model: ReducedModel | LengthLanes,
+    values: Mapping[str, float],
+    names: Sequence[str],
+    beside: Differences,
+    times: np.ndarray,
+    states: State,
+    divisor: int,
+) -> DifferentiatedRun:
+    """Return the first of some runs, with differences of all of them as its derivatives."""
+    with np.errstate(all="ignore"):
+        each, changes = beside.of_outputs(model, times, states)
+        by_name = {
+            name: {output: weights @ found for output, found in each.items()}
+            for name, weights in zip(names, beside.weights)
+        }
+    first = {output: found[0] for output, found in each.items()}
+    outputs, derivatives = _counted(model, values, times, first, by_name)
+    return DifferentiatedRun(times, outputs, derivatives, states.q[:, 0], changes, divisor)
+
+
+def _counted(
+    model: ReducedModel | LengthLanes,
+    values: Mapping[str, float],
+    times: np.ndarray,
+    outputs: dict[str, np.ndarray],
+    by_name: Mapping[str, dict[str, np.ndarray]],
+) -> tuple[dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
+    """Return outputs, with what is counted of them, and their derivatives by the names of outputs and parameters."""
     counts = model.outputs.counts
     by_name = {name: counted_changes(counts, times, outputs, found, values, name) for name, found in by_name.items()}
     outputs = counted_after(counts, times, outputs, values)
-    derivatives = {output: {name: by_name[name][output] for name in names} for output in outputs}
+    derivatives = {output: {name: found[output] for name, found in by_name.items()} for output in outputs}
     _require_finite(outputs, derivatives, times)
-    return DifferentiatedRun(times, outputs, derivatives, states.q, changes[0], attempt.divisor, tuple(contacts.found))
+    return outputs, derivatives
 
 
 def _propagated(

@@ -36,11 +36,12 @@ class Purpose(Enum):
     FULL = "a full-order run"
     COMPONENTS = "a component run"
     TRADEOFF = "pgmp tradeoff"
+    EXPORT = "pgmp export"
 
 
 #: What prepares or uses a reduced model; ``check`` foretells it.
 OF_THE_REDUCTION = frozenset({Purpose.CHECK, Purpose.SIZES, Purpose.BUILD, Purpose.REDUCED, Purpose.TRADEOFF})
-EVERYWHERE = frozenset(Purpose)
+EVERYWHERE = frozenset(Purpose) - {Purpose.EXPORT}  # where models in Python run
 #: What goes over all configurations of the coordinates.
 OVER_CONFIGURATIONS = EVERYWHERE - {Purpose.CHECK, Purpose.FULL, Purpose.COMPONENTS}
 
@@ -101,6 +102,10 @@ def _elastic(scene: Scene) -> Iterator[str]:
 
 def _loose(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.clearance" for name, joint in scene.joints.items() if joint.gives_way == "clearance")
+
+
+def _at_rest(scene: Scene) -> Iterator[str]:
+    yield from _given("initial.equilibrium", scene.initial.equilibrium)
 
 
 def _off(scene: Scene) -> Iterator[str]:
@@ -246,11 +251,25 @@ FEATURES = (
         cure="compare pgmp simulate SCENE --full with reduced runs",
     ),
     Feature(
+        "models in C and FMUs with controllers",
+        _controllers,
+        frozenset({Purpose.EXPORT}),
+        why_not="a model in C has no controllers",
+        cure="take pgmp simulate for this model",
+    ),
+    Feature(
+        "static equilibrium beside clearance",
+        _with(_loose, _at_rest),
+        EVERYWHERE - {Purpose.MODES},
+        why_not="in the middle of its room nothing holds a pin, and statics do not find where it comes to rest",
+        cure="leave it out, and let damping bring the run to rest",
+    ),
+    Feature(
         "joints that are off beside clearance",
         _with(_loose, _off),
         EVERYWHERE - {Purpose.MODES},
         why_not="runs begin with what is built in without loads, and parts with room around them rest nowhere then",
-        cure="leave it out, or let the run start under its loads (initial.equilibrium = true)",
+        cure="leave it out",
     ),
     Feature(
         "rigid beams in space with a section of parameters",
@@ -334,6 +353,18 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
                     _check_third_derivative(scene, entry, feature.cure)
                 if feature.one_coordinate:
                     _check_single(scene, entry, feature.cure)
+
+
+def foretold(scene: Scene) -> Iterator[str]:
+    """Yield the commands and runs that refuse a scene as such, with the reason and the cure."""
+    told: dict[str, list[str]] = {}
+    for feature in FEATURES:
+        if feature.why_not:
+            reason = next((f"{entry}: {feature.why_not}; {feature.cure}" for entry in feature.entries(scene)), None)
+            for purpose in Purpose if reason else ():
+                if purpose in feature.purposes:
+                    told.setdefault(reason, []).append(purpose.value)
+    return (f"{', '.join(purposes)}: {reason}" for reason, purposes in told.items())
 
 
 def _check_elements(scene: Scene, what: str, cure: str) -> None:

@@ -508,16 +508,30 @@ class ReleasedClosure:
         unit[:, self._n_held :] = np.eye(n_released)
         return np.moveaxis(_solved(jacobian[:, self._chosen], unit), 0, -1).reshape(n_bodies, n_pose, n_released, n)
 
-    def _independent(self, jacobian: np.ndarray) -> np.ndarray:
-        """Return all rows that are held, and of the released ones as many as are independent of these, the first ones
-        that are."""
+    def unheld(self, poses: np.ndarray, stiff: np.ndarray) -> int | None:
+        """Return the released direction that moves most in a motion that is measured by none of the stiff ones, a mask
+        (n_directions,), at poses (n_bodies, n_pose, 1); None where every motion is measured."""
+        free, moved = self._moved(self._jacobian_at(poses)[0])
+        moved = moved[self._n_held :]
+        if not free.shape[1]:  # all that is released is held by other joints
+            return None
+        values, right = np.linalg.svd(np.vstack([moved[stiff], np.zeros((1, free.shape[1]))]))[1:]
+        rank = int(np.sum(values > RELEASED_TOLERANCE * max(values[0], 1e-300)))
+        return int(np.argmax(np.abs(moved @ right[rank]))) if rank < free.shape[1] else None
+
+    def _moved(self, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return a basis of what the held rows allow, (n, n_free), and how all rows change along it, both scaled."""
         scaled = self._closure.scaled(jacobian, self._scale)
         values, right = np.linalg.svd(scaled[: self._n_held])[1:]
         rank = int(np.sum(values > RELEASED_TOLERANCE * values[0]))
-        free, chosen = right[rank:].T, list(range(self._n_held))
-        moved = scaled @ free
+        return right[rank:].T, scaled @ right[rank:].T
+
+    def _independent(self, jacobian: np.ndarray) -> np.ndarray:
+        """Return all rows that are held, and of the released ones as many as are independent of these, the first ones
+        that are."""
+        (free, moved), chosen = self._moved(jacobian), list(range(self._n_held))
         basis = np.zeros((free.shape[1], 0))
-        for row in range(self._n_held, len(scaled)):
+        for row in range(self._n_held, len(moved)):
             rest = moved[row] - basis @ (basis.T @ moved[row])
             size = np.linalg.norm(rest)
             if size > RELEASED_TOLERANCE * np.linalg.norm(moved[row]):

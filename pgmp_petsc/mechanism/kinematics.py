@@ -187,6 +187,11 @@ class RigidKinematics:
         parts = zip(*(np.ascontiguousarray(np.moveaxis(part, -1, 0)) for part in everything))
         self._followed.update((one.tobytes(), RigidMotion(*part)) for one, part in zip(theta, parts))
 
+    def unheld(self, theta: np.ndarray, stiff: Sequence[bool]) -> int | None:
+        """Return the number of a released direction that nothing stiff holds at a configuration (n_theta,), in the
+        order of `Connection.released` and elastic couplings; None where there is none."""
+        return self._released.unheld(self.poses(self.configurations(theta)), np.array(stiff, dtype=bool))
+
     def motion(self, theta: np.ndarray) -> RigidMotion:
         """Return the motion at one configuration (n_theta,)."""
         key = np.asarray(theta, dtype=float).tobytes()

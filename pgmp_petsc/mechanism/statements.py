@@ -69,13 +69,15 @@ class Function:
         found = CubicSpline(x, np.append(y[:-1], y[0]), bc_type="periodic")
         return cls(factor, x, np.ascontiguousarray(found.c[::-1].T))
 
-    def slope(self, s: np.ndarray) -> np.ndarray | float:
-        """Return df/ds at values of s (n,)."""
+    def at(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray | float]:
+        """Return f and df/ds at values of s (n,)."""
         if not self.breaks.size:
-            return self.factor
-        from scipy.interpolate import PPoly  # for cams alone
-
-        return self.factor * PPoly(self.coefficients[:, ::-1].T, self.breaks, "periodic")(s, 1)
+            return self.factor * s, self.factor
+        first, period = self.breaks[0], self.breaks[-1] - self.breaks[0]
+        within = first + (s - first) % period if period else s
+        piece = np.searchsorted(self.breaks[1:-1], within, side="right")
+        c, x = self.factor * self.coefficients[piece].T, within - self.breaks[piece]
+        return c[0] + x * (c[1] + x * (c[2] + x * c[3])), c[1] + x * (2.0 * c[2] + x * 3.0 * c[3])
 
     @property
     def generic(self) -> Function:

@@ -36,7 +36,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 from pgmp_petsc.stepping.second_order_system import Settled, State
-from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, UNBALANCED, settle
+from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, UNBALANCED, require_balance, settle
 
 if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import FullFields
@@ -213,6 +213,7 @@ class FullModel:
         Raises `InputError` where there is none: rigid bodies do not give way.
         """
         theta = self._start[0]
+        require_balance(self.scene, self.kinematics, theta, self.scene.values | dict(values))
         held = self.kinematics.held()
         springs = springs_of_joints(self.scene, held.mechanism)
         equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm, springs)
@@ -241,6 +242,8 @@ class FullModel:
         if not self.is_off:
             return
         theta, held = self._start[0], self.kinematics.held()
+        if not self.scene.initial.equilibrium:
+            require_balance(self.scene, self.kinematics, theta, self.scene.values)
         q = self._equations(held, self.scene.values, (theta, np.zeros_like(theta)), alone()).start()[0][:, None]
         constraints = ConstraintSet(Unknowns(held.mechanism))
         residual = constraints.residual(q, theta)[:, 0]

@@ -63,6 +63,7 @@ class ReducedMultipliers:
                     f"outputs.{force.name}: the reduced model was built without what forces in this joint need; name "
                     "the output in the scene and run pgmp build again"
                 )
+        self._asked = any(force.rows.size for force in forces)
         self._n_held, self._n_own = kinematics.mechanism.n_held, rom.tables.n_modes + rom.tables.n_coordinates
         self._rows, self._effects, self._motions = known, effects, motions
         scheme, wider = scene.reduction.interpolation, rom.with_gaps
@@ -90,6 +91,8 @@ class ReducedMultipliers:
         n, driven = len(states.q), sorted(self._motions)
         times, values = np.broadcast_to(times, n), {name: np.broadcast_to(one, n) for name, one in values.items()}
         found = np.full((self._n_held + len(driven), n), np.nan)
+        if not self._asked:
+            return found
         together, same = _samples(times, values)
         system = self._system(together, {name: one[:together] for name, one in values.items()}) if same else None
         for first in range(0, n, together):

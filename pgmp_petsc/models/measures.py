@@ -24,6 +24,8 @@ class Measures:
     ----------
     nodes
         Whose frames are read.
+    of_joints
+        Whether all are motions in joints or their rates, which forces of controllers know by themselves.
     """
 
     def __init__(self, scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> None:
@@ -34,11 +36,22 @@ class Measures:
         self._read = [(of_these.functions[one.measures], one.needs_rate) for one in scene.controllers.values()]
         self._set = replace(of_these, order=1)
         self.nodes = of_these.nodes
+        self.of_joints = all(getattr(scene.outputs[name], "joint", None) is not None for name in measured)
 
     def controls(
-        self, frames: FramesOf, values: Mapping[str, np.ndarray], n_samples: int, put: Callable[[np.ndarray], object]
-    ) -> Controls:
-        """Return the controllers of samples; see `Controls`."""
+        self, frames: FramesOf, values: Mapping[str, np.ndarray], n_samples: int, put: Callable[[np.ndarray], object],
+        motions: Callable[[State], np.ndarray] | None = None,
+    ) -> Controls:  # fmt: skip
+        """Return the controllers of samples; see `Controls`. Where all are `of_joints`, `motions` gives these and their
+        rates, (n_controllers, n_samples, 2), in a fraction of the time."""
+        entries = self._scene.controllers.values()
+        of_rate = np.array([self._scene.outputs[one.measures].derivative > 0 for one in entries])
+
+        def moved(time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
+            found = motions(state)
+            measures, rates = found[:, :, 0].copy(), found[:, :, 1].copy()
+            measures[of_rate], rates[of_rate] = rates[of_rate], 0.0
+            return measures, rates
 
         def measure(time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
             found = self._set.observed(frames(state), np.empty((0, n_samples)), time, {**self._scene.values, **values})
@@ -46,7 +59,7 @@ class Measures:
                 jets = self._set.jets(found, self._read)
             return np.array([jet[0] for jet in jets]), np.array([jet[1] for jet in jets])
 
-        return Controls(self._scene, values, n_samples, measure, put)
+        return Controls(self._scene, values, n_samples, moved if motions and self.of_joints else measure, put)
 
 
 def _parts_of(scene: Scene, names: set[str]) -> set[str]:

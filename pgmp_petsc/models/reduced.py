@@ -28,7 +28,7 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.scene.uses import offset_values
 from pgmp_petsc.stepping.second_order_system import State
-from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, UNBALANCED, settle
+from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, UNBALANCED, require_balance, settle
 
 if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import ReducedFields
@@ -246,6 +246,7 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
     system = ReducedSystem(model.terms, model.effects, values, start, n_samples, model.motions, model.actions, given)
     springs = model.actions.of_joints(model.kinematics.mechanism)
     if springs.actions and system.built_in is not None and not model.scene.initial.equilibrium:
+        require_balance(model.scene, model.kinematics, positions, own)
         unloaded = [Unloaded(effect.name) for effect in model.effects]
         alone = ReducedSystem(model.terms, unloaded, values, start, n_samples, actions=springs, given=given)
         system.begin_at(*_in_balance(ReducedStatics(alone, angles), angles.scales, start, n_samples))
@@ -253,9 +254,13 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
         reconstruction = Reconstruction(
             model.kinematics, model.rom, model.scene.reduction.interpolation, model.measures.nodes
         )
-        system.control(
-            model.measures.controls(lambda s: reconstruction.jets((s.q, s.v), 1), values, n_samples, system.put_forces)
-        )
+
+        def frames(state: State) -> list[np.ndarray]:
+            # an iterate that is no number is lost with its correction, and closes no mechanism
+            fine = np.isfinite(state.q).all(axis=1)[:, None]
+            return reconstruction.jets((np.where(fine, state.q, 0.0), np.where(fine, state.v, 0.0)), 1)
+
+        system.control(model.measures.controls(frames, values, n_samples, system.put_forces, system.measured))
     if model.scene.initial.equilibrium:
         free = model.scene.initial.coordinates == "free"
         statics = ReducedStatics(system, None if free else angles)

@@ -288,8 +288,11 @@ class ModalProblem:
         undeflated = self.norms(self._pencil.shifted_answers(loads))
         answers, m_answers = np.zeros((2, *loads.shape))
         last = np.full(loads.shape[1], np.inf)
-        # those that the constraints do not take up altogether
-        squares = [np.sum(part**2, axis=0) for part in (self._pencil.felt(loads), loads)]
+        # those that the constraints and the inertia of rigid motions do not take up altogether, as that of a rigid body
+        # takes up a couple in its joint with the ground
+        rigid, inertia = kept[:, : self.n_unstrained], m_kept[:, : self.n_unstrained]
+        bending = loads - inertia @ np.linalg.solve(self.inner(rigid, inertia), self.inner(rigid, loads))
+        squares = [np.sum(part**2, axis=0) for part in (self._pencil.felt(bending), loads)]
         felt, whole = np.sqrt(self._summed(np.array(squares)))
         active = np.flatnonzero(felt > TAKEN_UP * whole)
         if not active.size:

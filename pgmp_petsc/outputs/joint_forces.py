@@ -5,14 +5,15 @@ With the equations of motion
     M q'' + g_int + C^T lambda = g_ext,     c(q) = 0,
 
 a joint that holds statements s_i of two frames acts on the second one with ``-lambda_i ds_i/dp`` at its point, and with
-the moment ``-sum_k d_k x lambda_i ds_i/dd_k``, p and d_k being position and directors there. What an elastic joint
-releases is held by its springs and dampers, ``k (s - rest) + c s'`` in place of lambda.
+the moment ``-sum_k d_k x lambda_i ds_i/dd_k``, p and d_k being position and directors there. What a joint releases that
+gives way is held by laws of its own, ``F(s, s')`` in place of ``-lambda``: springs and dampers of an elastic joint,
+contact and friction of one with a clearance (`effects.clearance`), nothing where its parts do not touch.
 
 **Point and sign.** Force and moment are those on the body of the joint's second point, at that point; with
 ``of = "first"`` they are the opposite ones on the first body, at the same point of space. They are what the joint
-itself transmits: motors, springs, friction and prescribed motions in it are not in it. A coupling acts on the motion of
-its first or second joint by ``-mu df/ds``. What a prescribed motion takes is ``-lambda`` of its coordinate, above zero
-where it drives on; its power is that times the rate of the coordinate.
+itself transmits: effects of the scene that act on it and prescribed motions are not in it. A coupling acts on the
+motion of its first or second joint by ``-mu df/ds``. What a prescribed motion takes is ``-lambda`` of its coordinate,
+above zero where it drives on; its power is that times the rate of the coordinate.
 
 Where constraints follow from others (`mechanism.null_space`), forces that hang on how they are shared out are refused,
 with a combination that is determined. Multipliers are the models' own: of full-order and component models those of
@@ -31,8 +32,9 @@ from pydantic import Field, model_validator
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import SI
+from pgmp_petsc.effects import springs_of_joints
 from pgmp_petsc.effects.action import Action
-from pgmp_petsc.effects.springs import elastic_coupling, elastic_joint
+from pgmp_petsc.effects.laws import SPRING_DAMPER
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.joints import Connection, Coupling
@@ -243,19 +245,16 @@ class OfConnection(ForceOutput):
     entry: InJoint
     space: Space
     connection: Connection
-    springs: tuple[Spring, ...]  # what holds the directions that it releases
+    pulls: tuple[Pull, ...]  # what acts in the directions that it releases
 
     @classmethod
     def of(cls, name: str, entry: InJoint, connection: Connection, mechanism: Mechanism) -> Self:
         """Prepare the output of a joint that holds two points. Raises `InputError` if it holds nothing there."""
-        springs = ()
-        if connection.name in mechanism.scene.joints and mechanism.scene.joints[connection.name].clearance is not None:
-            words = "what its parts do where they touch is not read; take the joint's clearance out"
-            raise InputError(problem(f"outputs.{name}.joint", words, connection.name))
+        pulls = ()
         if connection.released:
-            actions = elastic_joint(connection.name, mechanism.scene, mechanism).actions()
-            springs = tuple(Spring.of(action, mechanism.space) for action in actions)
-        statements = [*(part for part, _ in connection.held), *(spring.statement for spring in springs)]
+            pulls = tuple(Pull.of(action, mechanism.space) for action in _actions_in(connection.name, mechanism))
+        statements = [part for part, _ in connection.held]
+        statements += [part for pull in pulls for part, _ in pull.action.statement.terms]
         if entry.turning and all(part.is_length for part in statements):
             joint = mechanism.scene.joints[connection.name]
             raise InputError(
@@ -270,8 +269,9 @@ class OfConnection(ForceOutput):
         rows = np.arange(first, first + len(connection.held))
         sides = [*connection.sides, *(side for _, own in connection.held for side in own)]
         nodes = frozenset(side.node for side in sides if not side.on_ground)
-        damped = any(spring.damping.coefficient for spring in springs)
-        return cls(name, rows, nodes, damped, entry, mechanism.space, connection, springs)
+        return cls(
+            name, rows, nodes, any(pull.reads_rates for pull in pulls), entry, mechanism.space, connection, pulls
+        )
 
     def value(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
         """Return the component."""
@@ -295,10 +295,11 @@ class OfConnection(ForceOutput):
                 some = slice(0, 1) if statement.kind == MEET else slice(None)
                 gradient = statement.gradient(at[first][:, some], b[:, some])[len(b) :]
                 slopes -= multipliers[row] * function.factor * gradient
-        if self.springs:
+        if self.pulls:
             a = self._natural(self.connection.a, frames, n)
-            for spring in self.springs:
-                slopes -= spring.force(frames, rates, values) * spring.statement.gradient(a, b)[len(a) :]
+            for pull, force, factors in acting(self.pulls, frames, rates, values):
+                for (statement, _), factor in zip(pull.action.statement.terms, factors):
+                    slopes += force * factor * statement.gradient(a, b)[len(a) :]
         return slopes[:d], _moment(b, slopes, d)
 
     def component(self, acting: np.ndarray, frames: Frames) -> np.ndarray:
@@ -329,31 +330,47 @@ class OfConnection(ForceOutput):
 
 
 @dataclass(frozen=True, eq=False)
-class Spring:
-    """A spring and damper on what an elastic joint releases."""
+class Pull:
+    """What acts on what a joint releases, by a law."""
 
-    statement: Statement
-    readings: tuple[tuple[Reading, Function], ...]  # what it is a sum of functions of
-    stiffness: object
-    damping: object
-    rest: object
+    action: Action
+    readings: tuple[Reading, ...]  # of the terms of what the law is of
 
     @classmethod
     def of(cls, action: Action, space: Space) -> Self:
-        """Return that of an action with the law of a spring and damper on one statement."""
-        return cls(
-            action.statement, ((Reading("MEASURE", action.sides, action.statement, space), Function()),),
-            *action.parameters,
-        )  # fmt: skip
+        """Return that of an action on statements about two frames."""
+        sides = list(zip(action.sides[::2], action.sides[1::2]))
+        parts = (part for part, _ in action.statement.terms)
+        return cls(action, tuple(Reading("MEASURE", own, part, space) for own, part in zip(sides, parts)))
 
-    def force(self, frames: Frames, rates: Frames, values: Values) -> np.ndarray:
-        """Return ``k (s - rest) + c s'``, what a multiplier would be, shape (n,)."""
-        measured = sum(function.factor * reading.value(frames) for reading, function in self.readings)
-        found = self.stiffness.at(values) * (measured - self.rest.at(values))
-        if self.damping.coefficient:
-            speed = sum(function.factor * _rate(reading, frames, rates) for reading, function in self.readings)
-            found = found + self.damping.at(values) * speed
-        return found
+    @property
+    def reads_rates(self) -> bool:
+        """Whether it takes rates of frames: all but a spring without a damper."""
+        return self.action.law is not SPRING_DAMPER or bool(self.action.parameters[1].coefficient)
+
+    def measured(self, frames: Frames, rates: Frames) -> tuple[np.ndarray, np.ndarray, list[np.ndarray | float]]:
+        """Return what the law is of and its rate, (n,) each, and the derivatives with the terms' statements."""
+        read = [reading.value(frames) for reading in self.readings]
+        found = [function.at(s) for s, (_, function) in zip(read, self.action.statement.terms)]
+        factors, speed = [slope for _, slope in found], np.zeros(read[0].shape)
+        if self.reads_rates:
+            speed = sum(slope * _rate(reading, frames, rates) for slope, reading in zip(factors, self.readings))
+        return sum(value for value, _ in found), speed, factors
+
+
+def acting(
+    pulls: Sequence[Pull], frames: Frames, rates: Frames, values: Values
+) -> Iterator[tuple[Pull, np.ndarray, list[np.ndarray | float]]]:
+    """Yield what acts in a joint, with the force of its law, (n,), and the derivatives with the terms' statements."""
+    s = speed = np.zeros(0)
+    for pull in pulls:
+        own, rate, factors = pull.measured(frames, rates)
+        by_load = pull.action.by_load  # of the measure and the rate of the one before
+        amplitude = speed if by_load else 0.0
+        if not by_load:
+            s, speed = own, rate
+        p = [np.broadcast_to(quantity.at(values), own.shape) for quantity in pull.action.parameters]
+        yield pull, pull.action.law.forces(np.stack(p, axis=1), s, rate, amplitude), factors
 
 
 def _rate(reading: Reading, frames: Frames, rates: Frames) -> np.ndarray:
@@ -368,7 +385,7 @@ class OfCoupling(ForceOutput):
     magnitude: bool
     reading: Reading  # of the motion
     function: Function  # of the motion, in the coupling
-    spring: Spring | None
+    pull: Pull | None  # in place of a multiplier
 
     @classmethod
     def of(cls, name: str, entry: InJoint, coupling: Coupling, kinematics: RigidKinematics) -> Self:
@@ -384,29 +401,24 @@ class OfCoupling(ForceOutput):
             k for k, ((part, _), pair) in enumerate(zip(terms, pairs))
             if pair == wanted and part.is_length == (share.motion == "sliding")
         )  # fmt: skip
-        spring, nodes = None, set(readings[number].nodes)
+        pull, nodes = None, set(readings[number].nodes)
         rows = np.array([_first_row(mechanism, coupling.name)])
-        if joint.clearance is not None:
-            words = "what its teeth do where they touch is not read; take the joint's clearance out"
-            raise InputError(problem(f"outputs.{name}.joint", words, coupling.name))
-        if coupling.elastic:
-            if any(function.breaks.size for _, function in terms):
-                raise InputError(f"outputs.{name}.joint: what an elastic cam takes is not read; take elastic out of "
-                                 f"joints.{coupling.name}")  # fmt: skip
-            action = elastic_coupling(coupling, mechanism.scene, mechanism).actions()[0]
-            own = tuple(zip(readings, (function for _, function in terms)))
-            spring = Spring(action.statement, own, *action.parameters)
+        if joint.gives_way:
+            (action,) = _actions_in(coupling.name, mechanism)
+            pull = Pull(action, tuple(readings))
             rows, nodes = rows[:0], set().union(*(reading.nodes for reading in readings))
-        damped = spring is not None and bool(spring.damping.coefficient)
         return cls(
-            name, rows, frozenset(nodes), damped, entry.component == "magnitude", readings[number],
-            terms[number][1], spring,
+            name, rows, frozenset(nodes), pull is not None and pull.reads_rates, entry.component == "magnitude",
+            readings[number], terms[number][1], pull,
         )  # fmt: skip
 
     def value(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
         """Return ``-mu df/ds``, or its size."""
-        carried = multipliers[self.rows[0]] if self.spring is None else self.spring.force(frames, rates, values)
-        found = -carried * self.function.slope(self.reading.value(frames))
+        if self.pull is None:
+            force = -multipliers[self.rows[0]]
+        else:
+            ((_, force, _),) = acting((self.pull,), frames, rates, values)
+        found = force * self.function.at(self.reading.value(frames))[1]
         return np.abs(found) if self.magnitude else found
 
 
@@ -445,6 +457,12 @@ def _moment(z: np.ndarray, slopes: np.ndarray, d: int) -> np.ndarray:
     if d == 2:
         return np.sum(axes[:, 0] * pulls[:, 1] - axes[:, 1] * pulls[:, 0], axis=0)[None]
     return np.cross(axes, pulls, axis=1).sum(axis=0)
+
+
+def _actions_in(name: str, mechanism: Mechanism) -> list[Action]:
+    """Return what acts in a joint or coupling that gives way."""
+    every = springs_of_joints(mechanism.scene, mechanism)
+    return next(effect.actions() for effect in every if effect.name == name)
 
 
 def _first_row(mechanism: Mechanism, name: str) -> int:

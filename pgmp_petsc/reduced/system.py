@@ -15,7 +15,7 @@ import numpy as np
 
 from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.controllers.acting import ACTING_LAW
+from pgmp_petsc.controllers.acting import ACTING_LAW, NOTED
 from pgmp_petsc.controllers.running import Controls
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
@@ -269,10 +269,21 @@ class ReducedSystem(SecondOrderSystem):
     def control(self, controls: Controls) -> None:
         """Let controllers act."""
         self.beside = controls
+        self._no_amplitudes = self._lanes.packed_over(np.zeros((1, 1, len(self._actions.actions))))
 
     def put_forces(self, forces: np.ndarray) -> None:
         """Take forces of controllers, with their stiffness and damping, (n_controllers, n_samples, 3)."""
         self._equations.local.actions.parameters[self.controlled, :, :3] = forces
+
+    def measured(self, state: State) -> np.ndarray:
+        """Return the motions that forces of controllers are of, or are led by, and their rates, (n_controllers,
+        n_samples, 2)."""
+        kept, n_actions = self._memory.known.copy(), len(self._actions.actions)
+        everyone, found = np.ones(self.n_samples, dtype=bool), np.empty((1, self.n_samples, 3, n_actions))
+        trail = np.array([[state.q, state.v]])
+        act_on(*self._passed, self._no_amplitudes, trail, self._lanes.sets(everyone), 0.0, np.bool_(False), found)
+        self._memory.known[:] = kept  # with what laws that are limited keep for the next iterate
+        return self._equations.local.actions.parameters[self.controlled, :, NOTED]
 
     @property
     def n_eta(self) -> int:
@@ -592,7 +603,7 @@ class ReducedSystem(SecondOrderSystem):
         found = np.zeros((times.size, self.n_samples, 3, len(actions)))
         if found.size:
             given = amplitudes_over(actions, times)[:, None] if amplitudes is None else amplitudes
-            if self.beside is not None:
+            if self.beside is not None and not self.beside.iterates:
                 given = np.repeat(given, self.n_samples // given.shape[1], axis=1)
                 given[:, :, self.controlled] += self.beside.forces(times)
             act_on(

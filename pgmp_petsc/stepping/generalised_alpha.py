@@ -80,7 +80,7 @@ class Together(Observer):
 
 
 class StateRecord(Observer):
-    """Keeps all states of a reduced run of one sample; `pulse` is called with numbers of steps."""
+    """Keeps all states of a batch of reduced runs; `pulse` is called with numbers of steps."""
 
     def __init__(self, pulse: Callable[[int], object]) -> None:
         self._pulse = pulse
@@ -97,13 +97,18 @@ class StateRecord(Observer):
 
     def _keep(self, times: np.ndarray, trail: np.ndarray, n_steps: int) -> None:
         self._times.append(times.copy())
-        self._states.append(trail[:, :, 0].copy())
+        self._states.append(trail.copy())
         self._pulse(n_steps)
 
     def states(self) -> tuple[np.ndarray, State]:
-        """Return the instants (n_t,) and all states, each of shape (n_t, n_eta)."""
+        """Return the instants (n_t,) and all states of the first run, each of shape (n_t, n_eta)."""
+        times, every = self.of_batch()
+        return times, State(*(part[:, 0].copy() for part in (every.q, every.v, every.a)), np.zeros(0))
+
+    def of_batch(self) -> tuple[np.ndarray, State]:
+        """Return the instants (n_t,) and all states, each of shape (n_t, n_samples, n_eta)."""
         states = np.moveaxis(np.concatenate(self._states), 1, 0)
-        return np.concatenate(self._times), State(*(np.array(part) for part in states), np.zeros(0))
+        return np.concatenate(self._times), State(*states, np.zeros(0))
 
 
 class GeneralisedAlpha:

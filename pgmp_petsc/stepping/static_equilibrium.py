@@ -18,13 +18,14 @@ What is said of runs and samples that start from static equilibrium.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from pgmp_petsc.base.errors import Remark, note, warning
+from pgmp_petsc.base.errors import InputError, Remark, note, warning
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, words_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Driving
@@ -282,6 +283,31 @@ UNBALANCED = (
     "joints: no balance of springs of elastic joints and bodies was found at the start, which is to answer joints that "
     "are off: {}. A direction that an elastic joint releases needs a stiffness, there or in another joint"
 )
+
+
+def require_balance(scene: Scene, kinematics: RigidKinematics, theta: np.ndarray, values: Mapping[str, Any]) -> None:
+    """Refuse a start at theta (n_theta,) with what joints that are off build in, if elastic joints release a rigid
+    motion that no spring of theirs holds; `values` are those of parameters, one or many each.
+
+    Raises `InputError`, with the joint and its direction.
+    """
+    mechanism, stiff, entries = kinematics.mechanism, [], []
+    for connection in (c for c in mechanism.connections if c.released):
+        elastic = scene.joints[connection.name].elastic
+        if elastic is None:
+            return  # of what has a clearance the search itself tells
+        for part in connection.released:
+            given = getattr(elastic, part.key)
+            k = given[part.axis]
+            stiff.append(bool(np.all(np.asarray(values[k] if isinstance(k, str) else k) > 0.0)))
+            words = [f"{one:g}" if isinstance(one, float) else str(one) for one in given]
+            entries.append(f"joints.{connection.name}.elastic.{part.key} = [{', '.join(words)}]")
+    stiff += [True for coupling in mechanism.couplings if coupling.elastic]
+    number = kinematics.unheld(theta, stiff) if stiff else None
+    if number is not None:
+        raise InputError(UNBALANCED.format(f"nothing holds what {entries[number]} releases"))
+
+
 ELSEWHERE = "begin elsewhere (simulation.initial) to find the one that it falls to"
 
 

@@ -18,8 +18,9 @@ from pgmp_petsc.bodies.linear_fields import directors
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.shape import BodyShape, given_properties
 from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of, start_of
+from pgmp_petsc.effects.clearance import impacts
 from pgmp_petsc.effects.springs import spring_force
-from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, foretold
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
@@ -95,6 +96,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
         lines.append(f"  basis         {', '.join(f'{count} {kind}' for kind, count in flexible.items())}")
     lines += _parameters(scene, mechanism)
     lines += _effects(scene, effects, loads)
+    lines += [f"  clearance     {name}: {words}" for name, words in impacts(scene, mechanism)]
+    lines += [f"  refused       {text}" for text in foretold(scene)]
     lines += [f"  {remark}" for remark in kinematics.remarks]
     lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")
     if large:

@@ -120,3 +120,12 @@ def test_the_largest_error_is_none_where_numbers_are_missing() -> None:
     one_of_many = history(np.append(np.full((20, 1), 1.5), [[nan]], axis=0))
     assert largest_errors(one_of_many, long, FLOORS) == [0.5]
     assert errors_between(history(np.array([[1.0], [nan], [7.0]])), exact, FLOORS) == [[np.inf]]
+
+
+def test_what_is_zero_to_round_off_in_both_has_no_error() -> None:
+    """Of two samples one is zero: it counts from the floor on, as a share of that."""
+    exact = history(np.array([[1.0, 0.0], [1.0, 0.4 * FLOORS[0]]]))
+    for least, expected in ((0.9, 0.0), (3.0, 2.6)):
+        found = history(np.array([[1.0, 0.0], [1.0, least * FLOORS[0]]]))
+        assert largest_errors(found, exact, FLOORS) == pytest.approx([expected], abs=1e-12)
+    assert errors_between(found, exact, FLOORS)[0, 1] == pytest.approx(2.6)

@@ -7,10 +7,9 @@ from runs import overridden, read_meshes, refused
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.studies.check import describe_scene
 
 REFUSED = cases("""
 joints.pin.clearance.radius=1.0 -> joints.pin.clearance.radius = 1.0: is larger than crank, which is 0.1 m long
@@ -68,22 +67,14 @@ joints.mesh.clearance.radius=-1e-3 -> joints.mesh.clearance.radius = -0.001: a p
 joints.mesh.elastic={stiffness=1e5} -> joints.mesh.elastic: a joint has elastic or clearance, not both
 joints.mesh={type="belt",joints=["input","output"],radii=[0.1,0.2],clearance={radius=1e-3,stiffness=1e5,
     restitution=0.9}} -> joints.mesh.clearance: a joint of type belt has none; those that have are
-outputs.force={type="joint_torque",joint="mesh"} -> outputs.force.joint = "mesh": what its teeth do where they touch is
 """)
 
 
 @pytest.mark.parametrize(("asked", "said"), TEETH)
 def test_refused_of_gears(asked, said):
     with pytest.raises(InputError) as error:
-        scene = gears(asked)
-        OutputSet.of(scene, RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene))))
+        gears(asked)
     check_said(str(error.value), said, asked)
-
-
-def test_forces_in_a_loose_pin_are_refused():
-    scene = worn("outputs.force={type='joint_force',joint='pin',component='magnitude'}")
-    with pytest.raises(InputError, match='outputs.force.joint = "pin": what its parts do where they touch'):
-        OutputSet.of(scene, RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene))))
 
 
 def test_refused_on_several_ranks(tmp_path):
@@ -97,3 +88,16 @@ def test_refused_on_several_ranks(tmp_path):
 def test_what_knows_no_released_directions_says_so():
     with pytest.raises(InputError, match="joints.pin.clearance: sizes of effects are those on joints without room"):
         check_capabilities(worn(), Purpose.SIZES)
+
+
+def test_a_check_says_at_which_speed_restitution_holds():
+    """Given or left out, of a joint and of teeth that turn."""
+    given, left_out = "joints.pin.clearance.restitution_speed=0.2", ", as restitution_speed is left out"
+    pin = {"radius": 1e-4, "stiffness": 5e8, "restitution": 0.9}
+    without = f"joints.pin.clearance={{{','.join(f'{key}={value}' for key, value in pin.items())}}}"
+    for scene, said in (
+        (worn(given), "pin: restitution 0.9 at impacts of 0.2 m/s; 0.99 at a tenth of it, 0.46 at ten times"),
+        (worn(without), f"pin: restitution 0.9 at impacts of 1 m/s{left_out}; 0.99 at a tenth of it, 0.46 at"),
+        (gears(), "mesh: restitution 0.8 at impacts of 0.2 rad/s; 0.98 at a tenth of it, 0.26 at ten times"),
+    ):
+        assert f"  clearance     {said}" in describe_scene(scene, read_meshes(scene))

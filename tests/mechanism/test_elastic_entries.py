@@ -75,6 +75,14 @@ def test_refused_on_several_ranks(tmp_path):
         assert said.count("joints.left.elastic") == 1
 
 
+def test_offsets_that_nothing_holds_are_refused_on_several_ranks(tmp_path):
+    scene, given = tmp_path / "scene.toml", "joints.one.elastic={reference=[[1.0,0.0]],stiffness=[1e6,0.0],"
+    loose = given + "turning_stiffness=[0.0]}", "joints.one.offset={place=[0.0,1e-3]}", "effects={}"
+    scene.write_text(scene_to_toml(machine(*loose)))
+    for said in refused(3, [["check", scene], ["simulate", scene, "--full", "-o", tmp_path / "f.h5"]]):
+        assert said.count("nothing holds what joints.one.elastic.stiffness = [1e+06, 0] releases") == 1
+
+
 def test_infinity_is_written_and_read():
     text = scene_to_toml(rotor())
     assert "inf" in text and scene_from_toml(text, ".") == rotor()

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import synthetic
 
-from pgmp_petsc.bench.advice import advise, cheapest, envelope
+from pgmp_petsc.bench.advice import Sizes, advise, cheapest, envelope
 from pgmp_petsc.results.tradeoff import MeshErrors, Tradeoff, pareto_front
 from pgmp_petsc.texts.studies import WIDTH, shown_rows, summary
 
@@ -162,12 +162,33 @@ def test_nothing_could_be_measured() -> None:
 
 def test_a_poor_mesh_and_a_poor_reference_are_named() -> None:
     study = synthetic.tradeoff()
-    (mesh,) = (piece for piece in advise(study) if "meshes" in piece)
-    assert "off by 0.002 % in crank_angle and 1 % in slider_deformation, against cells cut into 4" in mesh
+    sizes = Sizes(np.tile([[2.0], [3e-5]], 8), ((2, 4e-5), (5, 3e-7)))
+    for given, of_angle, of_rod in ((None, "", ""), (sizes, " (40 µrad at test value 3)", " (0.3 µm at test value 6)")):
+        (mesh,) = (piece for piece in advise(study, sizes=given) if "meshes" in piece)
+        words = f"off by 0.002 % in crank_angle{of_angle} and 1 % in slider_deformation{of_rod}, against cells cut into"
+        assert words in mesh
     assert not [piece for piece in advise(study) if "not settled" in piece]
     moved = np.array([[1e-8, 1e-3], [1.0, 1.0]])
     poor = advise(replace(study, references=replace(study.references, moved=moved)))[-1]
     assert "moved it by 0.1 % in slider_deformation; errors" in poor
+
+
+def test_shares_of_little_and_of_nothing_are_said() -> None:
+    """None where sizes are alike; the test value where one is 1/1000 of another; what is nothing anywhere."""
+    study = synthetic.tradeoff()
+    of_sizes = ("is zero to round-off", "is at most")
+    sizes = np.tile([[2.0], [3e-5]], 8)
+
+    def said() -> list[str]:
+        return [piece for piece in advise(study, sizes=Sizes(sizes)) if any(words in piece for words in of_sizes)]
+
+    assert not said()
+    sizes[0, 3], sizes[1] = 2e-3, 0.0
+    little, nothing = said()
+    assert little.startswith("crank_angle is at most 2 mrad at test value 4 of 8 (r1 = 0.00541), and up to 2 rad at")
+    assert nothing.startswith("slider_deformation is zero to round-off in the reference")
+    sizes[0, 3] = 0.0
+    assert said()[0].startswith("crank_angle is zero to round-off at test value 4")
 
 
 def test_the_table_is_sorted_aligned_and_short() -> None:

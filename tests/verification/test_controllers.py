@@ -7,17 +7,22 @@ import h5py
 import numpy as np
 import pytest
 from machine_scenes import MODELS, cart, run
+from mpi4py import MPI
 from refusals import cases, check_said
-from runs import IN_TURN, history, overridden, reduced_model, samples, trajectory
-from scenes import HEADER, tables
-from scipy.integrate import solve_ivp
+from runs import IN_TURN, history, overridden, reduced_model, run_model, samples, trajectory
+from scipy.integrate import solve_ivp, trapezoid
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.design.design_figures import Question
+from pgmp_petsc.design.goals import read_constraint, read_goal
+from pgmp_petsc.design.optimization import optimize
 from pgmp_petsc.gradients.differentiated import differentiate
-from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, foretold
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.stepping.status import Status
+from scenes import HEADER, slider_crank, tables
 
 INERTIA = 0.1
 WHEEL = HEADER + tables("""
@@ -279,6 +284,39 @@ def test_a_formula_of_outputs_is_measured_without_slopes() -> None:
     np.testing.assert_allclose(found, angle(wheel(servo))[1], rtol=0, atol=2e-8)
 
 
+@pytest.mark.parametrize(
+    "servo",
+    [
+        'measures="angle",joint="crank_hinge",reference={table=[[0.0,0.0],[0.1,8.0]]},gains={p=100.0,d=2.0}',
+        'measures="speed",joint="crank_hinge",reference=80.0,gains={p=0.5,i=10.0}',
+        'measures="angle",joint="elbow",reference=0.3,gains={p=-2.0,d=-0.02}',
+    ],
+)
+def test_motions_in_joints_are_what_outputs_of_them_are(servo: str) -> None:
+    """Forces of controllers know the motion in their joint, and outputs are not read for it: over more than a turn, of
+    a rate, and led by another joint. What is left is round-off of some 500 steps."""
+    outputs = (f'outputs.{one}={{type="{one}",joint="crank_hinge"}}' for one in ("angle", "speed"))
+    scene = slider_crank(*outputs, "simulation={duration=0.1,step=2e-4}", "effects={}",
+                         f'controllers.servo={{type="pid",{servo}}}')  # fmt: skip
+    found = []
+    for known in (True, False):
+        model = reduced_model(scene)
+        assert model.measures.of_joints
+        model.measures.of_joints = known
+        found.append(history(model, samples(scene, 1), 1)[1]["angle"])
+    assert np.ptp(found[0]) > (0.01 if "elbow" in servo else 4.0)
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-9)
+
+
+def test_an_iterate_that_is_no_number_is_a_sample_that_fails() -> None:
+    """A gain that a step cannot follow, of what is read of outputs: the run says that it failed."""
+    servo = 'measures="seen",joint="crank_hinge",reference=8.0,gains={p=1e5,d=0.5,filter=2e-3}'
+    outputs = 'outputs.angle={type="angle",joint="crank_hinge"}', 'outputs.seen={type="formula",formula="angle"}'
+    scene = slider_crank(*outputs, "simulation={duration=0.01,step=1e-3}", f'controllers.servo={{type="pid",{servo}}}')
+    _, done = run_model(reduced_model(scene), 1, samples(scene, 1))
+    assert done.status[0] != Status.FINE
+
+
 SERVO = 'controllers.servo={type="pid",joint="hinge",measures="angle",gains={p=1.0}}'
 REFUSED = """
 measures="angel" -> controllers.servo.measures = "angel": there is no such output; did you mean 'angle'?
@@ -352,15 +390,82 @@ def test_what_does_not_go_with_a_controller(asked: str, said: str) -> None:
     check_said(str(caught.value), said, asked)
 
 
-def test_no_derivatives() -> None:
-    model = reduced_model(cart(*ARM, "simulation.duration=0.01"))
-    with pytest.raises(InputError, match=r"^controllers\.place: derivatives of runs with controllers are not known"):
-        differentiate(model, model.scene.values, ["lead"])
+#: A proportional and derivative controller of the pole's angle, and the spring and damper that it is.
+HELD = ("parameters.stiff={nominal=40.0}", "parameters.damp={nominal=0.8}", "simulation.duration=0.2")
+PD = 'controllers.hold={type="pid",measures="swing",joint="pivot",reference=-0.1,gains={p="stiff",d="damp"}}'
+SPRING = 'effects.hold={type="spring_damper",joint="pivot",stiffness="stiff",damping="damp",rest=-0.1}'
+
+
+def test_derivatives_are_those_of_a_spring_and_a_damper() -> None:
+    """Differences of runs against exact derivatives. Iterations leave 1e-12 in a step, of which n = 200 steps make
+    n^2 / 2 times as much at most, 2e-8 of the largest derivative; that of the cart's place is a hundredth of it."""
+    exact, found = (
+        differentiate(model, model.scene.values, ["stiff", "damp"])
+        for model in (reduced_model(cart(*HELD, one)) for one in (SPRING, PD))
+    )
+    np.testing.assert_allclose(found.changes, exact.changes, rtol=0, atol=1e-7 * np.abs(exact.changes).max())
+    for output, by_name in exact.derivatives.items():
+        for name, values in by_name.items():
+            allowed = 1e-5 * np.abs(values).max()
+            np.testing.assert_allclose(found.derivatives[output][name], values, rtol=0, atol=allowed, err_msg=output)
+
+
+@pytest.mark.parametrize("gain", [0.0, 1e-4])
+def test_derivatives_at_a_gain_of_nothing(gain: float) -> None:
+    """With bounds a gain of zero has a size; without them it is refused. A filter next to zero goes forward alone."""
+    bounded = reduced_model(cart(*HELD, PD, f"parameters.damp={{nominal={gain},bounds=[0.0,2.0]}}"))
+    spring = reduced_model(cart(*HELD, SPRING, f"parameters.damp={{nominal={gain},bounds=[0.0,2.0]}}"))
+    found, exact = (
+        differentiate(one, one.scene.values, ["damp"]).derivatives["swing"]["damp"] for one in (bounded, spring)
+    )
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-6 * np.abs(exact).max())
+
+
+def test_a_gain_of_no_size_is_refused() -> None:
+    model = reduced_model(cart(*HELD, PD, "parameters.damp.nominal=0.0"))
+    with pytest.raises(InputError, match=r"^parameters\.damp = 0: with controllers derivatives are differences"):
+        differentiate(model, model.scene.values, ["damp"])
+
+
+#: An angle that goes from -0.5 to its reference, with a damping to be chosen.
+TUNED = (
+    'controllers.hold={type="pid",measures="swing",joint="pivot",reference=0.1,gains={p=40.0,d="d"}}',
+    'controllers.place={type="pid",measures="x",joint="rail",gains={p=1e4,d=200.0}}',
+    'outputs.error={type="formula",formula="swing - 0.1"}',
+    "parameters.d={nominal=2.0,bounds=[0.2,6.0]}",
+    "effects={}",
+    "simulation.initial.swing.position=-0.5",
+    "simulation.duration=0.6",
+    "simulation.step=2e-3",
+)
+
+
+@pytest.mark.parametrize("overshoot", [None, 0.02])
+def test_a_gain_is_tuned(overshoot: float | None) -> None:
+    """Against the best of a grid, by parabolas; an overshoot that is allowed is met."""
+    model, step = reduced_model(cart(*TUNED)), 0.01
+    known = model.outputs.functions, model.scene.parameters
+    constraints = () if overshoot is None else (read_constraint(f"max(error) <= {overshoot}", *known),)
+    question = Question(read_goal("minimise rms(error)", *known), constraints, ("d",))
+    found = optimize(model, question, MPI.COMM_SELF)
+    grid = np.arange(1.0, 3.0, step)
+    times, errors = history(model, samples(model.scene, grid.size, d=grid), grid.size)
+    errors = errors["error"]
+    if overshoot is None:
+        size = np.sqrt(trapezoid(errors**2, times, axis=0) / times[-1])
+        best = int(size.argmin())
+        low, middle, high = size[best - 1 : best + 2]
+        expected = grid[best] + 0.5 * step * (low - high) / (low - 2 * middle + high)
+    else:
+        expected = np.interp(-overshoot, -errors.max(axis=0), grid)
+    assert found.converged and found.parameters[0].value == pytest.approx(expected, abs=0.1 * step)
+    assert any("differences of runs" in remark.text for remark in found.record.remarks)
 
 
 PURPOSES = {
     Purpose.SIZES: (),
     Purpose.TRADEOFF: (),
+    Purpose.EXPORT: (),
     Purpose.CHECK: ("reduction.tolerance=1e-2",),
     Purpose.BUILD: ('outputs.pin={type="joint_force",joint="pivot",component="x"}',),
     Purpose.REDUCED: ("parameters.long={nominal=0.5,bounds=[0.4,0.6]}", 'bodies.pole.line.length="long"'),
@@ -371,6 +476,11 @@ PURPOSES = {
 def test_where_there_are_no_controllers(purpose: Purpose) -> None:
     with pytest.raises(InputError, match=r"^controllers\.place \(pid\)"):
         check_capabilities(cart(*ARM, *PURPOSES[purpose]), purpose)
+
+
+def test_check_foretells_what_refuses_controllers() -> None:
+    told = " ".join(foretold(cart(*ARM)))
+    assert all(f"{purpose.value}: controllers.place (pid)" in told for purpose, asked in PURPOSES.items() if not asked)
 
 
 @pytest.mark.parametrize("n_ranks", [1, 3])

@@ -28,6 +28,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.effect_sizes import choose_effects, estimate_effects
 from pgmp_petsc.studies.modes_table import reduced_vibrations, springs_of
 from scenes import STEEL
@@ -243,12 +244,27 @@ def test_sizes_of_effects_have_what_joints_give_way():
     assert "weight" in kept.effects and kept.second_order
 
 
+HELD = (
+    "joints.two.elastic={reference=[[1.0,0.0]],stiffness=[1e6,'k'],turning_stiffness=[2e4]}",
+    "simulation={duration=2e-3,step=1e-3}", "outputs.left={type='displacement',point='frame:hinge',axis='y'}",
+)  # fmt: skip
+LOOSE = "joints.one.elastic={reference=[[1.0,0.0]],stiffness=[1e6,0.0],turning_stiffness=[0.0]}"
+UP = "joints.one.offset={place=[0.0,1e-3]}"
+
+
 def test_an_offset_without_a_balance_is_refused():
-    """Nothing holds the left mount upwards, and a reduced run has no place to start from."""
-    loose = "joints.one.elastic={reference=[[1.0,0.0]],stiffness=[1e6,0.0],turning_stiffness=[0.0]}"
-    model = reduced_model(machine(loose, "joints.one.offset={place=[0.0,1e-3]}", "effects={}"))
-    with pytest.raises(InputError, match="no balance of springs .* A direction that an elastic joint releases needs"):
-        motion(model)
+    """Nothing holds the left mount upwards, and no model has a place to start from; one that turns stiffly on the other
+    mount has, and so has a start under loads that its search finds."""
+    scene, held = (machine(LOOSE, UP, "effects={}", *more) for more in ((), HELD))
+    loose = r"no balance of springs .*nothing holds what joints.one.elastic.stiffness = \[1e\+06, 0\] releases\. A"
+    for make in MODELS.values():
+        with pytest.raises(InputError, match=loose):
+            motion(make(scene))
+    with pytest.raises(InputError, match=loose):
+        describe_scene(scene, read_meshes(scene))
+    describe_scene(held, read_meshes(held))
+    found = {name: _outputs(make(held), held)["left"][0] for name, make in MODELS.items()}
+    assert found == pytest.approx(dict.fromkeys(found, 0.0), abs=1e-12), "1 mm up, with no spring in that direction"
 
 
 PLACED = (

@@ -280,3 +280,16 @@ def test_an_answer_to_a_load_that_vanishes_at_a_configuration_has_terms_of_secon
     )  # fmt: skip
     found, full = (motion(kind, scene).outputs["middle"] for kind in ("reduced", "full"))
     assert np.max(np.abs(found - full)) < 0.01 * np.max(np.abs(full))
+
+
+def test_a_spring_on_a_rigid_pendulum_beside_a_beam_has_no_answer() -> None:
+    """The pendulum's inertia takes up its couple: no vector of the basis turns the joint, whose held angle is found."""
+    scene = clamped_beam(
+        "effects={spring={type='spring_damper',joint='hinge',stiffness=50.0},weight={type='gravity'}}",
+        "reduction.spring_modes=true", "initial={equilibrium=true,coordinates='held'}",
+        "outputs.angle={type='angle',joint='hinge'}",
+    )  # fmt: skip
+    assert rom_of(scene).tables.mass.shape[-1] == 1 + scene.reduction.modes
+    found, full = (motion(kind, scene).outputs for kind in ("reduced", "full"))
+    for name, own in found.items():
+        assert np.max(np.abs(own - full[name])) < 0.01 * np.max(np.abs(full[name])), name

@@ -1,0 +1,89 @@
+"""Derivatives of runs by differences, where exact ones are not known: of scenes with controllers.
+
+The run and those beside it are samples of one batch. Differences are of fourth order, central, or forward where a
+parameter has no sense below zero and is next to it. With steps of `SHARE` of a parameter's size the iteration's
+tolerance leaves about 1e-9 of them, and truncation less as long as a parameter of that size moves phases by less than
+some hundred radians.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.models import LengthLanes, ReducedModel
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.stepping.second_order_system import State
+
+SHARE = 2e-3  # of a parameter's size, that runs beside are away
+OF_BOUNDS = 0.1  # of the width of its bounds, which its size is at least
+CENTRAL = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
+FORWARD = np.array([0.0, 1.0, 2.0, 3.0, 4.0]), np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
+
+
+@dataclass(frozen=True, eq=False)
+class Differences:
+    """Values of a run and of those beside it, and what makes derivatives of them.
+
+    Attributes
+    ----------
+    values
+        Of every parameter, each (n_runs,); the first run is the one that is differentiated.
+    weights
+        Of the runs' outputs in the derivatives, (n_parameters, n_runs).
+    """
+
+    values: dict[str, np.ndarray]
+    weights: np.ndarray
+
+    @classmethod
+    def of(cls, scene: Scene, values: Mapping[str, float], names: Sequence[str]) -> Differences:
+        """Return the runs for derivatives with some parameters; raises `InputError` if one has no size."""
+        columns, rows = [np.array(list(values.values()))], []
+        for name in names:
+            step = SHARE * _size(scene, values, name)
+            below = values[name] - 2.0 * step
+            offsets, weights = FORWARD if below < 0.0 and name in scene.parameters_not_negative else CENTRAL
+            rows.append((len(columns), weights / step))
+            for offset in offsets:
+                columns.append(np.array([value + offset * step * (one == name) for one, value in values.items()]))
+        found = np.zeros((len(names), len(columns)))
+        for row, (first, weights) in zip(found, rows):
+            row[first : first + weights.size] = weights
+        return cls(dict(zip(values, np.array(columns).T)), found)
+
+    @property
+    def n_runs(self) -> int:
+        """Number of runs."""
+        return self.weights.shape[1]
+
+    def of_outputs(
+        self, model: ReducedModel | LengthLanes, times: np.ndarray, states: State
+    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Return the outputs of all runs, each (n_runs, n_t), before anything is counted, for states (n_t, n_runs,
+        n_eta), and derivatives of coordinates, (n_t, n_parameters, n_eta)."""
+        found: dict[str, list[np.ndarray]] = {name: [] for name in model.outputs.functions}
+        for run in range(self.n_runs):
+            own = State(*(part[:, run] for part in (states.q, states.v, states.a)), np.zeros(0))
+            observed = model.observed_of(times, own, {name: value[run] for name, value in self.values.items()})
+            for name, value in model.outputs.evaluate(observed).items():
+                found[name].append(value)
+        return {name: np.array(each) for name, each in found.items()}, np.einsum("ps,tsi->tpi", self.weights, states.q)
+
+
+def _size(scene: Scene, values: Mapping[str, float], name: str) -> float:
+    """Return what a parameter is of the size of: its value, or a share of its bounds, or its deviation."""
+    parameter, sizes = scene.parameters[name], [abs(values[name])]
+    if parameter.bounds is not None:
+        sizes.append(OF_BOUNDS * (parameter.bounds[1] - parameter.bounds[0]))
+    if parameter.distribution is not None:
+        sizes.append(parameter.deviation)
+    if not max(sizes) > 0.0:
+        raise InputError(
+            f"parameters.{name} = 0: with controllers derivatives are differences of runs, and how far apart is not "
+            "known without its size; give it bounds"
+        )
+    return max(sizes)
