@@ -35,7 +35,9 @@ from pgmp_petsc.scene.reference_page import reference_page
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import tables
 
-LISTING, JOINT = (block.text for block in blocks_of(ROOT / "docs" / "extending.md") if "file" in block.marks)
+LISTING, JOINT, CONTROLLER = (
+    block.text for block in blocks_of(ROOT / "docs" / "extending.md") if "file" in block.marks
+)
 OUTPUT = """
 from typing import Literal
 import numpy as np
@@ -94,6 +96,24 @@ def test_the_effect_of_the_page_acts_as_a_bushing_with_one_spring(line_spring: P
         np.testing.assert_allclose(found["plugin"].outputs[name], values, rtol=1e-12, atol=1e-14)
     outputs = found["plugin"].outputs
     np.testing.assert_allclose(outputs["along"], outputs["place"], rtol=1e-14)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_the_controller_of_the_page_acts_as_the_formula_that_it_is(tmp_path: Path, model: str) -> None:
+    """Two writings of one force, which is large enough to move the crank by more than round-off."""
+    (path := tmp_path / "bang.py").write_text(CONTROLLER)
+    pgmp.use(path)
+    text = scene_to_toml(scene_of("beams", "nothing"))
+    acting = 'measures="angle", joint="crank_hinge", reference=0.2'
+    entries = {
+        "plugin": f'controllers.x={{type="bang", most=2.0, {acting}}}',
+        "own": f'controllers.x={{type="formula", output="2 * tanh((r - y) / 0.05)", {acting}}}',
+        "none": "simulation.step=1e-3",
+    }
+    found = {name: MODELS[model](scene_from_toml(text, ".", [entry])).outputs for name, entry in entries.items()}
+    for name, values in found["own"].items():
+        np.testing.assert_allclose(found["plugin"][name], values, rtol=1e-12, atol=1e-14)
+    assert np.abs(found["own"]["angle"] - found["none"]["angle"]).max() > 1e-6
 
 
 #: A bar of 1 m whose ends slide on the axes x and y, and the joint that its angle is measured in.
