@@ -152,15 +152,37 @@ def prepare(folder: Path) -> Path:
     return scenes / "scene.toml"
 
 
+#: Outputs of fatigue and of forces, behind the tables of a scene with a body `rod`.
+WEAR = """
+[outputs.worn_by]
+type = "stress"
+body = "rod"
+quantity = "stress_max"
+[outputs.damage]
+type = "rainflow"
+of = "worn_by"
+curve = { exponent = 5.0, reference = 1e8, cycles = 1e6 }
+mean_stress = "goodman"
+ultimate = 6e8
+[outputs.life]
+type = "rainflow"
+of = "worn_by"
+curve = { table = [[1e7, 1e9], [1e8, 1e6]] }
+quantity = "life"
+run_out = 1e12
+"""
+
+
 def bases() -> list[dict[str, Any]]:
     """Return the tables of the shipped scenes, and of machines with all that slides, with couplings, with joints that
-    are elastic or off, with tables in files, texts with units, and in mm; with short ranges, so that assembling takes
-    no time."""
+    are elastic or off, with tables in files, texts with units, in mm, and with what wears; with short ranges, so that
+    assembling takes no time."""
     found = []
     texts = [path.read_text(encoding="utf-8") for path in sorted((ROOT / "scenes").glob("*.toml"))]
     off = clamped_beam(offset("right", place=[1e-5, "d"], turn=[1e-4]), "parameters.d={nominal=1e-5}")
     texts += [scene_to_toml(cart(*EVERYTHING)), RACK, SCREW, CAM, scene_to_toml(off), BELT, GEARS, PRESS, SUM, ROTOR]
     texts.append(RACK.replace("[scene]", '[scene]\nunits = "mm"'))
+    texts.append((ROOT / "scenes" / "slider_crank.toml").read_text(encoding="utf-8") + WEAR)
     for data in map(tomllib.loads, texts):
         for name, coordinate in data["coordinates"].items():
             start = data.get("simulation", {}).get("initial", {}).get(name, {}).get("position", 0.5)
