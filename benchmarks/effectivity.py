@@ -47,7 +47,8 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.stepping.generalised_alpha import count_steps, integrate
+from pgmp_petsc.scene.numerics import count_steps
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene

@@ -28,7 +28,7 @@ from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import Harmonic
-from pgmp_petsc.stepping.generalised_alpha import count_steps
+from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.studies.inputs import read_scene
 
 SHAPE = ((0.0, 0.0), (0.4, 0.7), (0.7, 1.3), (1.0, 0.4))  # of the duration, and of the last value

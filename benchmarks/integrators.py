@@ -39,7 +39,8 @@ from pgmp_petsc.bench.history import with_steps
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.system import ReducedSystem
-from pgmp_petsc.stepping.generalised_alpha import count_steps, instants, integrate
+from pgmp_petsc.scene.numerics import count_steps
+from pgmp_petsc.stepping.generalised_alpha import instants, integrate
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 
 LOADS = ("ramp", "half sine", "reversal", "sudden step")

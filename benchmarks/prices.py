@@ -18,7 +18,8 @@ from pgmp_petsc.bench.finished import step_seconds
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.stepping.generalised_alpha import count_steps, integrate
+from pgmp_petsc.scene.numerics import count_steps
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.inputs import read_scene
 
 N_SAMPLES = 8

@@ -19,7 +19,7 @@ from benchmarks.on_model import main
 from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.stepping.generalised_alpha import count_steps
+from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.studies import simulate
 
 

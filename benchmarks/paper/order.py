@@ -12,7 +12,8 @@ from benchmarks.tables import Table
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.stepping.generalised_alpha import count_steps, integrate
+from pgmp_petsc.scene.numerics import count_steps
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.inputs import read_scene
 

@@ -27,9 +27,8 @@ from scipy.stats import qmc
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Driving, OverTime
 from pgmp_petsc.scene.fields import LoadHarmonic
-from pgmp_petsc.scene.numerics import Initial, Reduction, Simulation
+from pgmp_petsc.scene.numerics import Initial, Reduction, Simulation, count_steps
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
-from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 OWN = "own"  # name of the scene's own loads
 PULSE = 1.6

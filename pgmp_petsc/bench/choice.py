@@ -51,9 +51,8 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.selection import Selection
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.numerics import Reduction, Simulation
+from pgmp_petsc.scene.numerics import Reduction, Simulation, count_steps
 from pgmp_petsc.scene.uses import extremes, length_names, with_numbers
-from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 MORE_MODES = 1.5  # of the component model as a reference, for each that bodies of a basis are condensed for
 PAYS = 0.8  # of the processor time of a reference sample, from which on a reduced one is no cheaper to speak of

@@ -36,9 +36,8 @@ from pgmp_petsc.bench.history import STEP, Errors, Ledger, Trial
 from pgmp_petsc.bench.reference import Reference, period_of
 from pgmp_petsc.bench.refusal import ZERO, refuse
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.scene.numerics import Simulation, count_steps
 from pgmp_petsc.scene.parameters import spanning_values
-from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 AnyModel = TypeVar("AnyModel", FullModel, ReducedModel)
 

@@ -44,10 +44,10 @@ from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
 from pgmp_petsc.results.estimates import limits_of
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.outputs import models_alone
 from pgmp_petsc.scene.uses import length_names, offset_directions, uses_of, velocity_names
 from pgmp_petsc.stepping import alpha_step, edge_search
-from pgmp_petsc.stepping.generalised_alpha import count_steps
 from pgmp_petsc.stepping.second_order_system import Scheme
 from pgmp_petsc.stepping.static_equilibrium import require_settled
 

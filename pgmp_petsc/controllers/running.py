@@ -67,11 +67,6 @@ class Running:
 class Controls:
     """The controllers of a system.
 
-    Attributes
-    ----------
-    iterates
-        Whether the iteration of a step has the forces, as it was given them, so that `forces` has none to add.
-
     Parameters
     ----------
     scene
@@ -84,6 +79,11 @@ class Controls:
         Reads the measures of a state.
     put
         Takes forces, stiffness and damping of all controllers, (n_controllers, n_samples, 3).
+
+    Attributes
+    ----------
+    iterates
+        Whether the iteration of a step has the forces, as it was given them, so that `forces` has none to add.
     """
 
     def __init__(

@@ -42,9 +42,9 @@ from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import Fit, FittedOutput, FittedParameter
 from pgmp_petsc.results.numbers import plain
 from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
 from pgmp_petsc.scene.uses import length_names
-from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

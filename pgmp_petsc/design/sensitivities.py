@@ -18,8 +18,8 @@ from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instants
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import correlation_matrix
-from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 SHARE = 0.01  # of the value of a parameter without a distribution
 LEAST = 0.05  # of an output's largest effect: smaller ones are nothing beside it

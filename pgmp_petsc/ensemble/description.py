@@ -39,8 +39,8 @@ from pgmp_petsc.models import REDUCED, LengthLanes, Model
 from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble
 from pgmp_petsc.results.statistics import DOUBT, Band, Chance, Statistics
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.numerics import Event
-from pgmp_petsc.stepping.generalised_alpha import count_steps, instants
+from pgmp_petsc.scene.numerics import Event, count_steps
+from pgmp_petsc.stepping.generalised_alpha import instants
 from pgmp_petsc.stepping.static_equilibrium import starts_remarks
 from pgmp_petsc.stepping.status import Status
 

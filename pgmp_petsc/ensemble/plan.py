@@ -28,8 +28,8 @@ from pgmp_petsc.estimates.reference_motion import FINER, most_evaluations, price
 from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.models import REDUCED, LengthLanes, Model, ReducedModel
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.uses import length_names
-from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 SAMPLERS = ("random", "latin_hypercube", "sobol", "saltelli")
 MOST_SAMPLES = 10**9  # the pieces of a checkpoint are in order by nine digits

@@ -23,9 +23,9 @@ from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedMod
 from pgmp_petsc.outputs.rainflow import Counting
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY
-from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
+from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation, count_steps
 from pgmp_petsc.stepping.energies import Energies, RunningBalance
-from pgmp_petsc.stepping.generalised_alpha import Run, count_steps
+from pgmp_petsc.stepping.generalised_alpha import Run
 from pgmp_petsc.stepping.second_order_system import Observer, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 

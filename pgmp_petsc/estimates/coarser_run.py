@@ -36,8 +36,8 @@ from pgmp_petsc.models import Model
 from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Run, count_steps
+from pgmp_petsc.scene.numerics import Simulation, count_steps
+from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Run
 from pgmp_petsc.stepping.second_order_system import Observer, Scheme, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 

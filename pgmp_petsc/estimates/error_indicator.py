@@ -32,9 +32,10 @@ from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 from pgmp_petsc.models.model import floors_of
 from pgmp_petsc.outputs.rainflow import counted_after
+from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.drivers import ERROR_PREFIX
-from pgmp_petsc.stepping.generalised_alpha import count_steps, integrate
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import Observer, State
 from pgmp_petsc.stepping.status import Status
 

@@ -41,8 +41,7 @@ from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.results.estimates import ROTATION_LIMIT, VALIDITY, beyond_limit, limits_of
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.stepping.generalised_alpha import count_steps
+from pgmp_petsc.scene.numerics import Simulation, count_steps
 from pgmp_petsc.stepping.second_order_system import Observer, State
 
 EVERY = 2  # a motion that the steps resolve has ten and more a period: every second one misses its peak by 5 % at most

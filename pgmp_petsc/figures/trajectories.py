@@ -13,7 +13,6 @@ What one change of each parameter does to the outputs of a run, over time.
 
 from __future__ import annotations
 
-import tomllib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -264,7 +263,7 @@ N_BINS = 24  # of ranges and of means
 
 def counted_outputs(trajectory: Trajectory) -> list[str]:
     """Return the outputs whose cycles the scene of a run counts."""
-    entries = tomllib.loads(trajectory.record.scene_toml).get("outputs", {}).values()
+    entries = style.scene_of(trajectory.record).get("outputs", {}).values()
     named = dict.fromkeys(entry["of"] for entry in entries if entry["type"] == "rainflow")
     return [name for name in named if name in trajectory.outputs and len(cycles(trajectory.outputs[name]))]
 
@@ -297,7 +296,7 @@ def rainflow(trajectory: Trajectory, label: str = "") -> Figure:
 def joint_forces(trajectory: Trajectory) -> list[tuple[str, str, str]]:
     """Return joints with the outputs of the forces in them along x and y, on one body in one frame."""
     found: dict[tuple[str, str, str], dict[str, str]] = {}
-    for name, entry in tomllib.loads(trajectory.record.scene_toml).get("outputs", {}).items():
+    for name, entry in style.scene_of(trajectory.record).get("outputs", {}).items():
         if entry["type"] == "joint_force" and name in trajectory.outputs:
             of, frame = entry.get("of", "second"), entry.get("frame", "ground")
             found.setdefault((entry["joint"], of, frame), {})[entry.get("component", "magnitude")] = name

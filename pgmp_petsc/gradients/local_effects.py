@@ -22,6 +22,7 @@ import numpy as np
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.effects.action import BY_LOAD, LED, amplitudes_over
 from pgmp_petsc.effects.law import differentiate, obey
+from pgmp_petsc.gradients.differences import CENTRAL
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import empty_lanes
 from pgmp_petsc.lanes.vectors import LANES, add, load, same_in_all_lanes, spread, store
@@ -67,7 +68,7 @@ class LocalDerivatives:
         # weights beside those of a length, by its number: how far these are (m), and the factors of differences
         self._beside: dict[int, list[tuple[float, np.ndarray]]] = {}
         for number, name in enumerate(names):
-            for far, factor in zip((-2.0, -1.0, 1.0, 2.0), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0):
+            for far, factor in zip(*CENTRAL):
                 if name in places:
                     step = ALONG_LENGTH * places[name].half
                     there = evaluate_weights(weights, {**values, name: values[name] + far * step})

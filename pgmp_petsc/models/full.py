@@ -36,7 +36,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 from pgmp_petsc.stepping.second_order_system import Settled, State
-from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, UNBALANCED, require_balance, settle
+from pgmp_petsc.stepping.static_equilibrium import UNBALANCED, moved_along, require_balance, settle
 
 if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import FullFields
@@ -230,12 +230,8 @@ class FullModel:
 
             q = deformed(theta)
             self._require_held(q, theta)
-            steps = DIFFERENCE * np.diag([c.scale(self.kinematics.size) for c in self.kinematics.coordinates])
-            v = np.zeros_like(q)
-            for rate, step in zip(rates, steps):
-                if rate:
-                    v += rate * (deformed(theta + step) - deformed(theta - step)) / (2.0 * np.sum(step))
-        return q, v
+            scales = np.array([c.scale(self.kinematics.size) for c in self.kinematics.coordinates])
+            return q, moved_along(deformed, q, theta, rates, scales)
 
     def require_taken(self) -> None:
         """Refuse joints that are off by more than bodies can give way, as far as the first order tells."""

@@ -28,7 +28,7 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.scene.uses import offset_values
 from pgmp_petsc.stepping.second_order_system import State
-from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, UNBALANCED, require_balance, settle
+from pgmp_petsc.stepping.static_equilibrium import UNBALANCED, moved_along, require_balance, settle
 
 if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import ReducedFields
@@ -223,12 +223,8 @@ def _in_balance(
             raise InputError(UNBALANCED.format(statics.cause(int(np.argmax(lost)))))
         return statics.unknowns().T
 
-    q, v = deformed(theta), np.zeros((n_samples, statics.unknowns().shape[0]))
-    for k, scale in enumerate(scales):
-        if rates[:, k].any():
-            step = DIFFERENCE * scale * np.eye(scales.size)[k]
-            v += rates[:, k, None] * (deformed(theta + step) - deformed(theta - step)) / (2.0 * DIFFERENCE * scale)
-    return q, v
+    q = deformed(theta)
+    return q, moved_along(deformed, q, theta, rates, scales)
 
 
 def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:

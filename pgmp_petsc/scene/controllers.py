@@ -25,6 +25,7 @@ from pgmp_petsc.scene.fields import (
 )
 from pgmp_petsc.scene.joints import MEASURED, joints_with
 from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.outputs import circle_of, models_alone
 from pgmp_petsc.scene.references import joint_problems, motion_problems
 from pgmp_petsc.scene.uses import Use
@@ -195,18 +196,14 @@ def _sampling(scene: AnyScene, entry: str, one: ControllerEntry) -> Iterator[str
         words = "needs simulation.step, of which it is a whole number; simulation.tolerance finds one by itself"
         yield problem(f"{entry}.sample_time", words, one.sample_time)
         return
-    ratio = one.sample_time / step_of(run)
+    step = run.duration / count_steps(run.duration, run.step)
+    ratio = one.sample_time / step
     if round(ratio) < 1:
         words = f"is shorter than simulation.step = {run.step:g} s; take smaller steps, or 0 for a continuous one"
         yield problem(f"{entry}.sample_time", words, one.sample_time)
     elif abs(ratio - round(ratio)) > WHOLE * ratio:
         words = (
-            f"must be a whole number of steps of {step_of(run):.6g} s, and is {ratio:.6g} of them; take a "
+            f"must be a whole number of steps of {step:.6g} s, and is {ratio:.6g} of them; take a "
             "simulation.step that divides it and simulation.duration"
         )
         yield problem(f"{entry}.sample_time", words, one.sample_time)
-
-
-def step_of(run: Any) -> float:
-    """Return the length of the steps of a run: of equal ones, none longer than ``simulation.step``."""
-    return run.duration / max(1, -int(-(run.duration / run.step * (1 - 1e-12)) // 1))

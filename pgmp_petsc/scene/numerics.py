@@ -6,6 +6,7 @@ An ensemble: many runs with drawn parameters, and which figures of them are aske
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import ceil
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -28,6 +29,12 @@ from pgmp_petsc.scene.fields import (
     refusal,
 )
 from pgmp_petsc.scene.messages import problem
+
+
+def count_steps(duration: float, step: float) -> int:
+    """Return the number of equal steps, none longer than `step`, that end at `duration`."""
+    return max(1, ceil(duration / step * (1 - 1e-12)))
+
 
 Share = Annotated[Number, Field(gt=0.0, lt=1.0)]
 

@@ -32,7 +32,7 @@ from math import gcd
 import numpy as np
 
 from pgmp_petsc.ranks.petsc import has_options
-from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.scene.numerics import Simulation, count_steps
 from pgmp_petsc.stepping.alpha_step import AlphaStep, first_accelerations, n_first_steps, put, standing
 from pgmp_petsc.stepping.drivers import PREFIX, check_ts_options, driver_here
 from pgmp_petsc.stepping.edge_search import EventLocation
@@ -316,11 +316,6 @@ class Run:
     def n_iterations(self) -> int:
         """Newton corrections of all samples together."""
         return int(self.counted[0])
-
-
-def count_steps(duration: float, step: float) -> int:
-    """Return the number of equal steps, none longer than `step`, that end at `duration`."""
-    return max(1, int(np.ceil(duration / step * (1 - 1e-12))))
 
 
 def instants(duration: float, n_steps: int) -> np.ndarray:

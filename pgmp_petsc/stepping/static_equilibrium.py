@@ -278,6 +278,34 @@ def _nowhere(search: Search, theta: np.ndarray, origin: np.ndarray, torques: np.
     return explain
 
 
+def moved_along(
+    deformed: Callable[[np.ndarray], np.ndarray],
+    q: np.ndarray,
+    theta: np.ndarray,
+    rates: np.ndarray,
+    scales: np.ndarray,
+) -> np.ndarray:
+    """Return the velocities of what is in balance while the coordinates move, by central differences.
+
+    Parameters
+    ----------
+    deformed, q
+        Returns unknowns at positions of the coordinates, a column of the only sample or a row of each of several; and
+        these at `theta`.
+    theta, rates
+        Positions and rates of the coordinates, shape (n_theta,) of the only sample, or (n_samples, n_theta).
+    scales
+        What small changes of the coordinates are measured against, shape (n_theta,).
+    """
+    v = np.zeros_like(q)
+    for k, scale in enumerate(scales):
+        if rates[..., k].any():
+            step = DIFFERENCE * scale * np.eye(scales.size)[k]
+            change = deformed(theta + step) - deformed(theta - step)
+            v += rates[..., k, None] * change / (2.0 * DIFFERENCE * scale)
+    return v
+
+
 BUILT_IN = "the run starts with the stress that joints that are off build in, without loads, and lets the mechanism go"
 UNBALANCED = (
     "joints: no balance of springs of elastic joints and bodies was found at the start, which is to answer joints that "

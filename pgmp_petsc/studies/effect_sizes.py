@@ -61,9 +61,10 @@ from pgmp_petsc.results.selection import EffectSize, EffectSizes
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.scene.fields import Table, quantities_of
+from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.references import parts_of
 from pgmp_petsc.stepping.energies import Energies, joined
-from pgmp_petsc.stepping.generalised_alpha import count_steps, integrate
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.static_equilibrium import require_settled
 from pgmp_petsc.stepping.status import Status

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.bench.step_choice import AHEAD, FEWEST, SEEN, StepSearch, fine_enough, first_steps, rounded_step
-from pgmp_petsc.stepping.generalised_alpha import count_steps
+from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.stepping.second_order_system import Scheme
 
 DURATION, SHARE = 1.0, 2e-3

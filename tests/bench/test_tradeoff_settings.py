@@ -21,8 +21,7 @@ from pgmp_petsc.bench.candidates import (
 from pgmp_petsc.bench.cases import Setting, step_of
 from pgmp_petsc.bench.tradeoff import Dealer, Prices, tasks_of
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
-from pgmp_petsc.scene.numerics import Reduction
-from pgmp_petsc.stepping.generalised_alpha import count_steps
+from pgmp_petsc.scene.numerics import Reduction, count_steps
 
 LIMITS = Limits(n_modes=28, n_static=1, n_terms=3)
 PRICES = Prices(full=4e-6, components=6e-5, reference=4e-6, timed=4.0)

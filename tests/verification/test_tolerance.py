@@ -14,9 +14,8 @@ from pgmp_petsc.bench.step_choice import settle_step
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.scene.numerics import Simulation, count_steps
 from pgmp_petsc.scene.parameters import spanning_values
-from pgmp_petsc.stepping.generalised_alpha import count_steps
 from scenes import RADIUS
 
 SHARES = np.array([0.72, 0.91, 1.13, 1.27])  # of the nominal radius; three standard deviations are 0.7 and 1.3

@@ -13,7 +13,7 @@ from pgmp_petsc.bench.history import errors_between, floors_of, run_history
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.stepping.generalised_alpha import count_steps
+from pgmp_petsc.scene.numerics import count_steps
 
 TOLERANCE = 1e-2
 # what is not looked at here: the search over families and angles is that of beams
