@@ -1,4 +1,4 @@
-"""Multipliers of joints in a reduced model: residuals of unit gaps in its equations (`reduction.joint_gaps`)."""
+"""Multipliers of joints in a reduced model: rows of unit gaps in its equations (`reduced.gap_forces`)."""
 
 from __future__ import annotations
 
@@ -14,16 +14,15 @@ from pgmp_petsc.effects import Effect, Motion, actions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.outputs.joint_forces import ForceOutput
 from pgmp_petsc.reduced.actions import ReducedActions
+from pgmp_petsc.reduced.gap_forces import GapForces
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedDamping, ReducedTerms
-from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.joint_gaps import rows_of
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.second_order_system import State
 
-AT_ONCE = 2048  # states that are evaluated together: their polynomials stay in the cache
-MANY = 64  # samples at an instant from which on instants are evaluated one by one
+AT_ONCE = 2048  # states whose local effects are evaluated together
 
 
 class ReducedMultipliers:
@@ -39,6 +38,8 @@ class ReducedMultipliers:
         What acts, and the prescribed motions by the numbers of their coordinates.
     start
         Positions (rad) of the coordinates at the start, shape (n_theta,).
+    own
+        Terms and local effects of the model.
 
     Raises
     ------
@@ -55,34 +56,38 @@ class ReducedMultipliers:
         effects: Sequence[Effect],
         motions: Mapping[int, Motion],
         start: np.ndarray,
+        own: tuple[ReducedTerms, ReducedActions],
     ) -> None:
-        known = np.zeros(0, dtype=int) if rom.gaps is None else rom.gaps.rows
+        n_held, gaps = kinematics.mechanism.n_held, rom.gaps
+        known = np.zeros(0, dtype=int) if gaps is None else gaps.rows
         for force in forces:
-            if not np.isin(rows_of([force], kinematics.mechanism.n_held), known).all():
+            if not np.isin(rows_of([force], n_held), known).all():
                 raise InputError(
                     f"outputs.{force.name}: the reduced model was built without what forces in this joint need; name "
                     "the output in the scene and run pgmp build again"
                 )
-        self._asked = any(force.rows.size for force in forces)
-        self._n_held, self._n_own = kinematics.mechanism.n_held, rom.tables.n_modes + rom.tables.n_coordinates
-        self._rows, self._effects, self._motions = known, effects, motions
-        scheme, wider = scene.reduction.interpolation, rom.with_gaps
-        self._weights, self._inertia = rom.tables.mass_weights, None
-        if rom.gaps is not None and rom.gaps.cubic is not None:
-            inertia = np.moveaxis(rom.gaps.mass[..., rom.tables.n_coordinates :], -1, 1)
-            self._inertia = interpolant(rom.tables.samples, inertia.reshape(*inertia.shape[:2], -1), scheme)
-        damping = ReducedDamping.of(effects, kinematics, wider)
-        self._terms = ReducedTerms.of(
-            wider.tables, wider.rigid_inertia, kinematics, wider.projection, scheme, damping, scene.gyroscopic
+        self._n_held, self._rows, self._effects, self._motions = n_held, known, effects, motions
+        self._drives = any((force.rows >= n_held).any() for force in forces)
+        self._gaps, (self._terms, self._own_actions), self._actions = None, own, None
+        self._kept: tuple[tuple[int, ReducedSystem | None, ReducedSystem | None] | None, dict] = None, {}
+        if not rows_of(forces, n_held).size:
+            return
+        scheme, terms = scene.reduction.interpolation, own[0]
+        projection, curvature = gaps.beside(rom.projection, rom.curvature)
+        wider = replace(rom, projection=projection, curvature=curvature)
+        self._gaps = GapForces.of(
+            gaps, rom.tables, scheme, ReducedDamping.of(effects, kinematics, wider), scene.gyroscopic
         )
-        self._actions = ReducedActions.of(
-            actions_of(effects), kinematics, wider, scheme, start, self._terms.parts
-        )  # fmt: skip
+        actions = actions_of(effects)
+        if actions:
+            self._actions = ReducedActions.of(actions, kinematics, wider, scheme, start, terms.parts)
+            self._wider = _widened(terms, known.size)
 
     def under(self, effects: Sequence[Effect]) -> Self:
         """Return the multipliers under effects that differ in what acts over time alone."""
-        other = copy(self)
-        other._effects, other._actions = effects, replace(self._actions, actions=actions_of(effects))
+        other, actions = copy(self), actions_of(effects)
+        other._effects, other._own_actions = effects, replace(self._own_actions, actions=actions)
+        other._actions, other._kept = self._actions and replace(self._actions, actions=actions), (None, {})
         return other
 
     def of(self, times: np.ndarray | float, states: State, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
@@ -91,43 +96,49 @@ class ReducedMultipliers:
         n, driven = len(states.q), sorted(self._motions)
         times, values = np.broadcast_to(times, n), {name: np.broadcast_to(one, n) for name, one in values.items()}
         found = np.full((self._n_held + len(driven), n), np.nan)
-        if not self._asked:
+        if self._gaps is not None:
+            found[self._rows] = -self._gaps.at(times, states, values, self._effects)
+        if self._actions is None and not self._drives:
             return found
-        together, same = _samples(times, values)
-        system = self._system(together, {name: one[:together] for name, one in values.items()}) if same else None
-        for first in range(0, n, together):
-            some = slice(first, min(first + together, n))
-            rows = system or self._system(some.stop - first, {name: one[some] for name, one in values.items()})
-            state = State(*(self._wider(part[some]) for part in (states.q, states.v, states.a)), np.zeros(0))
-            residual = rows.residuals_at(times[some], state)
-            found[self._rows, some] = -residual[:, self._n_own :].T
-            if self._inertia is not None:
-                found[self._rows, some] -= self._as_inertia_changes(state, {k: v[some] for k, v in values.items()})
-            found[self._n_held :, some] = -residual[:, driven].T
+        for first in range(0, n, AT_ONCE):
+            some = slice(first, min(first + AT_ONCE, n))
+            own, wide = self._systems({name: one[some] for name, one in values.items()}, some.stop - first)
+            state = State(states.q[some], states.v[some], states.a[some], np.zeros(0))
+            if wide is not None:
+                g = self._rows.size
+                moving = State(*(np.pad(part, ((0, 0), (0, g))) for part in (state.q, state.v, state.a)), np.zeros(0))
+                found[self._rows, some] -= wide.acting_at(times[some], moving)[:, -g:].T
+            if own is not None:
+                found[self._n_held :, some] = -own.residuals_at(times[some], state)[:, driven].T
         return found
 
-    def _as_inertia_changes(self, state: State, values: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Return ``1/2 m_ij' theta'' d_j``, shape (g, n): what is linear in accelerations of theta of all that
-        skew gyroscopic terms leave out (`JointGaps.changing`)."""
-        m, n = self._inertia.shape[0], len(state.q)
-        theta, delta = np.split(state.q[:, : self._n_own], [self._n_own - m], axis=1)
-        found = sum(self._inertia.product(theta, 0.5 * state.a[:, k, None] * delta, k) for k in range(theta.shape[1]))
-        shares = [np.broadcast_to(weight.evaluate(values), n) for weight in self._weights]
-        return np.einsum("nwg,wn->gn", found.reshape(n, len(shares), self._rows.size), shares)
+    def _systems(self, values: Mapping[str, np.ndarray], n: int) -> tuple[ReducedSystem | None, ReducedSystem | None]:
+        """Return n samples of the model, where drives are asked for, and samples that know of local effects alone, on a
+        basis with the gaps behind it, where there are any; those of the last call, with what they keep of the tables'
+        cells, where they have the same values."""
+        (kept, known), same = self._kept, False
+        if kept is not None and kept[0] == n and values.keys() == known.keys():
+            same = all(np.array_equal(known[name], value) for name, value in values.items())
+        if not same:
+            given, moving = np.zeros((self._terms.tables.n_given, n)), ((0.0, 0.0), n, self._motions)
+            values = {name: np.array(value) for name, value in values.items()}
+            own = wide = None
+            if self._drives:
+                own = ReducedSystem(self._terms, self._effects, values, *moving, self._own_actions, given)
+            if self._actions is not None:
+                wide = ReducedSystem(self._wider, self._effects, values, *moving, self._actions, given)
+            self._kept = (n, own, wide), values
+        return self._kept[0][1:]
 
-    def _system(self, n: int, values: Mapping[str, np.ndarray]) -> ReducedSystem:
-        given = np.zeros((self._terms.tables.n_given, n))
-        return ReducedSystem(self._terms, self._effects, values, (0.0, 0.0), n, self._motions, self._actions, given)
 
-    def _wider(self, rows: np.ndarray) -> np.ndarray:
-        """Return coordinates (n, n_eta), or their rates, with those of the gaps behind them."""
-        return np.hstack([rows, np.zeros((len(rows), self._rows.size))])
-
-
-def _samples(times: np.ndarray, values: Mapping[str, np.ndarray]) -> tuple[int, bool]:
-    """Return how many rows are evaluated together, and whether they are the same samples at one instant after the
-    other: what is interpolated for these is kept from instant to instant."""
-    n = int(np.argmin(np.append(times == times[0], False)))
-    if n < MANY or len(times) % n or any((one.reshape(-1, n) != one[:n]).any() for one in values.values()):
-        return AT_ONCE, False
-    return n, True
+def _widened(terms: ReducedTerms, g: int) -> ReducedTerms:
+    """Return the terms of a system of which local effects alone are evaluated, with g coordinates more."""
+    tables, n_eta = terms.tables, terms.layout.n_eta + g
+    sizes = {
+        "mass": (len(tables.mass), 0, n_eta, n_eta),
+        "stiffness": (len(tables.mass), 0, *(tables.n_modes + g,) * 2),
+    }
+    return replace(
+        terms, tables=replace(tables, **{name: np.empty(size) for name, size in sizes.items()}),
+        layout=terms.layout._replace(n_eta=n_eta), scale=np.pad(terms.scale, (0, g), constant_values=1.0),
+    )  # fmt: skip
