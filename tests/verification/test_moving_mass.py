@@ -222,4 +222,4 @@ coordinates.x.range=[-0.1, 1.5] -> = [-0.1, 1.5]: must be within the run of node
 
 @pytest.mark.parametrize(("asked", "said"), cases(REFUSED))
 def test_what_cannot_be_ridden_is_refused(asked: str, said: str) -> None:
-    check_said(refusal(MODELS["full"], moving(*STARTED, asked)), said, asked)
+    check_said(refusal(lambda: MODELS["full"](moving(*STARTED, asked))), said, asked)
