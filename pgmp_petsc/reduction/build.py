@@ -257,6 +257,8 @@ def _built(
         gaps = None
         if opened_rows.size:
             with timings.phase("forces in joints"):
+                if manifold is None and all(body.third_derivative_known for body in mechanism.bodies):
+                    manifold = Manifold(problem, loads, static_loads, static_stretching=True, built_in=built_in)
                 gaps = sampling.gaps(store, basis, loads, opened_rows, manifold)
     n_redundant = problem.n_redundant
     timings = timings.maximum(group.world)
@@ -270,10 +272,10 @@ def _built(
             kinematics, mass, tables.samples, basis.projection, scene.reduction.interpolation, tables.n_given
         )
         tables = replace(tables, changes=changes)
-        if gaps is not None and gaps.cubic is not None:
-            wider = np.concatenate([basis.projection, gaps.shapes], axis=2)
-            both = mode_changes(kinematics, mass, tables.samples, wider, scene.reduction.interpolation)
-            gaps = gaps.changing(both, tables.samples, scene.reduction.interpolation)
+    if gaps is not None and gaps.cubic is not None:
+        wider = np.concatenate([basis.projection, gaps.shapes], axis=2)
+        both = mode_changes(kinematics, mass, tables.samples, wider, scene.reduction.interpolation)
+        gaps = gaps.changing(both, tables.samples, scene.reduction.interpolation)
     n_parameter = tables.n_modes - tables.n_given - joined.n_kept
     indefinite = indefinite_between(tables.moving(), scene.reduction.interpolation, *spanning_values(scene))
     remarks = (

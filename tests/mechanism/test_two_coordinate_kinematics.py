@@ -5,7 +5,7 @@ import pytest
 from two_coordinates import BASE, COUPLER, LEFT, RIGHT, UPPER, double_pendulum, five_bar
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.mechanism.closure import _solved
+from pgmp_petsc.mechanism.closure import solved, triangular_blocks
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from scenes import kinematics_of, slider_crank
 
@@ -82,7 +82,37 @@ def test_a_step_near_a_singular_configuration_is_the_least() -> None:
         jacobian[1, 5] = pivot * jacobian[1, 5] + jacobian[1, 4]
         expected = np.array([np.linalg.lstsq(j, r, rcond=1e-10)[0] for j, r in zip(jacobian, right)])
         # digits that a condition of 1e8 takes off 1e-16
-        np.testing.assert_allclose(_solved(jacobian, right), expected, rtol=1e-7)
+        np.testing.assert_allclose(solved(jacobian, right), expected, rtol=1e-7)
+
+
+def test_answers_hang_on_no_other_system() -> None:
+    rng = np.random.default_rng(2)
+    jacobian, right = rng.normal(size=(3, 4, 4)), rng.normal(size=(3, 4, 2))
+    jacobian[1, 2] = 0.0  # a pivot is zero: it has no inverse
+    both = solved(jacobian, right)
+    for k in range(3):
+        np.testing.assert_array_equal(solved(jacobian[[k]], right[[k]])[0], both[k])
+    least = np.linalg.lstsq(jacobian[1], right[1], rcond=None)[0]
+    np.testing.assert_allclose(both[1], least, rtol=0, atol=1e-12)  # round-off of a few numbers of size 1
+
+
+def test_blocks_follow_from_those_before_them() -> None:
+    # shuffled: a chain of blocks of 2, 3 and 1 columns, of which the last feels the first alone
+    whole = np.zeros((6, 6), dtype=bool)
+    whole[:2, :2] = whole[2:5, :5] = True
+    whole[5, [0, 5]] = True
+    rng = np.random.default_rng(0)
+    rows, columns = rng.permutation(6), rng.permutation(6)
+    pattern = whole[rows][:, columns]
+    known: set[int] = set()
+    for own_rows, own, before in triangular_blocks(pattern):
+        assert pattern[own_rows].any(axis=0)[own].all() and own_rows.size == own.size
+        assert set(np.flatnonzero(pattern[own_rows].any(axis=0))) == {*own, *before} and {*before} <= known
+        known |= {*own}
+    assert known == set(range(6))
+    assert sorted(block[1].size for block in triangular_blocks(pattern)) == [1, 2, 3]
+    for unsolvable in (pattern[:4], np.where(np.arange(6) == 3, False, pattern)):
+        assert len(triangular_blocks(unsolvable)) == 1
 
 
 def test_couplers_come_back_after_a_turn_of_either_crank(linkage: RigidKinematics) -> None:

@@ -17,7 +17,7 @@ from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate_reduced
 
-NAMES = ("arm", "four_bar", "gantry", "press", "rotor", "slider_crank", "solid_link", "spatial")
+NAMES = ("arm", "four_bar", "gantry", "press", "rotor", "servo", "slider_crank", "solid_link", "spatial")
 # a shortened run of a coarse model: 12 configurations of one coordinate, 4 x 4 of two
 SHORT = ("simulation.duration=0.02", "simulation.step=1e-3", "reduction.modes=2")
 
