@@ -1,4 +1,8 @@
-"""Multipliers of joints in a reduced model: rows of unit gaps in its equations (`reduced.gap_forces`)."""
+"""Multipliers of joints in a reduced model: rows of unit gaps in its equations (`reduced.gap_forces`).
+
+Friction that hangs on the force that a joint carries is in these equations, and that force of them: at given
+accelerations the two are found in turn, which contracts by about the coefficient times a lever over a length.
+"""
 
 from __future__ import annotations
 
@@ -12,17 +16,22 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.effects import Effect, Motion, actions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.models.measures import MultipliersOf
 from pgmp_petsc.outputs.joint_forces import ForceOutput
 from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.gap_forces import GapForces
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedDamping, ReducedTerms
 from pgmp_petsc.reduction.joint_gaps import rows_of
+from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.second_order_system import State
 
 AT_ONCE = 2048  # states whose local effects are evaluated together
+MOST_TURNS, SETTLED = 100, 1e-12  # of forces carried and friction, found in turn
+
+_Systems = tuple[ReducedSystem | None, ReducedSystem | None]
 
 
 class ReducedMultipliers:
@@ -32,8 +41,8 @@ class ReducedMultipliers:
     ----------
     scene, rom, kinematics
         The scene, the reduced model, and the mechanism's kinematics.
-    forces
-        Outputs that are made of multipliers.
+    forces, carried
+        Outputs that are made of multipliers, and forces in joints that effects hang on.
     effects, motions
         What acts, and the prescribed motions by the numbers of their coordinates.
     start
@@ -44,7 +53,7 @@ class ReducedMultipliers:
     Raises
     ------
     InputError
-        If the model was built without the gaps of an output.
+        If the model was built without the gaps of an output, or of an effect.
     """
 
     def __init__(
@@ -53,6 +62,7 @@ class ReducedMultipliers:
         rom: ReducedOrderModel,
         kinematics: RigidKinematics,
         forces: Sequence[ForceOutput],
+        carried: Sequence[ForceOutput],
         effects: Sequence[Effect],
         motions: Mapping[int, Motion],
         start: np.ndarray,
@@ -60,19 +70,22 @@ class ReducedMultipliers:
     ) -> None:
         n_held, gaps = kinematics.mechanism.n_held, rom.gaps
         known = np.zeros(0, dtype=int) if gaps is None else gaps.rows
-        for force in forces:
+        for entry, force in ((table, one) for table, of in (("outputs", forces), ("effects", carried)) for one in of):
             if not np.isin(rows_of([force], n_held), known).all():
                 raise InputError(
-                    f"outputs.{force.name}: the reduced model was built without what forces in this joint need; name "
-                    "the output in the scene and run pgmp build again"
+                    f"{entry}.{force.name}: the reduced model was built without what forces in this joint need; name "
+                    "it in the scene and run pgmp build again"
                 )
         self._n_held, self._rows, self._effects, self._motions = n_held, known, effects, motions
         self._drives = any((force.rows >= n_held).any() for force in forces)
         self._gaps, (self._terms, self._own_actions), self._actions = None, own, None
-        self._kept: tuple[tuple[int, ReducedSystem | None, ReducedSystem | None] | None, dict] = None, {}
-        if not rows_of(forces, n_held).size:
+        self._carried, scheme = carried, scene.reduction.interpolation
+        self._nodes = sorted({node for one in carried for node in one.nodes})
+        self._frames = Reconstruction(kinematics, rom, scheme, self._nodes) if self._nodes else None
+        self._kept: tuple[int, _Systems, Mapping[str, np.ndarray]] | None = None
+        if not rows_of((*forces, *carried), n_held).size:
             return
-        scheme, terms = scene.reduction.interpolation, own[0]
+        terms = own[0]
         projection, curvature = gaps.beside(rom.projection, rom.curvature)
         wider = replace(rom, projection=projection, curvature=curvature)
         self._gaps = GapForces.of(
@@ -87,48 +100,94 @@ class ReducedMultipliers:
         """Return the multipliers under effects that differ in what acts over time alone."""
         other, actions = copy(self), actions_of(effects)
         other._effects, other._own_actions = effects, replace(self._own_actions, actions=actions)
-        other._actions, other._kept = self._actions and replace(self._actions, actions=actions), (None, {})
+        other._actions, other._kept = self._actions and replace(self._actions, actions=actions), None
         return other
 
     def of(self, times: np.ndarray | float, states: State, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
         """Return the multipliers, shape (n_held + n_driven, n), NaN where they are not known, in states (n, n_eta);
         times (s) and parameter values are numbers or of shape (n,)."""
-        n, driven = len(states.q), sorted(self._motions)
+        n = len(states.q)
         times, values = np.broadcast_to(times, n), {name: np.broadcast_to(one, n) for name, one in values.items()}
-        found = np.full((self._n_held + len(driven), n), np.nan)
-        if self._gaps is not None:
-            found[self._rows] = -self._gaps.at(times, states, values, self._effects)
+        found = self._without_actions(times, states, values)
         if self._actions is None and not self._drives:
             return found
         for first in range(0, n, AT_ONCE):
             some = slice(first, min(first + AT_ONCE, n))
-            own, wide = self._systems({name: one[some] for name, one in values.items()}, some.stop - first)
+            own = {name: one[some] for name, one in values.items()}
+            if self._kept is None or self._kept[0] != some.stop - first or not _same(self._kept[2], own):
+                own = {name: np.array(one) for name, one in own.items()}
+                self._kept = some.stop - first, self._systems(some.stop - first, own), own
             state = State(states.q[some], states.v[some], states.a[some], np.zeros(0))
-            if wide is not None:
-                g = self._rows.size
-                moving = State(*(np.pad(part, ((0, 0), (0, g))) for part in (state.q, state.v, state.a)), np.zeros(0))
-                found[self._rows, some] -= wide.acting_at(times[some], moving)[:, -g:].T
-            if own is not None:
-                found[self._n_held :, some] = -own.residuals_at(times[some], state)[:, driven].T
+            loads, alone = np.zeros((len(self._carried), some.stop - first)), found[:, some].copy()
+            for _ in range(MOST_TURNS):
+                found[:, some], before = self._with(self._kept[1], loads, times[some], state, alone), loads
+                loads = self._loads(state, found[:, some], own)
+                if not np.any(np.abs(loads - before) > SETTLED * np.abs(loads)):
+                    break
         return found
 
-    def _systems(self, values: Mapping[str, np.ndarray], n: int) -> tuple[ReducedSystem | None, ReducedSystem | None]:
+    def in_steps(self, values: Mapping[str, np.ndarray], n_samples: int) -> MultipliersOf:
+        """Return what finds the multipliers of samples as an iteration goes on; a sample that does not move keeps what
+        it had, so that it is the same whatever is beside it."""
+        every = {name: np.broadcast_to(one, n_samples) for name, one in values.items()}
+        systems, n_own = self._systems(n_samples, every), self._terms.layout.n_eta
+        kept: list[np.ndarray | None] = [np.full((n_samples, n_own), np.nan), None]
+
+        def multipliers(time: float, state: State, loads: np.ndarray) -> np.ndarray:
+            times = np.full(n_samples, time)
+            found = self._with(systems, loads, times, state, self._without_actions(times, state, every))
+            same = (kept[0] == state.a).all(axis=1)
+            if same.any():
+                found[:, same] = kept[1][:, same]
+            kept[:] = state.a.copy(), found
+            return found
+
+        return multipliers
+
+    def _without_actions(self, times: np.ndarray, states: State, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Return the multipliers of joints, without what local effects add."""
+        found = np.full((self._n_held + len(self._motions), len(times)), np.nan)
+        if self._gaps is not None:
+            found[self._rows] = -self._gaps.at(times, states, values, self._effects)
+        return found
+
+    def _with(
+        self, systems: _Systems, loads: np.ndarray, times: np.ndarray, state: State, alone: np.ndarray
+    ) -> np.ndarray:
+        """Return the multipliers where joints carry forces (n_carried, n), of those without local effects."""
+        found, (own, wide), g = alone.copy(), systems, self._rows.size
+        for system in (one for one in systems if one is not None):
+            system.put_forces(list(loads[..., None]))
+        if wide is not None:
+            moving = State(*(np.pad(part, ((0, 0), (0, g))) for part in (state.q, state.v, state.a)), np.zeros(0))
+            found[self._rows] -= wide.acting_at(times, moving)[:, -g:].T
+        if own is not None:
+            found[self._n_held :] = -own.residuals_at(times, state)[:, sorted(self._motions)].T
+        return found
+
+    def _loads(self, state: State, multipliers: np.ndarray, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Return the forces that joints carry, (n_carried, n)."""
+        if not self._carried:
+            return np.zeros((0, len(state.q)))
+        jets = ({}, {}) if self._frames is None else self._frames.jets((state.q, state.v), 1)
+        at, moving = (dict(zip(self._nodes, part)) for part in jets)
+        return np.array([one.value(at, moving, multipliers, values) for one in self._carried])
+
+    def _systems(self, n: int, values: Mapping[str, np.ndarray]) -> _Systems:
         """Return n samples of the model, where drives are asked for, and samples that know of local effects alone, on a
-        basis with the gaps behind it, where there are any; those of the last call, with what they keep of the tables'
-        cells, where they have the same values."""
-        (kept, known), same = self._kept, False
-        if kept is not None and kept[0] == n and values.keys() == known.keys():
-            same = all(np.array_equal(known[name], value) for name, value in values.items())
-        if not same:
-            given, moving = np.zeros((self._terms.tables.n_given, n)), ((0.0, 0.0), n, self._motions)
-            values = {name: np.array(value) for name, value in values.items()}
-            own = wide = None
-            if self._drives:
-                own = ReducedSystem(self._terms, self._effects, values, *moving, self._own_actions, given)
-            if self._actions is not None:
-                wide = ReducedSystem(self._wider, self._effects, values, *moving, self._actions, given)
-            self._kept = (n, own, wide), values
-        return self._kept[0][1:]
+        basis with the gaps behind it, where there are any."""
+        given, moving = np.zeros((self._terms.tables.n_given, n)), ((0.0, 0.0), n, self._motions)
+        own = wide = None
+        if self._drives:
+            own = ReducedSystem(self._terms, self._effects, values, *moving, self._own_actions, given)
+        if self._actions is not None:
+            wide = ReducedSystem(self._wider, self._effects, values, *moving, self._actions, given)
+        return own, wide
+
+
+def _same(values: Mapping[str, np.ndarray], others: Mapping[str, np.ndarray]) -> bool:
+    """Return whether samples have the same values: what is interpolated for them is kept from call to call."""
+    return values.keys() == others.keys() and all(np.array_equal(values[name], one) for name, one in others.items())
 
 
 def _widened(terms: ReducedTerms, g: int) -> ReducedTerms:

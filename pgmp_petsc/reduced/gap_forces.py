@@ -67,11 +67,10 @@ class GapForces:
         """Prepare the rows. `damping` is that of a basis that has the vectors of the gaps behind its own."""
         r, m, n, g = tables.n_coordinates, tables.n_modes, tables.samples.n, gaps.rows.size
         second = gaps.cubic is not None
-        k, l = np.tril_indices(r)
-        i, j = np.tril_indices(m)
+        (k, h), (i, j) = np.tril_indices(r), np.tril_indices(m)
         parts, changing = [], []
         for t in range(len(tables.mass_weights)):
-            inertia = 0.5 * (gaps.inertia[:, t, k, l] + gaps.inertia[:, t, l, k])
+            inertia = 0.5 * (gaps.inertia[:, t, k, h] + gaps.inertia[:, t, h, k])
             along = [gaps.mass[:, t, :, r:]]
             parts += [gaps.mass[:, t], np.swapaxes(inertia, 1, 2)]
             if second:
@@ -138,8 +137,8 @@ def _fill(sizes, counts, mass_damping, quadratic, weights, q, rates, acceleratio
                 changed[k, i] = v[k] * v[r + i] + 0.5 * inert[k] * d[i]
         into, swing, bent = r + m, r + m + pairs, m
         for k in range(r):
-            for l in range(k + 1):
-                inert[into] = (1.0 if k == l else 2.0) * v[k] * v[l]
+            for j in range(k + 1):
+                inert[into] = (1.0 if k == j else 2.0) * v[k] * v[j]
                 if second:
                     for i in range(m):
                         inert[swing + i] = inert[into] * d[i]
@@ -150,13 +149,13 @@ def _fill(sizes, counts, mass_damping, quadratic, weights, q, rates, acceleratio
             stiff[i] = d[i]
             worked[1 + i] = -d[i]
         if second:
-            for l in range(r):
+            for h in range(r):
                 for i in range(m):
-                    inert[swing + i] = -2.0 * v[l] * v[r + i] - inert[l] * d[i]
+                    inert[swing + i] = -2.0 * v[h] * v[r + i] - inert[h] * d[i]
                 swing += m
                 for k in range(r):
                     for i in range(m):
-                        changed[k, m + l * m + i] = -v[k] * v[l] * d[i]
+                        changed[k, m + h * m + i] = -v[k] * v[h] * d[i]
             for i in range(m):
                 for j in range(i):
                     stiff[bent + j] = d[i] * d[j]
