@@ -66,7 +66,7 @@ class ReducedMultipliers:
         self._asked = any(force.rows.size for force in forces)
         self._n_held, self._n_own = kinematics.mechanism.n_held, rom.tables.n_modes + rom.tables.n_coordinates
         self._rows, self._effects, self._motions = known, effects, motions
-        scheme, wider = scene.reduction.interpolation, rom.with_gaps
+        scheme, wider = scene.interpolation, rom.with_gaps
         self._weights, self._inertia = rom.tables.mass_weights, None
         if rom.gaps is not None and rom.gaps.cubic is not None:
             inertia = np.moveaxis(rom.gaps.mass[..., rom.tables.n_coordinates :], -1, 1)
