@@ -253,9 +253,7 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
         theta = np.tile(model.start[0], (n_samples, 1))
         system.settle(settle(statics, theta, search_of(model.scene, model.kinematics.mechanism)))
     if model.measures is not None:
-        reconstruction = Reconstruction(
-            model.kinematics, model.rom, model.scene.interpolation, model.measures.nodes
-        )
+        reconstruction = Reconstruction(model.kinematics, model.rom, model.scene.interpolation, model.measures.nodes)
 
         def frames(state: State) -> list[np.ndarray]:
             # an iterate that is no number is lost with its correction, and closes no mechanism

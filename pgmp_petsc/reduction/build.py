@@ -268,9 +268,7 @@ def _built(
     if group.comm.size > 1:
         mass = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
     if scene.second_order:
-        changes = mode_changes(
-            kinematics, mass, tables.samples, basis.projection, scene.interpolation, tables.n_given
-        )
+        changes = mode_changes(kinematics, mass, tables.samples, basis.projection, scene.interpolation, tables.n_given)
         tables = replace(tables, changes=changes)
     if gaps is not None and gaps.cubic is not None:
         wider = np.concatenate([basis.projection, gaps.shapes], axis=2)
@@ -503,8 +501,7 @@ def _samples(scene: Scene, kinematics: RigidKinematics) -> SampleGrid:
     angles = np.broadcast_to(reduction.angles, len(coordinates))
     return SampleGrid(
         tuple(
-            samples_for(scene.interpolation, c.lower, c.upper, int(n), c.periodic)
-            for c, n in zip(coordinates, angles)
+            samples_for(scene.interpolation, c.lower, c.upper, int(n), c.periodic) for c, n in zip(coordinates, angles)
         )
     )
 
