@@ -555,6 +555,7 @@ def test_files_keep_forces_and_models_without_them_refuse(tmp_path: Path) -> Non
 
 DISTRIBUTED = """
 import numpy as np
+from mpi4py import MPI
 from pgmp_petsc.studies.simulate import FullRecord
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from runs import full_model, motion
