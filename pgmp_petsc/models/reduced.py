@@ -256,7 +256,10 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
             fine = np.isfinite(state.q).all(axis=1)[:, None]
             return reconstruction.jets((np.where(fine, state.q, 0.0), np.where(fine, state.v, 0.0)), 1)
 
-        system.control(model.measures.controls(frames, values, n_samples, system.put_forces, system.measured))
+        system.control(
+            model.measures.controls(frames, values, n_samples, system.put_forces, system.measured),
+            model.measures.origins if model.measures.known else None,
+        )
     if model.scene.initial.equilibrium:
         free = model.scene.initial.coordinates == "free"
         statics = ReducedStatics(system, None if free else angles)
