@@ -1,4 +1,5 @@
-"""Controllers in a run: their states from step to step, and the forces that the mechanics take of them.
+"""Controllers in a run: their states from step to step, and the forces that the mechanics take of them; and the forces
+that joints carry, of friction that hangs on these.
 
 `stepping.alpha_step` begins the iteration of a step with `begin`, lets every correction `act`, and ends it with `end`.
 Between the corrections motions are read of the iterate itself, so that the iteration ends where mechanics and states
@@ -6,13 +7,18 @@ hold together. A controller that is sampled holds its force, and finds the next 
 rule over its sample time, between two steps (`sample`). Systems that take controllers along in steps of their own
 (`reduced.control`) do the same, and come here with steps that are too much for them.
 
-States lie in `State.beside`, a row a sample: of each controller z, z', the auxiliary rates Z' and the force.
+The force that a joint carries is that of the iterate too. It goes with accelerations, and friction changes these: the
+iteration contracts by about the coefficient times a lever over a length, so that a step takes a few corrections more,
+and what it ends with is solved with the step. In the first accelerations of a run both are found in turn.
+
+Numbers lie in `State.beside`, a row a sample: the forces carried, then of each controller z, z', the auxiliary rates
+Z' and the force.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +31,9 @@ from pgmp_petsc.effects.time_function import TimeFunction, amplitude_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.controllers import WHOLE, ControllerEntry
 
+MOST_STARTS, SETTLED = 100, 1e-13  # of the forces carried at the start, found in turn with accelerations
+#: Forces (n_carried, n_samples) in joints at a time (s), for a state of a system, from those that were found before.
+Carried = Callable[[float, Any, np.ndarray], np.ndarray]
 #: Motions (n_motions, n_samples), of all controllers, and their rates at a time (s), for a state of a system.
 Measure = Callable[[float, Any], tuple[np.ndarray, np.ndarray]]
 BEFORE, AFTER = range(2)  # of a force that jumps
@@ -107,15 +116,19 @@ class Controls:
     measure
         Reads the motions of a state.
     put
-        Takes forces, stiffness and damping, of each controller a row for every motion that it measures, or one, (n,
-        n_samples, 3); the force of a controller is in the first of its rows.
+        Takes what is given to each action: the force carried, (n_samples, 1), of each; then force, stiffness and
+        damping of each controller, (n_samples, 3), for every motion that it measures, or once: the first has the force.
+    carried
+        Finds the forces that joints carry; None where nothing hangs on these.
 
     Attributes
     ----------
+    names
+        Of all that is given: effects by the force carried, and controllers.
     each
         The controllers.
     firsts
-        Number of the first row of each.
+        Of each name, the number of the first action that it is given to.
     iterates
         Whether the iteration of a step has the forces, as it was given them, so that `forces` has none to add.
     jumps
@@ -124,32 +137,36 @@ class Controls:
 
     def __init__(
         self, scene: Scene, values: Mapping[str, np.ndarray], n_samples: int, measure: Measure,
-        put: Callable[[np.ndarray], object],
+        put: Callable[[Sequence[np.ndarray]], object], carried: Carried | None = None,
     ) -> None:  # fmt: skip
-        self._measure, self._put = measure, put
-        self.names = tuple(scene.controllers)
+        self._measure, self._put, self._find = measure, put, carried
+        self.names = (*scene.carried, *scene.controllers)
         self.each: list[Running] = []
-        every, self.n_beside, n_motions = {**scene.values, **values}, 0, 0
+        n_carried = len(scene.carried)
+        self._carried = np.zeros((n_carried, n_samples))
+        every, self.n_beside, n_motions = {**scene.values, **values}, n_carried, 0
         for entry in scene.controllers.values():
             one = Running.of(scene, entry, every, n_samples, self.n_beside, n_motions)
             self.each.append(one)
             self.n_beside, n_motions = one.columns.stop, one.motions.stop
         rows = rows_of(scene)
         self.firsts = np.cumsum([0, *rows])[:-1].tolist()
-        self._rows = [slice(first, first + n) for first, n in zip(self.firsts, rows)]
-        self._acting = np.zeros((sum(rows), n_samples, 3))
+        rows = [slice(first - n_carried, first - n_carried + n) for first, n in zip(self.firsts, rows)]
+        self._rows = rows[n_carried:]
+        self._acting = np.zeros((rows[-1].stop, n_samples, 3))
         self.iterates = self.jumps = False
         self._n_samples = n_samples
-        #: forces at the last instant that was reached, (n_samples, 2, n_controllers), before and after they jump there,
+        #: forces at the last instant that was reached, (n_samples, 2, n_names), before and after they jump there,
         #: and at those that are seen, which increase
-        self.now = np.zeros((n_samples, 2, len(self.each)))
+        self.now = np.zeros((n_samples, 2, len(self.names)))
         self._times: list[float] = []
         self._seen: list[np.ndarray] = []
         self._n_last = 0
 
     def start(self, state) -> None:
-        """Begin a run: find the first states and forces, at time 0."""
+        """Begin a run: find the first states and forces, at time 0, of joints without any."""
         self._look(0.0, state)
+        self._carried[:] = 0.0
         state.beside = np.zeros((self._n_samples, self.n_beside))
         for one in self.each:
             begin_all(one.law.address_of_start, one.p, one.x, one.z)
@@ -159,17 +176,28 @@ class Controls:
             z, change, auxiliary, force = one.parts(state.beside)
             z[:], change[:], auxiliary[:], force[:] = one.z, one.rates, one.rates, one.force[:, :1]
             if not np.isfinite(one.force[:, 0]).any():
-                name, at = self.names[self.each.index(one)], one.x[0]
+                name, at = self.names[len(self._carried) + self.each.index(one)], one.x[0]
                 measured = ", ".join(f"{value:g}" for value in at[len(GIVEN) :])
                 raise InputError(
                     f"controllers.{name}: its force or the rates of its states are not finite at the start, where t = "
                     f"0, the reference is {at[1]:g}, and motions and their rates are {measured}"
                 )
-        self._times, self._seen = [0.0], [self.now]
+        self._times, self._seen = [0.0], [self.now.copy()]
         self._keep(0.0, state, np.ones(self._n_samples, dtype=bool))
 
+    def settle(self, state) -> bool:
+        """Find what joints carry with the accelerations at the start; return whether that changes these."""
+        if not self._carried.size:
+            return False
+        found = self._find(0.0, state, self._carried)
+        change = np.abs(found - self._carried)
+        self._carried[:] = found
+        state.beside[:, : len(found)] = found.T
+        self._keep(0.0, state, np.ones(self._n_samples, dtype=bool))
+        return bool(np.any(change > SETTLED * np.abs(found)))
+
     def open(self, times: np.ndarray) -> np.ndarray:
-        """Make room for the forces at times (n_t,) that are to be seen, (n_t, n_samples, 2, n_controllers); return it.
+        """Make room for the forces at times (n_t,) that are to be seen, (n_t, n_samples, 2, n_names); return it.
 
         Of several samples, those that were seen before the last ones are forgotten."""
         if self._n_samples > 1 and self._times:
@@ -184,6 +212,7 @@ class Controls:
     def begin(self, time: float, state, scheme) -> None:
         """Begin the iteration of a step that ends at a time, from the numbers beside at its beginning."""
         self.iterates, s = True, scheme
+        self._carried[:] = state.beside[:, : len(self._carried)].T
         step, kappa = s.gamma / (s.beta * s.gain_v), s.gain_v / s.gain_a
         for one in self.each:
             if one.entry.sample_time:
@@ -205,7 +234,8 @@ class Controls:
             acting[0, :, 0] = one.force[:, 0]
             for k in range(one.law.n_motions):
                 acting[k, :, 1:] = -one.force[:, 1 + 2 * k : 3 + 2 * k]
-        self._put(self._acting)
+        self._find_carried(time, state)
+        self._put([*self._carried[:, :, None], *self._acting])
 
     def end(self, time: float, state, scheme, samples: np.ndarray) -> None:
         """Take the numbers beside of some samples, a mask, to the end of the step."""
@@ -219,12 +249,14 @@ class Controls:
             found = ((1 - s.alpha_f) * one.rates + s.alpha_f * change - s.alpha_m * auxiliary) / (1 - s.alpha_m)
             for into, new in ((auxiliary, found), (z, one.z), (change, one.rates), (force, one.force[:, :1])):
                 into[samples] = new[samples]
+        self._find_carried(time, state)
+        state.beside[samples, : len(self._carried)] = self._carried.T[samples]
         self.put_nothing()
         self._keep(time, state, samples)
 
     def put_nothing(self) -> None:
         """Let the mechanics have no forces between iterations, where `forces` has them."""
-        self._put(np.zeros_like(self._acting))
+        self._put([*np.zeros((*self._carried.shape, 1)), *np.zeros_like(self._acting)])
         self.iterates = False
 
     def sample(self, time: float, state, samples: np.ndarray) -> bool:
@@ -244,12 +276,12 @@ class Controls:
         return True
 
     def forces(self, times: np.ndarray, part: int | None = None) -> np.ndarray:
-        """Return the forces at times (n_t,) that are seen, or were reached last, (n_t, n_samples, n_controllers).
+        """Return the forces at times (n_t,) that are seen, or were reached last, (n_t, n_samples, n_names).
 
         Where they jump it is what they are before or after, or else the mean of both, with which the trapezoidal rule
         of works is right.
         """
-        found = np.zeros((times.size, self._n_samples, len(self.each)))
+        found = np.zeros((times.size, self._n_samples, len(self.names)))
         for row, time in zip(found, times.tolist()):
             at = bisect_left(self._times, time)
             known = self._seen[at] if at < len(self._times) and self._times[at] == time else self.now
@@ -263,7 +295,13 @@ class Controls:
         """Take note of the forces of a state in which samples are after steps of a system's own."""
         self.now[:] = self._forces(state)[:, None]
 
+    def _find_carried(self, time: float, state) -> None:
+        if self._carried.size:
+            self._carried[:] = self._find(time, state, self._carried)
+
     def _look(self, time: float, state) -> None:
+        if not self.each:
+            return
         motions, rates = self._measure(time, state)
         for one in self.each:
             one.look(time, motions, rates)
@@ -280,12 +318,15 @@ class Controls:
                     self._seen[at][samples, BEFORE] = forces
 
     def _forces(self, state) -> np.ndarray:
-        return np.stack([one.parts(state.beside)[3][:, 0] for one in self.each], axis=1)
+        carried = state.beside[:, : len(self._carried)].T
+        return np.stack([*carried, *(one.parts(state.beside)[3][:, 0] for one in self.each)], axis=1)
 
 
 def rows_of(scene: Scene) -> list[int]:
-    """Return in how many parts the force of each controller acts: see `acting.JointController`."""
-    return [max(1, len(measured_by(scene, one).motions)) for one in scene.controllers.values()]
+    """Return to how many actions each force is given: that which a joint carries to one, that of a controller to one
+    for every motion that it measures (`acting.JointController`)."""
+    each = (max(1, len(measured_by(scene, one).motions)) for one in scene.controllers.values())
+    return [*(1 for _ in scene.carried), *each]
 
 
 def _is_whole(number: float) -> bool:

@@ -61,6 +61,7 @@ PORTRAITS = {
     "bridge_crane": Portrait("Bridge crane", "sag", 20.0, until=8.0, n_instants=6),
     "servo_arm": Portrait("Servo arm", "tip_deformation", 30.0, until=0.6, n_instants=7),
     "worn_slider_crank": Portrait("Slider-crank with a worn pin", "way", until=0.117, n_instants=6),
+    "crank_press": Portrait("Crank press", "bearing_force", 50.0, until=0.395, n_instants=6),
     "engine": Portrait("Two-stroke engine", "rod_force", 20.0, until=0.0105, n_instants=5),
     "double_four_bar": Portrait("Double four-bar, rigid", "pin_x", until=1.7, n_instants=6),
     "spatial_slider_crank": Portrait("Spatial slider-crank of solids", "slider_position", n_instants=4),

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import MassesOnDemand
-from pgmp_petsc.controllers.acting import ACTING_LAW
+from pgmp_petsc.controllers.acting import given_to
 from pgmp_petsc.controllers.running import Controls
 from pgmp_petsc.effects import Action, Effect, Load, Motion, actions_of, loads_of
 from pgmp_petsc.effects.action import amplitudes_over, compile_actions, counted_from
@@ -72,16 +72,16 @@ class Sources:
 
     @cached_property
     def controlled(self) -> tuple[list[int], list[int]]:
-        """Numbers of the actions here that are parts of forces of controllers, and numbers of these parts among those
-        of all controllers."""
-        found = [k for k, action in enumerate(self.actions) if action.law is ACTING_LAW]
+        """Numbers of the actions here to which forces are given, and numbers of these parts among those of all
+        (`Controls.firsts`)."""
+        found = [] if self.controls is None else given_to(self.actions)
         before = [sum(self.actions[k].effect == self.actions[one].effect for one in found if one < k) for k in found]
-        firsts = dict(zip(self.controls.names, self.controls.firsts))
+        firsts = dict(zip(self.controls.names, self.controls.firsts)) if found else {}
         return found, [firsts[self.actions[k].effect] + n for k, n in zip(found, before)]
 
     @cached_property
     def led_by_states(self) -> tuple[list[int], list[int]]:
-        """Numbers of the actions here that are forces of controllers, of each its first part, and of these."""
+        """Numbers of the actions here that are the first part of a force that is given, and of these forces."""
         numbers = dict(zip(self.controls.firsts, range(len(self.controls.names))))
         pairs = [(k, numbers[row]) for k, row in zip(*self.controlled) if row in numbers]
         return [k for k, _ in pairs], [number for _, number in pairs]

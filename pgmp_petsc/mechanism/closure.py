@@ -23,11 +23,12 @@ What elastic joints allow beside the motion of the coordinates: `ReleasedClosure
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
-from functools import partial
+from functools import cached_property, partial
+from graphlib import TopologicalSorter
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.attachment import Attachment
@@ -51,6 +52,7 @@ LARGEST_GAP = 1e-6  # of the mechanism's size or of 1 rad: what redundant constr
 GUESSED = " (the first guess of how it is assembled; angles in rad)"
 TRIES = 12  # assemblies that are tried from other places before it is said that there is none
 CLOSURE_TOLERANCE = 1e-12  # of the mechanism's size (positions) or of 1 rad
+AT_ONCE = 2**19  # entries of Jacobians that are evaluated together: they stay in the cache
 
 
 class LoopClosure:
@@ -362,6 +364,13 @@ class LoopClosure:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return poses as from `close` and how far each is open (n,), below the tolerance where it converged; undriven
         where no theta is given."""
+        several = max(1, AT_ONCE // (self._rows.n * len(self._units)))
+        parts = [slice(first, first + several) for first in range(0, max(poses.shape[2], 1), several)]
+        found = [self._newton(poses[..., k], None if theta is None else theta[k], tolerance) for k in parts]
+        return np.concatenate([one for one, _ in found], axis=2), np.concatenate([gap for _, gap in found])
+
+    def _newton(self, poses: np.ndarray, theta: np.ndarray | None, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+        """Run `newton` of a few configurations."""
         poses, n_rows = poses.copy(), self.n_constraints if theta is None else self._rows.n
         closed, known, one = *np.zeros((2, poses.shape[2]), dtype=bool), np.eye(n_rows)
         # where nothing but J^-1 makes a step it serves the next one too, which by then is too small to need its own
@@ -393,13 +402,42 @@ class LoopClosure:
             poses[..., open_ones] = moving - step * np.minimum(1.0, 0.5 / np.maximum(turn, 1e-300))
         return poses, gap
 
+    def _solved(self, jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Return `solved` of the motions of rigid bodies, block by block where some follow from others, as along a
+        chain."""
+        blocks = self._blocks
+        if jacobian.shape[1] != jacobian.shape[2] or len(blocks) == 1:
+            return solved(jacobian, right)
+        found = np.zeros((len(right), jacobian.shape[2], right.shape[2]))
+        sound = np.ones(len(right), dtype=bool)
+        for rows, columns, before in blocks:
+            part = jacobian[:, rows]
+            inverse, far = _inverse(part[..., columns])
+            found[:, columns] = inverse @ (right[:, rows] - part[..., before] @ found[:, before])
+            sound &= far
+        if not sound.all():
+            found[~sound] = solved(jacobian[~sound], right[~sound])
+        return found
+
+    @cached_property
+    def _blocks(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Rows of statements and columns of motions that follow together, and the columns before that enter these rows:
+        the block triangular form of J (Duff and Reid 1978). One block where there are more rows than columns."""
+        rows, dofs = self._rows, self._rows.dofs
+        tied = np.zeros(rows.n, dtype=bool)
+        tied[self._tied] = True
+        bodies = np.zeros((rows.n, len(self.mechanism.bodies)), dtype=bool)
+        felt = dofs >= 0
+        bodies[np.broadcast_to(rows.row_of[:, None], dofs.shape)[felt], dofs[felt] // self.n_pose] = True
+        return triangular_blocks(np.repeat(bodies[~tied], self.mechanism.space.n_dofs, axis=1))
+
     def _least(self, poses: np.ndarray, jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Return the x (n, n_pose n_bodies, k) that keeps bodies rigid and comes nearest to ``J x = right``, for J at
         poses (n_bodies, n_pose, n) and right-hand sides (n, n_rows, k)."""
         space, n_rows, tied = self.mechanism.space, jacobian.shape[1], self._tied
         if not space.n_tied:
             weights = 1.0 / self._scale[:n_rows, None]
-            return _solved(weights * jacobian, weights * right)
+            return self._solved(weights * jacobian, weights * right)
         others = np.r_[: tied.start, tied.stop : n_rows]
         weights = 1.0 / self._scale[others, None]
         n, n_bodies = len(jacobian), len(poses)
@@ -411,7 +449,7 @@ class LoopClosure:
         tangent = space.tangent(poses)
         rest = jacobian[:, others].reshape(n, others.size, n_bodies, self.n_pose).swapaxes(1, 2)
         moved = (rest @ tangent).swapaxes(1, 2).reshape(n, others.size, -1)
-        y = _solved(weights * moved, weights * (right[:, others] - jacobian[:, others] @ x))
+        y = self._solved(weights * moved, weights * (right[:, others] - jacobian[:, others] @ x))
         return x + (tangent @ y.reshape(n, n_bodies, space.n_dofs, -1)).reshape(x.shape)
 
 
@@ -435,26 +473,64 @@ def size_of(mechanism: Mechanism) -> float:
     return max(body.extent for body in mechanism.bodies)
 
 
-def _solved(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
+def solved(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return the least x, (n, n_columns, k), that comes nearest to ``J x = right`` for J (n, n_rows, n_columns).
 
     Where J is square and its inverse shows that it is far from singular, the inverse is the answer. Where J has full
     column rank that is R^-1 Q^T, of which Q^T times the right-hand side stands beside R; the singular values, at ten
-    times the cost, are for the rest.
+    times the cost, are for the rest. Each J goes its own way, so that the others have no part in its last digits.
     """
-    n = jacobian.shape[2]
+    n, found = jacobian.shape[2], np.empty((len(jacobian), jacobian.shape[2], right.shape[2]))
+    rest = np.ones(len(jacobian), dtype=bool)
     if jacobian.shape[1] == n:
-        with suppress(np.linalg.LinAlgError):  # a pivot is zero
-            inverse = np.linalg.inv(jacobian)
-            sizes = np.linalg.norm(jacobian, axis=(1, 2)) * np.linalg.norm(inverse, axis=(1, 2))
-            if np.all(sizes < FAR_FROM_SINGULAR):
-                return inverse @ right
-    if jacobian.shape[1] >= n:
-        both = np.linalg.qr(np.concatenate([jacobian, right], axis=2), mode="r")
+        inverse, far = _inverse(jacobian)
+        found[far], rest = (inverse[far] @ right[far]), ~far
+    if jacobian.shape[1] >= n and rest.any():
+        both = np.linalg.qr(np.concatenate([jacobian[rest], right[rest]], axis=2), mode="r")
         pivots = np.abs(np.diagonal(both[..., :n], axis1=1, axis2=2))
-        if np.all(pivots.min(axis=1) > RANK_TOLERANCE * pivots.max(axis=1)):
-            return np.linalg.solve(both[:, :n, :n], both[:, :n, n:])
-    return np.linalg.pinv(jacobian, rcond=RANK_TOLERANCE) @ right
+        full = pivots.min(axis=1) > RANK_TOLERANCE * pivots.max(axis=1)
+        chosen = np.flatnonzero(rest)[full]
+        found[chosen] = np.linalg.solve(both[full, :n, :n], both[full, :n, n:])
+        rest[chosen] = False
+    if rest.any():
+        found[rest] = np.linalg.pinv(jacobian[rest], rcond=RANK_TOLERANCE) @ right[rest]
+    return found
+
+
+def _inverse(matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the inverses of matrices (n, m, m), and which matrices are far from singular, (n,)."""
+    try:
+        inverses = np.linalg.inv(matrices)
+    except np.linalg.LinAlgError:  # a pivot of one is zero
+        sizes = np.linalg.slogdet(matrices)[1]
+        regular = np.isfinite(sizes)
+        inverses = np.full(matrices.shape, np.inf)
+        inverses[regular] = np.linalg.inv(matrices[regular])
+    sizes = np.linalg.norm(matrices, axis=(1, 2)) * np.linalg.norm(inverses, axis=(1, 2))
+    return inverses, sizes < FAR_FROM_SINGULAR
+
+
+def triangular_blocks(pattern: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return the block triangular form of matrices with a pattern (n_rows, n_columns), bool.
+
+    Each block has its rows, its columns, and columns of blocks before that its rows have entries in. A pattern that is
+    not square, or of matrices that are singular, is one block.
+    """
+    whole, none = (np.arange(n) for n in pattern.shape), np.arange(0)
+    one = [(*whole, none)]
+    if pattern.shape[0] != pattern.shape[1]:
+        return one
+    rows = maximum_bipartite_matching(sp.csr_matrix(pattern), perm_type="row")
+    if np.any(rows < 0):
+        return one
+    n, label = connected_components(sp.csr_matrix(pattern[rows]), connection="strong")
+    needed = {k: set(label[pattern[rows[label == k]].any(axis=0)]) - {k} for k in range(n)}
+    blocks = []
+    for k in TopologicalSorter(needed).static_order():
+        columns = np.flatnonzero(label == k)
+        entered = np.flatnonzero(pattern[rows[columns]].any(axis=0) & (label != k))
+        blocks.append((rows[columns], columns, entered))
+    return blocks
 
 
 def _unknowns(poses: np.ndarray) -> np.ndarray:
@@ -506,7 +582,7 @@ class ReleasedClosure:
         n_released = self._chosen.size - self._n_held
         unit = np.zeros((n, self._chosen.size, n_released))
         unit[:, self._n_held :] = np.eye(n_released)
-        return np.moveaxis(_solved(jacobian[:, self._chosen], unit), 0, -1).reshape(n_bodies, n_pose, n_released, n)
+        return np.moveaxis(solved(jacobian[:, self._chosen], unit), 0, -1).reshape(n_bodies, n_pose, n_released, n)
 
     def unheld(self, poses: np.ndarray, stiff: np.ndarray) -> int | None:
         """Return the released direction that moves most in a motion that is measured by none of the stiff ones, a mask

@@ -15,8 +15,8 @@ import numpy as np
 
 from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.controllers.acting import ACTING_LAW, NOTED
-from pgmp_petsc.controllers.running import Controls
+from pgmp_petsc.controllers.acting import NOTED, given_to
+from pgmp_petsc.controllers.running import MOST_STARTS, Controls
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
 from pgmp_petsc.full.part_reference import Reference
@@ -262,8 +262,8 @@ class ReducedSystem(SecondOrderSystem):
         self._strengths = ReducedStrengths(
             self._load_effects, self._actions.actions, motions, self.tables.n_coordinates
         )
-        self.controlled = [k for k, action in enumerate(self._actions.actions) if action.law is ACTING_LAW]
-        self._led = []  # of these, the first of each controller
+        self.controlled = given_to(self._actions.actions)
+        self._led = []  # of these, the first of each force
         self._control = Control.of(None, [], np.zeros(0), self._actions, n_samples)
         self.n_events = self._memory.depths.shape[1]
         searched = (self._load_effects, self._actions.actions, motions) if self.n_events else ((), (), {})
@@ -278,13 +278,14 @@ class ReducedSystem(SecondOrderSystem):
             self._control = Control.of(controls, self.controlled, origins, self._actions, self.n_samples)
         self._no_amplitudes = self._lanes.packed_over(np.zeros((1, 1, len(self._actions.actions))))
 
-    def put_forces(self, forces: np.ndarray) -> None:
-        """Take forces of controllers, with their stiffness and damping, (n_controllers, n_samples, 3)."""
-        self._equations.local.actions.parameters[self.controlled, :, :3] = forces
+    def put_forces(self, forces: Sequence[np.ndarray]) -> None:
+        """Take what is given to each action; see `Controls`."""
+        for column, given in zip(self.controlled, forces):
+            self._equations.local.actions.parameters[column, :, : given.shape[1]] = given
 
     def measured(self, state: State) -> np.ndarray:
-        """Return the motions that forces of controllers are of, or are led by, and their rates, (n_controllers,
-        n_samples, 2)."""
+        """Return the motions that forces of controllers are of, or are led by, and their rates, a row for each part of
+        what is given, (n_rows, n_samples, 2)."""
         kept, n_actions = self._memory.known.copy(), len(self._actions.actions)
         everyone, found = np.ones(self.n_samples, dtype=bool), np.empty((1, self.n_samples, 3, n_actions))
         trail = np.array([[state.q, state.v]])
@@ -327,7 +328,12 @@ class ReducedSystem(SecondOrderSystem):
         state = State(q, v, np.zeros_like(q), np.zeros(0))
         if self.beside is not None:
             self.beside.start(state)
-        self.accelerate(0.0, state, np.ones(self.n_samples, dtype=bool))
+        everyone = np.ones(self.n_samples, dtype=bool)
+        self.accelerate(0.0, state, everyone)
+        for _ in range(MOST_STARTS if self.beside is not None else 0):
+            if not self.beside.settle(state):
+                break
+            self.accelerate(0.0, state, everyone)
         return state if self.settled is None else self.settled.at_rest(state, len(self._motions))
 
     def accelerate(self, time: float, state: State, samples: np.ndarray) -> None:

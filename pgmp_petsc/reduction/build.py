@@ -45,7 +45,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.built_in import BuiltIn, Closing
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
-from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.outputs.outputs import OutputSet, carried_in, said_start
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.angles import AngleRounds
@@ -228,7 +228,8 @@ def _built(
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         matrices, effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
         loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
-        opened_rows = rows_of(OutputSet.of(scene, kinematics).forces, mechanism.n_held)
+        carried = carried_in(scene, kinematics, said_start(scene, kinematics))
+        opened_rows = rows_of((*OutputSet.of(scene, kinematics).forces, *carried), mechanism.n_held)
     store = SampleStore(group, way.samples or _samples(scene, kinematics))
     with ExitStack() as opened:
         with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
@@ -256,6 +257,8 @@ def _built(
         gaps = None
         if opened_rows.size:
             with timings.phase("forces in joints"):
+                if manifold is None and all(body.third_derivative_known for body in mechanism.bodies):
+                    manifold = Manifold(problem, loads, static_loads, static_stretching=True, built_in=built_in)
                 gaps = sampling.gaps(store, basis, loads, opened_rows, manifold)
     n_redundant = problem.n_redundant
     timings = timings.maximum(group.world)
@@ -269,10 +272,10 @@ def _built(
             kinematics, mass, tables.samples, basis.projection, scene.reduction.interpolation, tables.n_given
         )
         tables = replace(tables, changes=changes)
-        if gaps is not None and gaps.cubic is not None:
-            wider = np.concatenate([basis.projection, gaps.shapes], axis=2)
-            both = mode_changes(kinematics, mass, tables.samples, wider, scene.reduction.interpolation)
-            gaps = gaps.changing(both, tables.samples, scene.reduction.interpolation)
+    if gaps is not None and gaps.cubic is not None:
+        wider = np.concatenate([basis.projection, gaps.shapes], axis=2)
+        both = mode_changes(kinematics, mass, tables.samples, wider, scene.reduction.interpolation)
+        gaps = gaps.changing(both, tables.samples, scene.reduction.interpolation)
     n_parameter = tables.n_modes - tables.n_given - joined.n_kept
     indefinite = indefinite_between(tables.moving(), scene.reduction.interpolation, *spanning_values(scene))
     remarks = (

@@ -17,12 +17,13 @@ vectors, loads, local effects and damping, at any parameters. Tables keep the pr
 The multiplier of a prescribed coordinate is minus its own residual, as its rigid velocity ``d rho / d theta_k`` opens
 its statement alone.
 
-In a model of second order ``Y_i`` has, as a flexible coordinate, the curvature and the cubic energy in pairs with the
+``Y_i`` has, as a flexible coordinate of a model of second order, the curvature and the cubic energy in pairs with the
 basis (`modes.curvature`; the gap is the same wherever the mechanism is), so that the virtual displacement is the one
-about the deformed mechanism, and inertia of the vectors as they turn and change. Otherwise, and where joints are off,
-forces are of first order in the deformation, those of drives of the order of the model. Where constraints follow from
-others, ``C Y_i`` is the part of ``e_i`` that can be
-opened, and the multipliers are the smallest that do the same.
+about the deformed mechanism, and inertia of the vectors as they turn and change. So has that of a model of first order,
+whose motion alone is of that: its bodies are taken to shorten at once as they bend. Only where joints are off, or
+bodies are matrices without a third derivative, forces are of first order in the deformation; those of drives are of the
+order of the model. Where constraints follow from others, ``C Y_i`` is the part of ``e_i`` that can be opened, and the
+multipliers are the smallest that do the same.
 """
 
 from __future__ import annotations
@@ -116,6 +117,12 @@ class JointGaps:
         for matrix, n in ((mass, r + m), (stiffness, m)):
             matrix[..., :n, n:] = np.swapaxes(matrix[..., n:, :n], -1, -2)
         second, changes = tables.second_order, tables.changes
+        if second is None and self.cubic is not None:  # of the gaps alone
+            (n, n_mass, *_), rigid_pairs = mass.shape, r * (r + 1) // 2
+            loads, curvature = self.load.shape[1], np.zeros((n, projection.shape[1], m * (m + 1) // 2))
+            shapes = (stiffness.shape[1], m), (loads,), (n_mass, rigid_pairs), (n_mass, r), (n_mass, rigid_pairs)
+            empty = [np.zeros((n, *shape, m, m)) for shape in shapes]
+            second, changes = SecondOrderTables(*empty[:3]), ModeChanges(*empty[3:])
         if second is not None:
             cubic = np.pad(second.cubic, ((0, 0),) * 2 + ((0, g),) * 3)
             if self.cubic is not None:

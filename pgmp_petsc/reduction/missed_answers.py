@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from pgmp_petsc.reduction.sampler import Sample
     from pgmp_petsc.reduction.static_loads import StaticLoads
 
+DEPENDENT = 1e-11  # of loads of unit size: what round-off leaves of a combination of them that is no load
+
 
 @dataclass(frozen=True, eq=False)
 class MissedAnswers(Record):
@@ -188,7 +190,11 @@ def answered_terms(
     coupling = np.linalg.solve(problem.inner(kept, m_kept), problem.inner(kept, loads))
     # S = K^-1 B R with an unknown R, so that S^T K S = S^T B R
     stiffness = problem.inner(static, problem.times_stiffness(static))
-    among = np.linalg.solve(problem.inner(static, loads - m_kept @ coupling), stiffness)
+    # a load may vanish, or depend on the others, where its answer is the limit of those beside: of what is dependent
+    # the smallest shares
+    sizes = np.sqrt(np.maximum(np.diag(problem.inner(loads, loads)), np.finfo(float).tiny))
+    powers = problem.inner(static, loads - m_kept @ coupling) / sizes
+    among = np.linalg.lstsq(powers, stiffness, rcond=DEPENDENT)[0] / sizes[:, None]
     found = {}
     for weight, part in given.items():
         term = problem.matrices.mass.get(weight)

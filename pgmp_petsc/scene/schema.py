@@ -169,6 +169,16 @@ class Scene(Table):
         return frozenset(use.parameter for use in uses_of(self) if use.sign in signs and use.parameter is not None)
 
     @property
+    def carried(self) -> dict[str, Effect]:
+        """The effects whose force hangs on the one that their joint carries, in the order of `plain_effects`."""
+        return {name: effect for name, effect in self.plain_effects.items() if effect.by_load}
+
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """The entries whose forces are found between the corrections of a step."""
+        return (*(f"controllers.{name}" for name in self.controllers), *(f"effects.{name}" for name in self.carried))
+
+    @property
     def plain_effects(self) -> dict[str, Effect]:
         """The effects with loads whose functions of time hold numbers alone; see `load_parts`."""
         return {part: plain for name, effect in self.effects.items() for part, plain in parts_of(name, effect).items()}

@@ -203,6 +203,12 @@ class Beside(Protocol):
 
     jumps: bool  # whether forces jump between two steps
 
+    def start(self, state: State) -> None:
+        """Begin a run, before the first accelerations are known."""
+
+    def settle(self, state: State) -> bool:
+        """Take note of the first accelerations; return whether forces change with them, and they with these."""
+
     def begin(self, time: float, state: State, scheme: Scheme) -> None:
         """Begin the iteration of a step that ends at a time; `state` is beside what it is at its beginning."""
 

@@ -6,17 +6,16 @@ wheel are integrated by scipy: moving mass, Coriolis and centripetal terms inclu
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import pytest
 from conftest import ROOT
 from machine_scenes import MODELS, run
-from refusals import cases, check_said
-from runs import motion, reduced_model
+from refusals import cases, check_said, refusal
+from runs import assert_close, motion, reduced_model
 from scipy.integrate import solve_ivp
 
-from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from scenes import tables
 
@@ -68,20 +67,20 @@ class Supported:
 
     n: int = 14
 
-    @property
+    @cached_property
     def wave(self) -> np.ndarray:
         return np.arange(1, self.n + 1) * np.pi / LENGTH
 
-    @property
+    @cached_property
     def mass(self) -> np.ndarray:
         return RHO * WIDTH * HEIGHT * LENGTH / 2 * (1 + self.wave**2 * HEIGHT**2 / 12)
 
-    @property
+    @cached_property
     def stiffness(self) -> np.ndarray:
         bending, shear = E * WIDTH * HEIGHT**3 / 12, 5 / 6 * E / 2.6 * WIDTH * HEIGHT
         return bending * self.wave**4 * LENGTH / 2 / (1 + bending * self.wave**2 / shear)
 
-    @property
+    @cached_property
     def weight(self) -> np.ndarray:
         return -RHO * WIDTH * HEIGHT * GRAVITY * (1 - np.cos(self.wave * LENGTH)) / self.wave
 
@@ -106,9 +105,16 @@ class Supported:
 
     def motion(self, times: np.ndarray) -> dict[str, np.ndarray]:
         start = np.concatenate([np.zeros(2 * self.n), [0.1, 5.0]])
-        found = solve_ivp(self.rates, (0.0, times[-1]), start, t_eval=times, rtol=1e-9, atol=1e-12).y
+        # to 2e-9 of the sag: these equations are stiff, and this is the method of fewest evaluations
+        found = solve_ivp(self.rates, (0.0, times[-1]), start, method="DOP853", t_eval=times, rtol=1e-8, atol=1e-10).y
         wheel = np.array([np.sin(self.wave * x) @ q for x, q in zip(found[-2], found[: self.n].T)])
         return {"middle": np.sin(self.wave * LENGTH / 2) @ found[: self.n], "wheel": wheel, "way": found[-2]}
+
+
+@lru_cache(maxsize=None)
+def exact_motion(end: float, n: int) -> dict[str, np.ndarray]:
+    """Return the motion at n instants up to an end, which all runs here share."""
+    return Supported().motion(np.linspace(0.0, end, n))
 
 
 @lru_cache(maxsize=None)
@@ -118,7 +124,7 @@ def errors(model: str, elements: int, space: bool = False) -> dict[str, float]:
     enough = ("reduction.modes=6", "reduction.angles=80") if space else ()
     scene = moving(*STARTED, f"bodies.beam.line.elements={elements}", *enough, space=space)
     times, found = run(scene, model)
-    exact = Supported().motion(times)
+    exact = exact_motion(times[-1], len(times))
     sag = np.abs(exact["middle"]).max()
     return {name: np.abs(found[name] - exact[name]).max() / sag for name in exact}
 
@@ -156,7 +162,8 @@ def test_the_moving_mass_follows_its_modal_equations() -> None:
 @pytest.mark.parametrize(("model", "space"), [(m, space) for space in (False, True) for m in MODELS])
 def test_all_models_agree_on_the_moving_mass(model: str, space: bool) -> None:
     """With the same elements, what the models differ by is hundredths of the mesh's own error."""
-    full, found = errors("full", 16), errors(model, 16, space)
+    elements = 8 if space else 16
+    full, found = errors("full", elements), errors(model, elements, space)
     for name in full:
         assert found[name] == pytest.approx(full[name], abs=1e-3), name
 
@@ -176,9 +183,7 @@ def test_the_bridge_crane_reduced_and_full_order() -> None:
     """Trolley, girder and load over the first 3 s; of the stress the nodes' own forces are the rest."""
     scene = load_scene(ROOT / "scenes" / "bridge_crane.toml", ("simulation.duration=3.0",))
     full, reduced = motion("full", scene), motion(reduced_model(scene))
-    for name, share in (("sag", 1e-3), ("trolley", 1e-3), ("swing", 1e-3), ("stress", 1e-2)):
-        expected = full.outputs[name]
-        np.testing.assert_allclose(reduced.outputs[name], expected, rtol=0, atol=share * np.abs(expected).max())
+    assert_close(full.outputs, reduced.outputs, sag=1e-3, trolley=1e-3, swing=1e-3, stress=1e-2)
 
 
 SHORT = "simulation.duration=0.1", "reduction.angles=80"
@@ -197,12 +202,11 @@ def test_reduced_runs_in_space_are_those_of_the_plane() -> None:
 def test_an_oblique_weight_bends_the_beam_both_ways() -> None:
     """Reduced against full order, whose difference is of the modes that are left out."""
     aside = 'outputs.aside={type="position",point="trolley:rear",axis="z"}'
-    oblique = *STARTED, *SHORT, "effects.weight.direction=[0.1,-0.8,0.6]", "reduction.modes=7", aside
+    weight = "effects.weight.direction=[0.1,-0.8,0.6]"
+    oblique = *STARTED, *SHORT, weight, "reduction.modes=7", "bodies.beam.line.elements=8", aside
     full, reduced = (motion(model, moving(*oblique, space=True)).outputs for model in ("full", "reduced"))
-    for name in ("middle", "wheel", "aside"):
-        largest = np.abs(full[name]).max()
-        assert largest > 1e-4
-        np.testing.assert_allclose(reduced[name], full[name], rtol=0, atol=3e-3 * largest, err_msg=name)
+    assert min(np.abs(full[name]).max() for name in ("middle", "wheel", "aside")) > 1e-4
+    assert_close(full, reduced, middle=3e-3, wheel=3e-3, aside=3e-3)
 
 
 REFUSED = """
@@ -218,6 +222,4 @@ coordinates.x.range=[-0.1, 1.5] -> = [-0.1, 1.5]: must be within the run of node
 
 @pytest.mark.parametrize(("asked", "said"), cases(REFUSED))
 def test_what_cannot_be_ridden_is_refused(asked: str, said: str) -> None:
-    with pytest.raises(InputError) as error:
-        MODELS["full"](moving(*STARTED, asked))
-    check_said(str(error.value), said, asked)
+    check_said(refusal(lambda: MODELS["full"](moving(*STARTED, asked))), said, asked)
