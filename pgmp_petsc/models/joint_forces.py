@@ -79,7 +79,7 @@ class ReducedMultipliers:
         self._n_held, self._rows, self._effects, self._motions = n_held, known, effects, motions
         self._drives = any((force.rows >= n_held).any() for force in forces)
         self._gaps, (self._terms, self._own_actions), self._actions = None, own, None
-        self._carried, scheme = carried, scene.reduction.interpolation
+        self._carried, scheme = carried, scene.interpolation
         self._nodes = sorted({node for one in carried for node in one.nodes})
         self._frames = Reconstruction(kinematics, rom, scheme, self._nodes) if self._nodes else None
         self._kept: tuple[int, _Systems, Mapping[str, np.ndarray]] | None = None
