@@ -4,12 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
-from runs import full_model, history, read_meshes, reduced_model, samples
+from runs import MODELS, history, samples
 from scipy.integrate import solve_ivp
 
-from pgmp_petsc.bench.reference import component_model
-from pgmp_petsc.models import Model
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER, tables
 
@@ -49,12 +46,6 @@ IN_PLANE = (
     .replace("[0.0, 1.0, 0.0]", "[0.0, 1.0]")
 )
 RAIL_MASS = 7800.0 * 0.5 * 0.02**2
-
-MODELS: dict[str, Callable[[Scene], Model]] = {
-    "full": full_model,
-    "components": lambda scene: component_model(scene, read_meshes(scene), MPI.COMM_SELF),
-    "reduced": reduced_model,
-}
 
 
 def cart(*overrides: str) -> Scene:

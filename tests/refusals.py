@@ -4,6 +4,12 @@ An answer that begins with ``=`` or ``:`` speaks of the entry that is asked for;
 ``||`` for the end of a line. ``&`` is between the parts of what is asked. A line goes on, indented, in the next.
 """
 
+from collections.abc import Callable
+
+import pytest
+
+from pgmp_petsc.base.errors import InputError
+
 
 def cases(text: str) -> list[tuple[str, str]]:
     """Return what is asked and what is said to it; empty lines and those that begin with # are for readers."""
@@ -19,3 +25,11 @@ def check_said(message: str, said: str, asked: str) -> None:
     assert message.count("\n") == len(lines) - 1, message
     for line, (start, *words) in zip(message.splitlines(), (one.split(" | ") for one in lines)):
         assert line.startswith(start) and all(word in line for word in words), f"{line!r} is not {said!r}"
+
+
+def refusal(call: Callable, *arguments: object, error: type[Exception] = InputError, **options: object) -> str:
+    """Return the message with which a call is refused."""
+    with pytest.raises(error) as caught:
+        call(*arguments, **options)
+    assert error is not InputError or caught.value.exit_status == 2
+    return str(caught.value)

@@ -74,7 +74,7 @@ class ReducedMultipliers:
         self._asked, self._carried = any(force.rows.size for force in (*forces, *carried)), carried
         self._n_held, self._n_own = kinematics.mechanism.n_held, rom.tables.n_modes + rom.tables.n_coordinates
         self._rows, self._effects, self._motions = known, effects, motions
-        scheme, wider = scene.reduction.interpolation, rom.with_gaps
+        scheme, wider = scene.interpolation, rom.with_gaps
         self._nodes = sorted({node for one in carried for node in one.nodes})
         self._frames = Reconstruction(kinematics, rom, scheme, self._nodes)
         self._weights, self._inertia = rom.tables.mass_weights, None

@@ -76,7 +76,7 @@ class ReducedModel:
         self.meshes = rom.meshes
         self.kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, rom.meshes), rom.branch)
         mechanism = self.kinematics.mechanism
-        scheme = scene.reduction.interpolation
+        scheme = scene.interpolation
         self.effects, self.motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
         self.start = start_of(scene, mechanism)
         self._check_start(rom.tables.samples)
@@ -188,7 +188,7 @@ class ReducedModel:
 
         frames = self.scene.simulation.frames if n_frames is None else n_frames
         seen = FieldSet.of(self.scene, self.kinematics.mechanism.bodies, frames)
-        return ReducedFields(seen, self.kinematics, self.rom, self.scene.reduction.interpolation)
+        return ReducedFields(seen, self.kinematics, self.rom, self.scene.interpolation)
 
     def frames_of(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, 3, n), for reduced coordinates (n, n_eta)."""
@@ -253,9 +253,7 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
         theta = np.tile(model.start[0], (n_samples, 1))
         system.settle(settle(statics, theta, search_of(model.scene, model.kinematics.mechanism)))
     if model.measures is not None:
-        reconstruction = Reconstruction(
-            model.kinematics, model.rom, model.scene.reduction.interpolation, model.measures.nodes
-        )
+        reconstruction = Reconstruction(model.kinematics, model.rom, model.scene.interpolation, model.measures.nodes)
 
         def frames(state: State) -> list[np.ndarray]:
             # an iterate that is no number is lost with its correction, and closes no mechanism

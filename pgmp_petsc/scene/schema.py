@@ -151,6 +151,14 @@ class Scene(Table):
         return self.static_stiffening or self.reduction.second_order and self.reduction.stretching == "static"
 
     @property
+    def interpolation(self) -> str:
+        """The interpolation of reduced tables between samples. Where joints are elastic, splines take the place of
+        Overhauser's tangents: rigid motion and what these joints carry along share inertia, whose slopes are forces."""
+        scheme = self.reduction.interpolation
+        elastic = any(joint.elastic is not None for joint in self.joints.values())
+        return "spline" if elastic and scheme == "overhauser" else scheme
+
+    @property
     def gyroscopic(self) -> bool:
         """Whether the reduced model has the inertia forces that are quadratic in velocities."""
         return all(effect.keeps_velocity_forces for effect in self.effects.values())

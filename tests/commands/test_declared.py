@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 from conftest import ROOT
 from mpi4py import MPI
+from refusals import refusal
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.api.arguments import Range
@@ -131,9 +132,7 @@ def test_messages_name_what_the_caller_wrote(tmp_path: Path) -> None:
         """Open a file."""
         raise pgmp.InputError(f"--output {path}: see pgmp info --output x; -o is it")
 
-    with pytest.raises(pgmp.InputError) as error:
-        opened("x")
-    assert str(error.value) == "output x: see pgmp info --output x; output is it"
+    assert refusal(opened, "x") == "output x: see pgmp info --output x; output is it"
 
 
 def test_a_command_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

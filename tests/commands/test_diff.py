@@ -9,6 +9,7 @@ import pytest
 import synthetic
 from click.testing import CliRunner
 from mpi4py import MPI
+from refusals import refusal
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.cli.main import COMMANDS
@@ -102,9 +103,7 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
         ("run.h5", "twenty.h5"): "twenty.h5'): two kinds",
         ("twenty.h5", "ten.h5"): "ensembles of 20 and 10 samples: they are not of the same values",
     }.items():
-        with pytest.raises(pgmp.InputError) as error:
-            pgmp.diff(*(tmp_path / name for name in pair))
-        assert message in str(error.value)
+        assert message in refusal(pgmp.diff, *(tmp_path / name for name in pair))
     with pytest.raises(pgmp.InputError, match="have no output in common"):
         pgmp.diff(run, pgmp.Result("trajectory", other, MPI.COMM_SELF, Path()))
     with pytest.raises(pgmp.InputError, match="tolerance = -1: allowed are numbers from 0"):

@@ -11,12 +11,11 @@ import scipy.sparse as sp
 from assembled import write_abaqus, write_body, write_npz
 from conftest import ROOT
 from refusals import cases
-from runs import PAPER_SCENE, overridden, refused
+from runs import PAPER_SCENE, one_message, overridden, pgmp, refused
 from scipy.linalg import eigh
 from solid_scenes import SOLID, THICKNESS, solid_meshes
 from solids import body_of, matrices_of
 
-from pgmp_petsc.cli.main import main
 from pgmp_petsc.results import Trajectory
 
 SLIDER_CRANK = PAPER_SCENE.with_name("slider_crank.toml")
@@ -129,44 +128,31 @@ def scene(folder: Path, *overrides: str, **given: str) -> list[str]:
     return [str(SLIDER_CRANK), *overridden(*kept, *CRANK, *TINY, rod, *overrides)]
 
 
-def test_a_scene_with_matrices_goes_through_the_commands(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_scene_with_matrices_goes_through_the_commands(folder: Path) -> None:
     words = scene(folder, stated="{mass=0.5379, within=1e-3}")
-    main_ends(["check", *words], 0)
-    out = capfd.readouterr().out
+    out = pgmp("check", *words).stdout
     for said in ("rod: 38 nodes, assembled matrices", "rod: 0.537", "3 rigid-body motions without stiffness",
                  "waves along x at 5439 m/s", "means over areas of faces"):  # fmt: skip
         assert said in out, out
-    main_ends(["check", *words, "--json"], 0)
-    rod = json.loads(capfd.readouterr().out)["bodies"]["rod"]
+    rod = json.loads(pgmp("check", *words, "--json").stdout)["bodies"]["rod"]
     assert rod["nodes"] == 38 and rod["mass"] == pytest.approx(0.53792, rel=1e-4)
     rom, run = folder / "rom.h5", folder / "run.h5"
-    main_ends(["build", *words, "-o", str(rom)], 0)
-    main_ends(["simulate", str(rom), "-o", str(run)], 0)
-    main_ends(["simulate", *words, "--components", "-o", str(folder / "components.h5")], 0)
-    out = capfd.readouterr().out
+    shown = ("simulate", rom, "-o", run), ("simulate", *words, "--components", "-o", folder / "components.h5")
+    out = "".join(pgmp(*command).stdout for command in (("build", *words, "-o", rom), *shown))
     assert "matrices do not tell" in out and "--full" not in out
     reduced, components = Trajectory.read(run), Trajectory.read(folder / "components.h5")
     known = components.outputs["slider_position"]
     np.testing.assert_allclose(reduced.outputs["slider_position"], known, atol=1e-6 * np.abs(known).max())
 
 
-def test_the_example_of_the_documentation(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_the_example_of_the_documentation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = (ROOT / "docs" / "matrices.md").read_text().replace("/tmp/", f"{tmp_path}/")
     monkeypatch.chdir(ROOT)
     exec(re.search(r"```python\n(.*?)```", page, re.DOTALL)[1], {})
     rod = re.search(r"    R='(.*)'\n", page)[1]
-    main_ends(["check", "scenes/slider_crank_solid3d.toml", "--override", rod], 0)
-    out = capfd.readouterr().out
+    out = pgmp("check", "scenes/slider_crank_solid3d.toml", "--override", rod).stdout
     for said in ("0.537502 kg", "(0.65, 0, 0) m", "6 rigid-body motions without stiffness", "6020 m/s", "count alike"):
         assert said in out and said.split()[0] in page, said
-
-
-def main_ends(arguments: list[str], status: int) -> None:
-    with pytest.raises(SystemExit) as end:
-        main(arguments)
-    assert end.value.code == status
 
 
 #: Commands, and what they are asked with: entries of the matrices, or overrides, which have a dot; * on two ranks too.
@@ -230,11 +216,9 @@ def arguments_of(asked: str, folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize(("asked", "said"), REFUSED)
-def test_one_clear_message(asked: str, said: str, folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_one_clear_message(asked: str, said: str, folder: Path) -> None:
     before = sorted(folder.iterdir())
-    main_ends(arguments_of(asked, folder), 2)
-    out, err = capfd.readouterr()
-    assert err.startswith("pgmp: error: ") and err.count("\n") == 1 and "Traceback" not in out + err, err
+    err = one_message(*arguments_of(asked, folder))
     assert all(words in err for words in said.split(" | ")), err
     assert sorted(folder.iterdir()) == before, "nothing is left behind"
 
@@ -243,7 +227,7 @@ def test_one_clear_message_on_two_ranks(folder: Path) -> None:
     assert refused(2, [arguments_of(asked, folder) for asked, _ in REFUSED if asked.startswith("* ")])
 
 
-def test_units_that_make_strange_bodies_are_doubted(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    main_ends(["check", *scene(folder, stiffness=f'"{folder}/soft.npz"'), "--strict"], 2)
-    out, err = capfd.readouterr()
-    assert "bodies.rod.matrices.units" in out + err and "mass in t" in out + err
+def test_units_that_make_strange_bodies_are_doubted(folder: Path) -> None:
+    done = pgmp("check", *scene(folder, stiffness=f'"{folder}/soft.npz"'), "--strict", status=2)
+    told = done.stdout + done.stderr
+    assert "bodies.rod.matrices.units" in told and "mass in t" in told

@@ -11,10 +11,9 @@ import pytest
 import synthetic
 import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT
-from runs import PGMP, SMALL, besides_progress, overridden, paper_scene, pgmp, rom_of
+from runs import PGMP, SMALL, besides_progress, one_message, overridden, paper_scene, pgmp, rom_of
 from sealed import resealed
 
-from pgmp_petsc.cli.main import main
 from pgmp_petsc.files import claims
 from pgmp_petsc.files.claims import locked
 from pgmp_petsc.results import Ensemble
@@ -85,12 +84,6 @@ def small_rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def ends_with(status: int, *arguments: object) -> None:
-    with pytest.raises(SystemExit) as end:
-        main([str(argument) for argument in arguments])
-    assert end.value.code == status
-
-
 def contents(folder: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
@@ -121,43 +114,37 @@ def contents(folder: Path) -> dict[Path, bytes]:
 )
 def test_nothing_else_is_overwritten(
     folder: Path, arguments: tuple[str, ...], output: str, message: str, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     monkeypatch.chdir(folder)
     before = contents(folder)
-    ends_with(2, *arguments, "-o", output)
-    assert message in capsys.readouterr().err
+    assert message in one_message(*arguments, "-o", output)
     assert contents(folder) == before
 
 
-def test_pictures_of_somebody_else_are_not_overwritten(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pictures_of_somebody_else_are_not_overwritten(folder: Path) -> None:
     (folder / "frequencies.png").write_bytes(b"a photograph")
-    ends_with(2, "plot", folder / "modes.h5", "-o", folder)
-    assert "frequencies.png' exists and is not a picture of this program" in capsys.readouterr().err
+    refused = one_message("plot", folder / "modes.h5", "-o", folder)
+    assert "frequencies.png' exists and is not a picture of this program" in refused
     assert (folder / "frequencies.png").read_bytes() == b"a photograph"
     (folder / "frequencies.png").unlink()
     for _ in range(2):  # ours may be drawn again
-        ends_with(0, "plot", folder / "modes.h5", "-o", folder)
+        pgmp("plot", folder / "modes.h5", "-o", folder)
 
 
 def test_results_are_replaced_by_the_same_kind(folder: Path) -> None:
     for _ in range(2):
-        ends_with(0, "simulate", folder / "rom.h5", *SHORT, "-o", folder / "run.h5")
-        ends_with(0, "export", folder / "trajectory.h5", "-o", folder / "run.xdmf")
+        pgmp("simulate", folder / "rom.h5", *SHORT, "-o", folder / "run.h5")
+        pgmp("export", folder / "trajectory.h5", "-o", folder / "run.xdmf")
 
 
-def test_models_for_other_programs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for _ in range(2):
-        ends_with(0, "export", folder / "rom.h5", "-o", folder / "model/", "--override", "simulation.step=5e-4")
-        ends_with(0, "export", folder / "rom.h5", "-o", folder / "model.fmu")
-    said = capsys.readouterr().out
+def test_models_for_other_programs(folder: Path) -> None:
+    twice = 2 * [("model/", "--override", "simulation.step=5e-4"), ("model.fmu",)]
+    said = "".join(pgmp("export", folder / "rom.h5", "-o", folder / name, *given).stdout for name, *given in twice)
     assert "C99" in said and "FMI 2.0, co-simulation and model exchange, sources" in said and "error estimates" in said
     assert "#define STEP 0.0005" in (folder / "model" / "sizes.h").read_text()
 
 
-def test_a_second_job_with_the_same_output_is_refused(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_second_job_with_the_same_output_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(claims, "PATIENCE", 0.0)
     outputs = {
         "build": (SCENE,), "modes": (SCENE,), "tradeoff": (SCENE,), "simulate": (folder / "rom.h5",),
@@ -166,8 +153,8 @@ def test_a_second_job_with_the_same_output_is_refused(
     before = contents(folder)
     with locked(folder / "x.h5"):
         for command, arguments in outputs.items():
-            ends_with(2, command, *arguments, "-o", folder / "x.h5")
-            assert f"x.h5' is being written by another job (process {os.getpid()} on " in capsys.readouterr().err
+            refused = one_message(command, *arguments, "-o", folder / "x.h5")
+            assert f"x.h5' is being written by another job (process {os.getpid()} on " in refused
     assert contents(folder) == before
 
 
@@ -188,35 +175,34 @@ def killed_ensemble(folder: Path) -> list[object]:
     return [*command, "--resume"]
 
 
-def test_samples_of_two_reduced_models_are_not_mixed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_samples_of_two_reduced_models_are_not_mixed(folder: Path) -> None:
     """The scenes of both are equal to the letter."""
     again = killed_ensemble(folder)
     with resealed(folder / "rom.h5") as file:
         file["tables/mass"][...] *= 1.0 + 1e-9
-    ends_with(2, *again)
-    assert "e.h5.partial' belongs to another run: its reduced model differs" in capsys.readouterr().err
+    assert "e.h5.partial' belongs to another run: its reduced model differs" in pgmp(*again, status=2).stderr
 
 
-def test_a_damaged_piece_is_told_and_computed_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_piece_is_told_and_computed_again(folder: Path) -> None:
     again = killed_ensemble(folder)
     piece = max((folder / "e.h5.partial").glob("samples_*.npz"))
     piece.write_bytes(piece.read_bytes()[:-100])
-    ends_with(0, *again)
+    out = pgmp(*again).stdout
     note = f"note: piece '{piece}' was not taken up, and is computed again: it is cut off after"
-    assert note in capsys.readouterr().out
+    assert note in out
     found = Ensemble.read(folder / "e.h5")
     assert any(note in str(remark) for remark in found.record.remarks)
-    ends_with(0, *(word for word in again if word != "--resume"))
+    pgmp(*(word for word in again if word != "--resume"))
     np.testing.assert_array_equal(found.outputs["crank_angle"], Ensemble.read(folder / "e.h5").outputs["crank_angle"])
     assert not (folder / "e.h5.partial").exists()
 
 
-def test_a_folder_of_somebody_else_is_not_removed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_of_somebody_else_is_not_removed(folder: Path) -> None:
     (folder / "x.h5.partial").mkdir()
     (folder / "x.h5.partial" / "thesis.tex").write_text("mine")
     for command in (("build", SCENE), ("montecarlo", folder / "rom.h5", "-n", 2)):
-        ends_with(2, *command, "-o", folder / "x.h5")
-        assert "x.h5.partial' is in the way of this run's checkpoint" in capsys.readouterr().err
+        refused = one_message(*command, "-o", folder / "x.h5")
+        assert "x.h5.partial' is in the way of this run's checkpoint" in refused
     assert (folder / "x.h5.partial" / "thesis.tex").read_text() == "mine"
 
 

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 import warm_start
 from conftest import ROOT, TIMEOUT_SECONDS
-from runs import PGMP, overridden, pgmp
+from runs import PGMP, overridden, pgmp, said
 
-from pgmp_petsc.cli.main import main
 from pgmp_petsc.scene.loading import write_template
 
 # without extremes: fewer pictures on the page
@@ -22,15 +21,6 @@ SHORT = overridden(
     "ensemble.extremes=false", "simulation.frames=5",
 )  # fmt: skip
 STEPS = ("check", "build", "simulate", "compare", "ensemble", "report")
-
-
-def run(capfd: pytest.CaptureFixture[str], *arguments: object, status: int = 0) -> tuple[str, str]:
-    """Run a command in this process; return what it printed."""
-    with pytest.raises(SystemExit) as end:
-        main([str(argument) for argument in arguments])
-    out, err = capfd.readouterr()
-    assert (end.value.code or 0) == status, out + err
-    return out, err
 
 
 def told(out: str) -> dict[str, list[str]]:
@@ -70,29 +60,29 @@ def test_every_step_says_a_line_and_leaves_a_file(scene: Path, first: str) -> No
     assert names == {"rom.h5", "run.h5", "better.h5", "samples.h5", "report.html", "steps.json"}
 
 
-def test_a_later_run_takes_what_is_finished(scene: Path, first: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_later_run_takes_what_is_finished(scene: Path, first: str) -> None:
     folder = scene.with_name("mine_results")
     before = {path.name: path.stat().st_mtime_ns for path in folder.glob("*.h5")}
-    lines = told(run(capfd, "run", scene, "-n", 32, *SHORT)[0])
+    lines = told(said("run", scene, "-n", 32, *SHORT)[0])
     for name in ("build", "simulate", "compare", "ensemble"):
         assert lines[name][-1].endswith("(finished before; --force does it again)"), lines
     assert {path.name: path.stat().st_mtime_ns for path in folder.glob("*.h5")} == before
     # another number of samples is another ensemble, of the same reduced model
     page = folder / "other.html"
-    lines = told(run(capfd, "run", scene, "-n", 24, "--report", page, *SHORT)[0])
+    lines = told(said("run", scene, "-n", 24, "--report", page, *SHORT)[0])
     again = [name for name in lines if "(finished before" in lines[name][-1]]
     assert again == ["build", "simulate", "compare"] and "24 samples" in lines["ensemble"][-1] and page.exists()
 
 
-def test_another_scene_is_done_anew(scene: Path, first: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_another_scene_is_done_anew(scene: Path, first: str) -> None:
     other = overridden("materials.steel.rho=7900.0")
-    out, _ = run(capfd, "run", scene, "-n", 8, *SHORT, *other)
+    out, _ = said("run", scene, "-n", 8, *SHORT, *other)
     assert "(finished before" not in out
     replaced = {name: [text for text in texts if "replaces" in text] for name, texts in told(out).items()}
     assert all(replaced[name] for name in ("build", "simulate", "compare", "ensemble"))
     mine = scene.with_name("mine_results") / "run.h5"
     assert replaced["simulate"] == [f"replaces {mine} of {' '.join(SHORT)}; -o FOLDER keeps both"]
-    out, _ = run(capfd, "run", scene, "-n", 8, *SHORT, *other, "--force")
+    out, _ = said("run", scene, "-n", 8, *SHORT, *other, "--force")
     assert "replaces" not in out
 
 
@@ -112,16 +102,16 @@ def test_two_jobs_in_one_folder(scene: Path, tmp_path: Path) -> None:
         assert any(json.loads(file.attrs["parameters"])["radius"] == float(value) for value in fine)
 
 
-def test_a_refused_job_leaves_the_folder_as_it_was(scene: Path, tmp_path: Path, capfd) -> None:
+def test_a_refused_job_leaves_the_folder_as_it_was(scene: Path, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     folder.mkdir()
     (folder / "steps.json").write_text('{"mine": 1}')
-    assert "its steps.json is none of pgmp run" in run(capfd, "run", scene, "-o", folder, status=2)[1]
+    assert "its steps.json is none of pgmp run" in said("run", scene, "-o", folder, status=2)[1]
     (folder / "steps.json").write_text('{"format": 1, "files": {"rom.h5": {"key": "k"}}}')
-    assert "--report" not in run(capfd, "run", scene, "-o", folder, "--report", "page.pdf", status=2)[0]
+    assert "--report" not in said("run", scene, "-o", folder, "--report", "page.pdf", status=2)[0]
     assert [path.name for path in folder.iterdir()] == ["steps.json"]
     assert (folder / "steps.json").read_text() == '{"format": 1, "files": {"rom.h5": {"key": "k"}}}'
-    run(capfd, "run", scene, "-o", tmp_path / "new", "--report", "page.pdf", status=2)
+    said("run", scene, "-o", tmp_path / "new", "--report", "page.pdf", status=2)
     assert not (tmp_path / "new").exists()
 
 
@@ -131,31 +121,31 @@ RIGID = overridden(
 )  # fmt: skip
 
 
-def test_what_is_left_out_is_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_what_is_left_out_is_said(tmp_path: Path) -> None:
     scene = write_template("slider_crank", tmp_path / "rigid.toml")[0]
-    lines = told(run(capfd, "run", scene, "-o", tmp_path / "out", *SHORT, *RIGID)[0])
+    lines = told(said("run", scene, "-o", tmp_path / "out", *SHORT, *RIGID)[0])
     assert lines["build"] == ["left out: no reduced model (all bodies are rigid); runs are of the full-order model"]
     assert lines["compare"] == ["left out: the run is full-order; there is no better model"]
     assert lines["ensemble"] == ["left out: no parameter has a distribution"]
     assert (tmp_path / "out" / "report.html").exists()
     again = ("run", scene, "-o", tmp_path / "out", *SHORT, *RIGID)
-    assert run(capfd, *again)[0].count("(finished before") == 1
-    assert "(finished before" not in run(capfd, *again, "--force")[0]
+    assert said(*again)[0].count("(finished before") == 1
+    assert "(finished before" not in said(*again, "--force")[0]
 
 
-def test_what_fails_is_in_the_report(scene: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_what_fails_is_in_the_report(scene: Path, tmp_path: Path) -> None:
     """A strong motor drives the crank out of its range: the run stops, samples fail, the job ends with status 1."""
     narrow = overridden(
         "coordinates.theta.range=[-0.2, 0.02]", "coordinates.theta.periodic=false",
         "effects.motor.table=[[0.0, 0.0], [0.005, 20.0], [1.0, 20.0]]", "reference.budget=1e-9",
     )  # fmt: skip
-    out, err = run(capfd, "run", scene, "-o", tmp_path / "out", "-n", 8, *SHORT, *narrow, status=1)
+    out, err = said("run", scene, "-o", tmp_path / "out", "-n", 8, *SHORT, *narrow, status=1)
     assert "simulation stopped at" in err and "some samples failed" in err and err.count("pgmp: error") == 1
     assert told(out)["compare"][0].startswith("left out: no reference is within reference.budget = 1e-09 s")
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "Samples that failed" in page and "run.h5: the run stopped at" in page
     # what failed counts as done: it would fail again
-    again, err = run(capfd, "run", scene, "-o", tmp_path / "out", "-n", 8, *SHORT, *narrow, status=1)
+    again, err = said("run", scene, "-o", tmp_path / "out", "-n", 8, *SHORT, *narrow, status=1)
     assert again.count("(finished before") == 3
 
 
@@ -167,14 +157,12 @@ def test_what_fails_is_in_the_report(scene: Path, tmp_path: Path, capfd: pytest.
         (None, ("-n", "0"), "'-n'"),
     ],
 )
-def test_refusals(
-    scene: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], prepare: str | None, arguments: tuple, message: str
-) -> None:
+def test_refusals(scene: Path, tmp_path: Path, prepare: str | None, arguments: tuple, message: str) -> None:
     folder = tmp_path / "out"
     if prepare is not None:
         folder.mkdir()
         (folder / prepare).write_text("mine")
-    out, err = run(capfd, "run", scene, "-o", folder, *arguments, status=2)
+    out, err = said("run", scene, "-o", folder, *arguments, status=2)
     assert message in err and err.count("\n") == 1 and out == ""
 
 
@@ -187,14 +175,14 @@ def test_two_ranks_give_the_same_figures(scene: Path, first: str, tmp_path: Path
             np.testing.assert_allclose(two["outputs"][name], values, rtol=1e-6, atol=1e-9 * np.abs(values).max())
 
 
-def test_figures_as_json_are_those_of_the_files(scene: Path, first: str, tmp_path: Path, capfd) -> None:
+def test_figures_as_json_are_those_of_the_files(scene: Path, first: str, tmp_path: Path) -> None:
     folder = scene.with_name("mine_results")
-    out, err = run(capfd, "simulate", folder / "rom.h5", "-o", tmp_path / "run.h5", "--json")
+    out, err = said("simulate", folder / "rom.h5", "-o", tmp_path / "run.h5", "--json")
     figures = json.loads(out)
     with h5py.File(tmp_path / "run.h5") as file:
         assert figures["outputs"]["slider_position"]["at_end"] == file["outputs/slider_position"][-1]
         assert figures["errors"]["crank_angle"]["share"] == file["errors/crank_angle"].attrs["share"]
-    out, err = run(capfd, "montecarlo", folder / "rom.h5", "-n", 8, "-o", tmp_path / "many.h5", "--json")
+    out, err = said("montecarlo", folder / "rom.h5", "-n", 8, "-o", tmp_path / "many.h5", "--json")
     figures = json.loads(out)
     with h5py.File(tmp_path / "many.h5") as file:
         mean = figures["statistics"]["slider_deformation"]["mean"]
@@ -202,29 +190,26 @@ def test_figures_as_json_are_those_of_the_files(scene: Path, first: str, tmp_pat
         assert figures["probabilities"]["bends_too_far"]["interval"] == list(
             file["probabilities/bends_too_far/interval"][()]
         )
-    assert json.loads(run(capfd, "info", tmp_path / "many.h5", "--json")[0])["statistics"] == figures["statistics"]
-    checked = json.loads(run(capfd, "check", scene, "--json")[0])
+    assert json.loads(said("info", tmp_path / "many.h5", "--json")[0])["statistics"] == figures["statistics"]
+    checked = json.loads(said("check", scene, "--json")[0])
     assert set(checked["bodies"]) == {"crank", "rod"} and checked["outputs"]["slider_position"] == {"unit": "m"}
-    assert run(capfd, "check", scene, "--quiet") == ("", "")
+    assert said("check", scene, "--quiet") == ("", "")
     unused = ("--override", "parameters.unused={nominal=1.0}")
     warned = "pgmp: warning: parameters.unused: nothing uses it: no entry holds its name; leave it out\n"
-    assert run(capfd, "check", scene, *unused, "--quiet") == ("", warned)
-    assert run(capfd, "check", scene, *unused, "--json")[1] == warned
+    assert said("check", scene, *unused, "--quiet") == ("", warned)
+    assert said("check", scene, *unused, "--json")[1] == warned
     fast = ("--override", "simulation.initial.theta.velocity=1e6")
-    with pytest.raises(SystemExit) as end:
-        main(["montecarlo", str(folder / "rom.h5"), "-n", "2", *fast, "-o", str(tmp_path / "fast.h5"), "--quiet"])
-    out, err = capfd.readouterr()
-    assert end.value.code == 1 and out == "" and err.startswith("pgmp: warning: ") and "2 of 2 samples failed" in err
-    out, err = run(capfd, "simulate", folder / "rom.h5", "-o", tmp_path / "run.h5", "--quiet")
+    many = ("montecarlo", folder / "rom.h5", "-n", 2, *fast, "-o", tmp_path / "fast.h5", "--quiet")
+    out, err = said(*many, status=1)
+    assert out == "" and err.startswith("pgmp: warning: ") and "2 of 2 samples failed" in err
+    out, err = said("simulate", folder / "rom.h5", "-o", tmp_path / "run.h5", "--quiet")
     assert out == "" and err.startswith("pgmp: warning: large estimated errors") and err.count("\n") == 1
     sudden = ("--override", "effects.motor.table=[[0.0,0.0],[0.25,1e5]]")
-    with pytest.raises(SystemExit) as end:
-        main(["simulate", str(folder / "rom.h5"), *sudden, "-o", str(tmp_path / "stop.h5"), "--quiet"])
-    out, err = capfd.readouterr()
-    assert end.value.code == 1 and out == "" and err.count("stopped at") == 1, err
+    out, err = said("simulate", folder / "rom.h5", *sudden, "-o", tmp_path / "stop.h5", "--quiet", status=1)
+    assert out == "" and err.count("stopped at") == 1, err
 
 
-def test_commands_without_figures_can_be_quiet_too(scene: Path, first: str, tmp_path: Path, capfd) -> None:
+def test_commands_without_figures_can_be_quiet_too(scene: Path, first: str, tmp_path: Path) -> None:
     folder = scene.with_name("mine_results")
     made = {
         ("new", "slider_crank"): tmp_path / "other.toml",
@@ -235,8 +220,8 @@ def test_commands_without_figures_can_be_quiet_too(scene: Path, first: str, tmp_
         ("animate", folder / "run.h5", "--seconds", 0.2, "-o"): tmp_path / "run.gif",
     }
     for words, path in made.items():
-        assert run(capfd, *words, path, "--quiet") == ("", "") and path.exists(), words
-    assert run(capfd, "run", scene, "-o", tmp_path / "out", "-n", 8, *SHORT, "--quiet") == ("", "")
+        assert said(*words, path, "--quiet") == ("", "") and path.exists(), words
+    assert said("run", scene, "-o", tmp_path / "out", "-n", 8, *SHORT, "--quiet") == ("", "")
 
 
 @pytest.mark.parametrize(
@@ -249,25 +234,25 @@ def test_commands_without_figures_can_be_quiet_too(scene: Path, first: str, tmp_
     ],
 )
 def test_every_command_has_figures(
-    scene: Path, first: str, tmp_path: Path, capfd, command: tuple, kind: str, figure: str
+    scene: Path, first: str, tmp_path: Path, command: tuple, kind: str, figure: str
 ) -> None:
     places = {"rom.h5": scene.with_name("mine_results") / "rom.h5", "scene": scene}
-    out, _ = run(capfd, *(places.get(word, word) for word in command), "-o", tmp_path / "one.h5", "--json")
+    out, _ = said(*(places.get(word, word) for word in command), "-o", tmp_path / "one.h5", "--json")
     found = json.loads(out)
     assert found["kind"] == kind and found[figure] is not None and found["scene"]
     if kind != "rom":
-        assert json.loads(run(capfd, "info", tmp_path / "one.h5", "--json")[0])[figure] == found[figure]
+        assert json.loads(said("info", tmp_path / "one.h5", "--json")[0])[figure] == found[figure]
 
 
-def test_bad_input_leaves_no_json(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    out, err = run(capfd, "info", tmp_path / "none.h5", "--json", status=2)
+def test_bad_input_leaves_no_json(tmp_path: Path) -> None:
+    out, err = said("info", tmp_path / "none.h5", "--json", status=2)
     assert out == "" and "does not exist" in err
 
 
-def test_scenes_of_many_coordinates_run_as_component_models(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_scenes_of_many_coordinates_run_as_component_models(tmp_path: Path) -> None:
     short = overridden("simulation.duration=0.01", "simulation.step=1e-3", "simulation.frames=3")
     arm = ROOT / "scenes" / "six_joint_arm.toml"
-    lines = told(run(capfd, "run", arm, "-o", tmp_path / "arm", "-n", 4, *short)[0])
+    lines = told(said("run", arm, "-o", tmp_path / "arm", "-n", 4, *short)[0])
     assert lines["build"] == ["left out: no reduced model (6 coordinates); runs are of the component model"]
     assert "predicted to take" in lines["compare"][0] and lines["compare"][1].startswith("differs from full order")
     assert "predicted to take" in lines["ensemble"][0] and "4 samples, 0 failed" in lines["ensemble"][1]

@@ -6,28 +6,12 @@ from pathlib import Path
 
 import h5py
 import pytest
-from runs import overridden
+from runs import one_message, overridden, pgmp, said
 
-from pgmp_petsc.cli.main import main
 from pgmp_petsc.files.seal import SIGNATURE, SIZE
 
 SCENE = Path(__file__).resolve().parents[2] / "scenes" / "slider_crank.toml"
 UNUSED = "parameters.q={nominal=1.0}"
-
-
-def status_of(*arguments: object) -> int:
-    """Run a command in this process and return its exit status."""
-    with pytest.raises(SystemExit) as end:
-        main([str(argument) for argument in arguments])
-    return end.value.code or 0
-
-
-def message_of(capfd: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """Return the one line that a command is refused with."""
-    assert status_of(*arguments) == 2
-    out, err = capfd.readouterr()
-    assert err.startswith("pgmp: error: ") and err.count("\n") == 1 and "Traceback" not in err, err
-    return err
 
 
 @pytest.fixture
@@ -65,8 +49,8 @@ def folder(tmp_path: Path) -> Path:
         ("words.toml/x", "no such scene file"),
     ],
 )
-def test_no_scene(folder: Path, capfd: pytest.CaptureFixture[str], name: str, words: str) -> None:
-    assert words in message_of(capfd, "check", folder / name)
+def test_no_scene(folder: Path, name: str, words: str) -> None:
+    assert words in one_message("check", folder / name)
 
 
 @pytest.mark.parametrize(
@@ -80,66 +64,60 @@ def test_no_scene(folder: Path, capfd: pytest.CaptureFixture[str], name: str, wo
         ("{folder}/none.msh", "no such file"),
     ],
 )
-def test_no_mesh(folder: Path, capfd: pytest.CaptureFixture[str], name: str, words: str) -> None:
+def test_no_mesh(folder: Path, name: str, words: str) -> None:
     mesh = f'bodies.crank.mesh="{name.format(folder=folder)}"'
-    message = message_of(capfd, "check", SCENE, *overridden(mesh))
+    message = one_message("check", SCENE, *overridden(mesh))
     assert "bodies.crank.mesh" in message and words in message
 
 
-def test_without_permission(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_without_permission(folder: Path) -> None:
     locked = folder / "locked.toml"
     locked.write_text(SCENE.read_text())
     locked.chmod(0)
     if os.access(locked, os.R_OK):
         pytest.skip("this user may read everything")
-    assert "cannot be read (Permission denied)" in message_of(capfd, "check", locked)
+    assert "cannot be read (Permission denied)" in one_message("check", locked)
 
 
-def test_null_characters(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert "scene.name: a text with characters" in message_of(
-        capfd, "check", SCENE, *overridden('scene.name="a\\u0000"')
-    )
-    message = message_of(capfd, "check", SCENE, *overridden('bodies.crank.mesh="a\\u0000.msh"'))
+def test_null_characters(folder: Path) -> None:
+    assert "scene.name: a text with characters" in one_message("check", SCENE, *overridden('scene.name="a\\u0000"'))
+    message = one_message("check", SCENE, *overridden('bodies.crank.mesh="a\\u0000.msh"'))
     assert "bodies.crank.mesh: a text with characters" in message
 
 
-def test_an_editors_mark_of_utf_8(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_editors_mark_of_utf_8(tmp_path: Path) -> None:
     marked = tmp_path / "marked.toml"
     text = SCENE.read_text().replace("../meshes", str(SCENE.parents[1] / "meshes"))
     marked.write_bytes(b"\xef\xbb\xbf" + text.encode())
-    assert status_of("check", marked) == 0
+    pgmp("check", marked)
 
 
 @pytest.mark.parametrize("entry", ["effects.motor.joint", "a"])
-def test_deep_overrides(capfd: pytest.CaptureFixture[str], entry: str) -> None:
-    assert "--override" in message_of(capfd, "check", SCENE, *overridden(f"{entry}=" + "[" * 3000 + "]" * 3000))
-    assert "16 deep" in message_of(capfd, "check", SCENE, *overridden("a." * 3000 + "b=1"))
+def test_deep_overrides(entry: str) -> None:
+    assert "--override" in one_message("check", SCENE, *overridden(f"{entry}=" + "[" * 3000 + "]" * 3000))
+    assert "16 deep" in one_message("check", SCENE, *overridden("a." * 3000 + "b=1"))
 
 
-def test_many_steps_take_no_memory(capfd: pytest.CaptureFixture[str]) -> None:
+def test_many_steps_take_no_memory() -> None:
     """The check of 9e7 steps takes less than an array of them, which has 0.7 GB."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    assert status_of("check", SCENE, *overridden("simulation.step=1.1e-8")) == 0
+    pgmp("check", SCENE, *overridden("simulation.step=1.1e-8"))
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300_000  # kB
 
 
-def test_warnings_and_strict(capfd: pytest.CaptureFixture[str]) -> None:
-    assert status_of("check", SCENE, "--strict") == 0
-    capfd.readouterr()
-    assert status_of("check", SCENE, *overridden(UNUSED)) == 0
-    assert "  warning: parameters.q: nothing uses it" in capfd.readouterr().out
-    assert status_of("check", SCENE, "--strict", *overridden(UNUSED)) == 2
-    out, err = capfd.readouterr()
+def test_warnings_and_strict() -> None:
+    pgmp("check", SCENE, "--strict")
+    assert "  warning: parameters.q: nothing uses it" in pgmp("check", SCENE, *overridden(UNUSED)).stdout
+    out, err = said("check", SCENE, "--strict", *overridden(UNUSED), status=2)
     assert "  warning: parameters.q: nothing uses it" in out
     assert err.startswith("pgmp: error: ") and "1 warning, see above" in err and "--strict" in err
 
 
-def test_warnings_are_kept_with_the_result(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_warnings_are_kept_with_the_result(tmp_path: Path) -> None:
     run = tmp_path / "run.h5"
     short = overridden("simulation.duration=0.02", "simulation.step=1e-3", UNUSED)
-    assert status_of("simulate", SCENE, "--full", "-o", run, *short) == 0
-    assert "  warning: parameters.q: nothing uses it" in capfd.readouterr().out
+    out, _ = said("simulate", SCENE, "--full", "-o", run, *short)
+    assert "  warning: parameters.q: nothing uses it" in out
     with h5py.File(run) as file:
         assert "parameters.q: nothing uses it" in file.attrs["remarks"]
-    assert status_of("info", run) == 0
-    assert "warning: parameters.q: nothing uses it" in capfd.readouterr().out
+    assert "warning: parameters.q: nothing uses it" in pgmp("info", run).stdout

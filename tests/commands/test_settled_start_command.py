@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
-from runs import overridden
-from test_scene_files import message_of, status_of
+from runs import overridden, pgmp
 
 from pgmp_petsc.results import Ensemble, Trajectory
 
@@ -23,14 +22,13 @@ LOST = [*HELD, *overridden('initial.coordinates="free"')]
 @pytest.fixture(scope="module")
 def rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("settled") / "rom.h5"
-    assert status_of("build", SCENE, *SHORT, "-o", path) == 0
+    pgmp("build", SCENE, *SHORT, "-o", path)
     return path
 
 
-def test_a_built_model_takes_another_start(rom: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_built_model_takes_another_start(rom: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
-    assert status_of("simulate", rom, *HELD, "-o", path) == 0
-    out, err = capfd.readouterr()
+    out = pgmp("simulate", rom, *HELD, "-o", path).stdout
     assert "note: the run starts from static deformation with coordinates held at theta = 0 rad" in out
     run = Trajectory.read(path)
     assert run.balance.strain[0] > 0.0 and run.errors is not None
@@ -40,30 +38,25 @@ def test_a_built_model_takes_another_start(rom: Path, tmp_path: Path, capfd: pyt
 
 
 @pytest.mark.parametrize("full", [False, True])
-def test_a_run_without_equilibrium_is_refused(
-    full: bool, rom: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_without_equilibrium_is_refused(full: bool, rom: Path, tmp_path: Path) -> None:
     source = [SCENE, "--full", *SHORT] if full else [rom]
-    message = message_of(capfd, "simulate", *source, *LOST, "-o", tmp_path / "run.h5")
+    message = pgmp("simulate", *source, *LOST, "-o", tmp_path / "run.h5", status=2).stderr
     for words in ('initial.coordinates = "free"', "no static equilibrium", "N m on theta", 'coordinates = "held"'):
         assert words in message
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("full", [False, True])
-def test_samples_without_equilibrium_are_records(
-    full: bool, rom: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_samples_without_equilibrium_are_records(full: bool, rom: Path, tmp_path: Path) -> None:
     source, path = [SCENE, "--full", *SHORT] if full else [rom], tmp_path / "samples.h5"
-    assert status_of("montecarlo", *source, *LOST, "-n", 3, "-o", path) == 1
-    out, err = capfd.readouterr()
-    assert "Traceback" not in err
+    done = pgmp("montecarlo", *source, *LOST, "-n", 3, "-o", path, status=1)
+    assert "Traceback" not in done.stderr
     warned = "3 of 3 samples failed (status 7): no static equilibrium was found to start from"
-    assert out.count(warned) == 1, "said once"
+    assert done.stdout.count(warned) == 1, "said once"
     np.testing.assert_array_equal(Ensemble.read(path).status, 7)
 
 
-def test_a_prescribed_coordinate_is_not_said_to_be_let_go(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_prescribed_coordinate_is_not_said_to_be_let_go(tmp_path: Path) -> None:
     """One of two coordinates is prescribed; then both, none of which is let go."""
     rest = "[[0.0, {0}], [0.05, {0}], [0.1, {1}]]"
     left, right = (
@@ -77,6 +70,6 @@ def test_a_prescribed_coordinate_is_not_said_to_be_let_go(tmp_path: Path, capfd:
         ([], "left={position=2.0},right={position=1.1}"), ([left], "right={position=1.1}"), ([left, right], ""),
     ):  # fmt: skip
         given = overridden(*short, *drives, f"simulation.initial={{{begun}}}")
-        assert status_of("simulate", scene, "--full", *given, "-o", path) == 0
-        started += [line for line in capfd.readouterr().out.splitlines() if held in line]
+        out = pgmp("simulate", scene, "--full", *given, "-o", path).stdout
+        started += [line for line in out.splitlines() if held in line]
     assert [line.split(" rad")[-1] for line in started] == [", and lets them go", ", and lets right go", ""]

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 import synthetic
-from runs import SMALL, paper_scene, rom_of
+from runs import SMALL, paper_scene, rom_of, said
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.cli.main import main
@@ -21,15 +21,6 @@ def rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def run(capfd: pytest.CaptureFixture[str], *arguments: object, status: int = 0) -> tuple[str, str]:
-    """Run a command in this process; return what it printed."""
-    with pytest.raises(SystemExit) as end:
-        main([str(argument) for argument in arguments])
-    out, err = capfd.readouterr()
-    assert (end.value.code or 0) == status, out + err
-    return out, err
-
-
 def table(path: Path) -> dict[str, list[str]]:
     """Return the columns of a CSV file by the words of its first line."""
     with open(path, encoding="utf-8", newline="") as stream:
@@ -37,10 +28,10 @@ def table(path: Path) -> dict[str, list[str]]:
     return dict(zip(head, map(list, zip(*rows))))
 
 
-def test_a_run_as_a_table(rom: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    out, _ = run(capfd, "simulate", rom, "-o", tmp_path / "run.csv")
+def test_a_run_as_a_table(rom: Path, tmp_path: Path) -> None:
+    out, _ = said("simulate", rom, "-o", tmp_path / "run.csv")
     assert "rows and columns alone; a file *.h5 has the scene" in out
-    run(capfd, "simulate", rom, "-o", tmp_path / "run.h5", "--quiet")
+    said("simulate", rom, "-o", tmp_path / "run.h5", "--quiet")
     found = table(tmp_path / "run.csv")
     assert list(found) == ["time (s)", "crank_angle (rad)", "slider_position (m)", "slider_deformation (m)"]
     with h5py.File(tmp_path / "run.h5") as file:
@@ -49,14 +40,14 @@ def test_a_run_as_a_table(rom: Path, tmp_path: Path, capfd: pytest.CaptureFixtur
             stored = file[f"outputs/{name.partition(' ')[0]}"][()]
             np.testing.assert_array_equal(np.array(found[name], float), stored)
     # a file that is there gives the same table
-    out, _ = run(capfd, "export", tmp_path / "run.h5", "-o", tmp_path / "again.csv")
+    out, _ = said("export", tmp_path / "run.h5", "-o", tmp_path / "again.csv")
     assert out.startswith(f"{tmp_path / 'again.csv'}: 51 rows, 4 columns")
     assert (tmp_path / "again.csv").read_bytes() == (tmp_path / "run.csv").read_bytes()
 
 
-def test_samples_and_derivatives_as_tables(rom: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    run(capfd, "montecarlo", rom, "-n", 6, "-o", tmp_path / "many.csv", "--quiet")
-    run(capfd, "montecarlo", rom, "-n", 6, "-o", tmp_path / "many.h5", "--quiet")
+def test_samples_and_derivatives_as_tables(rom: Path, tmp_path: Path) -> None:
+    said("montecarlo", rom, "-n", 6, "-o", tmp_path / "many.csv", "--quiet")
+    said("montecarlo", rom, "-n", 6, "-o", tmp_path / "many.h5", "--quiet")
     found = table(tmp_path / "many.csv")
     assert {"sample", "status", "r1 (m)", "crank_angle (rad)", "slider_deformation.time_of_max (s)"} <= found.keys()
     with h5py.File(tmp_path / "many.h5") as file:
@@ -65,17 +56,17 @@ def test_samples_and_derivatives_as_tables(rom: Path, tmp_path: Path, capfd: pyt
         largest = np.array(found["slider_deformation.max (m)"], float)
         np.testing.assert_array_equal(largest, file["extremes/slider_deformation/max"][()])
     assert not list(tmp_path.glob("*.partial"))
-    run(capfd, "sensitivities", rom, "-o", tmp_path / "slopes.csv", "--quiet")
+    said("sensitivities", rom, "-o", tmp_path / "slopes.csv", "--quiet")
     found = table(tmp_path / "slopes.csv")
     assert "d crank_angle / d r1 (rad/m)" in found and len(found["time (s)"]) == 51
 
 
-def test_frequencies_and_settings_as_tables(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_frequencies_and_settings_as_tables(tmp_path: Path) -> None:
     modes, study = synthetic.modes_table(n_theta=5), synthetic.tradeoff()
     modes.write(tmp_path / "modes.h5")
     study.write(tmp_path / "study.h5")
     for name in ("modes", "study"):
-        run(capfd, "export", tmp_path / f"{name}.h5", "-o", tmp_path / f"{name}.csv")
+        said("export", tmp_path / f"{name}.h5", "-o", tmp_path / f"{name}.csv")
     found = table(tmp_path / "modes.csv")
     assert list(found)[:2] == ["theta (rad)", "full.1 (Hz)"] and "reduced.6 (Hz)" in found
     np.testing.assert_array_equal(np.array(found["full.2 (Hz)"], float), modes.full_hz[:, 1])
@@ -119,27 +110,25 @@ def test_results_of_a_program(tmp_path: Path) -> None:
         (("schema", "-o", "mine.md"), "exists and is not a page of all entries of scenes of this program"),
     ],
 )
-def test_refusals(
-    rom: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], arguments: tuple, message: str, monkeypatch
-) -> None:
+def test_refusals(rom: Path, tmp_path: Path, arguments: tuple, message: str, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("mine.csv", "mine.json", "mine.md"):
         Path(name).write_text("time (s)\n0.0\n")
     synthetic.trajectory(n_times=4, n_frames=0).write("run.h5")
     places = {"ROM": rom, "SCENE": Path(__file__).resolve().parents[2] / "scenes" / "slider_crank.toml"}
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    out, err = run(capfd, *(places.get(word, word) for word in arguments), status=2)
+    out, err = said(*(places.get(word, word) for word in arguments), status=2)
     assert message in err and err.count("\n") == 1
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_the_schema_is_written(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_schema_is_written(tmp_path: Path) -> None:
     for _ in range(2):  # an older one is replaced
-        out, _ = run(capfd, "schema", "-o", tmp_path / "scene.schema.json")
+        out, _ = said("schema", "-o", tmp_path / "scene.schema.json")
         assert '"#:schema scene.schema.json"' in out
-    run(capfd, "schema", "-o", tmp_path / "entries.md")
+    said("schema", "-o", tmp_path / "entries.md")
     assert (tmp_path / "entries.md").read_text(encoding="utf-8").startswith("# All entries of a scene")
-    out, _ = run(capfd, "schema")
+    out, _ = said("schema")
     assert out == (tmp_path / "scene.schema.json").read_text(encoding="utf-8")
 
 
@@ -151,13 +140,13 @@ def test_the_schema_is_written(tmp_path: Path, capfd: pytest.CaptureFixture[str]
         ("pgmp new s", 2, {"slider_crank", "solid_link", "spatial"}, {"four_bar"}),
     ],
 )
-def test_the_shell_completes(
-    words: str, number: int, wanted: set, unwanted: set, capfd: pytest.CaptureFixture[str], monkeypatch
-) -> None:
+def test_the_shell_completes(words: str, number: int, wanted: set, unwanted: set, monkeypatch, capfd) -> None:
     """What bash asks (docs/first_steps.md), and what it is told; nothing is run for it."""
     monkeypatch.setenv("_PGMP_COMPLETE", "bash_complete")
     monkeypatch.setenv("COMP_WORDS", words)
     monkeypatch.setenv("COMP_CWORD", str(number))
-    out, err = run(capfd)
+    with pytest.raises(SystemExit, match="0"):
+        main([])
+    out, err = capfd.readouterr()  # click writes bytes
     told = {line.partition(",")[2] for line in out.splitlines()}
     assert wanted <= told and not unwanted & told and err == ""

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from refusals import refusal
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.design.goals import Outcome, read_constraint, read_goal
@@ -100,9 +101,7 @@ def test_constraints_have_two_sides(relation: str, sense: float) -> None:
     ],
 )
 def test_errors_mark_their_position(text: str, reason: str, position: int) -> None:
-    with pytest.raises(InputError) as caught:
-        read_goal(text, OUTPUTS, PARAMETERS)
-    first, shown, mark = str(caught.value).split("\n")
+    first, shown, mark = refusal(read_goal, text, OUTPUTS, PARAMETERS).split("\n")
     assert first.startswith("goal: ") and reason in first
     assert shown == f"  {text}" and mark.index("^") == 2 + position
 

@@ -144,11 +144,18 @@ def test_the_checkpoint_of_another_run_is_refused_and_kept(plan: Plan, change: d
     assert again(plan) == {0}
 
 
-def test_a_checkpoint_that_names_no_sampler_is_refused(plan: Plan) -> None:
-    """As older versions wrote it, whose designs may have been others."""
+@pytest.mark.parametrize(
+    ("entry", "instead", "said"),
+    [
+        # as older versions wrote it, whose designs may have been others
+        ('"sampler": "random", ', "", r"its sampler differs \(not named there, random here\)"),
+        ('"samples": 12', '"samples": "x"', r"its samples differs \(x there, 12 here\)"),
+    ],
+)
+def test_a_label_of_something_else_is_refused(plan: Plan, entry: str, instead: str, said: str) -> None:
     label = started(plan, 0).folder / "run.json"
-    label.write_text(label.read_text().replace('"sampler": "random", ', ""))
-    with pytest.raises(InputError, match=r"its sampler differs \(not named there, random here\)"):
+    label.write_text(label.read_text().replace(entry, instead))
+    with pytest.raises(InputError, match=said):
         again(plan)
 
 
@@ -168,13 +175,6 @@ def test_samples_that_depend_on_their_number_are_taken_up_by_as_many_alone(plan:
     with pytest.raises(InputError, match=message):
         Checkpoint(other, SCENE, "reduced", TABLES, DESIGN, extends=False).open()
     Checkpoint(replace(plan, resume=True), SCENE, "reduced", TABLES, DESIGN, extends=False).open()
-
-
-def test_a_label_without_its_number_of_samples_is_refused(plan: Plan) -> None:
-    label = started(plan, 0).folder / "run.json"
-    label.write_text(label.read_text().replace('"samples": 12', '"samples": "x"'))
-    with pytest.raises(InputError, match=r"its samples differs \(x there, 12 here\)"):
-        again(plan)
 
 
 def test_bands_are_those_of_the_first_samples_in_their_order(plan: Plan) -> None:

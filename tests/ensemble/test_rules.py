@@ -1,6 +1,7 @@
 """Rules of --until: what they mean, and where they are wrong."""
 
 import pytest
+from refusals import refusal
 from runs import paper_scene
 
 from pgmp_petsc.base.errors import InputError
@@ -59,9 +60,7 @@ def test_what_rules_mean(scene: Scene, text: str, expected: tuple) -> None:
     ],
 )
 def test_what_is_no_rule_is_marked(scene: Scene, text: str, place: int, expected: str) -> None:
-    with pytest.raises(InputError) as error:
-        read_rule(text, scene)
-    first, shown, marked = str(error.value).splitlines()
+    first, shown, marked = refusal(read_rule, text, scene).splitlines()
     assert first.startswith(f'--until "{text}": expected at character {place}: {expected}')
     assert shown == f"  {text}" and marked == " " * (place + 1) + "^"
 

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import rom_of
+from runs import overridden, pgmp, rom_of
 
-from pgmp_petsc.cli.main import main
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results import Trajectory
@@ -82,13 +81,11 @@ def stopped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of the run of second order with coordinates that stretch bodies, which stops."""
     folder = tmp_path_factory.mktemp("press")
     rom_of(scene_of(*DYNAMIC)).write(folder / "rom.h5")
-    with pytest.raises(SystemExit) as end:
-        main(["simulate", str(folder / "rom.h5"), "-o", str(folder / "run.h5")])
-    assert end.value.code == 1
+    pgmp("simulate", folder / "rom.h5", "-o", folder / "run.h5", status=1)
     return folder / "run.h5"
 
 
-def test_the_model_of_second_order_stops_and_keeps_its_part(stopped: Path, capfd, tmp_path) -> None:
+def test_the_model_of_second_order_stops_and_keeps_its_part(stopped: Path, tmp_path) -> None:
     part = Trajectory.read(stopped)
     assert part.status == Status.BROKE_DOWN and 0.2 < part.time[-1] < 0.5
     assert all(np.isfinite(values).all() for values in part.outputs.values())
@@ -103,26 +100,14 @@ def test_the_model_of_second_order_stops_and_keeps_its_part(stopped: Path, capfd
         assert words in why
     pictures, scenery = ("plot", stopped, "-o", tmp_path), ("export", stopped, "-o", tmp_path / "x.xdmf")
     for command in (("info", stopped), pictures, scenery):
-        main_ends_well(*command)
-        assert f"warning: {why}" in capfd.readouterr().out
+        assert f"warning: {why}" in pgmp(*command).stdout
 
 
-def main_ends_well(*command: object) -> None:
-    with pytest.raises(SystemExit) as end:
-        main([str(word) for word in command])
-    assert not end.value.code
-
-
-def test_a_full_order_run_that_fails_keeps_its_part_too(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_full_order_run_that_fails_keeps_its_part_too(tmp_path: Path) -> None:
     """A torque that no step of this length follows; the file says so, and every command reads it."""
     table = "effects.motor.table=[[0.0, 0.0], [0.004, 0.0], [0.005, 1e9]]"
     path = tmp_path / "run.h5"
-    with pytest.raises(SystemExit) as end:
-        main(
-            ["simulate", str(SCENE), "--full", "-o", str(path), "--override", table, "--override",
-             "simulation.duration=0.01"]
-        )  # fmt: skip
-    assert end.value.code == 1
+    pgmp("simulate", SCENE, "--full", "-o", path, *overridden(table, "simulation.duration=0.01"), status=1)
     run = Trajectory.read(path)
     assert run.status in (Status.NOT_CONVERGED, Status.NOT_FINITE) and 0.002 < run.time[-1] < 0.01
     assert all(np.isfinite(values).all() for values in run.outputs.values())
@@ -132,5 +117,4 @@ def test_a_full_order_run_that_fails_keeps_its_part_too(capfd: pytest.CaptureFix
     assert texts[2] == "errors of the time step were not estimated: the run stopped before its end"
     assert texts[3].startswith("errors of the mesh were not estimated")
     for command in (("info", path), ("plot", path, "-o", tmp_path), ("export", path, "-o", tmp_path / "x.xdmf")):
-        main_ends_well(*command)
-        assert texts[0] in capfd.readouterr().out
+        assert texts[0] in pgmp(*command).stdout

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from mpi4py import MPI
+from runs import pgmp
 
-from pgmp_petsc.cli.main import main
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results import Ensemble, Trajectory
@@ -67,19 +67,16 @@ def test_the_estimate_can_be_left_out() -> None:
     assert any(text.startswith("errors of the time step were not estimated: simulation.error_ind") for text in said)
 
 
-def test_file_terminal_and_report_have_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_file_terminal_and_report_have_it(tmp_path: Path) -> None:
     path, page = tmp_path / "run.h5", tmp_path / "page.html"
     scene = str(ROOT / "scenes" / "slider_crank.toml")
-    ends_with(0, "simulate", scene, "--full", "-o", path, "--override", "simulation.duration=0.2")
-    assert "estimated errors over the run, of the time step" in capfd.readouterr().out
+    made = ("simulate", scene, "--full", "-o", path, "--override", "simulation.duration=0.2")
+    for command in (made, ("info", path)):
+        assert "estimated errors over the run, of the time step" in pgmp(*command).stdout
     errors = Trajectory.read(path).errors
     assert errors.what == OF_STEP and errors.time[-1] == pytest.approx(0.2)
-    ends_with(0, "info", path)
-    assert "estimated errors over the run, of the time step" in capfd.readouterr().out
-    ends_with(0, "info", path, "--json")
-    figures = json.loads(capfd.readouterr().out)
-    assert "of the time step" in json.dumps(figures)
-    ends_with(0, "report", path, "-o", page)
+    assert "of the time step" in json.dumps(json.loads(pgmp("info", path, "--json").stdout))
+    pgmp("report", path, "-o", page)
     assert "Error of the time step of the full order run, estimated" in page.read_text()
 
 
@@ -102,7 +99,7 @@ def test_a_tolerance_is_met(scene: str, outputs: tuple[str, ...], model: str, tm
     def outputs_of(*overrides: str) -> Trajectory:
         path = tmp_path / f"{len(overrides)}.h5"
         given = [word for override in (short, *overrides) for word in ("--override", override)]
-        ends_with(0, "simulate", source, model, "-o", path, *given)
+        pgmp("simulate", source, model, "-o", path, *given)
         return Trajectory.read(path)
 
     found = outputs_of(f"simulation.tolerance={tolerance}")
@@ -113,12 +110,12 @@ def test_a_tolerance_is_met(scene: str, outputs: tuple[str, ...], model: str, tm
         assert true < tolerance * np.abs(values).max(), name
 
 
-def test_samples_that_are_checked_know_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_samples_that_are_checked_know_it(tmp_path: Path) -> None:
     path = tmp_path / "samples.h5"
     scene = str(ROOT / "scenes" / "slider_crank.toml")
     short = ("--override", "simulation.duration=0.2")
-    ends_with(0, "montecarlo", scene, "--full", "-n", "24", "--seed", "1", "-o", path, *short)
-    assert "estimated errors over the run, of the time step; 20 samples" in capfd.readouterr().out
+    done = pgmp("montecarlo", scene, "--full", "-n", "24", "--seed", "1", "-o", path, *short)
+    assert "estimated errors over the run, of the time step; 20 samples" in done.stdout
     found = Ensemble.read(path)
     for name, errors in found.errors.items():
         assert np.isfinite(errors[:20]).all() and np.isnan(errors[20:]).all(), name
@@ -128,42 +125,32 @@ def test_samples_that_are_checked_know_it(tmp_path: Path, capfd: pytest.CaptureF
         assert errors[0] == pytest.approx(alone.errors.maximum(name), rel=1e-3)
 
 
-def test_a_run_beyond_the_range_ends_where_it_left_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_run_beyond_the_range_ends_where_it_left_it(tmp_path: Path) -> None:
     """It fails at 0.58 s, and left the range, beyond which its output is no number, at 0.104 s."""
     path = tmp_path / "run.h5"
-    ends_with(1, "simulate", HERE / "h16_beyond_range.toml", "--full", "-o", path)
-    said, found = capfd.readouterr().err, Trajectory.read(path)
+    said = pgmp("simulate", HERE / "h16_beyond_range.toml", "--full", "-o", path, status=1).stderr
+    found = Trajectory.read(path)
     assert found.status == Status.LEFT_RANGE
     assert found.time[-1] == pytest.approx(0.103) and "full simulation stopped at 0.104 s of 1 s: " in said
     assert "left the range" in said and found.why_stopped in said
 
 
-def test_nothing_is_compared_with_a_reference_that_did_no_step(tmp_path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_compared_with_a_reference_that_did_no_step(tmp_path) -> None:
     folder = tmp_path / "job"
-    ends_with(1, "run", HERE / "massless_all.toml", "-n", "2", "-o", folder)
-    said = capfd.readouterr()
-    assert "nothing is compared: the full order run did no step" in said.out
-    assert "full simulation stopped at 0.0005 s" in said.err and "better.h5" in said.err
+    said = pgmp("run", HERE / "massless_all.toml", "-n", "2", "-o", folder, status=1)
+    assert "nothing is compared: the full order run did no step" in said.stdout
+    assert "full simulation stopped at 0.0005 s" in said.stderr and "better.h5" in said.stderr
     page = (folder / "report.html").read_text()
     assert "Model error: not known" in page and "the run stopped at 0 s of 0.1 s" in page
-    ends_with(0, "info", folder / "better.h5", "--json")
-    assert "stopped at 0.0005 s" in capfd.readouterr().out
+    assert "stopped at 0.0005 s" in pgmp("info", folder / "better.h5", "--json").stdout
 
 
-def test_what_nobody_estimated_does_not_decide(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_what_nobody_estimated_does_not_decide(tmp_path: Path) -> None:
     """The better run stops, errors are not estimated, and the bending is round-off of the linkage's lengths.
 
     Where it stops is a matter of round-off too: with a load that is 1e-9 larger anywhere between 0.5 and 5 ms.
     """
-    ends_with(1, "run", HERE / "damp_huge.toml", "-n", "8", "-o", tmp_path)
-    said = capfd.readouterr().out
+    said = pgmp("run", HERE / "damp_huge.toml", "-n", "8", "-o", tmp_path, status=1).stdout
     assert "is not decided by this model: its error is not known" in said and "P(" in said and " = 0 %" not in said
     compared = next(line for line in said.splitlines() if "differs from full order" in line)
     assert "coupler_bending" not in compared and "compared over the first 0.00" in compared
-
-
-def ends_with(status: int, *words: object) -> None:
-    """Run a command and look at its exit status."""
-    with pytest.raises(SystemExit) as end:
-        main([str(word) for word in words])
-    assert (end.value.code or 0) == status

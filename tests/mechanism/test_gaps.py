@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from crooked_scenes import FOUR_BAR, pivot_off, spatial_four_bar
+from refusals import refusal
 from runs import in_turn, read_meshes
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
@@ -83,27 +84,21 @@ def test_a_crank_a_little_too_long_for_a_trammel_of_the_plane() -> None:
     np.testing.assert_allclose(kinematics.poses(theta), straight.poses(theta), rtol=0, atol=1e-7)
 
 
-def refusal(*overrides: str) -> str:
-    with pytest.raises(InputError) as error:
-        four_bar(*overrides)
-    return str(error.value)
-
-
 def test_a_gap_beyond_rounding_is_refused_with_its_joint() -> None:
-    message = refusal(pivot_off(1e-5))
+    message = refusal(four_bar, pivot_off(1e-5))
     assert message.startswith("joints.") and "the joints of rigid bodies contradict one another at theta = " in message
     for part in ("a gap of 7.", "e-06 m remains", "1e-06 of the mechanism's size, 2.4e-07 m", "first guess", "in rad"):
         assert part in message
 
 
 def test_an_axis_that_is_off_is_refused_with_its_joint() -> None:
-    message = refusal("joints.C.axis=[0.001,0.0,1.0]")
+    message = refusal(four_bar, "joints.C.axis=[0.001,0.0,1.0]")
     assert message.startswith("joints.C: what it holds (by 5.5e-05 of what others hold) nearly follows")
     assert "angles in rad" in message
     # what its own loop would turn it about, from the placements on
     assert message.endswith(": joints.C with axis = [0, 0, 1] and offset = { turn = [0, 0.001, 0] }")
     # a slide holds more than an axis
-    assert "offset = {" not in refusal('joints.C.type="universal"', "joints.C.axis=[0.0,1.0,0.001]")
+    assert "offset = {" not in refusal(four_bar, 'joints.C.type="universal"', "joints.C.axis=[0.0,1.0,0.001]")
 
 
 def test_a_rest_of_the_search_is_no_gap(monkeypatch: pytest.MonkeyPatch) -> None:

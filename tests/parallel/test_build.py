@@ -15,8 +15,8 @@ RUNS = {
     "static_reflected:1:0 chebyshev:1:0 adaptive:1:0 curved:1:0 curved:1:1 curved_reflected:1:0 "
     "curved_turning:1:0 extended:1:0 extended:1:1 extended_reflected:1:0 extended_adaptive:1:0 "
     "curved_extended:1:0 two:1:0 two:1:1 two_static:1:0 two_crossing:1:0",
-    2: "plain:1:0 plain:2:0 weight:2:0 part:1:0 static:2:0 static_reflected:2:0 chebyshev:1:0 curved:2:0 "
-    "curved_turning:2:0 extended:2:0 extended_adaptive:1:0 two:2:0 two_static:2:0 two_crossing:1:2",
+    2: "plain:1:0 plain:2:0 weight:2:0 part:1:0 static:2:0 static_reflected:1:0 chebyshev:1:0 curved:2:0 "
+    "curved_turning:2:0 extended:2:0 extended_adaptive:1:0 two:1:0 two_static:2:0 two_crossing:1:2",
     # of what two ranks have tried already, what a third one changes
     3: "few:3:3 weight:2:2",
     5: "plain:2:5 few:5:0 reflected:1:4 static:3:2 extended:2:3 curved_extended:2:2 two:3:0",

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from refusals import refusal
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ranks.groups import RankGroup, first_ranks
@@ -57,9 +58,7 @@ def test_ranks_left_over_join_the_last_group(size: int, ranks_per_group: int, ex
 
 @pytest.mark.parametrize("ranks_per_group", [0, -1, 4])
 def test_a_group_larger_than_the_run_is_refused(ranks_per_group: int) -> None:
-    with pytest.raises(InputError) as error:
-        RankGroup.split(World(0, 3), ranks_per_group)
-    assert str(error.value) == (
+    assert refusal(RankGroup.split, World(0, 3), ranks_per_group) == (
         f"--ranks-per-angle = {ranks_per_group}: allowed are 1 to 3, the number of ranks of this run"
     )
 

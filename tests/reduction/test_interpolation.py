@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from frames import pair_products
+from refusals import refusal
 from scipy.interpolate import CubicSpline
 
 from pgmp_petsc.reduction import interpolation as module
@@ -287,9 +288,7 @@ def test_the_samples_that_a_scheme_wants(scheme: str, periodic: bool) -> None:
 )
 def test_samples_and_schemes_that_do_not_fit_are_refused(scheme: str, periodic: bool, message: str) -> None:
     samples = uneven(12, periodic)
-    with pytest.raises(ValueError) as error:
-        interpolant(samples, smooth(samples.theta), scheme)
-    assert str(error.value) == message
+    assert refusal(interpolant, samples, smooth(samples.theta), scheme, error=ValueError) == message
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)

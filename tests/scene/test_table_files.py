@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from machine_scenes import CART
+from refusals import refusal
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
@@ -56,9 +57,8 @@ WRONG = {
 
 @pytest.mark.parametrize(("text", "said"), WRONG.items(), ids=range(len(WRONG)))
 def test_what_is_no_table_is_refused_with_its_line(text: str, said: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError) as caught:
-        read(text, tmp_path)
-    assert str(caught.value).startswith("effects.e.table") and said in str(caught.value)
+    message = refusal(read, text, tmp_path)
+    assert message.startswith("effects.e.table") and said in message
 
 
 NAMED = {
@@ -74,9 +74,8 @@ NAMED = {
 
 @pytest.mark.parametrize(("table", "said"), NAMED.items(), ids=NAMED)
 def test_what_is_no_file_is_refused(table: str, said: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError) as caught:
-        read("t,F\n0,1\n", tmp_path, table)
-    assert str(caught.value).startswith("effects.e.table") and said in str(caught.value)
+    message = refusal(read, "t,F\n0,1\n", tmp_path, table)
+    assert message.startswith("effects.e.table") and said in message
 
 
 def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:

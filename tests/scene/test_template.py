@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
+from runs import one_message, said
 
-from pgmp_petsc.cli.main import main
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
@@ -54,31 +54,25 @@ def test_every_number_has_its_unit_in_a_comment_or_an_entry(name: str, tmp_path:
     assert "pgmp run mine.toml" in text and f"{name}.toml" not in text
 
 
-def message(capfd: pytest.CaptureFixture[str], *arguments: object) -> str:
-    with pytest.raises(SystemExit) as end:
-        main(["new", *map(str, arguments)])
-    out, err = capfd.readouterr()
-    assert end.value.code == 2 and out == "" and err.startswith("pgmp: error: ") and err.count("\n") == 1, err
-    return err
-
-
-def test_an_unknown_template_names_those_that_are_there(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_template_names_those_that_are_there(tmp_path: Path) -> None:
     known = ", ".join(NAMES)
-    assert message(capfd, "xyzzy", tmp_path / "x.toml").endswith(f"template 'xyzzy': there is none; known: {known}\n")
-    assert f"did you mean 'four_bar'?; known: {known}" in message(capfd, "four_bra", tmp_path / "x.toml")
+    assert one_message("new", "xyzzy", tmp_path / "x.toml").endswith(
+        f"template 'xyzzy': there is none; known: {known}\n"
+    )
+    assert f"did you mean 'four_bar'?; known: {known}" in one_message("new", "four_bra", tmp_path / "x.toml")
     assert not list(tmp_path.iterdir())
 
 
-def test_files_are_replaced_with_force_alone(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_files_are_replaced_with_force_alone(tmp_path: Path) -> None:
     scene, mesh = write_template("solid_link", tmp_path / "mine.toml")
     mesh.write_text("my own mesh")
     # neither of the two is written where one cannot be
-    assert f"file '{mesh}' exists; give another name, or replace it with --force" in message(
-        capfd, "solid_link", tmp_path / "other.toml"
+    assert f"file '{mesh}' exists; give another name, or replace it with --force" in one_message(
+        "new", "solid_link", tmp_path / "other.toml"
     )
     assert not (tmp_path / "other.toml").exists() and mesh.read_text() == "my own mesh"
     scene.write_text("mine")
-    assert f"file '{scene}' exists" in message(capfd, "arm", scene)
+    assert f"file '{scene}' exists" in one_message("new", "arm", scene)
     write_template("solid_link", scene, force=True)
     assert "[bodies.rod]" in scene.read_text() and "$MeshFormat" in mesh.read_text()
 
@@ -91,15 +85,11 @@ def test_files_are_replaced_with_force_alone(tmp_path: Path, capfd: pytest.Captu
         ("folder.toml", "is a directory; give the name of a file in it, FILE.toml"),
     ],
 )
-def test_places_where_no_scene_can_be(
-    path: str, expected: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_places_where_no_scene_can_be(path: str, expected: str, tmp_path: Path) -> None:
     (tmp_path / "folder.toml").mkdir()
-    assert expected in message(capfd, "arm", tmp_path / path)
+    assert expected in one_message("new", "arm", tmp_path / path)
 
 
-def test_the_help_says_what_templates_show(capfd: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["new", "--help"])
-    out = capfd.readouterr().out
+def test_the_help_says_what_templates_show() -> None:
+    out, _ = said("new", "--help")
     assert all(re.search(rf"^  {name} +\w", out, re.MULTILINE) for name in NAMES)

@@ -8,8 +8,8 @@ from conftest import ROOT
 from matplotlib.text import Annotation
 from mpi4py import MPI
 from pictures import assert_inside, texts
+from runs import one_message, pgmp
 
-from pgmp_petsc.cli.main import main
 from pgmp_petsc.figures.mechanism import assembly
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.results.selection import Assembly
@@ -59,12 +59,8 @@ def test_too_many_points_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     assert any("more names of points are left out" in line for line in lines)
 
 
-def test_the_command_draws_and_says_where(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_command_draws_and_says_where(tmp_path: Path) -> None:
     target, scene = tmp_path / "mechanism.png", str(ROOT / "scenes" / "slider_crank.toml")
-    with pytest.raises(SystemExit) as end:
-        main(["check", scene, "--plot", str(target)])
-    assert end.value.code == 0 and f"  picture       {target}" in capfd.readouterr().out
+    assert f"  picture       {target}" in pgmp("check", scene, "--plot", target).stdout
     assert target.read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(SystemExit) as end:
-        main(["check", scene, "--plot", str(tmp_path / "mechanism.pdf")])
-    assert end.value.code == 2 and "a picture is written as PNG" in capfd.readouterr().err
+    assert "a picture is written as PNG" in one_message("check", scene, "--plot", tmp_path / "mechanism.pdf")

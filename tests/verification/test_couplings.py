@@ -8,7 +8,7 @@ from coupled_scenes import CAM, CAM_TABLE, GEARED, RACK, ROTORS, ROTORS_IN_SPACE
 from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
 from machine_scenes import MODELS, run
 from mpi4py import MPI
-from runs import read_meshes, reduced_model
+from runs import assert_close, read_meshes, reduced_model
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
@@ -172,9 +172,7 @@ def test_models_of_a_geared_five_bar_agree(model: str, overrides: tuple[str, ...
     for one, allowed in ((full, 1e-8), (found, 1e-3)):  # that of flexible cranks is their joints'
         np.testing.assert_allclose(one["output"] - one["output"][0], -one["input"], rtol=0, atol=allowed)
     # the place follows the angle, which is of 7 rad
-    for name, share in (("input", 1e-4), ("output", 1e-4), ("x", 3e-4), ("bending", 0.01)):
-        largest = np.abs(full[name]).max()
-        np.testing.assert_allclose(found[name], full[name], rtol=0, atol=share * largest, err_msg=name)
+    assert_close(full, found, input=1e-4, output=1e-4, x=3e-4, bending=0.01)
 
 
 def test_what_component_runs_of_a_geared_five_bar_leave_out_is_of_second_order() -> None:

@@ -1,7 +1,6 @@
 """A spring with free play, whose law has two edges: against closed forms, and as two stops, in every model and in C."""
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ from conftest import ROOT
 from differences import ToRoundOff, differences
 from effect_scenes import BAR_INERTIA, bar, recorded
 from exported import Unit, assert_equal, assert_same_in_c, needs_compiler
-from runs import components_model, full_model, history, motion, reduced_model, samples
+from runs import MODELS, history, motion, reduced_model, samples
 from test_effects_reduced import INERTIA, run_of
 
 import pgmp_petsc as pgmp
@@ -20,7 +19,7 @@ from pgmp_petsc.c_export.description import OUTPUTS
 from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.gradients.differentiated import differentiate
-from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from scenes import slider_crank
@@ -34,11 +33,6 @@ SETTINGS = (
 )  # fmt: skip
 SPRING = 'effects.stop={{type="{}",joint="crank_hinge",lower=0.35,upper=0.45,stiffness="k",damping=0.05}}'
 TWO_STOPS, FREE_PLAY = (slider_crank(*SETTINGS, SPRING.format(kind)) for kind in ("end_stop", "free_play"))
-MODELS: dict[str, Callable[[Scene], Model]] = {
-    "reduced": reduced_model,
-    "full": full_model,
-    "components": lambda scene: components_model(scene),
-}
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from runs import components_model, full_model, history, samples
+from runs import assert_close, components_model, full_model, history, samples
 from scipy.integrate import solve_ivp
 from spatial_beams import lines_of
 
@@ -89,12 +89,9 @@ def test_a_flexible_chain_moves_as_its_mesh() -> None:
     """Released at once; later the vibrations are out of phase, as what is of second order in them changes theirs."""
     scene = chain(True, "simulation.duration=0.2", "simulation.initial={theta1={position=-0.5}}")
     full = full_model(scene)
-    (_, exact), (_, found) = (
-        history(model, samples(scene, 1), 1) for model in (full, components_model(scene, full.meshes))
-    )
-    for name in ("theta0", "theta1", "theta2"):
-        assert np.abs(found[name] - exact[name]).max() < 1e-4 * np.abs(exact[name]).max()
-    assert np.abs(found["bending"] - exact["bending"]).max() < 1e-2 * np.abs(exact["bending"]).max()
+    both = (full, components_model(scene, full.meshes))
+    exact, found = (history(model, samples(scene, 1), 1)[1] for model in both)
+    assert_close(exact, found, theta0=1e-4, theta1=1e-4, theta2=1e-4, bending=1e-2)
 
 
 def test_no_study_of_errors_is_offered_that_takes_no_third_coordinate() -> None:
@@ -147,8 +144,6 @@ simulation: duration = 0.2; step = 1e-3
 def test_an_arm_with_six_joints_moves_as_its_mesh() -> None:
     scene = six_joint_arm()
     meshes = lines_of(scene)
-    (_, exact), (_, found) = (
-        history(model, samples(scene, 1), 1) for model in (full_model(scene, meshes), components_model(scene, meshes))
-    )
-    assert np.abs(found["tip"] - exact["tip"]).max() < 1e-4 * np.abs(exact["tip"]).max()
-    assert np.abs(found["deflection"] - exact["deflection"]).max() < 5e-3 * np.abs(exact["deflection"]).max()
+    both = (full_model(scene, meshes), components_model(scene, meshes))
+    exact, found = (history(model, samples(scene, 1), 1)[1] for model in both)
+    assert_close(exact, found, tip=1e-4, deflection=5e-3)

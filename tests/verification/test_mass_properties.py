@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from runs import components_model, full_model, history, read_meshes, reduced_model, samples
+from runs import MODELS, history, read_meshes, samples
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -11,11 +11,6 @@ from pgmp_petsc.studies.check import describe_scene, summary_of_scene
 from pgmp_petsc.studies.plausibility import plausibility
 from scenes import HEADER, SLIDER_CRANK, tables
 
-MODELS = {
-    "full": full_model,
-    "components": lambda scene: components_model(scene),
-    "reduced": reduced_model,
-}
 G = 9.80665
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from exported import assert_same_in_c, needs_compiler
 from machine_scenes import MODELS, RAIL_MASS, RIGID, CartAndPole, cart, rail, run
-from runs import motion, read_meshes, reduced_model
+from runs import assert_close, motion, read_meshes, reduced_model
 
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.description import variables_of
@@ -42,10 +42,7 @@ def test_all_models_agree_on_a_flexible_pole() -> None:
     scene = cart(*START, *PUSHED, *DAMPED)
     (_, full), (_, components), (_, reduced) = (run(scene, model) for model in MODELS)
     # in a basis with the static answers of the pole
-    for name, share in (("x", 1e-4), ("swing", 1e-4), ("bent", 0.02)):
-        largest = np.abs(full[name]).max()
-        np.testing.assert_allclose(reduced[name], full[name], rtol=0, atol=share * largest)
-        np.testing.assert_allclose(components[name], full[name], rtol=0, atol=share * largest)
+    assert_close(full, reduced, components, x=1e-4, swing=1e-4, bent=0.02)
     assert np.abs(full["bent"]).max() > 1e-5
 
 
@@ -81,10 +78,7 @@ def test_effects_act_on_what_slides(effect: str, dimension: int) -> None:
     moving = () if effect == "driven" else ("simulation.initial.x.velocity=0.5",)
     scene = rail(EFFECTS[effect], *moving, "simulation.step=5e-4", "simulation.duration=0.2", dimension=dimension)
     (_, full), (_, components), (_, reduced) = (run(scene, model) for model in MODELS)
-    for name, share in (("x", 1e-4), ("tip", 0.02 if effect == "stop" else 0.01)):
-        largest = np.abs(full[name]).max()
-        np.testing.assert_allclose(reduced[name], full[name], rtol=0, atol=share * largest, err_msg=name)
-        np.testing.assert_allclose(components[name], full[name], rtol=0, atol=share * largest, err_msg=name)
+    assert_close(full, reduced, components, x=1e-4, tip=0.02 if effect == "stop" else 0.01)
 
 
 @pytest.mark.parametrize("model", MODELS)
