@@ -104,6 +104,9 @@ FEATURES = {
     "point mass": ('effects.x={{type="point_mass",point="{first}:tip",mass=0.1,inertia=1e-4}}',),
     "damping in a joint": ('effects.x={{type="joint_damping",joint="{drive}",coefficient="strength"}}',),
     "friction": ('effects.x={{type="joint_friction",joint="{drive}",limit=0.1,speed=0.1}}',),
+    "friction by the force carried": (
+        'effects.x={{type="joint_friction",joint="{drive}",coefficient="strength",radius=0.01,speed=0.1}}',
+    ),  # fmt: skip
     "friction of a point": (
         'effects.x={{type="point_friction",point="{last}:tip",direction={down},limit=0.1,speed=0.1}}',),
     "spring": ('effects.x={{type="spring_damper",joint="{drive}",stiffness=3.0,damping=0.1,rest=0.2}}',),

@@ -251,7 +251,7 @@ def _start(model: ReducedModel) -> tuple[np.ndarray, np.ndarray]:
 
 def _tables(model: ReducedModel, nodes: Sequence[int], places: Interpolant | None) -> dict[str, np.ndarray]:
     begun, rates = _start(model)
-    terms, mechanism, scheme = model.terms, model.kinematics.mechanism, model.scene.reduction.interpolation
+    terms, mechanism, scheme = model.terms, model.kinematics.mechanism, model.scene.interpolation
     flexible = [node for body in mechanism.bodies if body.flexible for node in range(body.nodes.start, body.nodes.stop)]
     of_outputs, of_all = (Reconstruction(model.kinematics, model.rom, scheme, some) for some in (nodes, flexible))
     d, n_dofs = mechanism.space.dimension, mechanism.space.n_dofs

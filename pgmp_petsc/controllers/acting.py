@@ -7,6 +7,7 @@ the force without them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from pgmp_petsc.effects.action import NOTHING, Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.joint_effects import joint_measure, measure_of
 from pgmp_petsc.effects.law import Law
+from pgmp_petsc.effects.laws import CARRIED_FRICTION
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import along
 from pgmp_petsc.outputs.of_frames import OnTheGround, Speed
@@ -68,6 +70,14 @@ ACTING_LAW = Acting(
     ("force", "stiffness", "damping", "measure", "rate_of_measure"),
     force="amplitude + force - stiffness * s - damping * rate",
 )
+
+#: Laws of which the first parameters are given between corrections, and how many.
+GIVEN = {ACTING_LAW: 3, CARRIED_FRICTION: 1}
+
+
+def given_to(actions: Sequence[Action]) -> list[int]:
+    """Return the numbers of the actions to which parameters are given between corrections."""
+    return [k for k, action in enumerate(actions) if action.law in GIVEN]
 
 
 class JointController(ControllerEntry):

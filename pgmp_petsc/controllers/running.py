@@ -1,16 +1,22 @@
-"""Controllers in a run: their states from step to step, and the forces that the mechanics take of them.
+"""Controllers in a run: their states from step to step, and the forces that the mechanics take of them; and the forces
+that joints carry, of friction that hangs on these.
 
 `stepping.alpha_step` begins the iteration of a step with `begin`, lets every correction `act`, and ends it with `end`.
 Between the corrections measures are read of the iterate itself, as outputs are, so that the iteration ends where
 mechanics and states hold together. A controller that is sampled holds its force, and finds the next one, with states by
 Euler's implicit rule over its sample time, between two steps (`sample`).
 
-States lie in `State.beside`, a row a sample: of each controller z, z', the auxiliary rates Z' and the force.
+The force that a joint carries is that of the iterate too. It goes with accelerations, and friction changes these: the
+iteration contracts by about the coefficient times a lever over a length, so that a step takes a few corrections more,
+and what it ends with is solved with the step. In the first accelerations of a run both are found in turn.
+
+Numbers lie in `State.beside`, a row a sample: the forces carried, then of each controller z, z', the auxiliary rates
+Z' and the force.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +29,9 @@ from pgmp_petsc.effects.time_function import TimeFunction, amplitude_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.controllers import WHOLE, ControllerEntry
 
+MOST_STARTS, SETTLED = 100, 1e-13  # of the forces carried at the start, found in turn with accelerations
+#: Forces (n_carried, n_samples) in joints at a time (s), for a state of a system, from those that were found before.
+Carried = Callable[[float, Any, np.ndarray], np.ndarray]
 #: Measures (n_controllers, n_samples) and their rates at a time (s), for a state of a system.
 Measure = Callable[[float, Any], tuple[np.ndarray, np.ndarray]]
 
@@ -78,7 +87,10 @@ class Controls:
     measure
         Reads the measures of a state.
     put
-        Takes forces, stiffness and damping of all controllers, (n_controllers, n_samples, 3).
+        Takes what is given to each action, in the order of `names`: the force carried, (n_samples, 1); or force,
+        stiffness and damping of a controller, (n_samples, 3).
+    carried
+        Finds the forces that joints carry; None where nothing hangs on these.
 
     Attributes
     ----------
@@ -88,18 +100,20 @@ class Controls:
 
     def __init__(
         self, scene: Scene, values: Mapping[str, np.ndarray], n_samples: int, measure: Measure,
-        put: Callable[[np.ndarray], object],
+        put: Callable[[Sequence[np.ndarray]], object], carried: Carried | None = None,
     ) -> None:  # fmt: skip
-        self._measure, self._put = measure, put
-        self.names = tuple(scene.controllers)
+        self._measure, self._put, self._find = measure, put, carried
+        self.names = (*scene.carried, *scene.controllers)
         self._each: list[Running] = []
-        self._acting = np.zeros((len(self.names), n_samples, 3))
+        n_carried = len(scene.carried)
+        self._carried = np.zeros((n_carried, n_samples))
+        self._acting = np.zeros((len(self.names) - n_carried, n_samples, 3))
         self.iterates = False
         #: forces at the instants that were reached, (n_controllers, n_samples); where one jumps the mean of both, with
         #: which the trapezoidal rule of works is right, and until the next step `_jumped` has the new ones
         self._kept: dict[float, np.ndarray] = {}
         self._jumped: dict[float, np.ndarray] = {}
-        first = 0
+        first = n_carried
         for entry in scene.controllers.values():
             law, n = entry.law(), len(entry.law().states)
             every = {**scene.values, **values}
@@ -127,8 +141,9 @@ class Controls:
         self._n_samples = n_samples
 
     def start(self, state) -> None:
-        """Begin a run: find the first states and forces, at time 0."""
+        """Begin a run: find the first states and forces, at time 0, of joints without any."""
         self._look(0.0, state)
+        self._carried[:] = 0.0
         state.beside = np.zeros((self._n_samples, self._n))
         for one in self._each:
             states = [one.law.code.initial(p, x) for p, x in zip(one.p.tolist(), one.x.tolist())]
@@ -146,10 +161,23 @@ class Controls:
         self._kept.clear()
         self._keep(0.0, state, np.ones(self._n_samples, dtype=bool))
 
+    def settle(self, state) -> bool:
+        """Find what joints carry with the accelerations at the start; return whether that changes these."""
+        if not self._carried.size:
+            return False
+        found = self._find(0.0, state, self._carried)
+        change = np.abs(found - self._carried)
+        self._carried[:] = found
+        state.beside[:, : len(found)] = found.T
+        self._kept.clear()
+        self._keep(0.0, state, np.ones(self._n_samples, dtype=bool))
+        return bool(np.any(change > SETTLED * np.abs(found)))
+
     def begin(self, time: float, state, scheme) -> None:
         """Begin the iteration of a step that ends at a time, from the numbers beside at its beginning."""
         self.iterates, s = True, scheme
         self._jumped.clear()
+        self._carried[:] = state.beside[:, : len(self._carried)].T
         step, kappa = s.gamma / (s.beta * s.gain_v), s.gain_v / s.gain_a
         for one in self._each:
             if one.entry.sample_time:
@@ -171,7 +199,8 @@ class Controls:
             acting[:, 0] = force
             acting[:, 1] = -one.by_measure * by_measure
             acting[:, 2] = -one.by_measure * by_rate - one.by_rate * by_measure
-        self._put(self._acting)
+        self._find_carried(time, state)
+        self._put([*self._carried[:, :, None], *self._acting])
 
     def end(self, time: float, state, scheme, samples: np.ndarray) -> None:
         """Take the numbers beside of some samples, a mask, to the end of the step."""
@@ -185,7 +214,9 @@ class Controls:
             found = ((1 - s.alpha_f) * one.rates + s.alpha_f * change - s.alpha_m * auxiliary) / (1 - s.alpha_m)
             for into, new in ((auxiliary, found), (z, one.z), (change, one.rates), (force, one.force[:, :1])):
                 into[samples] = new[samples]
-        self._put(np.zeros_like(self._acting))
+        self._find_carried(time, state)
+        state.beside[samples, : len(self._carried)] = self._carried.T[samples]
+        self._put([*np.zeros((*self._carried.shape, 1)), *np.zeros_like(self._acting)])
         self.iterates = False
         self._keep(time, state, samples)
 
@@ -207,15 +238,21 @@ class Controls:
         return True
 
     def forces(self, times: np.ndarray) -> np.ndarray:
-        """Return the forces at times (n_t,) that were reached, (n_t, n_samples, n_controllers)."""
-        found = np.zeros((times.size, self._n_samples, len(self._each)))
+        """Return the forces at times (n_t,) that were reached, those carried first, (n_t, n_samples, n_names)."""
+        found = np.zeros((times.size, self._n_samples, len(self.names)))
         for row, time in zip(found, times.tolist()):
             if time not in self._kept:  # of a step that failed: as it began
                 time = max((one for one in self._kept if one < time), default=0.0)
             row[:] = self._jumped.get(time, self._kept[time]).T
         return found
 
+    def _find_carried(self, time: float, state) -> None:
+        if self._carried.size:
+            self._carried[:] = self._find(time, state, self._carried)
+
     def _look(self, time: float, state) -> None:
+        if not self._each:
+            return
         measures, rates = self._measure(time, state)
         for one, measure, rate in zip(self._each, measures, rates):
             one.look(time, measure, rate)
@@ -226,7 +263,8 @@ class Controls:
         kept[:, samples] = forces[:, samples]
 
     def _forces(self, state) -> np.ndarray:
-        return np.array([one.parts(state.beside)[3][:, 0] for one in self._each])
+        carried = state.beside[:, : len(self._carried)].T
+        return np.array([*carried, *(one.parts(state.beside)[3][:, 0] for one in self._each)])
 
 
 def _is_whole(number: float) -> bool:

@@ -163,8 +163,8 @@ def step_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> l
 @gathered
 def difference_remarks(scene: Scene) -> Iterator[Remark]:
     """Return that derivatives are differences of runs, where they are."""
-    if scene.controllers:
-        names = ", ".join(f"controllers.{name}" for name in scene.controllers)
+    if scene.beside:
+        names = ", ".join(scene.beside)
         yield note(f"derivatives are differences of runs, four or five beside each one a parameter, because of {names}")
 
 
@@ -180,7 +180,7 @@ def run_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> It
     if isinstance(model, LengthLanes):
         yield polynomials_of_lengths(model, False)
     stresses = model.members[0].outputs.stresses
-    if stresses and not model.scene.controllers:
+    if stresses and not model.scene.beside:
         names = ", ".join(stress.name for stress in stresses)
         yield note(
             f"derivatives of stresses ({names}) follow from central differences along the exact derivatives of the "

@@ -7,7 +7,12 @@ do not, the balance of energy shows it.
 
 Viscous damping in a joint: ``-c s'`` on its rotation or displacement s.
 
-Coulomb friction in a joint under a constant load: ``-limit tanh(s' / speed)`` on its rotation or displacement s.
+Coulomb friction in a joint: ``-limit tanh(s' / speed)`` on its rotation or displacement s. Its limit is given, of a
+joint under a constant load, or hangs on the force N that the joint carries, ``coefficient radius N`` of what turns and
+``coefficient N`` of what slides. N is the size of the whole force in the joint (`outputs.joint_forces`), solved with
+the step: every correction has that of the iterate before it, until nothing changes (`controllers.running`). Not in it
+are moments that a joint holds beside that force: of a guide that is loaded askew N is less than what its ends carry
+together, and of a bearing that is bent.
 
 Regularised, so that the force is smooth: below the speed the joint creeps instead of sticking. Where friction alone
 changes the rate by several times this speed in one step, Newton's iteration goes back and forth between sliding one way
@@ -16,6 +21,7 @@ and the other when the joint comes to rest, and the sample fails: take a larger 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -24,12 +30,20 @@ from pydantic import Field, model_validator
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect
-from pgmp_petsc.effects.laws import FRICTION, SPRING_DAMPER, STOP
+from pgmp_petsc.effects.laws import CARRIED_FRICTION, FRICTION, SPRING_DAMPER, STOP
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import distance
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import OnJoint
-from pgmp_petsc.scene.fields import NotNegativeOrParameter, NumberOrParameter, PositiveOrParameter, Unit, refusal
+from pgmp_petsc.scene.fields import (
+    NotNegativeOrParameter,
+    NumberOrParameter,
+    PositiveOrParameter,
+    Unit,
+    exactly_one,
+    refusal,
+)
+from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.uses import slides
 
 
@@ -144,21 +158,56 @@ class JointDamping(OnJoint):
 
 
 class JointFriction(OnJoint):
-    """Coulomb friction in a joint under a constant load, regularised: ``-limit tanh(rate / speed)``."""
+    """Coulomb friction in a joint, regularised: ``-limit tanh(rate / speed)``, where the limit is given or follows the
+    force that the joint carries."""
 
     type: Literal["joint_friction"]
     acts = "forces"
     joints = ("turning", "sliding")
-    changeable = ("limit", "speed")
-    nothing_without = strength = "limit"
+    changeable = ("limit", "coefficient", "radius", "speed")
+    strength = "limit"
     local = True
     edged = True
-    limit: Annotated[NotNegativeOrParameter, Unit("N m", "N")] = Field(
-        description="friction torque (Nm) or force (N) while it slides, a number or a parameter's name"
+    limit: Annotated[NotNegativeOrParameter | None, Unit("N m", "N")] = Field(
+        None, description="friction torque (Nm) or force (N) while it slides, a number or a parameter's name"
+    )
+    coefficient: Annotated[NotNegativeOrParameter | None, Unit("1")] = Field(
+        None,
+        description="in place of a limit: of friction under the force that the joint carries, a number or a "
+        "parameter's name",
+    )
+    radius: Annotated[PositiveOrParameter | None, Unit("m")] = Field(
+        None, description="at which it rubs (m), of what turns, with a coefficient; a number or a parameter's name"
     )
     speed: Annotated[PositiveOrParameter, Unit("rad/s", "m/s")] = Field(
         description="rate at which 76 % of the limit are reached (rad/s or m/s), a number or a parameter's name"
     )
+
+    @model_validator(mode="after")
+    def _one_limit(self) -> Self:
+        exactly_one(self, "limit", "coefficient")
+        if self.radius is not None and self.limit is not None:
+            raise refusal("without effect, as the limit is given; leave it out", "radius")
+        return self
+
+    @property
+    def nothing_without(self) -> str:
+        """The entry that says how strong it is."""
+        return "limit" if self.coefficient is None else "coefficient"
+
+    @property
+    def by_load(self) -> bool:
+        """Whether it hangs on the force that the joint carries."""
+        return self.coefficient is not None
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line if what turns has no radius at which it rubs, or what slides has one."""
+        if self.by_load and self.joint in scene.joints:
+            entry, slid = f"effects.{name}.radius", slides(scene, self)
+            if slid and self.radius is not None:
+                yield problem(entry, "what slides rubs at no radius; leave it out", self.radius)
+            elif not slid and self.radius is None:
+                yield problem(entry, "missing; what turns rubs at a radius (m): that of the pin in its bearing")
 
     @classmethod
     def work(cls, rate: np.ndarray, time: np.ndarray, turns_freely: bool) -> float:
@@ -169,6 +218,13 @@ class JointFriction(OnJoint):
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
         """Return the friction."""
-        parameters = (Quantity.of(self.limit), Quantity.of(self.speed))
+        law, given = FRICTION, (self.limit, self.speed)
+        if self.by_load:
+            law, given = (
+                CARRIED_FRICTION,
+                (0.0, self.coefficient, 1.0 if self.radius is None else self.radius, self.speed),
+            )
         place = joint_measure(mechanism, self)
-        return ActionEffect(name, [Action(name, law=FRICTION, parameters=parameters, **place)], mechanism)
+        return ActionEffect(
+            name, [Action(name, law=law, parameters=tuple(map(Quantity.of, given)), **place)], mechanism
+        )

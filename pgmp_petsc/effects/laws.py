@@ -26,6 +26,14 @@ FRICTION = Law(
     left_out="it is friction, not linear and without stiffness",
 )
 
+CARRIED_FRICTION = Law(
+    "carried_friction",
+    ("load", "coefficient", "radius", "speed"),
+    force="-coefficient * radius * (load + amplitude) * tanh(rate / speed)",
+    about_zero="speed",
+    left_out=FRICTION.left_out,
+)
+
 STOP = Law(
     "stop",
     ("k", "c", "place", "side"),

@@ -72,7 +72,7 @@ class CheckingModel:
         shape = len(rom.projection), len(nodes), space.n_dofs, -1
         nodal = rom.projection[:, : space.n_dofs * len(nodes)].reshape(shape)
         self.rotations = np.abs(nodal[:, :, space.dimension :]).max(axis=(0, 1, 2))
-        scheme = scene.reduction.interpolation
+        scheme = scene.interpolation
         self._reconstruction = Reconstruction(self.full.kinematics, rom, scheme, nodes, internal=True)
 
     def unknowns_of(self, paths: np.ndarray) -> np.ndarray:

@@ -43,7 +43,7 @@ LARGE = 0.05  # estimated error as a share of an output's largest value, from wh
 
 def is_estimated(scene: Scene) -> bool:
     """Return whether the errors of a scene's runs are estimated."""
-    return scene.simulation.error_indicator and bool(scene.outputs) and not scene.controllers
+    return scene.simulation.error_indicator and bool(scene.outputs) and not scene.beside
 
 
 def absence_of_estimates(scene: Scene, ensemble: bool = False, of_step: bool = False) -> tuple[Remark, ...]:
@@ -55,8 +55,8 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False, of_step: bool = F
     cure = cure or comparing(scene)
     if not scene.outputs:
         return (note(f"{what} were not estimated: the scene has no [outputs], whose errors these would be"),)
-    if scene.controllers:
-        words = f"the estimate does not know controllers.{next(iter(scene.controllers))}"
+    if scene.beside:
+        words = f"the estimate does not know {scene.beside[0]}"
         return (note(f"{what} were not estimated: {words}; {cure}"),)
     if not scene.simulation.error_indicator:
         switch = "simulation.error_indicator = false"

@@ -18,20 +18,17 @@ from pgmp_petsc.figures.ensembles import bands, densities, joined, rare_event, s
 from pgmp_petsc.figures.ensembles import labels_of as densities_labels
 from pgmp_petsc.figures.frequencies import coordinate_path, frequencies, frequency_maps
 from pgmp_petsc.figures.frequencies import labels_of as tables_labels
+from pgmp_petsc.figures.loads import DIAGRAMS, loads
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.solids import has_solids, solids
 from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import (
-    counted_outputs,
     design,
     energies,
     fit,
-    forces,
-    joint_forces,
     labels_of,
     paired,
-    rainflow,
     sensitivities,
     trajectories,
 )
@@ -180,8 +177,7 @@ def _of_runs(runs: Sourced, exaggeration: float, at: float | None) -> tuple[Pict
         "mechanism": (partial(mechanism, exaggeration=exaggeration), lambda run: run.frames is not None),
         "solids": (partial(solids, at=at, exaggeration=exaggeration), has_solids),
         "energies": (energies, lambda run: run.balance is not None),
-        "rainflow": (rainflow, counted_outputs),
-        "forces": (forces, joint_forces),
+        **{kind: (partial(loads, kind=kind), diagram.of) for kind, diagram in DIAGRAMS.items()},
         "coordinate_path": (coordinate_path, lambda run: len(run.coordinate_units) == 2),
     }
     notes = _left_out("trajectories", [set(run.outputs) for run in found])

@@ -1,7 +1,5 @@
 """Outputs over time, full-order and reduced, and the error between them (as Fig. 4 of Naets et al. 2015).
 
-The cycles of a run by range and mean (rainflow matrix), and the forces in its joints (polar diagrams).
-
 The balance of energy of a run: what is stored, what the effects brought, and what is left over.
 
 A design: how the search went, and outputs at its start and of the design.
@@ -28,7 +26,6 @@ from matplotlib.patches import Patch
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures import captions, style
 from pgmp_petsc.figures.captions import same_case, tell_apart
-from pgmp_petsc.lanes.rainflow import cycles
 from pgmp_petsc.results import Derivatives, Design, Fit, Trajectory
 from pgmp_petsc.results.gradients import FittedParameter
 from pgmp_petsc.results.numbers import ROUND_OFF, plain, sizes_of
@@ -256,75 +253,6 @@ def _shared(comparisons: Sequence[Comparison]) -> set[int]:
     """Return the full-order runs, by `id`, that belong to several comparisons."""
     counts = Counter(id(comparison.full) for comparison in comparisons if comparison.full is not None)
     return {run for run, count in counts.items() if count > 1}
-
-
-N_BINS = 24  # of ranges and of means
-
-
-def counted_outputs(trajectory: Trajectory) -> list[str]:
-    """Return the outputs whose cycles the scene of a run counts."""
-    entries = style.scene_of(trajectory.record).get("outputs", {}).values()
-    named = dict.fromkeys(entry["of"] for entry in entries if entry["type"] == "rainflow")
-    return [name for name in named if name in trajectory.outputs and len(cycles(trajectory.outputs[name]))]
-
-
-@style.styled
-def rainflow(trajectory: Trajectory, label: str = "") -> Figure:
-    """Draw the rainflow matrix of each output whose cycles the scene counts: how many have which range and mean.
-
-    Raises `InputError` if there is none.
-    """
-    names = counted_outputs(trajectory)
-    if not names:
-        raise InputError("the scene counts no cycles; add an output of type rainflow")
-    figure, blocks = style.panel_grid(len(names), COLUMNS, (3.7, 3.2), 0.65, 5.0)
-    for (axes,), name in zip(blocks, names):
-        first, second, count = cycles(trajectory.outputs[name]).T
-        factor, unit = style.axis_unit(trajectory.units.get(name, "1"), first, second)
-        ranges, means = factor * np.abs(second - first), 0.5 * factor * (first + second)
-        matrix, *edges = np.histogram2d(ranges, means, N_BINS, weights=count)
-        drawn = axes.pcolormesh(*edges, np.where(matrix > 0.0, matrix, np.nan).T, cmap="viridis")
-        axes.set_title(name)
-        axes.set_xlabel(style.axis_label("range", unit))
-        axes.set_ylabel(style.axis_label("mean", unit))
-        figure.colorbar(drawn, ax=axes, label="cycles")
-    what = style.heading(f"Rainflow matrix, {style.MODELS[trajectory.model]}", trajectory.record, label)
-    style.top_legend(figure, [], what, captions.of_runs([trajectory], [label]))
-    return figure
-
-
-def joint_forces(trajectory: Trajectory) -> list[tuple[str, str, str]]:
-    """Return joints with the outputs of the forces in them along x and y, on one body in one frame."""
-    found: dict[tuple[str, str, str], dict[str, str]] = {}
-    for name, entry in style.scene_of(trajectory.record).get("outputs", {}).items():
-        if entry["type"] == "joint_force" and name in trajectory.outputs:
-            of, frame = entry.get("of", "second"), entry.get("frame", "ground")
-            found.setdefault((entry["joint"], of, frame), {})[entry.get("component", "magnitude")] = name
-    return [(joint, own["x"], own["y"]) for (joint, *_), own in found.items() if {"x", "y"} <= own.keys()]
-
-
-@style.styled
-def forces(trajectory: Trajectory, label: str = "") -> Figure:
-    """Draw the forces in joints whose components along x and y are outputs as polar diagrams over the run.
-
-    Raises `InputError` if there is none.
-    """
-    joints = joint_forces(trajectory)
-    if not joints:
-        raise InputError("no joint has its forces along x and y among the outputs; add two of type joint_force")
-    polar = {"projection": "polar"}
-    figure, blocks = style.panel_grid(len(joints), COLUMNS, (3.7, 3.6), 0.65, 5.0, subplot_kw=polar)
-    for (axes,), (joint, *names) in zip(blocks, joints):
-        x, y = (trajectory.outputs[name] for name in names)
-        factor, unit = style.axis_unit(trajectory.units.get(names[0], "N"), x, y)
-        angle, size = np.arctan2(y, x), factor * np.hypot(x, y)
-        axes.plot(angle, size, linewidth=0.9)
-        axes.plot(angle[-1], size[-1], "o", color=style.QUIET, markersize=4.0)
-        axes.set_title(style.axis_label(joint, unit))
-    what = style.heading(f"Forces in joints, {style.MODELS[trajectory.model]}", trajectory.record, label)
-    end = Line2D([], [], color=style.QUIET, linestyle="none", marker="o", markersize=4.0, label="at the end")
-    style.top_legend(figure, [end], what, captions.of_runs([trajectory], [label]))
-    return figure
 
 
 WIDTH = 8.6

@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import MassesOnDemand
-from pgmp_petsc.controllers.acting import ACTING_LAW
+from pgmp_petsc.controllers.acting import given_to
 from pgmp_petsc.controllers.running import Controls
 from pgmp_petsc.effects import Action, Effect, Load, Motion, actions_of, loads_of
 from pgmp_petsc.effects.action import amplitudes_over, compile_actions, counted_from
@@ -71,9 +71,9 @@ class Sources:
 
     @property
     def controlled(self) -> tuple[list[int], list[int]]:
-        """Numbers of the actions here that are forces of controllers, and numbers of these controllers."""
+        """Numbers of the actions here to which forces are given, and numbers of these in `Controls.names`."""
         names = [] if self.controls is None else list(self.controls.names)
-        found = [k for k, action in enumerate(self.actions) if names and action.law is ACTING_LAW]
+        found = given_to(self.actions) if names else []
         return found, [names.index(self.actions[k].effect) for k in found]
 
     def at(self, times: np.ndarray) -> Strengths:

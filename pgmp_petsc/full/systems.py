@@ -33,7 +33,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.base.surroundings import Comm, alone
-from pgmp_petsc.controllers.running import Controls
+from pgmp_petsc.controllers.running import MOST_STARTS, Controls
 from pgmp_petsc.effects import Effect, Held, Motion, driven
 from pgmp_petsc.effects.law import rubs
 from pgmp_petsc.full.energy import EnergyNames, energies_of
@@ -123,6 +123,11 @@ class FullSystem(SecondOrderSystem):
         `comm`."""
         raise NotImplementedError
 
+    def multipliers_of_joints(self, state: State) -> np.ndarray:
+        """Return the scheme's own multipliers of joints and driven angles (`ConstraintSet.of_joints`), shape (n,
+        n_samples). Collective on `comm`."""
+        return self._equations.constraints.of_joints(self.multipliers(state))
+
     def joint_multipliers(self, time: float, state: State) -> np.ndarray:
         """Return the multipliers of joints and driven angles (`ConstraintSet.of_joints`), shape (n, n_samples).
         Collective on `comm`.
@@ -135,13 +140,14 @@ class FullSystem(SecondOrderSystem):
         drift = self._equations.constraints.drift(self.unpack(state.q), self.unpack(state.v), accelerations)
         everyone = np.ones(self.n_samples, dtype=bool)
         found = self._accelerated(time, state, self._against(drift), everyone, True)
-        return self._equations.constraints.of_joints(self.multipliers(found))
+        return self.multipliers_of_joints(found)
 
     def start(self) -> State:
         """Return the start, undeformed or settled, with consistent accelerations and multipliers."""
         found = self._begun.copy()
         if self.beside is not None:
             self.beside.start(found)
+            self.beside.settle(found)
         return found
 
     @cached_property
@@ -167,7 +173,13 @@ class FullSystem(SecondOrderSystem):
         drift, state = self._against(self._equations.constraints.drift(q, v, accelerations)), self._state(q, v, turns)
         if self.beside is not None:
             self.beside.start(state)
-        return self._accelerated(0.0, state, drift, np.ones(self.n_samples, dtype=bool), True)
+        everyone = np.ones(self.n_samples, dtype=bool)
+        found = self._accelerated(0.0, state, drift, everyone, True)
+        for _ in range(MOST_STARTS if self.beside is not None else 0):
+            if not self.beside.settle(found):
+                break
+            found = self._accelerated(0.0, found, drift, everyone, False)
+        return found
 
     def project(self, time: float, state: State, step: float, samples: np.ndarray) -> None:
         """Make velocities and accelerations of some samples consistent with the constraints at the end of a step.
@@ -226,10 +238,11 @@ class FullSystem(SecondOrderSystem):
         """Let controllers act on the only sample."""
         self.beside = self._sources.controls = controls
 
-    def put_forces(self, forces: np.ndarray) -> None:
-        """Take forces of controllers, with their stiffness and damping, (n_controllers, 1, 3)."""
-        columns, numbers = self._sources.controlled
-        self._equations.problem.actions.parameters[:, columns, :, :3] = forces[numbers]
+    def put_forces(self, forces: Sequence[np.ndarray]) -> None:
+        """Take what is given to each action; see `Controls`."""
+        parameters = self._equations.problem.actions.parameters
+        for column, number in zip(*self._sources.controlled):
+            parameters[:, column, :, : forces[number].shape[1]] = forces[number]
 
     def begin_iteration(self) -> None:
         """Forget at which rates laws were evaluated; see `SecondOrderSystem`."""

@@ -1,4 +1,5 @@
-"""Derivatives of runs by differences, where exact ones are not known: of scenes with controllers.
+"""Derivatives of runs by differences, where exact ones are not known: of scenes with controllers, or friction by the
+force that a joint carries.
 
 The run and those beside it are samples of one batch. Differences are of fourth order, central, or forward where a
 parameter has no sense below zero and is next to it. With steps of `SHARE` of a parameter's size the iteration's
@@ -83,7 +84,7 @@ def _size(scene: Scene, values: Mapping[str, float], name: str) -> float:
         sizes.append(parameter.deviation)
     if not max(sizes) > 0.0:
         raise InputError(
-            f"parameters.{name} = 0: with controllers derivatives are differences of runs, and how far apart is not "
-            "known without its size; give it bounds"
+            f"parameters.{name} = 0: with {', '.join(scene.beside)} derivatives are differences of runs, and how far "
+            "apart is not known without its size; give it bounds"
         )
     return max(sizes)

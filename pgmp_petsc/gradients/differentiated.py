@@ -88,7 +88,8 @@ def differentiate(
     names: Sequence[str],
     pulse: Callable[[int], object] = lambda n_steps: None,
 ) -> DifferentiatedRun:
-    """Run one sample, and differentiate its outputs with some parameters; with controllers by `differences`.
+    """Run one sample, and differentiate its outputs with some parameters; with forces beside (`Scene.beside`) by
+    `differences`.
 
     Raises `InputError` if the scene has no outputs, there is no static equilibrium to start from, or an end stop is
     grazed; `RunError` if the run stops before its end, with smaller steps too.
@@ -106,7 +107,7 @@ def differentiate(
     """
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
-    beside = Differences.of(model.scene, values, names if model.scene.controllers else ())
+    beside = Differences.of(model.scene, values, names if model.scene.beside else ())
     kept: list[tuple[Attempt, Run, StateRecord]] = []
 
     def once(attempt: Attempt) -> Run:
@@ -125,7 +126,7 @@ def differentiate(
     status = Status(done.status[0])
     if status != Status.FINE:
         raise RunError(f"the run stopped at {done.failure_time[0]:.6g} s: {status.meaning}; {status.cure(model.name)}")
-    if model.scene.controllers:
+    if model.scene.beside:
         return _compared(model, values, names, beside, *trail.of_batch(), attempt.divisor)
     times, states = trail.states()
     linearisation = Linearisation(model, values, names)

@@ -140,6 +140,15 @@ def _controllers(scene: Scene) -> Iterator[str]:
     return (f"controllers.{name} ({one.type})" for name, one in scene.controllers.items())
 
 
+def _beside(scene: Scene) -> Iterator[str]:
+    yield from _controllers(scene)
+    yield from _carried(scene)
+
+
+def _carried(scene: Scene) -> Iterator[str]:
+    return (f"effects.{name}.coefficient" for name in scene.carried)
+
+
 def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
     return lambda scene: iter((purpose.value,))
 
@@ -212,10 +221,10 @@ FEATURES = (
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "controllers with lengths, places and ratios",
-        _with(_lengths, _controllers),
+        "forces beside with lengths, places and ratios",
+        _with(_lengths, _beside),
         OF_THE_REDUCTION,
-        why_not="models at several lengths have no controllers",
+        why_not="models at several lengths have no controllers and no forces in joints",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
@@ -226,31 +235,38 @@ FEATURES = (
         cure="leave the output out, or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "controllers with a choice by a tolerance",
-        _with(_by_tolerance, _controllers),
+        "friction by the force carried beside controllers",
+        _with(_carried, _controllers),
+        OF_THE_REDUCTION,
+        why_not="forces in joints of reduced models do not know those of controllers",
+        cure="give friction a limit, or take pgmp simulate SCENE --full",
+    ),
+    Feature(
+        "forces beside with a choice by a tolerance",
+        _with(_by_tolerance, _beside),
         EVERYWHERE - {Purpose.MODES},
-        why_not="what is chosen hangs on errors that are not known with controllers",
+        why_not="what is chosen hangs on errors that are not known with controllers or friction by the force carried",
         cure="give the numbers themselves",
     ),
     Feature(
-        "sizes of effects with controllers",
-        _controllers,
+        "sizes of effects with forces beside",
+        _beside,
         frozenset({Purpose.SIZES}),
-        why_not="sizes of effects are those without control",
+        why_not="sizes of effects are those without control, and without forces that joints carry",
         cure="take pgmp check without --effects",
     ),
     Feature(
-        "trade-off with controllers",
-        _controllers,
+        "trade-off with forces beside",
+        _beside,
         frozenset({Purpose.TRADEOFF}),
-        why_not="runs are compared without control",
+        why_not="runs are compared without control, and without forces that joints carry",
         cure="compare pgmp simulate SCENE --full with reduced runs",
     ),
     Feature(
-        "models in C and FMUs with controllers",
-        _controllers,
+        "models in C and FMUs with forces beside",
+        _beside,
         frozenset({Purpose.EXPORT}),
-        why_not="a model in C has no controllers",
+        why_not="a model in C has no controllers, and does not know what joints carry",
         cure="take pgmp simulate for this model",
     ),
     Feature(

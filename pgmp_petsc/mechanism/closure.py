@@ -562,7 +562,10 @@ class ReleasedClosure:
         parts = mechanism.holding(frames, moving=True)[0] + [(c.statement, c.sides) for c in mechanism.coordinates]
         self._n_held = len(parts)
         parts += [(part.statement, c.sides) for c in mechanism.connections for part in c.released]
+        carries = [part.key != "clearance" for c in mechanism.connections for part in c.released]
         parts += [(c.combination, c.sides) for c in mechanism.couplings if c.elastic]
+        self._carries = np.zeros(len(parts), dtype=bool)
+        self._carries[self._n_held : self._n_held + len(carries)] = carries
         sides = [tuple(side.on_pose() for side in pair) for _, pair in parts]
         statements = [part for part, _ in parts]
         self._rows = StatementRows(statements, sides, closure.pose_dofs, mechanism.space.dimension)
@@ -583,6 +586,12 @@ class ReleasedClosure:
         unit = np.zeros((n, self._chosen.size, n_released))
         unit[:, self._n_held :] = np.eye(n_released)
         return np.moveaxis(solved(jacobian[:, self._chosen], unit), 0, -1).reshape(n_bodies, n_pose, n_released, n)
+
+    @property
+    def carries(self) -> np.ndarray:
+        """Whether these motions are of elastic joints, (n_released,), once rates were asked for: couplings and joints
+        with clearance carry nothing along."""
+        return self._carries[:0] if self._chosen is None else self._carries[self._chosen[self._n_held :]]
 
     def unheld(self, poses: np.ndarray, stiff: np.ndarray) -> int | None:
         """Return the released direction that moves most in a motion that is measured by none of the stiff ones, a mask

@@ -187,6 +187,11 @@ class RigidKinematics:
         parts = zip(*(np.ascontiguousarray(np.moveaxis(part, -1, 0)) for part in everything))
         self._followed.update((one.tobytes(), RigidMotion(*part)) for one, part in zip(theta, parts))
 
+    @property
+    def carries(self) -> np.ndarray:
+        """Whether released motions carry along what is on their joints, (n_released,), once a motion was asked for."""
+        return self._released.carries
+
     def unheld(self, theta: np.ndarray, stiff: Sequence[bool]) -> int | None:
         """Return the number of a released direction that nothing stiff holds at a configuration (n_theta,), in the
         order of `Connection.released` and elastic couplings; None where there is none."""

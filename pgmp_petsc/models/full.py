@@ -71,7 +71,7 @@ class FullModel:
         self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
         self._start = start_of(scene, mechanism)
         self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])
-        self._measures = Measures(scene, self.kinematics, self._start[0]) if scene.controllers else None
+        self._measures = Measures(scene, self.kinematics, self._start[0]) if scene.beside else None
         self._stresses = None
         if self.outputs.stresses:
             from pgmp_petsc.models.stresses import FullStresses  # few scenes have them
@@ -95,7 +95,7 @@ class FullModel:
         """Most samples that a batch may have; of large meshes, or where meshes differ, it is one."""
         drawn = {name for name, parameter in self.scene.parameters.items() if parameter.distribution is not None}
         own_meshes = drawn & self._scaling
-        alone = own_meshes or self.scene.controllers  # whose forces are of one sample
+        alone = own_meshes or self.scene.beside  # whose forces are of one sample
         return self.scene.ensemble.batch if self._in_lanes and not alone else 1
 
     @property
@@ -124,7 +124,10 @@ class FullModel:
             def frames(state: State) -> list[np.ndarray]:
                 return [system.frames(state)[nodes], unknowns.frames(system.unpack(state.v))[nodes]]
 
-            system.control(self._measures.controls(frames, values, 1, system.put_forces))
+            def multipliers(time: float, state: State, before: np.ndarray) -> np.ndarray:
+                return system.multipliers_of_joints(state)
+
+            system.control(self._measures.controls(frames, values, 1, system.put_forces, multipliers))
         return system
 
     def built_in(

@@ -137,7 +137,7 @@ class LengthLanes:
         self.effects, self.start, self.motions = model.effects, model.start, model.motions
         self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts)
         self.lengths = length_names(model.scene)
-        family, scheme = model.rom.family, model.scene.reduction.interpolation
+        family, scheme = model.rom.family, model.scene.interpolation
         self.grid, self.check = family.grid, family.check
         self.members = tuple(self._member(number) for number in range(len(family.members)))
         merged, dampings = family.merged(model.rom), [member.terms.damping for member in self.members]

@@ -76,12 +76,12 @@ class ReducedModel:
         self.meshes = rom.meshes
         self.kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, rom.meshes), rom.branch)
         mechanism = self.kinematics.mechanism
-        scheme = scene.reduction.interpolation
+        scheme = scene.interpolation
         self.effects, self.motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
         self.start = start_of(scene, mechanism)
         self._check_start(rom.tables.samples)
         self.outputs = OutputSet.of(scene, self.kinematics, self.start[0])
-        self.measures = Measures(scene, self.kinematics, self.start[0]) if scene.controllers else None
+        self.measures = Measures(scene, self.kinematics, self.start[0]) if scene.beside else None
         damping = ReducedDamping.of(self.effects, self.kinematics, rom)
         self.terms = ReducedTerms.of(
             rom.tables, rom.rigid_inertia, self.kinematics, rom.projection, scheme, damping, scene.gyroscopic
@@ -96,11 +96,12 @@ class ReducedModel:
 
             self.stresses = ReducedStresses(scene, self.outputs, self.kinematics, rom)
         self.multipliers = None
-        if self.outputs.forces:
+        carried = () if self.measures is None else self.measures.carried
+        if self.outputs.forces or carried:
             from pgmp_petsc.models.joint_forces import ReducedMultipliers  # few scenes have them
 
             self.multipliers = ReducedMultipliers(
-                scene, rom, self.kinematics, self.outputs.forces, self.effects, self.motions, self.start[0]
+                scene, rom, self.kinematics, self.outputs.forces, carried, self.effects, self.motions, self.start[0]
             )
         self.joint_angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
         self.stiffness_changes = rom.stiffness_changes
@@ -174,7 +175,7 @@ class ReducedModel:
     ) -> np.ndarray:  # fmt: skip
         """Return what `observed_of` does, for frames of the outputs' nodes that are at hand, with their derivatives."""
         stresses = np.empty((0, len(states.q))) if self.stresses is None else self.stresses.of(states.q, values)
-        if self.multipliers is not None:
+        if self.outputs.forces:
             multipliers = self.multipliers.of(time, states, values)
             stresses = np.concatenate([stresses, self.outputs.forces_of(frames, multipliers, values)])
         return self.outputs.observed(frames, stresses, time, values)
@@ -187,7 +188,7 @@ class ReducedModel:
 
         frames = self.scene.simulation.frames if n_frames is None else n_frames
         seen = FieldSet.of(self.scene, self.kinematics.mechanism.bodies, frames)
-        return ReducedFields(seen, self.kinematics, self.rom, self.scene.reduction.interpolation)
+        return ReducedFields(seen, self.kinematics, self.rom, self.scene.interpolation)
 
     def frames_of(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, 3, n), for reduced coordinates (n, n_eta)."""
@@ -246,20 +247,21 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
         unloaded = [Unloaded(effect.name) for effect in model.effects]
         alone = ReducedSystem(model.terms, unloaded, values, start, n_samples, actions=springs, given=given)
         system.begin_at(*_in_balance(ReducedStatics(alone, angles), angles.scales, start, n_samples))
-    if model.measures is not None:
-        reconstruction = Reconstruction(
-            model.kinematics, model.rom, model.scene.reduction.interpolation, model.measures.nodes
-        )
-
-        def frames(state: State) -> list[np.ndarray]:
-            # an iterate that is no number is lost with its correction, and closes no mechanism
-            fine = np.isfinite(state.q).all(axis=1)[:, None]
-            return reconstruction.jets((np.where(fine, state.q, 0.0), np.where(fine, state.v, 0.0)), 1)
-
-        system.control(model.measures.controls(frames, values, n_samples, system.put_forces, system.measured))
     if model.scene.initial.equilibrium:
         free = model.scene.initial.coordinates == "free"
         statics = ReducedStatics(system, None if free else angles)
         theta = np.tile(model.start[0], (n_samples, 1))
         system.settle(settle(statics, theta, search_of(model.scene, model.kinematics.mechanism)))
+    if model.measures is not None:
+        reconstruction = Reconstruction(model.kinematics, model.rom, model.scene.interpolation, model.measures.nodes)
+
+        def frames(state: State) -> list[np.ndarray]:
+            # an iterate that is no number is lost with its correction, and closes no mechanism
+            fine = np.isfinite(state.q).all(axis=1)[:, None]
+            parts = [np.where(fine, part, 0.0) for part in (state.q, state.v)]
+            return reconstruction.jets(parts, model.measures.order)
+
+        multipliers = model.multipliers.in_steps(own, n_samples) if model.measures.carried else None
+        put, measured = system.put_forces, system.measured
+        system.control(model.measures.controls(frames, values, n_samples, put, multipliers, measured))
     return system

@@ -167,7 +167,7 @@ class ReducedStresses:
 
     def __init__(self, scene: Scene, outputs: OutputSet, kinematics: RigidKinematics, rom: ReducedOrderModel) -> None:
         self._stresses, numbers = outputs.stresses, {stress.body for stress in outputs.stresses}
-        self._strains = ReducedStrains(kinematics, rom, scene.reduction.interpolation, numbers)
+        self._strains = ReducedStrains(kinematics, rom, scene.interpolation, numbers)
         self._linear = _linear_maps(outputs.stresses, kinematics.mechanism.bodies)
 
     def of(self, eta: np.ndarray, values: Values) -> np.ndarray:

@@ -45,7 +45,8 @@ class ModeSet:
     #: m-orthonormal at the parameters of the problem and M-orthogonal to `unstrained`, shape (n_local, n_modes)
     flexible: np.ndarray
     free: np.ndarray  # numbers of the coordinates that are not prescribed
-    #: rigid motions that elastic joints allow, m-orthonormal, M-orthogonal to all others, shape (n_local, n_released)
+    #: rigid motions that elastic joints allow (`ModalProblem.released_motion`), m-orthonormal, shape (n_local,
+    #: n_released)
     released: np.ndarray
 
     @property
@@ -216,14 +217,22 @@ class ModalProblem:
     def released_motion(self, theta: np.ndarray, rigid: np.ndarray) -> np.ndarray:
         """Return what elastic joints allow at a configuration with its rigid velocity, local rows, as in `ModeSet`.
 
+        Joints carry what is on them along: with theta held, the mechanism moves with a frame on its mounts as it is,
+        and no table changes. Were a motion orthogonal to the coordinates instead, a part of it would be motion over
+        the configurations, which the model has in the coordinates exactly and here to its order in small amplitudes.
+        What couplings release is that alone, between coordinates and what they drive, and clearance is small: there the
+        coordinates keep as much of it as they can.
+
         Raises `RunError` if the directions that they release do not part these motions there.
         """
         everywhere = linear_motion(self.mechanism, self.kinematics.motion(theta).released)
         released = everywhere[self.rows.start : self.rows.stop]
         if not released.shape[1]:
             return released
+        carries = self.kinematics.carries
+        released, first = released[:, np.argsort(~carries, kind="stable")], int(np.sum(carries))
         for _ in range(2):  # twice is enough (Kahan): the second pass removes what round-off left
-            released = self._deflate(released, rigid[:, self.free])
+            released = np.hstack([released[:, :first], self._deflate(released[:, first:], rigid[:, self.free])])
             gram = self.inner(released, self.times_mass(released))
             scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
             factor = cholesky(gram * scale * scale[:, None], f"elastic joints at {self.kinematics.describe(theta)}")

@@ -488,8 +488,24 @@ def force_outputs(scene: Scene, kinematics: RigidKinematics, start: np.ndarray) 
     return found
 
 
-def _refuse_undetermined(outputs: Sequence[ForceOutput], kinematics: RigidKinematics, start: np.ndarray) -> None:
-    """Refuse forces that hang on how dependent constraints share them out."""
+def carried_forces(scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> tuple[ForceOutput, ...]:
+    """Return the sizes of the forces in joints that effects of a scene hang on, in the order of `Scene.carried`.
+
+    Raises `InputError` where the constraints at the start, coordinates (n_theta,), do not determine one.
+    """
+    found = tuple(
+        JointForce(type="joint_force", joint=entry.joint).multiplied(name, kinematics)
+        for name, entry in scene.carried.items()
+    )
+    if found:
+        _refuse_undetermined(found, kinematics, start, "effects")
+    return found
+
+
+def _refuse_undetermined(
+    outputs: Sequence[ForceOutput], kinematics: RigidKinematics, start: np.ndarray, table: str = "outputs"
+) -> None:
+    """Refuse forces that hang on how dependent constraints share them out, of entries in a table of the scene."""
     mechanism = kinematics.mechanism
     unknowns = Unknowns(mechanism)
     q = unknowns.place(kinematics.poses(start)[..., 0])
@@ -505,11 +521,12 @@ def _refuse_undetermined(outputs: Sequence[ForceOutput], kinematics: RigidKinema
         if isinstance(output, OfMotion) or not touched[output.rows].any():
             continue
         if isinstance(output, OfCoupling):
-            _refuse(output, "mu", sharing, "")
-        of, entry = _map_of(output, frames, mechanism), output.entry
+            _refuse(f"{table}.{output.name}", sharing, "")
+        of = _map_of(output, frames, mechanism)
         for axis, row in zip(_axes(output, frames), _chosen(output, frames) @ of):
             if np.abs(row @ shares).max() > UNDETERMINED * max(1.0, np.abs(row).max()):
-                _refuse(output, entry.joint, sharing, _combination(output, axis, shares, sharing, frames, mechanism))
+                words = _combination(output, axis, shares, sharing, frames, mechanism)
+                _refuse(f"{table}.{output.name}", sharing, words)
 
 
 def _rows_of(mechanism: Mechanism, name: str) -> slice:
@@ -573,11 +590,11 @@ def _term(factor: float, name: str) -> str:
     return f"{'-' if factor < 0.0 else '+'} {size}{name}"
 
 
-def _refuse(output: ForceOutput, joint: str, sharing: Sequence[str], combination: str) -> None:
+def _refuse(entry: str, sharing: Sequence[str], combination: str) -> None:
     together = ", ".join(sharing)
     determined = f"; that of {combination} is" if combination else ""
     raise InputError(
-        f"outputs.{output.name}.joint: constraints of {together} hold the same, so that how much each carries is not "
+        f"{entry}.joint: constraints of {together} hold the same, so that how much each carries is not "
         f"determined{determined}. Let a body between them be flexible or a joint elastic, take joints that hold less, "
         "or another component"
     )

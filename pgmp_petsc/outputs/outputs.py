@@ -165,7 +165,7 @@ class OutputSet:
             prescribed.
         """
         if start is None:
-            start = np.array([scene.initial_state(c.name).position for c in kinematics.mechanism.coordinates])
+            start = said_start(scene, kinematics)
         functions, stresses, needs, order = {}, [], Needs(), 0
         forces = _forces(scene, kinematics, start)
         for name in _in_order(scene):
@@ -218,6 +218,20 @@ def _in_order(scene: Scene) -> list[str]:
     for name in scene.outputs:
         add(name)
     return list(found)
+
+
+def said_start(scene: Scene, kinematics: RigidKinematics) -> np.ndarray:
+    """Return the coordinates that a scene says to start at, also of those that are prescribed, (n_theta,)."""
+    return np.array([scene.initial_state(c.name).position for c in kinematics.mechanism.coordinates])
+
+
+def carried_in(scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> tuple[ForceOutput, ...]:
+    """Return the forces in joints that effects hang on; see `joint_forces.carried_forces`."""
+    if not scene.carried:
+        return ()
+    from pgmp_petsc.outputs.joint_forces import carried_forces  # few scenes have them
+
+    return carried_forces(scene, kinematics, start)
 
 
 def _bases(scene: Scene) -> tuple[Base, ...]:

@@ -15,8 +15,8 @@ import numpy as np
 
 from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.controllers.acting import ACTING_LAW, NOTED
-from pgmp_petsc.controllers.running import Controls
+from pgmp_petsc.controllers.acting import ACTING_LAW, NOTED, given_to
+from pgmp_petsc.controllers.running import MOST_STARTS, Controls
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
 from pgmp_petsc.full.part_reference import Reference
@@ -261,7 +261,7 @@ class ReducedSystem(SecondOrderSystem):
         self._strengths = ReducedStrengths(
             self._load_effects, self._actions.actions, motions, self.tables.n_coordinates
         )
-        self.controlled = [k for k, action in enumerate(self._actions.actions) if action.law is ACTING_LAW]
+        self.controlled = given_to(self._actions.actions)
         self.n_events = self._memory.depths.shape[1]
         searched = (self._load_effects, self._actions.actions, motions) if self.n_events else ((), (), {})
         self._functions = functions_of_time(*searched, self.tables.n_coordinates)
@@ -271,9 +271,10 @@ class ReducedSystem(SecondOrderSystem):
         self.beside = controls
         self._no_amplitudes = self._lanes.packed_over(np.zeros((1, 1, len(self._actions.actions))))
 
-    def put_forces(self, forces: np.ndarray) -> None:
-        """Take forces of controllers, with their stiffness and damping, (n_controllers, n_samples, 3)."""
-        self._equations.local.actions.parameters[self.controlled, :, :3] = forces
+    def put_forces(self, forces: Sequence[np.ndarray]) -> None:
+        """Take what is given to each action; see `Controls`."""
+        for column, given in zip(self.controlled, forces):
+            self._equations.local.actions.parameters[column, :, : given.shape[1]] = given
 
     def measured(self, state: State) -> np.ndarray:
         """Return the motions that forces of controllers are of, or are led by, and their rates, (n_controllers,
@@ -283,7 +284,8 @@ class ReducedSystem(SecondOrderSystem):
         trail = np.array([[state.q, state.v]])
         act_on(*self._passed, self._no_amplitudes, trail, self._lanes.sets(everyone), 0.0, np.bool_(False), found)
         self._memory.known[:] = kept  # with what laws that are limited keep for the next iterate
-        return self._equations.local.actions.parameters[self.controlled, :, NOTED]
+        of_controllers = [k for k in self.controlled if self._actions.actions[k].law is ACTING_LAW]
+        return self._equations.local.actions.parameters[of_controllers, :, NOTED]
 
     @property
     def n_eta(self) -> int:
@@ -320,7 +322,12 @@ class ReducedSystem(SecondOrderSystem):
         state = State(q, v, np.zeros_like(q), np.zeros(0))
         if self.beside is not None:
             self.beside.start(state)
-        self.accelerate(0.0, state, np.ones(self.n_samples, dtype=bool))
+        everyone = np.ones(self.n_samples, dtype=bool)
+        self.accelerate(0.0, state, everyone)
+        for _ in range(MOST_STARTS if self.beside is not None else 0):
+            if not self.beside.settle(state):
+                break
+            self.accelerate(0.0, state, everyone)
         return state if self.settled is None else self.settled.at_rest(state, len(self._motions))
 
     def accelerate(self, time: float, state: State, samples: np.ndarray) -> None:

@@ -86,7 +86,7 @@ class AngleRounds:
             found = _beyond_tolerance(scene, axis, previous, current)
         elif self._refinable and 2 * axis.n <= scene.reduction.max_angles and _uneven(scene, current):
             self._reasons.setdefault(UNEVEN_VECTORS, {})
-            found = _between(axis, scene.reduction.interpolation)
+            found = _between(axis, scene.interpolation)
         if not found.size and stressed_bodies(scene):
             found = self._for_stresses(axis, current)
         return found.reshape(-1, 1) if found.size else np.empty((0, samples.n_coordinates))
@@ -105,7 +105,7 @@ class AngleRounds:
             self._cure = f"four times the angles left {left} of that, so that no more were tried"
         else:
             self._reasons.setdefault(QUICK_STRESSES, {}).update(dict.fromkeys(poor))
-            return _between(axis, self._scene.reduction.interpolation)
+            return _between(axis, self._scene.interpolation)
         return np.zeros(0)
 
     @gathered
@@ -135,7 +135,7 @@ def _uneven(scene: Scene, basis: ContinuousBasis) -> bool:
     """Return whether vectors of other parameter values turn too quickly for the angles."""
     return basis.uneven > UNEVEN or (
         scene.reduction.parameter_modes > 0
-        and bool(indefinite_between(basis.tables, scene.reduction.interpolation, *spanning_values(scene)))
+        and bool(indefinite_between(basis.tables, scene.interpolation, *spanning_values(scene)))
     )
 
 
@@ -193,7 +193,7 @@ def stress_errors(
     answers, found = np.linalg.solve(stiffness, loads), {output.name: 0.0 for output in outputs}
     if not loads.size:
         return found
-    halves = [_Halves.of(axis, scene.reduction.interpolation) for axis in tables.samples]
+    halves = [_Halves.of(axis, scene.interpolation) for axis in tables.samples]
     predicted = []
     for number, half in enumerate(halves):
         if half is None:

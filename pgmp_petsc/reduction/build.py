@@ -45,7 +45,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.built_in import BuiltIn, Closing
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
-from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.outputs.outputs import OutputSet, carried_in, said_start
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.angles import AngleRounds
@@ -74,7 +74,7 @@ from pgmp_petsc.scene.references import stressed_bodies
 from pgmp_petsc.scene.uses import length_names
 
 OverSamples = TypeVar("OverSamples", MissedAnswers, JointGaps)
-FORMAT = 8
+FORMAT = 9
 INTERVAL = 10.0  # s
 LOCAL = ("shape", "mass_kept", "built_in")  # arrays of a sample of which every rank of a group has its own rows
 
@@ -228,7 +228,8 @@ def _built(
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         matrices, effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
         loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
-        opened_rows = rows_of(OutputSet.of(scene, kinematics).forces, mechanism.n_held)
+        carried = carried_in(scene, kinematics, said_start(scene, kinematics))
+        opened_rows = rows_of((*OutputSet.of(scene, kinematics).forces, *carried), mechanism.n_held)
     store = SampleStore(group, way.samples or _samples(scene, kinematics))
     with ExitStack() as opened:
         with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
@@ -267,16 +268,14 @@ def _built(
     if group.comm.size > 1:
         mass = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
     if scene.second_order:
-        changes = mode_changes(
-            kinematics, mass, tables.samples, basis.projection, scene.reduction.interpolation, tables.n_given
-        )
+        changes = mode_changes(kinematics, mass, tables.samples, basis.projection, scene.interpolation, tables.n_given)
         tables = replace(tables, changes=changes)
     if gaps is not None and gaps.cubic is not None:
         wider = np.concatenate([basis.projection, gaps.shapes], axis=2)
-        both = mode_changes(kinematics, mass, tables.samples, wider, scene.reduction.interpolation)
-        gaps = gaps.changing(both, tables.samples, scene.reduction.interpolation)
+        both = mode_changes(kinematics, mass, tables.samples, wider, scene.interpolation)
+        gaps = gaps.changing(both, tables.samples, scene.interpolation)
     n_parameter = tables.n_modes - tables.n_given - joined.n_kept
-    indefinite = indefinite_between(tables.moving(), scene.reduction.interpolation, *spanning_values(scene))
+    indefinite = indefinite_between(tables.moving(), scene.interpolation, *spanning_values(scene))
     remarks = (
         *scene.remarks,
         *(() if way.checkpoint is None else way.checkpoint.remarks),
@@ -502,8 +501,7 @@ def _samples(scene: Scene, kinematics: RigidKinematics) -> SampleGrid:
     angles = np.broadcast_to(reduction.angles, len(coordinates))
     return SampleGrid(
         tuple(
-            samples_for(reduction.interpolation, c.lower, c.upper, int(n), c.periodic)
-            for c, n in zip(coordinates, angles)
+            samples_for(scene.interpolation, c.lower, c.upper, int(n), c.periodic) for c, n in zip(coordinates, angles)
         )
     )
 

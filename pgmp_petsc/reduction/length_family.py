@@ -193,7 +193,7 @@ class _Gauge:
             curvature = curvature @ pair_rotations(rotations)
             kinematics = RigidKinematics(Mechanism.from_scene(scene, member.meshes), member.branch)
             masses = mass_of_bodies(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
-            scheme = scene.reduction.interpolation
+            scheme = scene.interpolation
             changes = mode_changes(kinematics, masses, tables.samples, projection, scheme, n_given)
             tables = replace(tables, changes=changes)
         missed = None if member.missed is None else member.missed.turned(rotations)
@@ -220,9 +220,7 @@ def _joined(
     nominal, cosine = built[0], min(cosine for _, cosine in turned)
     family = LengthFamily(grid, tuple(member for member, _ in turned), LengthCheck(between[0], 0.0, 0.0))
     family = replace(family, check=_check(scene, family, nominal, *between))
-    indefinite = indefinite_between(
-        family.merged(nominal).tables, scene.reduction.interpolation, *spanning_values(scene)
-    )
+    indefinite = indefinite_between(family.merged(nominal).tables, scene.interpolation, *spanning_values(scene))
     timings = dict(seconds)
     for model in built:
         for phase, time in model.record.timings.items():

@@ -190,11 +190,10 @@ def answered_terms(
     coupling = np.linalg.solve(problem.inner(kept, m_kept), problem.inner(kept, loads))
     # S = K^-1 B R with an unknown R, so that S^T K S = S^T B R
     stiffness = problem.inner(static, problem.times_stiffness(static))
-    # a load may vanish, or depend on the others, where its answer is the limit of those beside: of what is dependent
-    # the smallest shares
     sizes = np.sqrt(np.maximum(np.diag(problem.inner(loads, loads)), np.finfo(float).tiny))
     powers = problem.inner(static, loads - m_kept @ coupling) / sizes
-    among = np.linalg.lstsq(powers, stiffness, rcond=DEPENDENT)[0] / sizes[:, None]
+    shares, _, rank, _ = np.linalg.lstsq(powers, stiffness, rcond=DEPENDENT)
+    among = shares / sizes[:, None]
     found = {}
     for weight, part in given.items():
         term = problem.matrices.mass.get(weight)
@@ -202,4 +201,10 @@ def answered_terms(
         if term is not None:
             inertia, balanced = modes.eigenvalues * (term @ flexible), part - (term @ everywhere) @ coupling
         found[weight] = np.hstack([inertia, balanced @ among])
+    if rank < len(stiffness):
+        # where loads depend on each other, answers are limits of those beside: these keep their own elastic forces
+        own = static - static @ np.linalg.solve(stiffness, powers @ shares)
+        for weight in problem.mechanism.stiffness_weights:
+            forces = found.setdefault(weight, np.zeros((len(static), modes.flexible.shape[1] + len(stiffness))))
+            forces[:, -len(stiffness) :] += problem.matrices.stiffness[weight] @ problem.all_rows(own)
     return found

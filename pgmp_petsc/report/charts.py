@@ -9,6 +9,7 @@ import io
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -17,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from pgmp_petsc.figures.ensembles import COLOURS, pairs_of
+from pgmp_petsc.figures.loads import DIAGRAMS
 from pgmp_petsc.figures.style import PALETTE, QUIET, PlainNumbers, axis_label, axis_unit, new_figure, span, styled
 from pgmp_petsc.report.sources import in_words
 from pgmp_petsc.results import Balance, Band, Sensitivity, Statistics, Tradeoff, Trajectory
@@ -57,9 +59,9 @@ class Curve:
 
 
 @styled
-def _drawn(draw: Callable[[Axes], None], height: float) -> Figure:
+def _drawn(draw: Callable[[Axes], None], height: float, kind: Mapping[str, Any] | None) -> Figure:
     figure = new_figure(WIDTH, height)
-    draw(figure.subplots())
+    draw(figure.subplots(subplot_kw=kind))
     return figure
 
 
@@ -70,9 +72,10 @@ def chart(
     height: float = HEIGHT,
     over_time: bool = False,
     output: str = "",
+    kind: Mapping[str, Any] | None = None,
 ) -> Chart:
-    """Return what `draw` draws on axes of its own."""
-    figure = _drawn(draw, height)
+    """Return what `draw` draws on axes of its own, of a kind that matplotlib's `subplot_kw` names."""
+    figure = _drawn(draw, height, kind)
     stream = io.StringIO()
     with matplotlib.rc_context({**_SVG, "svg.hashsalt": title + output}):
         figure.savefig(
@@ -147,6 +150,7 @@ def output_over_time(
         if level is not None:
             axes.axhline(factor * level, color=LEVEL, linewidth=0.9, linestyle=(0, (1, 1.5)), label=event.label)
         axes.set_ylabel(axis_label(name, shown))
+        axes.yaxis.set_major_formatter(PlainNumbers())
         axes.set_xlabel("time (s)")
         times = [*(curve.time for curve in curves), *([] if band is None else [band.time])]
         span(axes, min(time[0] for time in times), max(time[-1] for time in times))
@@ -256,6 +260,24 @@ def residual(run: Trajectory, balance: Balance) -> Chart:
 
     caption = "Energies gained less the work of all effects, as a share of the energy that is moved around."
     return chart(draw, "Residual of the balance", caption, over_time=True)
+
+
+def loads(run: Trajectory) -> list[Chart]:
+    """Return the diagrams of what parts are sized by that a run has: forces, torques, cycles."""
+    found = []
+    for diagram in DIAGRAMS.values():
+        for load in diagram.of(run):
+            titles: list[str] = []
+            tall = 1.35 * HEIGHT if diagram.axes else HEIGHT
+            drawn = chart(
+                lambda axes: titles.append(diagram.draw(axes, run, load)),
+                f"{diagram.title}: {in_words(load.title)}",
+                diagram.about,
+                tall,
+                kind=diagram.axes,
+            )
+            found.append(replace(drawn, title=f"{titles[0]}{diagram.words}"))
+    return found
 
 
 def accuracy_and_time(study: Tradeoff, output: str) -> Chart:

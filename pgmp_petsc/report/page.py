@@ -23,6 +23,7 @@ import numpy as np
 
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, counted, visible
+from pgmp_petsc.figures.loads import OF_JOINTS, outputs_of
 from pgmp_petsc.figures.style import MODELS, axis_unit, quantity, scene_of
 from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired
 from pgmp_petsc.files.claims import check_output, replacing
@@ -35,6 +36,7 @@ from pgmp_petsc.report.sources import (
     READERS,
     Build,
     Datum,
+    Interval,
     Place,
     Sentence,
     Source,
@@ -56,6 +58,7 @@ MODEL_WORDS = {"full": "Full-order model", "components": "Model of component mod
 MOST_CURVES = 7
 MOST_SHARES = 12  # parameters of a design point
 MOST_FAILED = 20
+MOST_DECIDING = 3  # parameters of a joint's force
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,8 @@ class Section:
     statistics: list[Table]
     distributions: list[Chart]
     rankings: list[tuple[str, list[Chart]]]
+    loads: list[Chart]
+    sizing: list[Table]
     budget: list[Line]
     energies: list[Chart]
     tradeoffs: list[tuple[Table, list[Chart], list[str]]]
@@ -121,6 +126,8 @@ def section_of(sources: Sequence[Source]) -> Section:
             for source in ensembles
             if source.result.sobol
         ],
+        loads=next(filter(None, (charts.loads(source.result) for source in runs)), []),
+        sizing=[_sizing(source, ensembles) for source in runs[:1] if outputs_of(source.result, OF_JOINTS)],
         budget=error_budget(sources, error),
         energies=list(_energies(runs)),
         tradeoffs=[_tradeoff(source) for source in studies],
@@ -284,6 +291,64 @@ def _energies(runs: Sequence[Source]) -> Iterator[Chart]:
         yield charts.energies(run, run.balance)
         if run.balance.exchanged > 0.0:
             yield charts.residual(run, run.balance)
+
+
+def _sizing(run: Source, ensembles: Sequence[Source]) -> Table:
+    """Return what each joint and drive carries: the largest of the run and of the samples, and what decides it."""
+    rows: list[list[Sentence]] = []
+    source = next((one for one in ensembles if one.result.extremes), None)
+    head = ["output", "joint", "largest in the run"]
+    if source is not None:
+        beyond = 100.0 * (1.0 - max(next(iter(source.result.statistics.values())).probabilities))
+        head += ["largest in samples, mean", f"exceeded in {beyond:.3g} %", "probability", "which parameter decides it"]
+    for name, entry in outputs_of(run.result, OF_JOINTS).items():
+        values = run.result.outputs[name]
+        most = int(np.argmax(np.abs(values)))
+        factor, unit = axis_unit(run.result.units.get(name, "1"), values)
+        largest = Datum(values[most], f"{factor * values[most]:.4g}", run.name, f"/outputs/{name}", str(most))
+        row: list[Sentence] = [
+            [in_words(name)],
+            [in_words(entry.get("joint") or entry["coordinate"])],
+            [largest, f" {unit} at {run.result.time[most]:.4g} s"],
+        ]
+        rows.append(row if source is None else [*row, *_over_samples(source, name, values[most] < 0.0)])
+    what = "The largest is that by size, whatever its sign."
+    if source is None:
+        return Table(head, rows, f"{what} Samples of an ensemble with extremes = true add probabilities.")
+    level = f"{100 * next(iter(source.result.statistics.values())).confidence:g} %"
+    note = f"{what} {source.name}: brackets hold {level} intervals of sampling alone; shares are first Sobol indices."
+    return Table(head, rows, note)
+
+
+def _over_samples(source: Source, name: str, negative: bool) -> list[Sentence]:
+    """Return mean and high quantile of an output's largest (or, where negative, smallest) value in each sample, the
+    probabilities of events of it, and the parameters that decide it, the largest share first."""
+    ensemble = source.result
+    which = f"{name}.{'min' if negative else 'max'}"
+    s = ensemble.statistics.get(which)
+    if s is None or not s.count:
+        return [["not known"], [], [], []]
+    mean, factor, unit = mean_of(source, which)
+    if s.constant:
+        return [[*mean, unit], ["constant"], [], []]
+    k = int(np.argmin(s.probabilities) if negative else np.argmax(s.probabilities))
+    place = Place(source.name, f"/statistics/{which}")
+    high = place.figure("quantiles", s.quantiles[k], "quantile_intervals", s.quantile_intervals[k], factor, str(k))
+    chances: list[str | Datum | Interval] = []
+    for label, event in scene_of(source.record).get("ensemble", {}).get("probabilities", {}).items():
+        chance = ensemble.probabilities.get(label)
+        if chance is not None and event.get("output") == name:
+            place = Place(source.name, f"/probabilities/{label}")
+            said = place.figure("estimate", chance.estimate, "interval", chance.interval, 100.0)
+            chances += [f"P({label.replace('_', ' ')}) = ", said[0], " %", *said[1:]]
+    found, decided = ensemble.sobol.get(which), []
+    if found is not None:
+        shown = [j for j in np.argsort(-np.nan_to_num(found.first)) if found.first_interval[j, 0] > 0.0]
+        for j in shown[:MOST_DECIDING]:
+            share = Datum(found.first[j], f"{100 * found.first[j]:.0f} %", source.name, f"/sobol/{which}/S1", str(j))
+            decided += [", " if decided else "", f"{in_words(found.parameters[j])} ", share]
+    figures = [[figure[0], unit, *figure[1:]] for figure in (mean, high)]
+    return [*figures, chances, decided or ["not known" if found is None else "none by itself"]]
 
 
 def _tradeoff(source: Source) -> tuple[Table, list[Chart], list[str]]:

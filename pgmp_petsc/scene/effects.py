@@ -73,6 +73,8 @@ class EffectEntry(Table):
     strength_unit: ClassVar[str] = ""
     #: Entry without which it is nothing.
     nothing_without: ClassVar[str] = ""
+    #: Whether its force hangs on the one that its joint carries, so that it is found between corrections of a step.
+    by_load: ClassVar[bool] = False
     #: Entry of the stiffness that bodies meet.
     stiff_by: ClassVar[str] = ""
     #: Entries of the places where the stiffness sets in, and on which side of them: 1 is above, -1 below.
@@ -163,7 +165,8 @@ def _check(cls: type[EffectEntry]) -> None:
     if made != (cls.acts == "forces"):
         needed = "needs the method forces(self, name, mechanism), which makes them" if not made else "has no forces"
         raise refuse(cls, f'an effect with acts = "{cls.acts}" {needed}')
-    named = (*cls.changeable, *filter(None, [cls.nothing_without, cls.stiff_by]), *cls.sets_in, *chain(*cls.ordered))
+    without = cls.nothing_without if isinstance(cls.nothing_without, str) else ""  # or it hangs on other entries
+    named = (*cls.changeable, *filter(None, [without, cls.stiff_by]), *cls.sets_in, *chain(*cls.ordered))
     strange = [key for key in named if key not in cls.model_fields]
     if strange:
         raise refuse(cls, f"there is no entry {strange[0]}; its entries: {', '.join(cls.model_fields)}")

@@ -108,8 +108,9 @@ class Reduction(Table):
     )
     interpolation: Literal["overhauser", "spline", "spectral"] = Field(
         "overhauser",
-        description="interpolation between samples: cubic Hermite with central-difference tangents (the paper's), "
-        "cubic spline, or trigonometric (periodic) and Chebyshev (limited range)",
+        description="interpolation between samples: cubic Hermite with central-difference tangents (the paper's; where "
+        "joints are elastic, a spline), cubic spline, or trigonometric (periodic) and Chebyshev "
+        "(limited range)",
     )
 
     @model_validator(mode="after")

@@ -151,6 +151,14 @@ class Scene(Table):
         return self.static_stiffening or self.reduction.second_order and self.reduction.stretching == "static"
 
     @property
+    def interpolation(self) -> str:
+        """The interpolation of reduced tables between samples. Where joints are elastic, splines take the place of
+        Overhauser's tangents: rigid motion and what these joints carry along share inertia, whose slopes are forces."""
+        scheme = self.reduction.interpolation
+        elastic = any(joint.elastic is not None for joint in self.joints.values())
+        return "spline" if elastic and scheme == "overhauser" else scheme
+
+    @property
     def gyroscopic(self) -> bool:
         """Whether the reduced model has the inertia forces that are quadratic in velocities."""
         return all(effect.keeps_velocity_forces for effect in self.effects.values())
@@ -167,6 +175,16 @@ class Scene(Table):
 
     def _of_signs(self, *signs: Sign) -> frozenset[str]:
         return frozenset(use.parameter for use in uses_of(self) if use.sign in signs and use.parameter is not None)
+
+    @property
+    def carried(self) -> dict[str, Effect]:
+        """The effects whose force hangs on the one that their joint carries, in the order of `plain_effects`."""
+        return {name: effect for name, effect in self.plain_effects.items() if effect.by_load}
+
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """The entries whose forces are found between the corrections of a step."""
+        return (*(f"controllers.{name}" for name in self.controllers), *(f"effects.{name}" for name in self.carried))
 
     @property
     def plain_effects(self) -> dict[str, Effect]:

@@ -199,6 +199,12 @@ class Settled:
 class Beside(Protocol):
     """States beside the mechanics; a step takes them along (`alpha_step.iterate`)."""
 
+    def start(self, state: State) -> None:
+        """Begin a run, before the first accelerations are known."""
+
+    def settle(self, state: State) -> bool:
+        """Take note of the first accelerations; return whether forces change with them, and they with these."""
+
     def begin(self, time: float, state: State, scheme: Scheme) -> None:
         """Begin the iteration of a step that ends at a time; `state` is beside what it is at its beginning."""
 

@@ -227,6 +227,7 @@ def _effects(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load]) -> 
             "local force": sum(not one.leads and one.effect in parts_of(name, effect) for one in actions),
         }
         adds = [counted(n, what) for what, n in counts.items() if n]
+        adds += [f"under the force that {effect.joint} carries, solved with each step"] if effect.by_load else []
         lines.append(f"  effect        {name}: {effect.type}, {', '.join(adds) or effect.adds}")
     return lines
 

@@ -232,7 +232,7 @@ def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> Mod
     frequencies, vectors = _modes(model, theta)
     if not 1 <= number <= frequencies.size:
         raise InputError(f"--mode {number}: the reduced model has modes 1 to {frequencies.size}")
-    scheme, rom = model.scene.reduction.interpolation, model.rom
+    scheme, rom = model.scene.interpolation, model.rom
     poses = model.kinematics.poses(theta[None])
     rigid = rigid_velocities(mechanism, poses[..., 0], model.kinematics.rates(poses)[..., 0])
     free, v = _free(model), vectors[:, number - 1]
@@ -280,7 +280,7 @@ def _free(model: ReducedModel) -> np.ndarray:
 
 def _modes(model: ReducedModel, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies (n,), Hz, rising, and vectors (n_free + n_delta, n) of all modes but the rigid ones."""
-    tables, scheme = model.rom.tables, model.scene.reduction.interpolation
+    tables, scheme = model.rom.tables, model.scene.interpolation
 
     def at_theta(weights: tuple, table: np.ndarray) -> np.ndarray:
         here = interpolant(tables.samples, table, scheme)(theta[None])[0]

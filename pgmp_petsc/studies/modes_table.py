@@ -179,7 +179,7 @@ def _tabulated(
         reduced = None
         if rom is not None:
             rom = rom.at_lengths(scene)
-            scheme = scene_from_toml(rom.record.scene_toml, scene.directory).reduction.interpolation
+            scheme = scene_from_toml(rom.record.scene_toml, scene.directory).interpolation
             free = [k for k, coordinate in enumerate(coordinates) if not coordinate.prescribed]
             if springs is None:
                 given = offset_values(scene, scene.values) if stressed else None

@@ -403,7 +403,7 @@ def lost_definiteness(model: ReducedModel, values: Mapping[str, np.ndarray], tim
     if unsound.any():
         where = words_of(model.kinematics.coordinates, eta[looked_at][np.argmax(unsound)], 4)
         what = f"the stiffness at rest, interpolated between sampled angles, is not positive definite at {where}"
-        return f"{what}; build with {smoother(model.scene.reduction.interpolation)}"
+        return f"{what}; build with {smoother(model.scene.interpolation)}"
     lost = share <= 0.0
     if not lost[-1]:
         return ""

@@ -16,7 +16,7 @@ from pgmp_petsc.effects import laws
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.free_play import FREE_PLAY
 from pgmp_petsc.effects.law import Law, differentiate, obey
-from pgmp_petsc.effects.laws import FRICTION, SOURCE, SPRING_DAMPER, STOP
+from pgmp_petsc.effects.laws import CARRIED_FRICTION, FRICTION, SOURCE, SPRING_DAMPER, STOP
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.statements import distance
@@ -30,6 +30,7 @@ STATES = {
     "source": (SOURCE, (2.0,), 1.5, 0.3, 0.7),
     "spring": (SPRING_DAMPER, (3.0, 0.4, 0.2), 0.0, 0.9, -0.7),
     "friction": (FRICTION, (2.0, 0.5), 0.0, 0.3, 0.2),
+    "friction by a load": (CARRIED_FRICTION, (1.3, 0.2, 0.7, 0.5), 0.6, 0.3, 0.2),
     "upper stop, going in": (STOP, UPPER, 0.0, 0.6, 0.9),
     "upper stop, coming out": (STOP, UPPER, 0.0, 0.6, -0.9),
     "upper stop, not reached": (STOP, UPPER, 0.0, 0.4, 0.9),
@@ -39,6 +40,11 @@ STATES = {
     "gap, below": (FREE_PLAY, (50.0, 0.3, 0.4, 0.5), 0.0, -0.6, 0.9),
     "gap, within": (FREE_PLAY, (50.0, 0.3, 0.4, 0.5), 0.0, 0.45, 0.9),
 }
+
+
+def as_friction(law: Law, p: tuple[float, ...], amplitude: float) -> tuple[float, ...]:
+    """Return limit and speed of friction."""
+    return tuple(p) if law is FRICTION else (p[1] * p[2] * (p[0] + amplitude), p[3])
 
 
 def closed_form(law: Law, p: tuple[float, ...], amplitude: float, s: float, rate: float) -> tuple[float, ...]:
@@ -51,6 +57,8 @@ def closed_form(law: Law, p: tuple[float, ...], amplitude: float, s: float, rate
     if law is FRICTION:
         bent = np.tanh(rate / p[1])
         return -p[0] * bent, 0.0, p[0] * (1.0 - bent * bent) / p[1], 0.0, 0.0
+    if law is CARRIED_FRICTION:
+        return closed_form(FRICTION, as_friction(law, p, amplitude), 0.0, s, rate)
     k, c, place, side = p
     if law is FREE_PLAY:
         place, side = (p[3], 1.0) if s > p[3] else (p[2], -1.0)
@@ -107,8 +115,9 @@ def test_laws_are_their_closed_forms_in_all_languages(law: Law, in_c: ctypes.CDL
             p[2:] = np.sort(p[2:])
         amplitude, s, rate, about = random.normal(size=4)
         wanted = closed_form(law, tuple(p), amplitude, s, rate)
-        if law is FRICTION and abs(about) > p[1] and about * rate < 0.0:
-            wanted, left = (-p[0] / p[1] * rate, 0.0, p[0] / p[1], 0.0, 0.0), np.nan
+        limit, speed = as_friction(law, p, amplitude) if law in (FRICTION, CARRIED_FRICTION) else (0.0, np.inf)
+        if abs(about) > speed and about * rate < 0.0:
+            wanted, left = (-limit / speed * rate, 0.0, limit / speed, 0.0, 0.0), np.nan
         else:
             left = rate
         depths = np.zeros(len(law.edges))

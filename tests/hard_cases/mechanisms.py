@@ -123,7 +123,7 @@ def modal_problem(kinematics: RigidKinematics, values: Mapping[str, float], n_mo
 
 def interpolated_eigenvalues(rom: ReducedOrderModel, scene: Scene, theta: float) -> np.ndarray:
     """Return the eigenvalues of the flexible part of the interpolated tables at the nominal parameters."""
-    tables, scheme = rom.tables, scene.reduction.interpolation
+    tables, scheme = rom.tables, scene.interpolation
 
     def at(weights: tuple, table: np.ndarray) -> np.ndarray:
         total = np.einsum("t,nt...->n...", evaluate_weights(weights, scene.nominal), table)

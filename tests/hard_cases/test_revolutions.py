@@ -43,7 +43,7 @@ def rom() -> ReducedOrderModel:
 
 def energy_of(model: ReducedModel) -> tuple[Callable[[np.ndarray, np.ndarray], float], Callable[[float], float]]:
     """Return the reduced model's energy of (q, v), and the rigid inertia of theta."""
-    tables, scheme, values = rom().tables, model.scene.reduction.interpolation, model.scene.nominal
+    tables, scheme, values = rom().tables, model.scene.interpolation, model.scene.nominal
 
     def table(weights: tuple, terms: np.ndarray) -> Callable:
         return interpolant(

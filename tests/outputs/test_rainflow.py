@@ -11,7 +11,7 @@ from runs import history, motion, read_meshes, reduced_model, samples
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.integration import run_batch
-from pgmp_petsc.figures.trajectories import rainflow
+from pgmp_petsc.figures.loads import loads
 from pgmp_petsc.lanes.rainflow import cycles
 from pgmp_petsc.outputs.rainflow import Counted, Counting, Rainflow
 from pgmp_petsc.studies.plausibility.check import plausibility
@@ -112,10 +112,10 @@ def test_samples_are_counted_as_they_run(model: str) -> None:
 
 def test_the_matrix_of_a_run() -> None:
     run = motion("reduced", cart(*FATIGUE))
-    drawn = rainflow(run).axes[0].collections[0].get_array()
+    drawn = loads(run, "rainflow").axes[0].collections[0].get_array()
     assert np.nansum(drawn) == pytest.approx(cycles(run.outputs["s"])[:, 2].sum())
     with pytest.raises(InputError, match="the scene counts no cycles"):
-        rainflow(motion("reduced", cart("simulation.duration=0.01")))
+        loads(motion("reduced", cart("simulation.duration=0.01")), "rainflow")
 
 
 def test_derivatives_of_damages_are_central_differences() -> None:

@@ -24,6 +24,7 @@ from pgmp_petsc.report.charts import Curve, Level, distribution, output_over_tim
 from pgmp_petsc.report.page import _largest_of_units, downloads_of, write_report
 from pgmp_petsc.report.sources import read_sources
 from pgmp_petsc.results import Attempt, Balance, Ensemble, Selection, Trajectory
+from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.numbers import one_unit_each
 from pgmp_petsc.results.summary import summary_of
@@ -170,6 +171,63 @@ def test_a_probability_within_the_model_error_has_no_figure_in_the_verdict(tmp_p
     of_event = summary_of(Ensemble.read(tmp_path / "many.h5"))["probabilities"]["late"]
     assert (of_event["decided"], of_event["failed"]) == (False, 3)
     assert of_event["decided_by"].startswith("pgmp montecarlo")
+
+
+SIZED = tables("""
+joints.pin: type = "revolute"; connect = ["crank:tip", "rod:hinge"]
+coordinates.theta: joint = "pin"
+effects.drive: type = "prescribed_motion"; coordinate = "theta"
+outputs.pin_x: type = "joint_force"; joint = "pin"; component = "x"
+outputs.pin_y: type = "joint_force"; joint = "pin"; component = "y"
+outputs.motor: type = "drive_torque"; coordinate = "theta"
+outputs.stress: type = "stress"; body = "rod"
+outputs.damage: type = "rainflow"; of = "stress"
+ensemble.probabilities.late: output = "pin_x"; above = 5.0; when = "ever"
+""")
+
+
+def test_what_parts_are_sized_by(tmp_path: Path) -> None:
+    """Forces as polar diagrams, torque over speed, cycles, and which joint carries how much, decided by what."""
+    run = synthetic.trajectory("reduced")
+    wave = np.sin(3.0 * run.time)
+    forces = {"pin_x": 3e3 * wave, "pin_y": -4e3 * wave**2, "motor": 7.0 * wave, "stress": 1e6 * wave}
+    units = run.units | {"pin_x": "N", "pin_y": "N", "motor": "N m", "stress": "Pa", "damage": "1", "theta": "rad"}
+    record = replace(run.record, scene_toml=run.record.scene_toml + SIZED)
+    outputs = run.outputs | forces | {"damage": run.time}
+    run = replace(run, record=record, outputs=outputs, units=units, coordinate_units={"theta": "rad"})
+    run.write(tmp_path / "run.h5")
+    write_report([tmp_path / "run.h5"], tmp_path / "page.html")
+    alone = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
+    assert "Samples of an ensemble with extremes = true add probabilities" in words(alone)
+
+    many = synthetic.described()
+    names, n = ("pin_x.max", "pin_y.min", "motor.max"), len(many.status)
+    samples = np.linspace(2.9e3, 3.1e3, n)
+    of_all = {name: synthetic.statistics(samples) for name in names}
+    indices = synthetic.sensitivity(False)
+    replace(
+        many,
+        record=replace(record, seed=1),
+        outputs=many.outputs | {name: samples for name in ("pin_x", "pin_y", "motor")},
+        units=many.units | units | dict.fromkeys(("pin_x.max", "pin_y.min"), "N") | {"motor.max": "N m"},
+        extremes=many.extremes | {f"{name}/{which}": samples for name in tuple(forces)[:3] for which in EXTREMES},
+        statistics=many.statistics | of_all,
+        sobol=many.sobol | {"pin_x.max": indices, "pin_y.min": replace(indices, first_interval=np.zeros((2, 2)))},
+    ).write(tmp_path / "many.h5")
+    write_report([tmp_path / "run.h5", tmp_path / "many.h5"], tmp_path / "page.html")
+    tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
+    titles = [words(item) for item in tree.iter("figcaption")]
+    assert {"pin (kN), polar", "motor over speed", "stress, rainflow matrix"} <= set(titles)
+    heads = next([words(cell) for cell in row] for row in tree.iter("tr") if "largest in the run" in words(row))
+    assert heads[3:] == ["largest in samples, mean", "exceeded in 5 %", "probability", "which parameter decides it"]
+    rows = {words(row[0]): [words(cell) for cell in row] for row in tree.iter("tr") if len(row) == len(heads)}
+    x, y, motor = rows["pin x"], rows["pin y"], rows["motor"]
+    assert x[1] == "pin" and x[2].startswith("3 kN at ") and x[3].startswith("3 kN [") and x[4].startswith("3.09 kN [")
+    assert x[5] == "P(late) = 5.26 % [1, 20]" and x[6] == "r1 70 %, push 20 %"
+    assert y[2].startswith("-4 kN at ") and y[4].startswith("2.91 kN [") and y[5:] == ["", "none by itself"]
+    assert motor[1] == "theta" and motor[5:] == ["", "not known"]
+    for item in shown(tree):
+        np.testing.assert_array_equal(float(item.get("value")), stored(tmp_path, item), err_msg=str(item.attrib))
 
 
 def test_what_is_constant_has_no_deviation_and_no_density(tmp_path: Path) -> None:

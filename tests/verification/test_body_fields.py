@@ -180,7 +180,7 @@ def test_a_mode_is_the_derivative_of_the_motion(kind: str) -> None:
     model = cranks(kind)
     theta = np.array([0.7])
     shape = mode_shape(model, 2, {"theta": 0.7})
-    scheme = model.scene.reduction.interpolation
+    scheme = model.scene.interpolation
     expected = reduced_frequencies(model.rom.tables, scheme, model.scene.values, theta[:, None])[0]
     assert shape.frequency_hz == pytest.approx(expected[1], rel=1e-9)
     assert (shape.number, shape.configuration) == (2, "theta = 0.7 rad")

@@ -423,7 +423,7 @@ def test_derivatives_at_a_gain_of_nothing(gain: float) -> None:
 
 def test_a_gain_of_no_size_is_refused() -> None:
     model = reduced_model(cart(*HELD, PD, "parameters.damp.nominal=0.0"))
-    with pytest.raises(InputError, match=r"^parameters\.damp = 0: with controllers derivatives are differences"):
+    with pytest.raises(InputError, match=r"^parameters\.damp = 0: with controllers.hold derivatives are differences"):
         differentiate(model, model.scene.values, ["damp"])
 
 

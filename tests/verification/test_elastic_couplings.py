@@ -337,7 +337,7 @@ def test_reduced_frequencies_on_an_elastic_mesh_are_those_of_its_linkage() -> No
     rom = rom_of(scene)
     springs, _ = springs_of(scene, RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene))))
     theta = rom.tables.samples.theta[[5]]
-    found = reduced_vibrations(rom, springs, scene.reduction.interpolation, scene.values, theta)
+    found = reduced_vibrations(rom, springs, scene.interpolation, scene.values, theta)
     with VibrationProblem(springs, scene.values, 6, MPI.COMM_SELF) as problem:
         exact = frequencies_of(problem.eigenvalues(theta[0]))
     np.testing.assert_allclose(found[0, :2], exact[:2], rtol=1e-8)

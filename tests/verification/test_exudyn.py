@@ -16,7 +16,6 @@ from offset_scenes import offset
 from runs import motion, trajectory
 
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.stepping.status import Status
 from scenes import HEADER, tables
 
 OFF = {"turn": [float(np.radians(5.0)), 0.0, 0.0], "place": [0.0, 0.0, 2e-3]}
@@ -107,6 +106,7 @@ def test_what_a_crooked_linkage_has_built_in(key: str) -> None:
 
 
 SECOND = "reduction.second_order=true"
+STATIC = SECOND, "reduction.stretching='static'"
 
 
 @pytest.mark.parametrize(
@@ -201,20 +201,17 @@ def on_springs(machine: str, *more: str) -> Scene:
     ])  # fmt: skip
 
 
-def test_a_reduced_run_says_by_how_much_soft_mounts_are_beyond_it() -> None:
-    """The frame turns with its mounts and the forces do not: 0.066 rad. Estimates have it within a tenth; terms of
-    second order, whose cubic energy has no bound at bends of 2.7 radii of gyration, end the run."""
+def test_a_reduced_run_on_soft_mounts_estimates_what_it_is_off_by() -> None:
+    """The whole machine turns with its frame, by 0.02 rad, and with static stretching the rod, which bends by a third
+    of its radius of gyration, is known to 0.04 % of its way with the frame."""
     bent = "outputs.bent={type='deformation',point='rod:middle',axis='y',frame='body'}"
-    scene = on_springs("soft", bent)
-    found, full = trajectory("reduced", scene), motion("full", scene).outputs
-    for name in ("x", "y", "right", "bent"):
-        true = np.max(np.abs(found.outputs[name] - full[name]))
-        assert true > 0.025 * np.max(np.abs(full[name])), name
-        assert found.errors.maximum(name) == pytest.approx(true, rel=0.1), name
-    said = " ".join(str(remark) for remark in found.record.remarks)
-    assert "rotations of 0.066 rad with what joints.left, joints.right give way" in said and "6.6 to 20 %" in said
-    stopped = trajectory("reduced", on_springs("soft", bent, SECOND))
-    assert stopped.status != Status.FINE and stopped.time[-1] < 0.1
+    full = motion("full", on_springs("soft", bent)).outputs
+    for more, allowed in (((), {"x": 5e-4, "y": 1e-3, "right": 2e-3, "bent": 0.013}), (STATIC, {"bent": 5e-4})):
+        found = trajectory("reduced", on_springs("soft", bent, *more))
+        for name, share in allowed.items():
+            true = np.max(np.abs(found.outputs[name] - full[name]))
+            assert true < share * np.max(np.abs(full[name])), (name, true)
+            assert true / 3.0 < found.errors.maximum(name) < 3.0 * true, (name, true)
 
 
 @pytest.mark.parametrize(
@@ -224,8 +221,11 @@ def test_a_reduced_run_says_by_how_much_soft_mounts_are_beyond_it() -> None:
         ("stiff", "full", (), 5 * (1e-6,)),
         ("soft", "components", (), (3e-5, 1e-4, 1e-4, 1e-4, 0.08)),  # linear in frames of bodies
         ("stiff", "components", (), (1e-7, 1e-6, 1e-6, 1e-6, 2e-4)),
-        ("stiff", "reduced", (), (1e-5, 0.04, 1e-3, 2e-3, 0.01)),
-        ("stiff", "reduced", (SECOND,), (3e-6, 5e-4, 1e-4, 1e-4, 2e-3)),
+        # the rod's bend is that of a beam without what the forces along it do
+        ("soft", "reduced", (), (1e-4, 5e-4, 1e-3, 2e-3, 0.07)),
+        ("soft", "reduced", STATIC, (1e-4, 3e-4, 2e-4, 2e-4, 5e-3)),
+        ("stiff", "reduced", (), (1e-6, 1e-4, 3e-5, 3e-5, 5e-3)),
+        ("stiff", "reduced", (SECOND,), (1e-6, 3e-5, 3e-6, 3e-6, 1e-3)),
     ],
 )
 def test_a_slider_crank_on_a_frame_on_springs(machine: str, model: str, more: tuple, allowed: tuple) -> None:

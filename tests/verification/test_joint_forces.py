@@ -13,7 +13,7 @@ from scipy.integrate import cumulative_trapezoid, solve_ivp
 from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.figures.trajectories import forces, joint_forces
+from pgmp_petsc.figures.loads import Load, joint_forces, loads
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -439,12 +439,32 @@ def test_polar_diagrams_of_runs() -> None:
     run = motion(
         "full", scene_from_toml(PENDULUM, ".", (*outputs("hinge", **along("x", "y")), "simulation.duration=0.1"))
     )
-    assert joint_forces(run) == [("hinge", "x", "y")]
-    axes = forces(run).axes[0]
+    assert joint_forces(run) == [Load("hinge", ("x", "y"))]
+    axes = loads(run, "forces").axes[0]
+    assert axes.get_title(loc="left") == "hinge (N)"
     angle, size = axes.lines[0].get_data()
     np.testing.assert_allclose(size * np.cos(angle), run.outputs["x"], rtol=0, atol=1e-12)
     with pytest.raises(InputError, match="no joint has its forces along x and y"):
-        forces(motion("full", scene_from_toml(PENDULUM, ".", ("simulation.duration=0.01",))))
+        loads(motion("full", scene_from_toml(PENDULUM, ".", ("simulation.duration=0.01",))), "forces")
+
+
+@pytest.mark.parametrize("named", ['joint="hinge"', 'coordinate="phi"'])
+def test_torques_over_speed_are_those_of_a_spin_up(named: str) -> None:
+    """Inertia and weight of a pendulum over the speed of its coordinate, the largest marked."""
+    spin = 'effects.spin={type="prescribed_motion", coordinate="phi", spin_up={speed=2.0, time=0.4}}'
+    drive = f'outputs.drive={{type="drive_torque", {named}}}'
+    short = ("simulation.duration=0.5", "simulation.step=2e-3", "simulation.initial={}")
+    run = motion("full", scene_from_toml(PENDULUM, ".", (spin, drive, *short)))
+    curve, largest = loads(run, "torques").axes[0].lines[:2]
+    speed, torque = curve.get_data()
+    turning = np.gradient(speed, run.time)
+    expected = (0.05 + 2.0 * 0.4**2) * turning + 2.0 * GRAVITY * 0.4 * np.cos(run.coordinates[:, 0])
+    assert speed[-1] == pytest.approx(2.0, rel=1e-3)
+    # a second difference beside a jerk of 300 rad/s3
+    np.testing.assert_allclose(torque[1:-1], expected[1:-1], rtol=0, atol=2e-3 * np.abs(torque).max())
+    assert largest.get_ydata()[0] == pytest.approx(torque.max(), rel=1e-12)
+    with pytest.raises(InputError, match="no output of type drive_torque"):
+        loads(motion("full", scene_from_toml(PENDULUM, ".", ("simulation.duration=0.01",))), "torques")
 
 
 def test_a_redundant_crank_in_a_reduced_model() -> None:

@@ -106,7 +106,7 @@ def frames_and_residual(scene: Scene, meshes: dict) -> list[dict[str, list[float
     delta = size * np.random.default_rng(3).normal(size=m)
     errors: dict[str, list[float]] = {}
     for name, model in (("curved", rom), ("straight", replace(rom, curvature=None))):
-        back = Reconstruction(kinematics, model, scene.reduction.interpolation, range(mechanism.n_nodes))
+        back = Reconstruction(kinematics, model, scene.interpolation, range(mechanism.n_nodes))
         errors[name] = []
         for k in range(HALVINGS):
             frames = back.frames(np.array([[*theta, *(delta / 2**k)]]))[:, :12]

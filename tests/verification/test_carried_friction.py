@@ -1,0 +1,186 @@
+"""Friction under the force that a joint carries: against scipy's integrators and closed forms, in every model."""
+
+import numpy as np
+import pytest
+from machine_scenes import run
+from refusals import cases, check_said
+from runs import history, motion, reduced_model, samples
+from scipy.integrate import solve_ivp
+
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.gradients.differentiated import differentiate
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.scene import Scene, scene_from_toml
+from scenes import HEADER, tables
+
+MASS, LEVER, INERTIA, G = 2.0, 0.3, 0.05, 9.80665
+MU, RADIUS, SLOW = 0.2, 0.05, 0.02
+PENDULUM = HEADER + tables("""
+bodies.rod: rigid = { mass = 2.0, centre = [0.3, 0.0], inertia = 0.05, points = { hub = [0.0, 0.0] } }
+joints.hinge: type = "revolute"; connect = ["ground:origin", "rod:hub"]
+coordinates.theta: joint = "hinge"; range = [0.0, 6.283185307179586]; periodic = true
+parameters.mu: nominal = 0.2
+effects.weight: type = "gravity"
+effects.rub: type = "joint_friction"; joint = "hinge"; coefficient = "mu"; radius = 0.05; speed = 0.02
+outputs.angle: type = "angle"; joint = "hinge"
+outputs.carried: type = "joint_force"; joint = "hinge"
+simulation: duration = 1.0; step = 1e-3
+""")
+IN_SPACE = (
+    "bodies.rod.rigid={mass=2.0,centre=[0.3,0,0],inertia=[0.05,0.05,0.05,0,0,0],points={hub=[0,0,0]}}",
+    "joints.hinge.axis=[0.0,0.0,1.0]", "effects.weight.direction=[0.0,-1.0,0.0]",
+)  # fmt: skip
+
+
+def pendulum(*overrides: str) -> Scene:
+    """Return a rigid pendulum that falls from level and rubs in its bearing."""
+    return scene_from_toml(PENDULUM, ".", overrides)
+
+
+def falling(angle: float, speed: float, mu: float = MU) -> tuple[float, float]:
+    """Return the acceleration of the pendulum and the force in its bearing, found in turn."""
+    load = 0.0
+    for _ in range(60):
+        torque = -MASS * G * LEVER * np.cos(angle) - mu * RADIUS * load * np.tanh(speed / SLOW)
+        rate = torque / (INERTIA + MASS * LEVER**2)
+        load = MASS * np.hypot(LEVER * rate + G * np.cos(angle), G * np.sin(angle) - LEVER * speed**2)
+    return rate, load
+
+
+def exactly(times: np.ndarray) -> np.ndarray:
+    """Return angle and force, (2, n_t)."""
+    found = solve_ivp(
+        lambda t, y: [y[1], falling(*y)[0]], (0, times[-1]), [0, 0], t_eval=times, rtol=1e-10, atol=1e-12, max_step=2e-3
+    ).y
+    return np.array([found[0], [falling(*y)[1] for y in found.T]])
+
+
+@pytest.mark.parametrize("model", ["full", "components"])
+@pytest.mark.parametrize("more", [(), IN_SPACE], ids=["plane", "space"])
+def test_a_pendulum_rubs_by_what_its_bearing_carries(model, more):
+    """The order of the step is kept, of the angle and of the force."""
+    errors = []
+    for step in ("2e-3", "1e-3", "5e-4"):
+        times, found = run(pendulum(*more, f"simulation.step={step}"), model)
+        exact = exactly(times)
+        assert found["angle"][0] == 0.0 and exact[1].max() > 40.0
+        errors.append([np.abs(found[name] - own).max() for name, own in zip(("angle", "carried"), exact)])
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all((1.8 < orders) & (orders < 2.3)) and errors[-1][0] < 1e-5 * np.ptp(exact[0]), (orders, errors)
+
+
+BLOCK = HEADER + tables("""
+bodies.block: rigid = { mass = 3.0, centre = [0.0, 0.0], inertia = 0.1, points = { far = [0.1, 0.0] } }
+joints.incline: type = "prismatic"; connect = ["ground:origin", "block:centre"]; axis = [1.0, 0.0]
+coordinates.x: joint = "incline"; range = [-1.0, 9.0]
+parameters.mu: nominal = 0.3
+effects.weight: type = "gravity"; direction = [0.6, -0.8]
+effects.rub: type = "joint_friction"; joint = "incline"; coefficient = "mu"; speed = 1e-4
+outputs.x: type = "sliding"; joint = "incline"
+simulation: duration = 0.5; step = 1e-3
+""")
+
+
+def test_a_block_on_an_incline_slides_by_the_closed_form_and_another_one_creeps():
+    """Once it moves much faster than the law's speed its acceleration is ``g (sin - mu cos)``; below the angle of
+    friction it creeps at ``speed artanh(tan / mu)``."""
+    moving = "simulation.initial.x.velocity=0.01"
+    times, found = run(scene_from_toml(BLOCK, ".", (moving,)), "full")
+    exact = 0.01 * times + 0.5 * G * (0.6 - 0.3 * 0.8) * times**2
+    np.testing.assert_allclose(found["x"], exact, atol=1e-9)
+    times, found = run(scene_from_toml(BLOCK, ".", ("parameters.mu.nominal=0.9",)), "full")
+    later = times > 0.25
+    assert np.ptp(found["x"][later]) / np.ptp(times[later]) == pytest.approx(1e-4 * np.arctanh(0.75 / 0.9), rel=1e-3)
+
+
+SLIDER = HEADER + tables("""
+parameters.mu: nominal = 0.2; bounds = [0.0, 0.5]
+bodies.crank: line = { length = 0.1, elements = 2 }; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 0.01 }
+bodies.rod: line = { length = 0.3, elements = 4 }; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 0.006 }
+joints.main: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.pin: type = "revolute"; connect = ["crank:tip", "rod:hinge"]
+joints.guide: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [1.0, 0.0]
+coordinates.theta: joint = "main"; range = [0.0, 6.283185307179586]; periodic = true
+effects.slider: type = "point_mass"; point = "rod:tip"; mass = 0.5
+effects.in_main: type = "joint_friction"; joint = "main"; coefficient = "mu"; radius = 0.02; speed = 1.0
+effects.in_pin: type = "joint_friction"; joint = "pin"; coefficient = "mu"; radius = 0.02; speed = 1.0
+effects.in_guide: type = "joint_friction"; joint = "guide"; coefficient = "mu"; speed = 0.1
+reduction: modes = 6; angles = 32; static_modes = true; second_order = true
+simulation: duration = 0.1; step = 1e-4; initial = { theta = { position = 0.5, velocity = 30.0 } }
+outputs.theta: type = "angle"; joint = "main"
+outputs.pin: type = "joint_force"; joint = "pin"
+""")
+
+
+def slider(*overrides: str) -> Scene:
+    """Return a flexible slider-crank that rubs in all of its joints."""
+    return scene_from_toml(SLIDER, ".", overrides)
+
+
+@pytest.fixture(scope="module")
+def full_run() -> dict[str, np.ndarray]:
+    return run(slider(), "full")[1]
+
+
+@pytest.mark.parametrize("model", ["components", "reduced"])
+def test_all_models_rub_alike(model, full_run):
+    """Half of the speed is lost; models differ by less than a hundredth of what friction changes."""
+    _, found = run(slider(), model)
+    lost = 0.5 + 30.0 * 0.1 - full_run["theta"][-1]
+    assert lost > 0.3
+    assert np.abs(found["theta"] - full_run["theta"]).max() < 0.01 * lost
+    assert np.abs(found["pin"] - full_run["pin"]).max() < 0.03 * full_run["pin"].max()
+
+
+def test_samples_side_by_side_are_those_alone():
+    scene = slider("simulation.duration=0.01")
+    model, given = reduced_model(scene), np.linspace(0.05, 0.45, 11)
+    together = history(model, samples(scene, 11, mu=given), 11)[1]
+    alone = history(model, samples(scene, 1, mu=given[7]), 1)[1]
+    np.testing.assert_array_equal(together["theta"][:, 7], alone["theta"][:, 0])
+    np.testing.assert_allclose(together["pin"][:, 7], alone["pin"][:, 0], rtol=1e-12)
+
+
+def test_derivatives_are_those_of_differences_of_runs():
+    scene = slider("simulation.duration=0.02")
+    model = reduced_model(scene)
+    found = differentiate(model, scene.values, ["mu"])
+    ends = [history(model, samples(scene, 1, mu=0.2 + d), 1)[1]["theta"][-1, 0] for d in (-1e-3, 1e-3)]
+    assert found.derivatives["theta"]["mu"][-1] == pytest.approx((ends[1] - ends[0]) / 2e-3, rel=1e-5)
+
+
+def test_what_friction_takes_is_in_the_balance():
+    balance = motion("full", slider("simulation.duration=0.02")).balance
+    works = [balance.work[name] for name in ("in_main", "in_pin", "in_guide")]
+    assert all(work[-1] < 0.0 for work in works)
+    assert np.abs(balance.residual).max() < 2e-3 * abs(sum(work[-1] for work in works))
+
+
+REFUSED = """
+effects.rub={type="joint_friction",joint="hinge",coefficient=0.2,speed=1} -> effects.rub.radius: missing; what turns
+effects.rub={type="joint_friction",joint="hinge",radius=0.1,limit=1,speed=1} -> effects.rub.radius = 0.1: without effect
+effects.rub={type="joint_friction",joint="hinge",speed=1} -> effects.rub.limit: exactly one of limit, coefficient is
+effects.rub={type="joint_friction",joint="hinge",limit=1,coefficient=0.1,speed=1} -> effects.rub.coefficient = 0.1
+effects.rub.coefficient=-0.1 -> effects.rub.coefficient = -0.1
+effects.rub.radius=0.0 -> effects.rub.radius = 0
+"""
+
+
+@pytest.mark.parametrize(("entries", "said"), cases(REFUSED))
+def test_bad_input_is_named(entries, said):
+    with pytest.raises(InputError) as error:
+        scene_from_toml(PENDULUM, ".", tuple(entries.split(" & ")))
+    check_said(str(error.value), said, entries)
+
+
+def test_what_slides_has_no_radius():
+    with pytest.raises(InputError, match=r"effects.rub.radius = 0.1: what slides rubs at no radius"):
+        scene_from_toml(BLOCK, ".", ("effects.rub.radius=0.1",))
+
+
+@pytest.mark.parametrize("purpose", [Purpose.EXPORT, Purpose.TRADEOFF, Purpose.SIZES])
+def test_what_does_not_know_it_refuses_it(purpose):
+    with pytest.raises(InputError, match="effects.in_main.coefficient"):
+        check_capabilities(slider(), purpose)
