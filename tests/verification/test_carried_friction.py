@@ -139,8 +139,8 @@ def test_samples_side_by_side_are_those_alone():
     model, given = reduced_model(scene), np.linspace(0.05, 0.45, 11)
     together = history(model, samples(scene, 11, mu=given), 11)[1]
     alone = history(model, samples(scene, 1, mu=given[7]), 1)[1]
-    np.testing.assert_array_equal(together["theta"][:, 7], alone["theta"][:, 0])
-    np.testing.assert_allclose(together["pin"][:, 7], alone["pin"][:, 0], rtol=1e-12)
+    for name, values in together.items():  # to round-off: products of matrices hang on how many are side by side
+        np.testing.assert_allclose(values[:, 7], alone[name][:, 0], rtol=1e-12, err_msg=name)
 
 
 def test_derivatives_are_those_of_differences_of_runs():
