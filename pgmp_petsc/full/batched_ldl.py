@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import fused
 
-MOST_LISTED = 2**15  # products
+MOST_LISTED, MOST_TARGETS = 2**15, 2**19  # products
 
 
 @dataclass(frozen=True)
@@ -54,14 +54,15 @@ class Symbolic:
         both factors of each and what it is taken from, (n_products,), numbered with the diagonal in front.
 
         Columns of a mechanism of beams have a few entries each, and loops over them end before a processor has guessed
-        that they will. The list of large matrices would not stay in the cache: they have none.
+        that they will. Of larger matrices factors are not listed, which lie one behind the other; of the largest ones
+        nothing is, as the list would not stay in the cache.
         """
         n_below = np.diff(self.starts)
-        firsts = np.concatenate([[0], np.cumsum(n_below * (n_below + 1) // 2)])
-        if firsts[-1] > MOST_LISTED:
-            firsts = firsts[:0]
-            return firsts, *np.zeros((3, 0), dtype=np.uint32)
-        return firsts, *_listed(self.starts, self.rows, firsts)
+        firsts, none = np.concatenate([[0], np.cumsum(n_below * (n_below + 1) // 2)]), np.zeros(0, dtype=np.uint32)
+        if firsts[-1] > MOST_TARGETS:
+            return firsts[:0], none, none, none
+        one, other, target = _listed(self.starts, self.rows, firsts)
+        return (firsts[:0], none, none, target) if firsts[-1] > MOST_LISTED else (firsts, one, other, target)
 
     def position(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
         """Return where matrix entries (unknown numbers) are stored: entry of L, or ``-1 - k`` on the diagonal."""
@@ -161,6 +162,18 @@ def factorise(starts, rows, products, matrix):
             matrix[k] = inverse
             for at in range(firsts[k], firsts[k + 1]):
                 matrix[target[at]] = fused(-(matrix[one[at]] * inverse), matrix[other[at]], matrix[target[at]])
+        return
+    if target.size:
+        product = 0
+        for k in range(n):
+            inverse, end = 1.0 / matrix[k], n + starts[k + 1]
+            matrix[k] = inverse
+            for b in range(n + starts[k], end):
+                scaled = -(matrix[b] * inverse)
+                for a in range(b, end):
+                    at = target[product]
+                    matrix[at] = fused(scaled, matrix[a], matrix[at])
+                    product += 1
         return
     for k in range(n):
         inverse, end = 1.0 / matrix[k], n + starts[k + 1]

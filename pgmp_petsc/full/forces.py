@@ -17,7 +17,7 @@ from pgmp_petsc.effects.action import BY_LOAD, LED, Actions
 from pgmp_petsc.effects.law import Laws, obey
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import items, keep
+from pgmp_petsc.lanes.lane_items import ALONE, items, keep
 from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, state
 
 
@@ -61,8 +61,8 @@ def evaluate_actions(
     firsts, statements, width, most = actions.firsts, actions.statements, y.shape[1], 1
     for k in range(firsts.size - 1):
         most = max(most, firsts[k + 1] - firsts[k])
-    scratch, own = scratch_of(statements, width // 2), np.zeros(width)
-    g, h = np.zeros((most, width)), np.zeros((most, width, width))
+    scratch, own, near = scratch_of(statements, width // 2, ALONE), np.zeros((width, 1)), np.empty(1)
+    g, h = np.zeros((most, width, 1)), np.zeros((most, width, width, 1))
     leading = np.zeros((2, y.shape[2]))  # measures of the actions that lead, and their rates
     for k in range(actions.laws.addresses.size):
         first = firsts[k]
@@ -72,11 +72,11 @@ def evaluate_actions(
             s = rate = 0.0
             for term in range(n_terms):
                 for i in range(width):
-                    own[i] = y[first + term, i, sample]
-                near = known[first + term, sample]
-                s += state(statements, first + term, own, near, with_tangents, scratch, g[term], h[term])
+                    own[i, 0] = y[first + term, i, sample]
+                near[0] = known[first + term, sample]
+                s += state(statements, first + term, own, near, with_tangents, scratch, ALONE, g[term], h[term])
                 for i in range(width):
-                    rate += g[term, i] * rates[first + term, i, sample]
+                    rate += g[term, i, 0] * rates[first + term, i, sample]
             led, by_load, amplitude = actions.roles[k] == LED, actions.roles[k] == BY_LOAD, amplitudes[k]
             at, at_rate = s, rate
             if led or by_load:
@@ -96,14 +96,14 @@ def evaluate_actions(
             stored[k, sample] = 0.0 if led else found.stored
             for term in range(n_terms):
                 for i in range(width):
-                    forces[first + term, i, sample] = found.force * g[term, i]
+                    forces[first + term, i, sample] = found.force * g[term, i, 0]
             stiffness = 0.0 if led else (0.0 if by_load else found.stiffness) + gain_v * found.damping
             for entry in range(starts[k], starts[k + 1] if with_tangents else starts[k]):
                 one, other = rows[entry] // width, columns[entry] // width
                 i, j = rows[entry] - one * width, columns[entry] - other * width
                 # a force that turns with its body has no symmetric tangent; its mean serves the factorisation
-                bent = 0.5 * found.force * (h[one, i, j] + h[one, j, i]) if one == other else 0.0
-                tangents[entry, sample] = stiffness * g[one, i] * g[other, j] - bent
+                bent = 0.5 * found.force * (h[one, i, j, 0] + h[one, j, i, 0]) if one == other else 0.0
+                tangents[entry, sample] = stiffness * g[one, i, 0] * g[other, j, 0] - bent
 
 
 class Loads(NamedTuple):
@@ -223,12 +223,3 @@ def add_entry(position, value, diagonal, lower):
         diagonal[-1 - position] += value
     else:
         lower[position] += value
-
-
-@njit(inline="always")
-def add_entry_of_lane(position, lane, value, diagonal, lower):
-    """Add a number of one lane at a stored position; diagonal (n, n_lanes), lower (n_lower, n_lanes)."""
-    if position < 0:
-        diagonal[-1 - position, lane] += value
-    else:
-        lower[position, lane] += value

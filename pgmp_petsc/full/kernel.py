@@ -33,7 +33,7 @@ from pgmp_petsc.full.elements import Beams, Masses, Solids, add_beams, add_masse
 from pgmp_petsc.full.floating import add_floating
 from pgmp_petsc.full.forces import BlockActions, Loads, add_actions, add_entry, add_loads
 from pgmp_petsc.full.layout import FloatingBodies
-from pgmp_petsc.full.node_constraints import NodeConstraints, add_constraints
+from pgmp_petsc.full.node_constraints import NodeConstraints, add_constraints, gather
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import (
@@ -268,23 +268,24 @@ def count_turns(problem, q, turns):
     """Put the angles of coordinates and actions in space, (n_turns, n_lanes), to those at q nearest to them."""
     n_angles = problem.angles.dofs.shape[0]
     if turns.shape[0]:
-        _count(problem.angles.statements, problem.angles.dofs, q, turns[:n_angles])
-        _count(problem.actions.statements, problem.actions.dofs, q, turns[n_angles:])
+        _count(problem.angles.statements, problem.angles.dofs, problem.width, q, turns[:n_angles])
+        _count(problem.actions.statements, problem.actions.dofs, problem.width, q, turns[n_angles:])
 
 
 @njit(cache=True, apart=True, error_model="numpy")
-def _count(statements, dofs, q, turns):
+def _count(statements, dofs, width, q, turns):
     """Put statements near `turns`, (n, n_lanes), there; of functions of them, but for splines, what they are of."""
     statements = loaded(statements)
-    n, m = dofs.shape
-    scratch, y, g, h = scratch_of(statements, m // 2), np.zeros(m), np.zeros(m), np.zeros((1, 1))
+    (n, m), n_lanes = dofs.shape, q.shape[1]
+    scratch, y, g = scratch_of(statements, m // 2, width), empty_lanes(m, n_lanes), empty_lanes(m, n_lanes)
+    h, angle = empty_lanes(1, n_lanes).reshape((1, 1, n_lanes)), empty_lanes(1, n_lanes)[0]
     for k in range(n):
-        for lane in range(q.shape[1]):
-            for i in range(m):
-                y[i] = q[dofs[k, i], lane] if dofs[k, i] >= 0 else 0.0
-            angle = statement(statements, k, y, turns[k, lane], np.bool_(False), scratch, g, h)
-            if np.isfinite(angle):
-                turns[k, lane] = angle / statements.factors[k]
+        gather(dofs[k], width, q, y)
+        items(angle, width)[()] = statement(statements, k, y, turns[k], np.bool_(False), scratch, width, g, h)
+        for lane in range(n_lanes):
+            if np.isfinite(angle[lane]):
+                turns[k, lane] = angle[lane] / statements.factors[k]
+    keep(angle)
 
 
 @njit(cache=True, entry=True, error_model="numpy")

@@ -17,11 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.full.forces import add_entry_of_lane
+from pgmp_petsc.full.forces import add_entry
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.full.rank_solver import Layout
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import items
+from pgmp_petsc.lanes.lane_items import empty_lanes, items, keep
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.frame_ties import Terms, parts_of
 from pgmp_petsc.mechanism.node_statements import scratch_of, state
@@ -177,10 +177,10 @@ def add_constraints(
         of_x[place[n_dofs + number]] += scales * still[number]
     if n_linear < constraints.places.size:
         _add_curved(
-            constraints, driven, turns, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower
+            constraints, width, driven, turns, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower
         )
     if constraints.ties.terms.rows.size:
-        _add_ties(constraints.ties, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower)
+        _add_ties(constraints.ties, width, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower)
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -190,89 +190,108 @@ def _wanted(constraints, k, driven):
     return constraints.wanted[k] + driven[motion] if motion >= 0 else constraints.wanted[k]
 
 
+@njit(error_model="numpy", forceinline=True)
+def gather(dofs, width, q, y):
+    """Fill unknowns y (n, n_lanes) of two nodes from all of them (n_dofs, n_lanes), zero on the ground."""
+    q, y = items(q, width), items(y, width)
+    for i in range(dofs.size):
+        if dofs[i] >= 0:
+            y[i] = q[dofs[i]]
+        else:
+            y[i] = 0.0
+
+
 @njit(cache=True, apart=True, error_model="numpy")
-def _add_curved(constraints, driven, turns, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower):
-    """Add what statements give that are not linear, lane by lane; see `add_constraints`."""
+def _add_curved(
+    constraints, width, driven, turns, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower
+):  # fmt: skip
+    """Add what statements give that are not linear; see `add_constraints`."""
     rows, statements = constraints.rows, loaded(constraints.rows.statements)
     n_dofs, n_lanes = q.shape
     m, itself = rows.dofs.shape[1], residual.shape[0] == 0
     starts, columns, unknowns = rows.entries
     curved_starts, one, other = rows.curved
     pair_starts, first, second, pair_positions = constraints.pairs
-    y, g, h, scratch = np.zeros(m), np.zeros(m), np.zeros((m, m)), scratch_of(statements, m // 2)
-    so_far = np.zeros(n_lanes)  # of the terms of a constraint before this one, less what is wanted
+    scratch, y, g = scratch_of(statements, m // 2, width), empty_lanes(m, n_lanes), empty_lanes(m, n_lanes)
+    h, space = empty_lanes(m * m, n_lanes).reshape((m, m, n_lanes)), empty_lanes(2, n_lanes)
+    of_q, of_x, slopes, bends = items(q, width), items(x, width), items(g, width), items(h, width)
+    diagonal, lower, turned = items(diagonal, width), items(lower, width), items(turns, width)
+    forces, scales, still = items(multipliers, width), items(scale, width)[()], items(residual, width)
+    # what an angle is near to, and the terms of a constraint before this one, less what is wanted
+    near, so_far = 0, 1
+    known = items(space, width)
     for k in range(constraints.places.size):
         begins = k == 0 or constraints.places[k] != constraints.places[k - 1]
         alone = begins and (k + 1 == constraints.places.size or constraints.places[k] != constraints.places[k + 1])
+        before = known[so_far]
         if constraints.linear[k]:
-            for lane in range(0 if alone else n_lanes):
-                value = rows.constants[k] - _wanted(constraints, k, driven)
+            if not alone:
+                known[so_far] = rows.constants[k] - _wanted(constraints, k, driven)
                 for entry in range(starts[k], starts[k + 1]):
-                    value += rows.slopes[entry] * q[unknowns[entry], lane]
-                so_far[lane] = value if begins else so_far[lane] + value
+                    known[so_far] += rows.slopes[entry] * of_q[unknowns[entry]]
+                if not begins:
+                    known[so_far] += before
+            continue
+        number, motion, of = constraints.places[k], constraints.motions[k], constraints.near[k]
+        if of == FROM_SUM:
+            known[near] = -before / statements.factors[k]
+        elif of >= 0 and of < turned.size:
+            known[near] = turned[of]
         else:
-            number, motion, of = constraints.places[k], constraints.motions[k], constraints.near[k]
-            goal, near = _wanted(constraints, k, driven), driven[motion] if motion >= 0 else 0.0
-            for lane in range(n_lanes):
-                if of == FROM_SUM:
-                    near = -so_far[lane] / statements.factors[k]
-                elif of >= 0 and of < turns.shape[0]:
-                    near = turns[of, lane]
-                for i in range(m):
-                    dof = rows.dofs[k, i]
-                    y[i] = q[dof, lane] if dof >= 0 else 0.0
-                missed = state(statements, k, y, near, fresh, scratch, g, h) - goal
-                so_far[lane] = missed if begins else so_far[lane] + missed
-                against = missed if itself else residual[number, lane]
-                force = multipliers[number, lane] + constraints.weights[k] * scale[lane] * against
-                for entry in range(starts[k], starts[k + 1]):
-                    i = columns[entry]
-                    x[place[unknowns[entry]], lane] += g[i] * force
-                    if fresh:
-                        lower[constraints.positions[entry], lane] += g[i] * scale[lane]
-                for entry in range(curved_starts[k], curved_starts[k + 1] if fresh else 0):
-                    bent = gain_k * multipliers[number, lane] * h[one[entry], other[entry]]
-                    add_entry_of_lane(constraints.curved_positions[entry], lane, bent, diagonal, lower)
-                for pair in range(pair_starts[k], pair_starts[k + 1] if fresh else 0):
-                    product = g[columns[first[pair]]] * g[columns[second[pair]]]
-                    add_entry_of_lane(
-                        pair_positions[pair], lane, constraints.weights[k] * scale[lane] * product, diagonal, lower
-                    )
-                if itself:
-                    x[place[n_dofs + number], lane] += scale[lane] * missed
+            known[near] = driven[motion] if motion >= 0 else 0.0
+        gather(rows.dofs[k], width, q, y)
+        missed = state(statements, k, y, space[near], fresh, scratch, width, g, h) - _wanted(constraints, k, driven)
+        known[so_far] = missed if begins else before + missed
+        against = missed if itself else still[number]
+        force, weight = forces[number] + constraints.weights[k] * scales * against, constraints.weights[k] * scales
+        for entry in range(starts[k], starts[k + 1]):
+            slope = slopes[columns[entry]]
+            of_x[place[unknowns[entry]]] += slope * force
+            if fresh:
+                lower[constraints.positions[entry]] += slope * scales
+        for entry in range(curved_starts[k], curved_starts[k + 1] if fresh else 0):
+            bent = gain_k * forces[number] * bends[one[entry], other[entry]]
+            add_entry(constraints.curved_positions[entry], bent, diagonal, lower)
+        for pair in range(pair_starts[k], pair_starts[k + 1] if fresh else 0):
+            product = slopes[columns[first[pair]]] * slopes[columns[second[pair]]]
+            add_entry(pair_positions[pair], weight * product, diagonal, lower)
+        if itself:
+            of_x[place[n_dofs + number]] += scales * missed
+    keep(g)
+    keep(h)
+    keep(space)
 
 
 @njit(cache=True, apart=True, error_model="numpy")
-def _add_ties(ties, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower):
+def _add_ties(ties, width, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower):
     """Add what ties of frames give; see `add_constraints` and `FrameTies`."""
-    n_dofs, n_lanes = q.shape
-    terms = loaded(ties.terms)
+    n_dofs, terms = q.shape[0], loaded(ties.terms)
     of_first, of_second, of_turn, of_both, mixed, also_mixed, twice = ties.positions
+    q, x, forces, scaled = items(q, width), items(x, width), items(multipliers, width), items(scale, width)[()]
+    diagonal, lower = items(diagonal, width), items(lower, width)
     for e in range(terms.rows.size):
         one, other, turning, number = terms.first[e], terms.second[e], terms.turning[e], terms.rows[e]
-        for lane in range(n_lanes):
-            along, slope, bend, here, there = parts_of(d, terms, e, q, lane)
-            force, scaled = multipliers[number, lane], scale[lane]
-            bent = gain_k * force
-            if itself:
-                x[place[n_dofs + number], lane] += scaled * along * here * there
-            if one >= 0:
-                x[place[one], lane] += along * there * force
-                if fresh:
-                    lower[of_first[e], lane] += scaled * along * there
-            if other >= 0:
-                x[place[other], lane] += along * here * force
-                if fresh:
-                    lower[of_second[e], lane] += scaled * along * here
-                    count = 2.0 if one == other else 1.0
-                    add_entry_of_lane(of_both[e], lane, bent * count * along, diagonal, lower)
-            if turning >= 0:
-                x[place[turning], lane] += slope * here * there * force
-                if fresh:
-                    lower[of_turn[e], lane] += scaled * slope * here * there
-                    if one >= 0:
-                        add_entry_of_lane(mixed[e], lane, bent * slope * there, diagonal, lower)
-                    if other >= 0:
-                        add_entry_of_lane(also_mixed[e], lane, bent * slope * here, diagonal, lower)
-                    if d == 2:
-                        add_entry_of_lane(twice[e], lane, bent * bend * here * there, diagonal, lower)
+        along, slope, bend, here, there = parts_of(d, terms, e, q)
+        force = forces[number]
+        bent = gain_k * force
+        if itself:
+            x[place[n_dofs + number]] += scaled * along * here * there
+        if one >= 0:
+            x[place[one]] += along * there * force
+            if fresh:
+                lower[of_first[e]] += scaled * along * there
+        if other >= 0:
+            x[place[other]] += along * here * force
+            if fresh:
+                lower[of_second[e]] += scaled * along * here
+                add_entry(of_both[e], bent * (2.0 if one == other else 1.0) * along, diagonal, lower)
+        if turning >= 0:
+            x[place[turning]] += slope * here * there * force
+            if fresh:
+                lower[of_turn[e]] += scaled * slope * here * there
+                if one >= 0:
+                    add_entry(mixed[e], bent * slope * there, diagonal, lower)
+                if other >= 0:
+                    add_entry(also_mixed[e], bent * slope * here, diagonal, lower)
+                if d == 2:
+                    add_entry(twice[e], bent * bend * here * there, diagonal, lower)

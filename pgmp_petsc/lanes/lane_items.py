@@ -24,7 +24,7 @@ from numba.extending import intrinsic
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.vectors import CACHE_LINE, LANES, blend, exceeding, vector
 
-WIDE = (0.0,) * LANES
+WIDE, ALONE = (0.0,) * LANES, (0.0,)
 
 
 def width_of(n_lanes: int) -> tuple[float, ...]:

@@ -32,6 +32,7 @@ import numpy as np
 from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.linear_fields import TURNS
 from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import select, sine_cosine
 from pgmp_petsc.mechanism.unknowns import Unknowns
 
 PHI = 2  # a frame's rotation in the plane
@@ -243,38 +244,43 @@ def _rotations(first_row: int, frame: int, positions: np.ndarray, faces: FaceFra
                 yield Terms.of(d, np.full(n, row), factors, positions[:, other], frame=frame, directors=d * k + one)
 
 
-@njit(inline="always")
-def parts_of(d, terms, e, q, sample):
-    """Return of a term ``f d``, its first and second derivatives with what d turns with, x and y."""
+@njit(error_model="numpy", forceinline=True)
+def parts_of(d, terms, e, q):
+    """Return of a term ``f d``, its first and second derivatives with what d turns with, x and y, for items q (n_dofs,)
+    of `lane_items`."""
     turning, number, factor = terms.turning[e], terms.directors[e], terms.factors[e]
-    x = q[terms.first[e], sample] if terms.first[e] >= 0 else 1.0
-    y = q[terms.second[e], sample] if terms.second[e] >= 0 else 1.0
+    first, second = terms.first[e], terms.second[e]
+    zero, unit = select(0, q[0], 0.0), select(0, q[0], 1.0)
+    x = q[first] if first >= 0 else unit
+    y = q[second] if second >= 0 else unit
     if turning < 0:
-        return factor, 0.0, 0.0, x, y
+        return zero + factor, zero, zero, x, y
     if d == 3:
-        return factor * q[turning, sample], factor, 0.0, x, y
-    phi = q[turning, sample]
-    cos, sin = factor * np.cos(phi), factor * np.sin(phi)
+        return factor * q[turning], zero + factor, zero, x, y
+    sin, cos = sine_cosine(q[turning])
+    sin, cos = factor * sin, factor * cos
     if number == 1:
-        cos, sin = sin, -cos
-    elif number == 2:
-        cos, sin = -sin, cos
+        return sin, cos, -sin, x, y
+    if number == 2:
+        return -sin, -cos, sin, x, y
     return cos, -sin, -cos, x, y
 
 
 @njit(cache=True, error_model="numpy")
 def _values(d, terms, q, result):
     for sample in range(q.shape[1]):
+        unknowns = q[:, sample]
         for e in range(terms.rows.size):
-            along, _, _, x, y = parts_of(d, terms, e, q, sample)
+            along, _, _, x, y = parts_of(d, terms, e, unknowns)
             result[terms.rows[e], sample] += along * x * y
 
 
 @njit(cache=True, error_model="numpy")
 def _jacobian(d, terms, of_first, of_second, of_turning, q, result):
     for sample in range(q.shape[1]):
+        unknowns = q[:, sample]
         for e in range(terms.rows.size):
-            along, slope, _, x, y = parts_of(d, terms, e, q, sample)
+            along, slope, _, x, y = parts_of(d, terms, e, unknowns)
             if of_first[e] >= 0:
                 result[of_first[e], sample] += along * y
             if of_second[e] >= 0:
@@ -286,8 +292,9 @@ def _jacobian(d, terms, of_first, of_second, of_turning, q, result):
 @njit(cache=True, error_model="numpy")
 def _curvature(d, terms, of_both, of_first, of_second, of_turning, q, multipliers, result):
     for sample in range(q.shape[1]):
+        unknowns = q[:, sample]
         for e in range(terms.rows.size):
-            along, slope, bend, x, y = parts_of(d, terms, e, q, sample)
+            along, slope, bend, x, y = parts_of(d, terms, e, unknowns)
             force = multipliers[terms.rows[e], sample]
             if of_both[e] >= 0:
                 result[of_both[e], sample] += force * along * (2.0 if terms.first[e] == terms.second[e] else 1.0)
@@ -302,8 +309,9 @@ def _curvature(d, terms, of_both, of_first, of_second, of_turning, q, multiplier
 @njit(cache=True, error_model="numpy")
 def _drift(d, terms, q, v, result):
     for sample in range(q.shape[1]):
+        unknowns = q[:, sample]
         for e in range(terms.rows.size):
-            along, slope, bend, x, y = parts_of(d, terms, e, q, sample)
+            along, slope, bend, x, y = parts_of(d, terms, e, unknowns)
             of_x, of_y, spin = terms.first[e], terms.second[e], terms.turning[e]
             vx = v[of_x, sample] if of_x >= 0 else 0.0
             vy = v[of_y, sample] if of_y >= 0 else 0.0

@@ -4,7 +4,8 @@ A point at the arm X of a node has the frame ``p = r + sum_k X_k d_k`` with the 
 node are its frame in natural coordinates, or in the plane ``(x, y, phi)``, with ``d d_k / d phi = J d_k``, J a right
 angle's rotation. The pose of a rigid body is such a node, with the arm from the body's origin.
 
-What is evaluated is a function ``f(s)`` of the statement (`statements.Function`), with f' g and ``f' h + f'' g g^T``.
+What is evaluated is a function ``f(s)`` of the statement (`statements.Function`), with f' g and ``f' h + f'' g g^T``,
+of one sample or of several side by side (`lane_items`).
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ import numpy as np
 from numba import types
 
 from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import empty_lanes, items, sine_cosine
+from pgmp_petsc.lanes.vectors import vector
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.statements import ANGLE, IDENTITY, MEET, Function, Statement, U, V, W, evaluate, n_frame
 
@@ -68,24 +71,38 @@ class NodeStatements(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Work arrays of one statement: both frames, derivatives in them, and half of the chain rule."""
+    """Work arrays of one statement, (..., n_lanes): both frames, derivatives in them, half of the chain rule, and the
+    function with its derivatives."""
 
     z: np.ndarray
     gradient: np.ndarray
     hessian: np.ndarray
     spare: np.ndarray
     half: np.ndarray
+    function: np.ndarray
 
 
 @njit(cache=True, error_model="numpy")
-def scratch_of(statements, m):
-    """Return work arrays for nodes with m unknowns."""
-    n = statements.ground.shape[1]
-    return Scratch(np.empty(n), np.empty(n), np.empty((n, n)), np.empty(n), np.zeros((n, 2 * m)))
+def scratch_of(statements, m, width):
+    """Return work arrays for nodes with m unknowns, of as many samples as `width` is long."""
+    n, n_lanes = statements.ground.shape[1], len(width)
+    return Scratch(
+        empty_lanes(n, n_lanes),
+        empty_lanes(n, n_lanes),
+        empty_lanes(n * n, n_lanes).reshape((n, n, n_lanes)),
+        empty_lanes(n, n_lanes),
+        empty_lanes(2 * m * n, n_lanes).reshape((n, 2 * m, n_lanes)),
+        empty_lanes(3, n_lanes),
+    )
 
 
-@njit(cache=True, apart=types.float64, error_model="numpy")
-def state(statements, k, y, known, second, scratch, g, h):
+def _item(statements, k, y, known, second, scratch, width, *_):
+    """Return the type of an item."""
+    return vector if len(width) > 1 else types.float64
+
+
+@njit(cache=True, apart=_item, error_model="numpy")
+def state(statements, k, y, known, second, scratch, width, g, h):
     """Evaluate the function of a statement in the unknowns of its two nodes.
 
     Parameters
@@ -93,38 +110,59 @@ def state(statements, k, y, known, second, scratch, g, h):
     statements, k
         The statements, and the number of the one that is wanted.
     y
-        Unknowns of both nodes, anything on the ground, shape (2 m,), m = 3 in the plane or 12.
+        Unknowns of both nodes, numbers on the ground, shape (2 m, n_lanes), m = 3 in the plane or 12.
     known
-        What an angle is nearest to, rad; in the plane angles count turns by themselves.
+        What an angle is nearest to, shape (n_lanes,), rad; in the plane angles count turns by themselves.
     second
         Whether h is wanted.
     scratch
         From `scratch_of`.
+    width
+        As many numbers as there are lanes; see `lane_items`.
     g, h
-        Results: first and second derivatives, shapes (2 m,) and (2 m, 2 m).
+        Results: first and second derivatives, shapes (2 m, n_lanes) and (2 m, 2 m, n_lanes).
 
     Returns
     -------
-    float
+    float or vector
         ``f(s)``; of s itself m, 1 or rad.
     """
+    y, g, h = items(y, width), items(g, width), items(h, width)
     if y.size == 2 * PLANAR and _is_linear(statements, k):
         s = _linear(statements, k, y, second, g, h)
     else:
-        z, gradient, hessian, spare, half = scratch
+        z = items(scratch.z, width)
+        # in space the unknowns of nodes are their frames
+        gradient = items(scratch.gradient, width) if y.size == 2 * PLANAR else g
+        hessian = items(scratch.hessian, width) if y.size == 2 * PLANAR else h
         _place(statements, k, y, z)
-        s = evaluate(statements.kinds[k], statements.axes[k], z, known, second, gradient, hessian, spare)
-        _to_unknowns(statements.arms[k], z, second, gradient, hessian, half, g, h)
-    if is_itself(statements, k):
-        return s
-    value, slope, bend = function_at(statements, k, s)
+        s = evaluate(
+            statements.kinds[k], statements.axes[k], z, items(known, width)[()], second, gradient, hessian,
+            items(scratch.spare, width),
+        )  # fmt: skip
+        _to_nodes(statements.arms[k], second, gradient, hessian)
+        if y.size == 2 * PLANAR:
+            _to_angles(z, second, gradient, hessian, items(scratch.half, width), g, h)
+    return s if is_itself(statements, k) else through_function(statements, k, s, second, scratch.function, width, g, h)
+
+
+@njit(error_model="numpy", forceinline=True)
+def through_function(statements, k, s, second, function, width, g, h):
+    """Return the function of a statement where that is s, and turn its derivatives g (n,) and h (n, n), items, into
+    those of the function; `function` is a work array (3, n_lanes)."""
+    of = items(function, width)
+    of[0] = s
+    for lane in range(function.shape[1]):
+        function[0, lane], function[1, lane], function[2, lane] = function_at(statements, k, function[0, lane])
+    slope, bend = of[1], of[2]
     if second:
         for i in range(g.size):
+            bent = bend * g[i]
             for j in range(g.size):
-                h[i, j] = slope * h[i, j] + bend * g[i] * g[j]
+                h[i, j] = slope * h[i, j] + bent * g[j]
     for i in range(g.size):
-        g[i] *= slope
-    return value
+        g[i] = slope * g[i]
+    return of[0]
 
 
 @njit(inline="always")
@@ -174,10 +212,10 @@ def _linear(statements, k, y, second, g, h):
         for j in range(2 * PLANAR if second else 0):
             h[i, j] = 0.0
     angle = statements.kinds[k] == ANGLE
-    s = 0.0
+    s = 0.0 * y[0]
     if angle:
         cos, sin = axes[U, 0] * axes[W, 0] + axes[U, 1] * axes[W, 1], axes[V, 0] * axes[W, 0] + axes[V, 1] * axes[W, 1]
-        s = np.arctan2(sin, cos)
+        s += np.arctan2(sin, cos)
     for side in range(2):
         sign, own = 2.0 * side - 1.0, PLANAR * side
         for c in range(2, 3) if angle else range(2):
@@ -202,7 +240,7 @@ def _place(statements, k, y, z):
                 z[first + c] = statements.ground[k, first + c]
             continue
         if m == PLANAR:
-            cos, sin = np.cos(y[own + 2]), np.sin(y[own + 2])
+            sin, cos = sine_cosine(y[own + 2])
             z[first], z[first + 1] = y[own], y[own + 1]
             z[first + 2], z[first + 3], z[first + 4], z[first + 5] = cos, sin, -sin, cos
         else:
@@ -214,43 +252,33 @@ def _place(statements, k, y, z):
 
 
 @njit(cache=True, error_model="numpy")
-def _to_unknowns(arms, z, second, gradient, hessian, half, g, h):
-    """Turn derivatives in two frames into g (2 m,) and h (2 m, 2 m), those in the unknowns of their nodes.
-
-    Parameters
-    ----------
-    arms
-        Of both sides, shape (2, d), m.
-    z
-        The frames, shape (2 d (d + 1),).
-    second
-        Whether h is wanted.
-    gradient, hessian
-        Derivatives in the frames; changed here to those in the frames of the nodes.
-    half
-        Work array, shape (2 d (d + 1), 2 m).
-    """
-    d, n_pair, m = arms.shape[1], z.size, g.size // 2
-    n = n_pair // 2
+def _to_nodes(arms, second, gradient, hessian):
+    """Turn derivatives in two frames, second ones where they are wanted too, into those in the frames of their nodes;
+    `arms` are those of both sides, shape (2, d), m."""
+    d, n_pair = arms.shape[1], gradient.size
     for side in range(2):
         for j in range(d):
             arm = arms[side, j]
             if arm != 0.0:
                 for c in range(d):
-                    at, point = n * side + d + d * j + c, n * side + c
+                    at, point = n_pair // 2 * side + d + d * j + c, n_pair // 2 * side + c
                     gradient[at] += arm * gradient[point]
                     if second:
                         for i in range(n_pair):
                             hessian[at, i] += arm * hessian[point, i]
                         for i in range(n_pair):
                             hessian[i, at] += arm * hessian[i, point]
-    if m == n:
-        for i in range(n_pair):
-            g[i] = gradient[i]
-            for j in range(n_pair if second else 0):
-                h[i, j] = hessian[i, j]
-        return
-    # (x, y, phi): columns, then rows; J d_1 = d_2, J d_2 = -d_1
+
+
+@njit(cache=True, error_model="numpy")
+def _to_angles(z, second, gradient, hessian, half, g, h):
+    """Turn derivatives in the frames of two nodes in the plane into g (6,) and h (6, 6), those in ``(x, y, phi)``.
+
+    `z` are the frames, shape (12,), and `half` is a work array (12, 6).
+    """
+    n_pair = z.size
+    n = n_pair // 2
+    # columns, then rows; J d_1 = d_2, J d_2 = -d_1
     for side in range(2):
         first, own = n * side, PLANAR * side
         x, y, at = z[first + 2], z[first + 3], first + 2  # the directors are (x, y) and (-y, x)

@@ -17,6 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items, keep
+from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, state
 from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Statement
@@ -278,33 +280,40 @@ def _evaluate(what, rows, q, rates, known, result):
                     result[rows.row_of[k], sample] += slope * q[unknowns[entry], sample]
                 elif what == SLOPES:
                     result[entry, sample] = slope
-    scratch, y, g = scratch_of(rows.statements, width // 2), np.zeros(width), np.zeros(width)
+    scratch, y, g = scratch_of(rows.statements, width // 2, WIDE), empty_lanes(width, LANES), empty_lanes(width, LANES)
     second = what == CURVATURES or what == DRIFT
-    h = np.zeros((width, width)) if second else np.zeros((1, 1))
-    for k in rows.bent:
-        for sample in range(n_samples):
-            for i in range(width):
-                y[i] = q[rows.dofs[k, i], sample] if rows.dofs[k, i] >= 0 else 0.0
-            near = 0.0
-            if what == VALUES:
-                own, of = rows.row_of[k], rows.near[k]
-                left = (known[own, sample] - result[own, sample]) / rows.statements.factors[k]
-                near = left if of == FROM_SUM else known[of, sample]
-            s = state(rows.statements, k, y, near, second, scratch, g, h)
-            if what == VALUES:
-                result[rows.row_of[k], sample] += s
-            elif what == SLOPES:
-                for entry in range(starts[k], starts[k + 1]):
-                    result[entry, sample] = g[columns[entry]]
-            elif what == CURVATURES:
-                for entry in range(curved_starts[k], curved_starts[k + 1]):
-                    result[entry, sample] = known[rows.row_of[k], sample] * h[one[entry], other[entry]]
-            else:
+    h, own = empty_lanes(width * width, LANES).reshape((width, width, LANES)), empty_lanes(2, LANES)
+    value, near = own
+    for first in range(0, n_samples, LANES):
+        n_here = min(LANES, n_samples - first)
+        for k in rows.bent:
+            row, of = rows.row_of[k], rows.near[k]
+            for lane in range(LANES):
+                sample = first + min(lane, n_here - 1)  # lanes behind the last sample have it again
                 for i in range(width):
-                    for j in range(width):
-                        if h[i, j] != 0.0:
-                            turning = _rate(rows, k, i, rates, sample) * _rate(rows, k, j, rates, sample)
-                            result[rows.row_of[k], sample] += h[i, j] * turning
+                    y[i, lane] = q[rows.dofs[k, i], sample] if rows.dofs[k, i] >= 0 else 0.0
+                near[lane] = 0.0
+                if what == VALUES:
+                    left = (known[row, sample] - result[row, sample]) / rows.statements.factors[k]
+                    near[lane] = left if of == FROM_SUM else known[of, sample]
+            items(value, WIDE)[()] = state(rows.statements, k, y, near, second, scratch, WIDE, g, h)
+            for lane in range(n_here):
+                sample = first + lane
+                if what == VALUES:
+                    result[row, sample] += value[lane]
+                elif what == SLOPES:
+                    for entry in range(starts[k], starts[k + 1]):
+                        result[entry, sample] = g[columns[entry], lane]
+                elif what == CURVATURES:
+                    for entry in range(curved_starts[k], curved_starts[k + 1]):
+                        result[entry, sample] = known[row, sample] * h[one[entry], other[entry], lane]
+                else:
+                    for i in range(width):
+                        for j in range(width):
+                            if h[i, j, lane] != 0.0:
+                                turning = _rate(rows, k, i, rates, sample) * _rate(rows, k, j, rates, sample)
+                                result[row, sample] += h[i, j, lane] * turning
+    keep(own)
 
 
 @njit(inline="always")

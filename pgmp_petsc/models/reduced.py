@@ -263,5 +263,6 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
 
         multipliers = model.multipliers.in_steps(own, n_samples) if model.measures.carried else None
         put, measured = system.put_forces, system.measured
-        system.control(model.measures.controls(frames, values, n_samples, put, multipliers, measured))
+        controls = model.measures.controls(frames, values, n_samples, put, multipliers, measured)
+        system.control(controls, model.measures.origins if model.measures.in_lanes else None)
     return system

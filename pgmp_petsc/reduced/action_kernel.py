@@ -24,7 +24,7 @@ from pgmp_petsc.effects.law import obey
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items
 from pgmp_petsc.lanes.vectors import LANES, N_POWERS, add, aligned_zeros, differing, load, spread, store
-from pgmp_petsc.mechanism.node_statements import function_at, is_itself
+from pgmp_petsc.mechanism.node_statements import is_itself, through_function
 from pgmp_petsc.mechanism.statements import evaluate
 from pgmp_petsc.reduced.action_frames import Frames, Places, place_nodes
 
@@ -293,19 +293,9 @@ def _measure_term(local, term, n_theta, q, second, work):
     )  # fmt: skip
     if is_itself(statements, term):
         return s
-    store(work.function, 0, s)
-    for lane in range(LANES):
-        found = function_at(statements, term, work.function[0, lane])
-        work.function[0, lane], work.function[1, lane], work.function[2, lane] = found
-    slope, bend, n = load(work.function, 1), load(work.function, 2), work.z.shape[0]
-    for c in range(n if second else 0):
-        bent = bend * load(work.gradient, c)
-        for d in range(n):
-            at = c * n + d
-            store(work.hessian, at, slope * load(work.hessian, at) + bent * load(work.gradient, d))
-    for c in range(n):
-        store(work.gradient, c, slope * load(work.gradient, c))
-    return load(work.function, 0)
+    return through_function(
+        statements, term, s, second, work.function, WIDE, items(work.gradient, WIDE), items(work.hessian, WIDE)
+    )
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)

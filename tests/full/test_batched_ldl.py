@@ -48,11 +48,11 @@ def stored(symbolic: Symbolic, matrices: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def solve(symbolic: Symbolic, matrices: np.ndarray, right: np.ndarray, listed: bool = True) -> np.ndarray:
-    """Solve in all lanes; right and result have shape (n_lanes, n)."""
+def solve(symbolic: Symbolic, matrices: np.ndarray, right: np.ndarray, listed: str = "all") -> np.ndarray:
+    """Solve in all lanes; right and result have shape (n_lanes, n). Listed are all numbers, targets or none."""
     x, products = np.ascontiguousarray(right[:, symbolic.order].T), symbolic.products
-    if not listed:
-        products = tuple(part[:0] for part in products)
+    if listed != "all":
+        products = *(part[:0] for part in products[:3]), products[3][: 0 if listed == "none" else None]
     width, matrix = width_of(len(matrices)), stored(symbolic, matrices)
     solved(symbolic.starts, symbolic.rows, products, width, matrix, x)
     result = np.empty_like(right)
@@ -145,4 +145,5 @@ def test_a_sample_alone_and_a_large_matrix_give_the_same_to_the_last_bit() -> No
     together = solve(symbolic, matrices, right)
     alone = [solve(symbolic, matrices[k : k + 1], right[k : k + 1])[0] for k in range(LANES)]
     np.testing.assert_array_equal(alone, together)
-    np.testing.assert_array_equal(solve(symbolic, matrices, right, listed=False), together)
+    for listed in ("targets", "none"):
+        np.testing.assert_array_equal(solve(symbolic, matrices, right, listed), together)
