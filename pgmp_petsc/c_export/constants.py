@@ -35,8 +35,10 @@ from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.outputs.joint_forces import InJoint, OfConnection, OfDrive, OfMotion
 from pgmp_petsc.reduced import steps as reduced_steps
 from pgmp_petsc.reduced.actions import nodes_of
+from pgmp_petsc.reduced.gap_forces import GapForces
 from pgmp_petsc.reduced.system import STARTING_CORRECTIONS
 from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.reconstruction import Reconstruction
@@ -44,8 +46,8 @@ from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
 from pgmp_petsc.results.estimates import limits_of
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.joints import CouplingEntry
 from pgmp_petsc.scene.numerics import count_steps
-from pgmp_petsc.scene.outputs import models_alone
 from pgmp_petsc.scene.uses import length_names, offset_directions, uses_of, velocity_names
 from pgmp_petsc.stepping import alpha_step, edge_search
 from pgmp_petsc.stepping.second_order_system import Scheme
@@ -57,6 +59,8 @@ CORRECTIONS = 2 * alpha_step.REFRESH_EVERY
 # Of all three attempts at a step.
 MOST_CORRECTIONS = 2 * alpha_step.MAX_ITERATIONS + alpha_step.CAREFUL_ITERATIONS
 CLOSURES = 3  # of Newton: from 1e-4 of a grid's middle to 1e-8, 1e-16 and round-off
+LOCAL = "it does not know those beside effects in joints or between points, of joints that give way and of couplings"
+SIMULATE = "leave the outputs out, or take pgmp simulate"
 MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compiler takes a minute for
 
 
@@ -89,6 +93,7 @@ class Constants:
     #: weights, load_weights: monomials of the terms and of the load terms
     weights: tuple[Monomial, ...]
     load_weights: tuple[Monomial, ...]
+    gap_weights: Sequence[Monomial]  # of the terms of what opens joints
     given: Sequence[Monomial]  # amplitudes of the coordinates that say how far joints are off, the last ones
     prescribed: Sequence[bool]  # of all coordinates, whether they are given
     laws: Sequence[Sequence[Quantity | AffineSum]]  # parameters of the laws of the local effects
@@ -140,7 +145,9 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     terms, kinematics = model.terms, model.kinematics
     actions, mechanism = model.actions.actions, kinematics.mechanism
     held, driven = nodes_of(actions), {node for c in mechanism.coordinates for node in _nodes(c.sides)}
-    nodes = sorted({*model.outputs.nodes, *held, *driven})
+    joints = [one.connection for one in model.outputs.forces if isinstance(one, OfConnection)]
+    ends = {node for joint in joints for node in _nodes([*joint.sides, *(s for _, own in joint.held for s in own)])}
+    nodes = sorted({*model.outputs.nodes, *held, *driven, *ends})
     slots = {node: slot for slot, node in enumerate(nodes)}
     bodies = np.repeat(np.arange(len(mechanism.bodies)), [body.n_nodes for body in mechanism.bodies])
     effects = {effect.name: effect for effect in model.effects}
@@ -149,14 +156,18 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     over_time |= {action.effect: action.amplitude for action in actions if action.amplitude is not None}
     places, windings = model.actions.rigid, iter(model.actions.places.winding)
     closure, wanted = closure_of(kinematics)
-    tables = _tables(model, nodes, places)
+    gaps, of_gaps = _gaps_of(model, what)
+    tables = _tables(model, nodes, places) | of_gaps
     _check_size(tables, what)
     first_edges = [0, *accumulate(len(action.law.edges) for action in actions)]
     values = scene.values | {name: f"p[{k}]" for k, name in enumerate(tunable(scene))}
-    outputs = outputs_in_c(model.outputs, slots, values)
+    outputs = outputs_in_c(model.outputs, slots, values, [] if gaps is None else model.multipliers.rows)
     counts = {
         "N_READINGS": len(outputs.readings),
         "N_BASES": len(outputs.courses),
+        "N_FORCES": len(outputs.forces),
+        "DRIVES": int(any(isinstance(one, OfMotion) for one in model.outputs.forces)),
+        **_sizes_of_gaps(gaps, of_gaps),
         "DEPTH": outputs.depth,
         "N_LOADS": len(loads),
         "N_STRENGTHS": len(over_time),
@@ -177,6 +188,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         tables=tables,
         axes=_axes(model, places),
         weights=terms.weights,
+        gap_weights=() if gaps is None else [weight for own in gaps.weights for weight in own],
         load_weights=terms.tables.load_weights,
         given=[Monomial(() if name is None else ((name, 1),)) for name in offset_directions(scene)],
         prescribed=terms.tables.prescribed(model.motions),
@@ -202,6 +214,44 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         parameter_units={name: _unit_of(name, scene) for name in tunable(scene)},
         node_bodies=[int(bodies[node]) for node in nodes],
     )
+
+
+def _gaps_of(model: ReducedModel, what: str) -> tuple[GapForces | None, dict[str, np.ndarray]]:
+    """Return what opens joints whose forces are outputs, if there are any, and its tables."""
+    n_rows, gaps = len(_flat(model.terms.terms.rows, 2)), None
+    if any(isinstance(one, OfConnection) for one in model.outputs.forces):
+        gaps = model.multipliers.gaps
+        if model.actions.actions:
+            name = next(one.name for one in model.outputs.forces if isinstance(one, OfConnection))
+            raise InputError(f"outputs.{name}: {what} cannot be written with it, as {LOCAL}; {SIMULATE}")
+    if gaps is None:
+        return None, {"gap_table": np.zeros((n_rows, 1, 1)), "gap_changes": np.zeros((n_rows, 1, 1))}
+    return gaps, {"gap_table": _flat(gaps.table.rows, 2), "gap_changes": _flat(gaps.changing.rows, 2)}
+
+
+def _sizes_of_gaps(gaps: GapForces | None, tables: Mapping[str, np.ndarray]) -> dict[str, int]:
+    mass, stiffness, loads, damping = (0, 0, 0, 0) if gaps is None else map(len, gaps.weights)
+    names = ("N_GAPS", "N_GAP_ENTRIES", "N_GAP_CHANGES", "GAPS_CURVED", "GAP_MASS", "GAP_STIFFNESS", "GAP_DAMPING")
+    sizes = (
+        (0, 0, 0, 0)
+        if gaps is None
+        else (*tables["gap_table"].shape[1:], tables["gap_changes"].shape[2], gaps.sizes[2])
+    )
+    counts = zip((*names, "N_GAP_TERMS"), (*sizes, mass, stiffness, damping, mass + stiffness + loads + damping))
+    return {name: int(count) for name, count in counts}
+
+
+def in_c(scene: Scene, name: str) -> bool:
+    """Return whether a model in C has an output: forces in joints with local effects beside them, and those of what
+    gives way, it does not have."""
+    entry = scene.outputs[name]
+    if isinstance(entry, OfDrive):
+        return True
+    if isinstance(entry, InJoint):
+        acting = any(effect.local for effect in scene.effects.values()) or scene.controllers
+        giving = any(joint.gives_way for joint in scene.joints.values())
+        return not (acting or giving or isinstance(scene.joints[entry.joint], CouplingEntry))
+    return entry.of_frames() and all(in_c(scene, one) for one in entry.made_in(scene))
 
 
 def tunable(scene: Scene) -> dict[str, float]:
@@ -393,7 +443,7 @@ def checked_scene(scene: Scene, what: str) -> Scene:
     check_capabilities(scene, Purpose.EXPORT)
     for entry, text in _of_scene(scene):
         raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")
-    left = {name: output for name, output in scene.outputs.items() if not models_alone(scene, name)}
+    left = {name: output for name, output in scene.outputs.items() if in_c(scene, name)}
     return scene if len(left) == len(scene.outputs) else scene.model_copy(update={"outputs": left})
 
 
@@ -409,11 +459,13 @@ def started(model: ReducedModel) -> str:
 
 def left_out(scene: Scene) -> str:
     """Say which outputs of a scene a model in C leaves out; empty where it has them all."""
-    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if models_alone(scene, name)]
+    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if not in_c(scene, name)]
     if not lacking:
         return ""
     having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.of_frames())
-    return f"note: {', '.join(lacking)} left out: a model in C has {having}; pgmp simulate has all outputs"
+    forces = any(isinstance(entry, InJoint) and not in_c(scene, name) for name, entry in scene.outputs.items())
+    why = f", drives, and forces in joints; {LOCAL}" if forces else ""
+    return f"note: {', '.join(lacking)} left out: a model in C has {having}{why}; pgmp simulate has all outputs"
 
 
 def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:

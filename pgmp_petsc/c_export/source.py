@@ -14,14 +14,23 @@ from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.affine import AffineSum
 from pgmp_petsc.c_export.constants import Along, Constants
-from pgmp_petsc.c_export.statements import ActionInC, PartInC, ReadingInC, Side, StatementInC, TermInC, monomial_in_c
+from pgmp_petsc.c_export.statements import (
+    ActionInC,
+    ForceInC,
+    PartInC,
+    ReadingInC,
+    Side,
+    StatementInC,
+    TermInC,
+    monomial_in_c,
+)
 from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.files.claims import check_output, locked, replacing
 from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.statements import KINDS
 from pgmp_petsc.reduced import lagrangian_terms
 
-PARTS = ("steps", "interpolation", "lagrangian", "solution", "statements", "actions", "kinematics", "outputs")
+PARTS = ("steps", "interpolation", "lagrangian", "solution", "statements", "actions", "kinematics", "outputs", "forces")
 OLDER = "model.c"  # what `steps.c` was called
 COMPILED = (*(f"{part}.c" for part in PARTS), "tables.c")  # with tables.c, what every model in C is made of
 PRINTED = {"lagrangian": lagrangian_terms, "statements": statements}
@@ -106,6 +115,8 @@ def _tables(constants: Constants) -> str:
         "shapes_table": "[N_ROWS][N_FACTORS][N_SHAPES]",
         "branch_table": "[N_BRANCH_PARTS][N_BRANCH][N_BODIES][N_POSE]",
         "actions_table": "[AT_LEAST_ONE(N_FINE)][AT_LEAST_ONE(N_ACTION_ENTRIES)]",
+        "gap_table": "[N_ROWS][AT_LEAST_ONE(N_GAPS)][AT_LEAST_ONE(N_GAP_ENTRIES)]",
+        "gap_changes": "[N_ROWS][AT_LEAST_ONE(N_GAPS)][AT_LEAST_ONE(N_GAP_CHANGES)]",
         "scale": "[]",
         "winding": "[R][N_BODIES]",
         "node_points": "[AT_LEAST_ONE(N_NODES)][D]",
@@ -123,6 +134,8 @@ def _tables(constants: Constants) -> str:
     measured = [part for action in constants.actions for part in action.parts]
     every = [*constants.closure, *(part.term for part in measured)]
     terms, lasts = list(_terms(every)), list(accumulate(len(action.parts) for action in constants.actions))
+    force_terms = [term for force in constants.outputs.forces for term in force.terms]
+    lasts_of_forces = list(accumulate(len(force.terms) for force in constants.outputs.forces))
     parts += [
         _strings("pgmp_parameter_names", names),
         _strings("pgmp_strength_names", constants.strengths),
@@ -141,10 +154,13 @@ def _tables(constants: Constants) -> str:
         _listed("const struct term closure[]", terms[: len(constants.closure)], "{0}"),
         _listed("const struct spline_piece spline_pieces[]", _spline_pieces(every), "{0}"),
         _listed("const struct reading readings[]", map(_reading, constants.outputs.readings), "{0}"),
+        _listed("const struct force forces[]", map(_force, constants.outputs.forces, lasts_of_forces), "{0}"),
+        _listed("const struct force_term force_terms[]", map(_force_term, force_terms), "{0}"),
         *dict.fromkeys(action.law.code.C for action in constants.actions),
         _listed("const struct action actions[]", map(_action, constants.actions, [0, *lasts]), "{0}"),
         _listed("const struct part action_parts[]", map(_part, measured, terms[len(constants.closure) :]), "{0}"),
         _weigh(constants),
+        _weigh_gaps(constants),
         _combine(constants),
     ]
     return HEAD + "\n".join(parts)
@@ -215,10 +231,22 @@ def _reading(reading: ReadingInC) -> str:
     return f"{{{where}, {_statement(reading.statement)}}}"
 
 
+def _force(force: ForceInC, last: int) -> str:
+    numbers = (last - len(force.terms), last, force.component, int(force.turning), int(force.in_body))
+    sides = f"{_side(force.a)}, {_side(force.b)}"
+    return f"{{{', '.join(map(str, numbers))}, {_number(force.sign)}, {_numbers(force.axis)}, {sides}}}"
+
+
+def _force_term(term: tuple[int, float, StatementInC]) -> str:
+    gap, factor, statement = term
+    return f"{{{gap}, {_number(float(factor))}, {_statement(statement)}}}"
+
+
 def _combine(constants: Constants) -> str:
     """Return the function that makes outputs of readings."""
-    head = "void combine(double time, const double *p, double (*bases)[3], double (*readings)[3], double outputs[]) {"
-    unused = "(void)time, (void)p, (void)bases, (void)readings, (void)outputs;"
+    arrays = "double (*bases)[3], double (*readings)[3], double (*acting)[3], double outputs[]"
+    head = f"void combine(double time, const double *p, {arrays}) {{"
+    unused = "(void)time, (void)p, (void)bases, (void)readings, (void)acting, (void)outputs;"
     return "\n    ".join([head, unused, constants.outputs.combined]) + "\n}\n"
 
 
@@ -246,3 +274,11 @@ def _weigh(constants: Constants) -> str:
             terms = [f"{_number(float(one.coefficient))} * {monomial_in_c(one.monomial, numbers)}" for one in parts]
             lines.append(f"    laws[{k}][{i}] = {' + '.join(terms)};")
     return "\n".join([*lines, "}", ""])
+
+
+def _weigh_gaps(constants: Constants) -> str:
+    """Return the function that evaluates the monomials of the terms of gaps."""
+    numbers = {name: f"p[{k}]" for k, name in enumerate(constants.parameters)}
+    weights = (f"    weights[{k}] = {monomial_in_c(one, numbers)};" for k, one in enumerate(constants.gap_weights))
+    head = ["void weigh_gaps(const double *p, double *weights) {", "    (void)p, (void)weights;"]
+    return "\n".join([*head, *weights, "}", ""])

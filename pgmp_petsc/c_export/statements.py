@@ -15,9 +15,12 @@ from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import JointTurns, RigidKinematics
 from pgmp_petsc.mechanism.statements import Function, Statement, distance
+from pgmp_petsc.outputs.joint_forces import ForceOutput, OfConnection
 from pgmp_petsc.outputs.of_outputs import TIME, Combined
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.outputs.readings import Absolute, AnyReading, Base, Rate, Reading
+from pgmp_petsc.outputs.readings import Absolute, AnyReading, Base, ModelReading, Rate, Reading
+
+COMPONENTS = ("x", "y", "z", "axial", "radial", "magnitude")
 
 
 @dataclass(frozen=True)
@@ -93,10 +96,43 @@ class ReadingInC:
 
 
 @dataclass(frozen=True, eq=False)
+class ForceInC:
+    """A component of what a joint does: numbers of gaps, factors and statements; which component, whether of a moment
+    and in the axes of a body; on which body, 1 on b's; the joint's first axis; and its points."""
+
+    terms: Sequence[tuple[int, float, StatementInC]]
+    component: int
+    turning: bool
+    in_body: bool
+    sign: float
+    axis: tuple[float, ...]
+    a: Side
+    b: Side
+
+    @classmethod
+    def of(cls, force: OfConnection, gaps: Sequence[int], slots: Mapping[int, int]) -> ForceInC:
+        """Return an output; `gaps` are the numbers of the constraints that have one."""
+        entry, joint, terms = force.entry, force.connection, []
+        b = Side.of(joint.b, slots)
+        for row, (part, own) in zip(force.rows, joint.held):
+            for (statement, function), first in zip(part.terms, own[::2]):
+                terms.append(
+                    (list(gaps).index(row), function.factor, StatementInC(statement, Side.of(first, slots), b))
+                )
+        axis = tuple(map(float, joint.axes[0][:, 0])) if entry.component in ("axial", "radial") else (0.0,)
+        sign = -1.0 if entry.of == "first" else 1.0
+        return cls(
+            terms, COMPONENTS.index(entry.component), entry.turning, entry.frame == "body", sign, axis,
+            Side.of(joint.a, slots), b,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
 class OutputsInC:
     """What outputs are made of."""
 
     readings: Sequence[ReadingInC]
+    forces: Sequence[ForceInC]
     courses: Sequence[Sequence[Piece]]  # pieces over time of how far each base has gone
     combined: str  # body of the function that makes outputs of readings
     depth: int  # derivatives of readings that are read
@@ -113,8 +149,12 @@ class Combiner:
         Of the parameters: numbers, or what they are in C.
     """
 
-    def __init__(self, bases: Sequence[Base], values: Mapping[str, str | float]) -> None:
+    def __init__(
+        self, bases: Sequence[Base], values: Mapping[str, str | float], forces: Sequence[ForceOutput]
+    ) -> None:  # fmt: skip
         self._bases, self._values = bases, values
+        self._forces = {force.name: force for force in forces}
+        self._in_joints = [force.name for force in forces if isinstance(force, OfConnection)]
         self.readings: list[Reading] = []
         self.lines: list[str] = []
         self._names: dict[AnyReading, str] = {}
@@ -133,6 +173,14 @@ class Combiner:
             case Reading():
                 self.readings.append(reading)
                 return f"readings[{len(self.readings) - 1}]"
+            case ModelReading(name=of) if of in self._in_joints:
+                return f"acting[{self._in_joints.index(of)}]"
+            case ModelReading(name=of) if of in self._forces:
+                force = self._forces[of]
+                drive = f"acting[{len(self._in_joints) + force.coordinate}][0]"
+                speed = "" if force.speed is None else f" * {self.of(Rate(force.speed))}[0]"
+                self.lines.append(f"double {name}[3] = {{{drive}{speed}}};")
+                return name
             case Absolute(of=place):
                 own = self.of(place)
                 parts = [own + "[j]"]
@@ -208,13 +256,20 @@ def action_in_c(
     return ActionInC(tuple(parts), action.law, strength, edge, action.role)
 
 
-def outputs_in_c(outputs: OutputSet, slots: Mapping[int, int], values: Mapping[str, str | float]) -> OutputsInC:
-    """Return outputs; see `outputs.readings`."""
-    combiner = Combiner(outputs.bases, values)
+def outputs_in_c(
+    outputs: OutputSet, slots: Mapping[int, int], values: Mapping[str, str | float], gaps: Sequence[int]
+) -> OutputsInC:  # fmt: skip
+    """Return outputs; see `outputs.readings`. `gaps` are the numbers of the constraints that have one."""
+    combiner = Combiner(outputs.bases, values, outputs.forces)
     made = [f"outputs[{k}] = {combiner.of(reading)}[0];" for k, reading in enumerate(outputs.functions.values())]
     readings = [_reading_in_c(reading, slots) for reading in combiner.readings]
+    forces = [ForceInC.of(one, gaps, slots) for one in outputs.forces if isinstance(one, OfConnection)]
     return OutputsInC(
-        readings, [base.course.pieces for base in outputs.bases], "\n    ".join([*combiner.lines, *made]), outputs.order
+        readings,
+        forces,
+        [base.course.pieces for base in outputs.bases],
+        "\n    ".join([*combiner.lines, *made]),
+        outputs.order,
     )
 
 

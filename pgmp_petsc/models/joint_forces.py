@@ -76,9 +76,9 @@ class ReducedMultipliers:
                     f"{entry}.{force.name}: the reduced model was built without what forces in this joint need; name "
                     "it in the scene and run pgmp build again"
                 )
-        self._n_held, self._rows, self._effects, self._motions = n_held, known, effects, motions
+        self._n_held, self.rows, self._effects, self._motions = n_held, known, effects, motions
         self._drives = any((force.rows >= n_held).any() for force in forces)
-        self._gaps, (self._terms, self._own_actions), self._actions = None, own, None
+        self.gaps, (self._terms, self._own_actions), self._actions = None, own, None
         self._carried, scheme = carried, scene.interpolation
         self._nodes = sorted({node for one in carried for node in one.nodes})
         self._frames = Reconstruction(kinematics, rom, scheme, self._nodes) if self._nodes else None
@@ -88,7 +88,7 @@ class ReducedMultipliers:
         terms = own[0]
         projection, curvature = gaps.beside(rom.projection, rom.curvature)
         wider = replace(rom, projection=projection, curvature=curvature)
-        self._gaps = GapForces.of(
+        self.gaps = GapForces.of(
             gaps, rom.tables, scheme, ReducedDamping.of(effects, kinematics, wider), scene.gyroscopic
         )
         actions = actions_of(effects)
@@ -147,20 +147,20 @@ class ReducedMultipliers:
     def _without_actions(self, times: np.ndarray, states: State, values: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return the multipliers of joints, without what local effects add."""
         found = np.full((self._n_held + len(self._motions), len(times)), np.nan)
-        if self._gaps is not None:
-            found[self._rows] = -self._gaps.at(times, states, values, self._effects)
+        if self.gaps is not None:
+            found[self.rows] = -self.gaps.at(times, states, values, self._effects)
         return found
 
     def _with(
         self, systems: _Systems, loads: np.ndarray, times: np.ndarray, state: State, alone: np.ndarray
     ) -> np.ndarray:
         """Return the multipliers where joints carry forces (n_carried, n), of those without local effects."""
-        found, (own, wide), g = alone.copy(), systems, self._rows.size
+        found, (own, wide), g = alone.copy(), systems, self.rows.size
         for system in (one for one in systems if one is not None):
             system.put_forces(list(loads[..., None]))
         if wide is not None:
             moving = State(*(np.pad(part, ((0, 0), (0, g))) for part in (state.q, state.v, state.a)), np.zeros(0))
-            found[self._rows] -= wide.acting_at(times, moving)[:, -g:].T
+            found[self.rows] -= wide.acting_at(times, moving)[:, -g:].T
         if own is not None:
             found[self._n_held :] = -own.residuals_at(times, state)[:, sorted(self._motions)].T
         return found

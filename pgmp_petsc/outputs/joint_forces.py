@@ -454,6 +454,7 @@ class OfMotion(ForceOutput):
     """What a prescribed motion takes, or its power."""
 
     speed: Reading | None  # of the coordinate, for the power
+    coordinate: int = 0  # its number
 
     @classmethod
     def of(
@@ -462,7 +463,8 @@ class OfMotion(ForceOutput):
         """Prepare the output of the prescribed coordinate with a number among these."""
         reading = Reading.of_coordinate(coordinate, kinematics) if entry.with_rate else None
         nodes = frozenset(reading.nodes) if reading else frozenset()
-        return cls(name, np.array([kinematics.mechanism.n_held + number]), nodes, entry.with_rate, reading)
+        row, names = kinematics.mechanism.n_held + number, [one.name for one in kinematics.mechanism.coordinates]
+        return cls(name, np.array([row]), nodes, entry.with_rate, reading, names.index(coordinate.name))
 
     def value(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
         """Return ``-lambda``, or that times the rate of the coordinate."""

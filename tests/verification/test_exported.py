@@ -11,9 +11,10 @@ from conftest import ROOT, TIMEOUT_SECONDS
 from mpi4py import MPI
 from runs import QUICK_RETURN, accurate_scene, built_rom, motion, reduced_model
 from spatial import slider_crank_in_space
+from spatial_beams import slider_crank_of_beams
 from two_coordinates import five_bar
 
-from pgmp_petsc.c_export.constants import constants_of
+from pgmp_petsc.c_export.constants import constants_of, left_out
 from pgmp_petsc.c_export.source import COMPILED, write_sources
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
@@ -154,6 +155,49 @@ def test_several_turns(tmp_path) -> None:
 def test_a_given_motion_and_friction(tmp_path) -> None:
     model = reduced_model(exported.scene_of("quick_return", "simulation.duration=0.1"))
     exported.assert_same_in_c(model, tmp_path)
+
+
+IN_JOINTS = {"joint_force": ("x", "z", "axial", "radial", "magnitude"), "joint_torque": ("x", "y", "magnitude")}
+
+
+def forces_in(joint: str, **components: tuple[str, ...]) -> list[str]:
+    """Return outputs of components, of forces on the second body and of moments on the first in its axes."""
+    more = {"joint_force": "", "joint_torque": ', frame="body", of="first"'}
+    return [
+        f'outputs.{kind}_{joint}_{one}={{type="{kind}", joint="{joint}", component="{one}"{more[kind]}}}'
+        for kind, names in components.items() for one in names
+    ]  # fmt: skip
+
+
+DRIVE = [f'outputs.{kind}={{type="{kind}", coordinate="theta"}}' for kind in ("drive_torque", "power")]
+DAMPED = 'effects.damping={type="structural_damping", stiffness=1e-4, mass=0.3}'
+WITH_FORCES = {
+    "plane": lambda: exported.scene_of(
+        "slider_crank", *forces_in("crank_hinge", joint_force=("x", "y")), *forces_in("slider", joint_force=("y",)),
+        'outputs.twice={type="formula", formula="2 * joint_force_slider_y", unit="N"}',
+    ),
+    "two coordinates": lambda: exported.scene_of(
+        "double_pendulum", "reduction.angles=8", "simulation.duration=0.05",
+        *forces_in("shoulder", joint_force=("magnitude",)), *forces_in("elbow", joint_force=("x",)),
+    ),
+    "space": lambda: slider_crank_of_beams(
+        "reduction.modes=4", "reduction.angles=24", 'reduction.interpolation="spline"', "simulation.duration=0.1",
+        "simulation.step=1e-3", DAMPED, *forces_in("crank_hinge", **IN_JOINTS),
+    ),
+    "drive and friction": lambda: exported.scene_of("quick_return", "simulation.duration=0.1", *DRIVE),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WITH_FORCES)
+def test_forces_in_joints(name, tmp_path) -> None:
+    found = exported.assert_same_in_c(reduced_model(WITH_FORCES[name]()), tmp_path)
+    assert len([one for one in found if one.startswith(("joint_", "drive", "power"))]) > 1
+
+
+def test_forces_that_are_left_out_are_said() -> None:
+    force = 'outputs.f={type="joint_force", joint="knee"}'
+    assert "outputs.f (joint_force) left out: " in left_out(exported.scene_of("four_bar", force))
+    assert left_out(exported.scene_of("slider_crank", force.replace("knee", "elbow"))) == ""
 
 
 def test_friction_that_sticks(tmp_path) -> None:

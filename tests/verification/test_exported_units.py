@@ -20,7 +20,7 @@ from pgmp_petsc.c_export import source
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.description import CORRECTION, FOLLOWS, OUTPUTS, STRENGTHS, TIME, VALID, VALIDITY
 from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
-from pgmp_petsc.c_export.source import _weigh
+from pgmp_petsc.c_export.source import _weigh, _weigh_gaps
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.stepping.second_order_system import State
 
@@ -43,8 +43,9 @@ THREADS = Path(__file__).with_name("instances_in_threads.c")
 
 @pytest.fixture(scope="module")
 def slider_crank() -> ReducedModel:
-    """Return a model with terms of second order."""
-    return reduced_model(scene_of("slider_crank", "reduction.parameter_modes=0"))
+    """Return a model with terms of second order, and the force in a pin among its outputs."""
+    pin = 'outputs.pin={type="joint_force", joint="elbow", component="y"}'
+    return reduced_model(scene_of("slider_crank", "reduction.parameter_modes=0", pin))
 
 
 @pytest.fixture(scope="module")
@@ -79,12 +80,13 @@ def exchanged(fresh) -> Unit:
 
 def test_co_simulation(loaded, slider_crank) -> None:
     assert loaded.begin() == 0
-    wanted = motion(slider_crank).outputs["crank_angle"]
-    found = [loaded.get("Real", OUTPUTS)]
+    wanted, names = motion(slider_crank).outputs, list(slider_crank.scene.outputs)
+    found = [[loaded.get("Real", OUTPUTS + k) for k in range(len(names))]]
     for number in range(0, 100, 4):
         assert loaded.step(number * STEP, 4 * STEP) == 0
-        found.append(loaded.get("Real", OUTPUTS))
-    assert_equal({"angle": np.array(found)}, {"angle": wanted[:101:4]})
+        found.append([loaded.get("Real", OUTPUTS + k) for k in range(len(names))])
+    own = {name: values for name, values in zip(names, np.transpose(found)) if name in ("crank_angle", "pin")}
+    assert_equal(own, {name: wanted[name][:101:4] for name in own})
     assert loaded.get("Real", TIME) == pytest.approx(100 * STEP, rel=1e-14)
     assert (loaded.get("Whole", VALIDITY), loaded.get("Boolean", VALID), loaded.said) == (0, 1, [])
 
@@ -301,6 +303,7 @@ def test_names_with_hyphens(slider_crank, tmp_path, version) -> None:
     weights = replace(found, name="slider-crank", coordinate_units={"theta-1": "rad"}, **renamed)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(source, "_weigh", lambda constants: _weigh(found))
+        patch.setattr(source, "_weigh_gaps", lambda constants: _weigh_gaps(found))
         write_fmu(weights, tmp_path / "m.fmu", version)
     unit = Unit(tmp_path / "m.fmu", tmp_path / "there")
     assert unit.instantiate() and unit.begin() == 0

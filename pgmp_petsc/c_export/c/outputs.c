@@ -153,6 +153,7 @@ void pgmp_observe(struct pgmp_model *m) { pgmp_observe_at(m, pgmp_time(m), pgmp_
 
 void pgmp_observe_at(struct pgmp_model *m, double time, double since) {
     double moved[3][N_SHAPES], found[AT_LEAST_ONE(N_READINGS)][3] = {{0}}, bases[AT_LEAST_ONE(N_BASES)][3];
+    double strengths[AT_LEAST_ONE(N_STRENGTHS)], acting[N_FORCES + R][3] = {{0}};
     struct frame nodes[AT_LEAST_ONE(N_NODES)];
     find_displacements(m, moved);
     m->elastic_rotation = 0.0;
@@ -170,5 +171,9 @@ void pgmp_observe_at(struct pgmp_model *m, double time, double since) {
         bases[k][0] = evaluate_piece(N_STRENGTHS + R + k, time, since, rates);
         bases[k][1] = rates[0], bases[k][2] = rates[1];
     }
-    combine(time, m->parameters, bases, found, m->outputs);
+    if (N_FORCES || DRIVES) {
+        find_strengths(m, time, since, strengths);
+        find_forces(m, strengths, nodes, acting);
+    }
+    combine(time, m->parameters, bases, found, acting, m->outputs);
 }

@@ -46,12 +46,17 @@ void pgmp_weigh(struct pgmp_model *m) {
             m->validity |= PGMP_PARAMETER;
 }
 
+void find_strengths(const struct pgmp_model *m, double time, double since, double strengths[]) {
+    double rates[2];
+    for (int k = 0; k < N_STRENGTHS; k++)
+        strengths[k] = m->follows_scene[k] ? evaluate_piece(k, time, since, rates) : m->strengths[k];
+}
+
 /* Strengths of what acts over time; coordinates whose motion is given are put where they are. */
 static void act(const struct pgmp_model *m, double time, double since, double strengths[], double q[N], double v[N],
                 double a[N]) {
     double rates[2];
-    for (int k = 0; k < N_STRENGTHS; k++)
-        strengths[k] = m->follows_scene[k] ? evaluate_piece(k, time, since, rates) : m->strengths[k];
+    find_strengths(m, time, since, strengths);
     for (int k = 0; k < R; k++)
         if (pgmp_prescribed[k]) {
             q[k] = evaluate_piece(N_STRENGTHS + k, time, since, rates);

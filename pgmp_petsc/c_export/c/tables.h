@@ -33,6 +33,10 @@ enum { ALONE, LEADS, LED, BY_LOAD };
 struct action { int first, last, strength, edge, n_edges, role; law_function *law; };
 /* A part of a measure: numbers of its nodes among those of the effects, -1 on the ground. */
 struct part { int a, b; double winding[R]; struct term term; };
+/* A component of a force or moment in a joint between points a and b: its terms, the first axis of the joint in the
+   frame of a, 1 on b's body and -1 on a's; and a term: a gap, and a factor of a statement. */
+struct force { int first, last, component, turning, in_body; double sign, axis[D]; struct side a, b; };
+struct force_term { int gap; double factor; struct statement statement; };
 struct reading { int kind, axis, in_body; double origin; struct statement statement; };
 
 enum { MEASURE, ROTATION, POSITION, DEFORMATION };
@@ -50,14 +54,20 @@ extern const double closure_wanted[];
 extern const int node_bodies[];
 extern const struct piece pieces[];
 extern const struct reading readings[];
+extern const struct force forces[];
+extern const struct force_term force_terms[];
+extern const double gap_table[N_ROWS][AT_LEAST_ONE(N_GAPS)][AT_LEAST_ONE(N_GAP_ENTRIES)];
+extern const double gap_changes[N_ROWS][AT_LEAST_ONE(N_GAPS)][AT_LEAST_ONE(N_GAP_CHANGES)];
 extern const struct action actions[];
 extern const struct part action_parts[];
 extern const struct statement coordinates[R];
 extern const struct term closure[];
 extern const struct spline_piece spline_pieces[];
 void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW], double *given);
-/* Makes outputs of readings and places of bases, each with rate and acceleration, the time and the parameters. */
-void combine(double time, const double *p, double (*bases)[3], double (*readings)[3], double outputs[]);
+void weigh_gaps(const double *p, double *weights);
+/* Makes outputs of readings, places of bases and forces, each with rate and acceleration, the time and the parameters. */
+void combine(double time, const double *p, double (*bases)[3], double (*readings)[3], double (*forces)[3],
+             double outputs[]);
 
 /* Rows of a table over the coordinates, with their weights for the value and for the derivative with each of them. */
 struct stencil { int rows[N_STENCIL]; double weights[1 + R][N_STENCIL]; };
@@ -98,6 +108,9 @@ double evaluate_statement(const struct statement *s, const double z[2 * N_FRAME]
 void turn_frame(const double rigid[N_FRAME], const double moved[N_DOFS], const double point[D], struct frame *frame);
 void attach(const struct side *side, const struct frame nodes[], struct frame *frame);
 double of_term(const struct term *term, double s, double *slope, double *bend);
+/* Forces in joints, and behind them what motions take, of the state with its accelerations. */
+void find_forces(const struct pgmp_model *m, const double strengths[], const struct frame nodes[], double found[][3]);
+void find_strengths(const struct pgmp_model *m, double time, double since, double strengths[]);
 void place_bodies(const double theta[R], double open, struct frame bodies[N_BODIES]);
 
 #endif

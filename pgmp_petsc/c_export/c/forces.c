@@ -1,0 +1,132 @@
+/* Forces and moments in joints, and what prescribed motions take.
+
+   The multiplier of a constraint is minus the row of a vector that opens it: a sum of products of tables and of their
+   derivatives with theta (gap_table, gap_changes) with factors of the state, which are the same for all (in pgmp_petsc:
+   reduced/gap_forces.py). What a joint does follows from the gradients of its statements; what a motion takes is the
+   residual of its coordinate.
+
+   written by pgmp_petsc */
+
+#include <math.h>
+#include <string.h>
+
+#include "tables.h"
+
+enum { AXIAL = 3, RADIAL, MAGNITUDE };
+
+#define N_ALONG (M + (GAPS_CURVED ? R * M : 0))
+
+#if N_GAPS > 0
+/* Factors of a kind of terms, times the weight of each of them, one after the other. */
+static double *weigh_factors(const double *entries, int n, const double *weights, int n_terms, double *found) {
+    for (int t = 0; t < n_terms; t++)
+        for (int e = 0; e < n; e++) *found++ = weights[t] * entries[e];
+    return found;
+}
+
+static void find_multipliers(const struct pgmp_model *m, const double strengths[], double multipliers[]) {
+    double weights[AT_LEAST_ONE(N_GAP_TERMS)], factors[AT_LEAST_ONE(N_GAP_ENTRIES)];
+    double slopes[R][AT_LEAST_ONE(N_GAP_CHANGES)], inert[N + PACKED(R) * (1 + M) + R * M], stiff[M + PACKED(M)];
+    double worked[1 + M], changed[R][M + R * M], v[N];
+    const double *d = m->q + R, *own = weights;
+    int swing = N + PACKED(R), bent = M;
+    struct stencil stencil;
+    weigh_gaps(m->parameters, weights);
+    for (int t = 0; t < N_LOAD_TERMS; t++)
+        weights[GAP_MASS + GAP_STIFFNESS + t] *= strengths[strength_of_load[load_of_term[t]]];
+    for (int i = 0; i < N; i++) v[i] = QUADRATIC ? m->v[i] : 0.0, inert[i] = m->a[i] + MASS_DAMPING * m->v[i];
+    for (int k = 0, pair = N; k < R; k++) {
+        for (int i = 0; i < M; i++) changed[k][i] = v[k] * v[R + i] + 0.5 * inert[k] * d[i];
+        for (int j = 0; j <= k; j++, pair++) {
+            inert[pair] = (j == k ? 1.0 : 2.0) * v[k] * v[j];
+            for (int i = 0; i < M; i++) inert[swing++] = inert[pair] * d[i];
+        }
+    }
+    for (int h = 0; h < R; h++)
+        for (int i = 0; i < M; i++) {
+            inert[swing++] = -2.0 * v[h] * v[R + i] - inert[h] * d[i];
+            for (int k = 0; k < R; k++) changed[k][M + h * M + i] = -v[k] * v[h] * d[i];
+        }
+    worked[0] = -1.0;
+    for (int i = 0; i < M; i++) {
+        stiff[i] = d[i], worked[1 + i] = -d[i];
+        for (int j = 0; j <= i; j++) stiff[bent++] = (i == j ? 0.5 : 1.0) * d[i] * d[j];
+    }
+    double *into = weigh_factors(inert, GAPS_CURVED ? swing : N + PACKED(R), own, GAP_MASS, factors);
+    into = weigh_factors(stiff, GAPS_CURVED ? bent : M, own += GAP_MASS, GAP_STIFFNESS, into);
+    into = weigh_factors(worked, GAPS_CURVED ? 1 + M : 1, own += GAP_STIFFNESS, N_LOAD_TERMS, into);
+    if (GAP_DAMPING) weigh_factors(m->v, N, own + N_LOAD_TERMS, GAP_DAMPING, into);
+    for (int k = 0; k < R; k++) weigh_factors(changed[k], N_ALONG, weights, GAP_MASS, slopes[k]);
+    find_stencil(axes, m->q, &stencil);
+    for (int g = 0; g < N_GAPS; g++) {
+        multipliers[g] = 0.0;
+        for (int p = 0; p < N_STENCIL; p++) {
+            int row = stencil.rows[p];
+            for (int e = 0; e < N_GAP_ENTRIES; e++)
+                multipliers[g] -= stencil.weights[0][p] * factors[e] * gap_table[row][g][e];
+            for (int k = 0; k < R; k++)
+                for (int e = 0; e < N_GAP_CHANGES; e++)
+                    multipliers[g] -= stencil.weights[1 + k][p] * slopes[k][e] * gap_changes[row][g][e];
+        }
+    }
+}
+
+#endif
+
+/* What the motions of prescribed coordinates take. */
+static void find_drives(const struct pgmp_model *m, const double strengths[], double r[N]) {
+    struct stencil stencil;
+    struct terms t;
+    struct matrix matrix;
+    find_stencil(axes, m->q, &stencil);
+    interpolate(m, &stencil, m->q, strengths, &t);
+    evaluate_lagrangian(&t, m->q, m->v, m->a, 0.0, 0.0, 0, r, &matrix);
+    add_actions(m, &stencil, strengths, m->q, m->v, 0.0, 0, 0, 0, r, &matrix);
+}
+
+static double size_of(const double x[3]) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
+
+/* The component of a joint's force or moment. */
+static double read_force(const struct force *f, const struct frame nodes[], const double multipliers[]) {
+    double slopes[N_FRAME] = {0}, acting[3] = {0}, along[3] = {0}, z[2 * N_FRAME], gradient[2 * N_FRAME], axial = 0.0;
+    struct frame a, b;
+    attach(&f->b, nodes, &b);
+    for (int k = f->first; k < f->last; k++) {
+        const struct force_term *term = force_terms + k;
+        attach(&term->statement.a, nodes, &a);
+        memcpy(z, a.z, sizeof a.z);
+        memcpy(z + N_FRAME, b.z, sizeof b.z);
+        evaluate_statement(&term->statement, z, 0.0, gradient, 0);
+        for (int c = 0; c < N_FRAME; c++) slopes[c] -= f->sign * multipliers[term->gap] * term->factor * gradient[N_FRAME + c];
+    }
+    for (int c = 0; c < D && !f->turning; c++) acting[c] = slopes[c];
+    for (int k = 1; k <= D && f->turning; k++) { /* sum of d_k x g_k */
+        const double *d = b.z + D * k, *g = slopes + D * k;
+        if (D == 3) acting[0] += d[1] * g[D - 1] - d[D - 1] * g[1], acting[1] += d[D - 1] * g[0] - d[0] * g[D - 1];
+        acting[2] += d[0] * g[1] - d[1] * g[0];
+    }
+    if (f->component == MAGNITUDE) return size_of(acting);
+    if (D == 2 && f->turning) return acting[2];
+    attach(&f->a, nodes, &a);
+    if (f->component < AXIAL && !f->in_body) return acting[f->component];
+    if (f->component < AXIAL) {
+        const double *d = (f->sign < 0.0 ? a.z : b.z) + D * (1 + f->component);
+        for (int c = 0; c < D; c++) axial += d[c] * acting[c];
+        return axial;
+    }
+    for (int k = 0; k < D; k++)
+        for (int c = 0; c < D; c++) along[c] += f->axis[k] * a.z[D + D * k + c];
+    for (int c = 0; c < D; c++) axial += along[c] * acting[c];
+    for (int c = 0; c < D; c++) acting[c] -= axial * along[c];
+    return f->component == AXIAL ? axial : size_of(acting);
+}
+
+void find_forces(const struct pgmp_model *m, const double strengths[], const struct frame nodes[], double found[][3]) {
+    double multipliers[AT_LEAST_ONE(N_GAPS)], r[N] = {0};
+#if N_GAPS > 0
+    find_multipliers(m, strengths, multipliers);
+#endif
+    if (DRIVES) find_drives(m, strengths, r);
+    for (int k = 0; k < N_FORCES; k++) found[k][0] = read_force(forces + k, nodes, multipliers);
+    for (int k = 0; k < R; k++) found[N_FORCES + k][0] = r[k];
+}
