@@ -157,7 +157,8 @@ class ControlLaw(Printed):
             for part in (one, *(slope(one, by) for by in motions), *(sp.diff(one, state) for state in states))
         ]
         starts = [symbolic(self.starts.get(one, "0"), names) for one in self.states]
-        of_measures, measures = printed([*seen.values(), *(slopes[key] for key in slope_names)])
+        expressions = [*seen.values(), *(slopes[key] for key in slope_names)]
+        of_measures, measures = printed(expressions)
         named = [*seen, *map(str, slope_names.values())]
         of_measures += [f"{name} = {value}" for name, value in zip(named, measures)]
         lines, values = printed(found)
@@ -174,9 +175,7 @@ class ControlLaw(Printed):
             evaluate=text([*lines, *(f"_found[{k}] = {value}" for k, value in enumerate(values))]),
             of_start=text([*parameters, *measured, *of_measures]),
             initial=text([*of_start, *(f"_found[{k}] = {value}" for k, value in enumerate(initial))]),
-            c=self._in_c(
-                [*map(str, motions)], (named, [*seen.values(), *(slopes[key] for key in slope_names)]), found, starts
-            ),
+            c=self._in_c([*map(str, motions)], (named, expressions), found, starts),
         )
 
     def _in_c(

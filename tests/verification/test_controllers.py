@@ -295,13 +295,10 @@ def test_units_for_others(tmp_path: Path, version: int) -> None:
     columns = dict(zip(model.outputs.functions, np.array(found).T))
     assert_equal(columns, {name: values[:, 0] for name, values in wanted.items()})
     if shutil.which(FMPY) is not None:
-        validated = [
-            FMPY,
-            "-c",
-            "import sys; from fmpy.validation import validate_fmu; print(validate_fmu(sys.argv[1]))",
-        ]
+        look = "import sys; from fmpy.validation import validate_fmu; print(validate_fmu(sys.argv[1]))"
+        command = [FMPY, "-c", look, tmp_path / "cart.fmu"]
         environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-        done = subprocess.run([*validated, tmp_path / "cart.fmu"], capture_output=True, text=True, env=environment)
+        done = subprocess.run(command, capture_output=True, text=True, env=environment)
         assert done.stdout.strip() == "[]", done.stderr
 
 
