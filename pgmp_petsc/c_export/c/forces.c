@@ -81,7 +81,7 @@ static void find_drives(const struct pgmp_model *m, const double strengths[], do
     find_stencil(axes, m->q, &stencil);
     interpolate(m, &stencil, m->q, strengths, &t);
     evaluate_lagrangian(&t, m->q, m->v, m->a, 0.0, 0.0, 0, r, &matrix);
-    add_actions(m, &stencil, strengths, m->q, m->v, 0.0, 0, 0, 0, r, &matrix);
+    add_actions(m, &stencil, strengths, m->q, m->v, 0.0, 0, 0, 0, 0, r, &matrix);
 }
 
 static double size_of(const double x[3]) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
