@@ -309,7 +309,11 @@ class _OverTimeWatch(Observer):
             some = looked_at[first : first + together]
             self._n_waiting += some.size
             system = self._begun.system
-            forces = system.forces_beside(times[some]) if self._model.outputs.beside else np.zeros((some.size, 0, 0))
+            forces = (
+                system.forces_beside(times[some])
+                if self._model.outputs.beside
+                else np.zeros((some.size, system.n_samples, 0))
+            )
             self._waiting.append((numbers[some], times[some], trail[some], forces))
             if self._n_waiting >= together:
                 self._evaluate()
@@ -330,7 +334,7 @@ class _OverTimeWatch(Observer):
         values = {name: np.tile(value, numbers.size) for name, value in self._begun.system.values.items()}
         with np.errstate(all="ignore"):  # as above
             q, v, a = np.moveaxis(states, 1, 0).reshape(3, numbers.size * n, -1)
-            state = State(q, v, a, np.zeros(0), forces=forces.reshape(-1, forces.shape[2]))
+            state = State(q, v, a, np.zeros(0), forces=forces.reshape(numbers.size * n, forces.shape[2]))
             found = self._model.outputs.evaluate(self._model.observed_of(np.repeat(times, n), state, values))
         self._take(numbers, times, {name: column.reshape(numbers.size, n) for name, column in found.items()})
 
