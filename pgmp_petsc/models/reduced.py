@@ -101,8 +101,9 @@ class ReducedModel:
             from pgmp_petsc.models.joint_forces import ReducedMultipliers  # few scenes have them
 
             self.multipliers = ReducedMultipliers(
-                scene, rom, self.kinematics, self.outputs.forces, carried, self.effects, self.motions, self.start[0]
-            )
+                scene, rom, self.kinematics, self.outputs.forces, carried, self.effects, self.motions, self.start[0],
+                (self.terms, self.actions),
+            )  # fmt: skip
         self.joint_angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
         self.stiffness_changes = rom.stiffness_changes
         self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))

@@ -449,6 +449,12 @@ class ReducedSystem(SecondOrderSystem):
         evaluate_residual(*self._passed, self._lanes.packed(strengths.loads.T), _parts(state), result)
         return result
 
+    def acting_at(self, times: np.ndarray, state: State) -> np.ndarray:
+        """Return what local effects add to the residuals, (n_samples, n_eta), likewise."""
+        everyone, amplitudes = np.ones(self.n_samples, dtype=bool), amplitudes_over(self._actions.actions, times)
+        self._known(times[:1], np.array([[state.q, state.v]]), everyone, amplitudes=amplitudes[None])
+        return self._lanes.unpacked(self._memory.acting.balance).T
+
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
         self._act_on_all(time, state)
