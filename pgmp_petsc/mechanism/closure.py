@@ -564,8 +564,9 @@ class ReleasedClosure:
         parts += [(part.statement, c.sides) for c in mechanism.connections for part in c.released]
         carries = [part.key != "clearance" for c in mechanism.connections for part in c.released]
         parts += [(c.combination, c.sides) for c in mechanism.couplings if c.elastic]
-        self._carries = np.zeros(len(parts), dtype=bool)
-        self._carries[self._n_held : self._n_held + len(carries)] = carries
+        turning = [c.combination.terms for c in mechanism.couplings if c.elastic]
+        carries += [any(function.breaks.size for _, function in terms) for terms in turning]
+        self._carries = np.array([False] * self._n_held + carries, dtype=bool)
         sides = [tuple(side.on_pose() for side in pair) for _, pair in parts]
         statements = [part for part, _ in parts]
         self._rows = StatementRows(statements, sides, closure.pose_dofs, mechanism.space.dimension)
@@ -589,8 +590,8 @@ class ReleasedClosure:
 
     @property
     def carries(self) -> np.ndarray:
-        """Whether these motions are of elastic joints, (n_released,), once rates were asked for: couplings and joints
-        with clearance carry nothing along."""
+        """Whether these motions are of elastic joints or cams, (n_released,), once rates were asked for: couplings of
+        one ratio and joints with clearance carry nothing along."""
         return self._carries[:0] if self._chosen is None else self._carries[self._chosen[self._n_held :]]
 
     def unheld(self, poses: np.ndarray, stiff: np.ndarray) -> int | None:

@@ -221,7 +221,8 @@ class ModalProblem:
         and no table changes. Were a motion orthogonal to the coordinates instead, a part of it would be motion over
         the configurations, which the model has in the coordinates exactly and here to its order in small amplitudes.
         What couplings release is that alone, between coordinates and what they drive, and clearance is small: there the
-        coordinates keep as much of it as they can.
+        coordinates keep as much of it as they can. But for cams, whose slope they would take along: with theta held, a
+        follower goes its own way, which no table changes.
 
         Raises `RunError` if the directions that they release do not part these motions there.
         """

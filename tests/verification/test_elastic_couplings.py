@@ -266,7 +266,7 @@ ON_ARMS = {
     ),
     "rack": (RACK, "teeth", "carriage:left", "beam2d", 2e3, ("bodies.arm.placement={angle=1.2}",)),
     "screw": (SCREW, "thread", "nut:hub", "beam3d", 2e3, ()),
-    "cam": (CAM, "lift", "follower:foot", "beam2d", 3e5, ("reduction.angles=64",)),
+    "cam": (CAM, "lift", "follower:foot", "beam2d", 3e5, ("reduction.angles=256",)),
 }  # fmt: skip
 
 
@@ -295,13 +295,15 @@ def largest_difference(one: dict[str, np.ndarray], other: dict[str, np.ndarray])
 
 @pytest.mark.parametrize("kind", ON_ARMS)
 def test_reduced_runs_are_those_of_full_order(kind: str) -> None:
-    scene = with_arm(kind)
-    assert largest_difference(run(scene, "full")[1], run(scene, "reduced")[1]) < 0.01
+    """Models of first order: of a cam with 64 angles 9e-3, with 128 2e-3, as tables follow the breaks of its spline."""
+    scene = with_arm(kind, "simulation.step=5e-4")
+    assert largest_difference(run(scene, "full")[1], run(scene, "reduced")[1]) < 2e-3
 
 
 @pytest.mark.parametrize("kind", ON_ARMS)
 def test_derivatives_by_stiffness_and_damping_are_central_differences(kind: str) -> None:
-    compare(reduced_model(with_arm(kind, "simulation.duration=0.05")))
+    """With steps of which the run's own iteration leaves 2e-7 of a cam: 9e-6 with four times as long ones."""
+    compare(reduced_model(with_arm(kind, "simulation.duration=0.05", "simulation.step=2.5e-4")))
 
 
 @exported.needs_compiler

@@ -9,7 +9,7 @@ from differences import SHARES, compare
 from exported import assert_same_in_c, needs_compiler
 from machine_scenes import MODELS, RAIL_MASS, cart, rail, run
 from refusals import cases, check_said, refusal
-from runs import motion, pgmp, read_meshes, reduced_model, still
+from runs import pgmp, read_meshes, reduced_model, still
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.formulas import FUNCTIONS, Series, SeriesAlgebra, declared, evaluated

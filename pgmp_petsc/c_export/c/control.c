@@ -72,6 +72,7 @@ static void solve_response(const struct control *one, const double p[], const do
 /* Forces and slopes for the actions: of those that respond at the motions and rates given for every row, and of others
    the force that they hold. */
 void respond(const struct pgmp_model *m, double motions[][2], struct response *at, double given[][3]) {
+    if (N_CONTROLS == 0) return;
     for (int k = 0; k < N_CONTROLS; k++) {
         const struct control *one = controls + k;
         double x[3 + N_SLOPES], found[N_SLOPES] = {0}, beside[AT_LEAST_ONE(N_BESIDE)];
