@@ -203,11 +203,12 @@ def still(eta: np.ndarray) -> State:
 
 
 def history(
-    model: Model, values: Mapping[str, np.ndarray], n: int, every: int = 1
+    model: Model, values: Mapping[str, np.ndarray], n: int, every: int = 1, system: SecondOrderSystem | None = None
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Integrate n samples; return times (n_t,) and outputs over time, each of shape (n_t, n), after every so many
-    steps. What they are made of is evaluated at all times at once, where a model needs no system for it."""
-    system, reduced = model.batch(values, n), model.name == ReducedModel.name
+    """Integrate n samples, or those of a system; return times (n_t,) and outputs over time, each of shape (n_t, n),
+    after every so many steps. What they are made of is evaluated at all times at once, where a model needs no system
+    for it."""
+    system, reduced = system or model.batch(values, n), model.name == ReducedModel.name
     alone = n == 1 and isinstance(model, FullModel) and not model.outputs.forces
     times, kept = [], []
 

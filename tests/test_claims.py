@@ -15,6 +15,7 @@ import pytest
 import synthetic
 from conftest import TIMEOUT_SECONDS
 from mpi4py import MPI
+from refusals import refusal
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.files import claims
@@ -140,43 +141,38 @@ def test_other_outputs_are_replaced_where_they_are_ours(tmp_path: Path) -> None:
             check_output(tmp_path / name, kind)
 
 
-def test_devices_pipes_and_directories_are_not_replaced(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    with socket.socket(socket.AF_UNIX) as listener:
-        listener.bind(str(tmp_path / "socket"))
-        for path in ("/dev/null", tmp_path / "pipe", tmp_path / "socket"):
-            with pytest.raises(InputError, match="is a device, a pipe or a socket"):
-                check_output(path, "rom")
-    with pytest.raises(InputError, match="is a directory; give the name of a file in it"):
-        check_output(tmp_path, "rom")
-
-
 def test_directories_that_cannot_be_written_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InputError, match="nowhere' does not exist; create it"):
-        check_output(tmp_path / "nowhere" / "f.h5", "rom")
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="cannot be written: Not a directory"):
-        check_output(tmp_path / "file" / "f.h5", "rom")
     # root may write anywhere, so the system's answer is replaced
     monkeypatch.setattr(claims.os, "access", lambda path, mode: False)
     with pytest.raises(InputError, match="no permission to write in directory"):
         check_output(tmp_path / "f.h5", "rom")
 
 
-def test_names_that_are_too_long(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("nowhere/f.h5", "nowhere' does not exist; create it"),
+        ("file/f.h5", "cannot be written: Not a directory"),
+        (".", "is a directory; give the name of a file in it"),
+        ("ä" * 125, "its name has 250 bytes; allowed: 239"),
+        ("x" * 300, "File name too long"),
+        ("/".join(["x" * 200] * 30), "File name too long"),
+        ("a", "Too many levels of symbolic links"),
+        ("pipe", "is a device, a pipe or a socket"),
+        ("socket", "is a device, a pipe or a socket"),
+        ("/dev/null", "is a device, a pipe or a socket"),
+    ],
+    ids=lambda text: text[:30],
+)
+def test_places_where_no_result_can_be(path: str, said: str, tmp_path: Path) -> None:
     check_output(tmp_path / ("x" * 230), "rom")
-    with pytest.raises(InputError, match="its name has 250 bytes; allowed: 239"):
-        check_output(tmp_path / ("ä" * 125), "rom")
-    for path in (tmp_path / ("x" * 300), Path("/".join(["x" * 200] * 30))):
-        with pytest.raises(InputError, match="File name too long"):
-            check_output(path, "rom")
-
-
-def test_a_circle_of_links(tmp_path: Path) -> None:
-    (tmp_path / "a").symlink_to(tmp_path / "b")
-    (tmp_path / "b").symlink_to(tmp_path / "a")
-    with pytest.raises(InputError, match="Too many levels of symbolic links"):
-        check_output(tmp_path / "a", "rom")
+    (tmp_path / "file").touch()
+    for one, other in ("ab", "ba"):
+        (tmp_path / one).symlink_to(tmp_path / other)
+    os.mkfifo(tmp_path / "pipe")
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(tmp_path / "socket"))
+        assert said in refusal(check_output, tmp_path / path, "rom")
 
 
 def test_a_working_directory_that_was_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

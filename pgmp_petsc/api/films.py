@@ -72,6 +72,8 @@ def animate(
 ) -> Path:
     """Make a film of `result`: of a trajectory's frames or, with `mode`, of a mode of a reduced model.
 
+    Forces in joints are arrows, where their components along all axes of the ground are outputs.
+
     It is written as MP4 (-o film.mp4) or GIF (-o film.gif). One rank draws.
     """
     comm = ranks_of(comm) if mode is None else solving_ranks_of(comm)

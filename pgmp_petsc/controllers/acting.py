@@ -1,8 +1,8 @@
 """How a controller acts in the models: by a force in a joint that its states give, with slopes for the iteration.
 
-The force in a joint is an action of the mechanics (`effects.action`). Its slopes are along the motion that the measure
-is of: that of a joint, or of a point along an axis; of other measures none are taken, and the iteration of a step finds
-the force without them.
+The force in a joint is an action of the mechanics (`effects.action`). Its slopes are along the motions that measures
+are made of (`measured`): of joints, distances and places of points. Of deformations, and of places outside of a base
+that moves, none are taken, and the iteration of a step finds the force without them.
 """
 
 from __future__ import annotations
@@ -13,14 +13,16 @@ from typing import Any
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.controllers.law import ControlLaw
+from pgmp_petsc.controllers.measured import Measured
 from pgmp_petsc.effects.action import NOTHING, Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.joint_effects import joint_measure, measure_of
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.laws import CARRIED_FRICTION
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.statements import along
-from pgmp_petsc.outputs.of_frames import OnTheGround, Speed
+from pgmp_petsc.mechanism.statements import along, angle, distance
+from pgmp_petsc.outputs.of_frames import Deformation, Distance, Rotation
 from pgmp_petsc.outputs.readings import AXES
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.controllers import ControllerEntry
@@ -80,34 +82,78 @@ def given_to(actions: Sequence[Action]) -> list[int]:
     return [k for k, action in enumerate(actions) if action.law in GIVEN]
 
 
+class ControllerEffect(ActionEffect):
+    """The force of a controller, in as many parts as it measures motions: one for the slopes by each of them."""
+
+    def _fixed(self) -> list[Action]:
+        return super()._fixed()[:1]
+
+    def turning_patterns(self) -> list[Action]:
+        """Return the other actions."""
+        return super().turning_patterns()[:1]
+
+
 class JointController(ControllerEntry):
-    """What acts in a joint, and measures any output of places and speeds."""
+    """What acts in a joint, and measures any outputs of places and speeds."""
 
-    def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
-        """Return the force in the joint, behind what leads it if its measure is of another motion."""
-        nothing = (Quantity(0.0),) * len(ACTING_LAW.parameters)
-        leading = leading_of(mechanism, self)
-        action = Action(name, law=ACTING_LAW, parameters=nothing, led=bool(leading), **joint_measure(mechanism, self))
-        return ActionEffect(
-            name, [*(Action(name, law=NOTHING, parameters=(), **one) for one in leading), action], mechanism
-        )
-
-
-def has_slopes(scene: Scene, entry: ControllerEntry) -> bool:
-    """Whether slopes are taken: of a measure, or the rate of one, along the motion of a joint or of a point."""
-    output = scene.outputs[entry.measures]
-    return getattr(output, "joint", None) is not None or isinstance(output, (OnTheGround, Speed))
+    def forces(self, name: str, mechanism: Mechanism) -> ControllerEffect:
+        """Return the force in the joint, a part for each motion that is measured, behind what measures it if that is
+        another motion than the one that is acted on."""
+        scene, nothing = mechanism.scene, (Quantity(0.0),) * len(ACTING_LAW.parameters)
+        own, actions = joint_measure(mechanism, self), []
+        for output in measured_by(scene, self).motions or (None,):
+            motion = None if output is None else motion_of(mechanism, output)
+            led = motion is not None and not _is_own(scene, self, scene.outputs[output])
+            if led:
+                actions.append(Action(name, law=NOTHING, parameters=(), **motion))
+            actions.append(Action(name, law=ACTING_LAW, parameters=nothing, led=led, **own))
+        return ControllerEffect(name, actions, mechanism)
 
 
-def leading_of(mechanism: Mechanism, entry: ControllerEntry) -> list[dict[str, Any]]:
-    """Return the motion that the slopes are along, as `Action` takes it; none where it is that which is acted on."""
-    scene, output = mechanism.scene, mechanism.scene.outputs[entry.measures]
-    if not has_slopes(scene, entry):
-        return []
-    joint, slid = getattr(output, "joint", None), slides(scene, output)
+def _is_own(scene: Scene, entry: ControllerEntry, output: Any) -> bool:
+    """Whether an output reads the motion that a controller acts on."""
+    return getattr(output, "joint", None) == entry.joint and slides(scene, output) == slides(scene, entry)
+
+
+def measured_by(scene: Scene, entry: ControllerEntry) -> Measured:
+    """Return what a controller's measures are made of."""
+    return Measured.of(scene, entry.measured)
+
+
+def law_of(scene: Scene, entry: ControllerEntry) -> ControlLaw:
+    """Return the law of a controller, of the motions that it measures."""
+    found = measured_by(scene, entry)
+    return entry.law().measuring(found.seen, len(found.motions), found.constants)
+
+
+def parameters_of(scene: Scene, entry: ControllerEntry) -> dict[str, float | str]:
+    """Return the parameters of `law_of` a controller, and its limits, in their order: numbers or parameters' names."""
+    given = entry.parameters() | dict(measured_by(scene, entry).constants)
+    limits = entry.limits or (-np.inf, np.inf)
+    return {name: given[name] for name in law_of(scene, entry).parameters} | dict(zip(("lower", "upper"), limits))
+
+
+def has_motion(scene: Scene, output: str) -> bool:
+    """Whether what an output reads is a motion that the mechanics know by a statement of two frames: not a place
+    outside of a base that moves, and not a deformation."""
+    entry = scene.outputs[output]
+    return not getattr(entry, "absolute", False) and not isinstance(entry, Deformation)
+
+
+def motion_of(mechanism: Mechanism, output: str) -> dict[str, Any] | None:
+    """Return the motion that an output reads, statement and attachments as `Action` takes them; None where there is no
+    such statement. A place of a displacement is not from that at the start."""
+    scene, entry = mechanism.scene, mechanism.scene.outputs[output]
+    if not has_motion(scene, output):
+        return None
+    joint, d = getattr(entry, "joint", None), mechanism.space.dimension
     if joint is not None:
-        own = joint == entry.joint and slid == slides(scene, entry)
-        return [] if own else [measure_of(mechanism, joint, "sliding" if slid else "turning")]
-    direction, where = np.eye(mechanism.space.dimension)[AXES[output.axis]], f"outputs.{entry.measures}.point"
-    ends = (mechanism.attachment(point, where) for point in ("ground:origin", output.point))
-    return [{"statement": along(direction), **dict(zip("ab", ends))}]
+        return measure_of(mechanism, joint, "sliding" if slides(scene, entry) else "turning")
+    if isinstance(entry, Distance):
+        statement, points = distance(d), entry.points
+    else:
+        turns = isinstance(entry, Rotation)
+        statement = angle(np.eye(d), np.eye(d)) if turns else along(np.eye(d)[AXES[entry.axis]])
+        points = ("ground:origin", entry.point)
+    ends = (mechanism.attachment(point, f"outputs.{output}") for point in points)
+    return {"statement": statement, **dict(zip("ab", ends))}

@@ -1,4 +1,4 @@
-"""Controllers by formulas: rates of states and a force, of a measure, its rate, a reference and the time.
+"""Controllers by formulas: rates of states and a force, of measures, a reference and the time.
 
 Motors with inductance, bristles of friction and filters are such, as well as control laws. Formulas are parsed and
 never evaluated (`declare.formulas`), and written anew as a `ControlLaw`. A comparison is 1 where it holds, else 0;
@@ -16,28 +16,35 @@ from pydantic import Field, model_validator
 
 from pgmp_petsc.controllers.acting import JointController
 from pgmp_petsc.controllers.law import ControlLaw
+from pgmp_petsc.controllers.measured import OfMotion
 from pgmp_petsc.declare.formulas import FUNCTIONS, FormulaError, declared
+from pgmp_petsc.scene.controllers import OWN
 from pgmp_petsc.scene.fields import NumberOrParameter, Unit, refusal
 from pgmp_petsc.scene.uses import Use
 
-#: Names of what is measured in a formula, and what they are in a law.
-GIVEN = {"y": "y", "v": "rate", "r": "r", "t": "t"}
-WORDS = f"{', '.join(GIVEN)}, the names of `states` and `constants`"
+#: Names in a formula, and what they are in a law: of any, and of the measure where there is one without a name.
+GIVEN = {"r": "r", "t": "t"}
+OF_ONE = {"y": "y", "v": "rate"}
 
 
 @cache
 def law_of(
-    states: tuple[tuple[str, str], ...], force: str, constants: tuple[str, ...], starts: tuple[str, ...]
-) -> ControlLaw:
+    states: tuple[tuple[str, str], ...], force: str, constants: tuple[str, ...], starts: tuple[str, ...],
+    measures: tuple[str, ...],
+) -> ControlLaw:  # fmt: skip
     """Return the law of formulas in the language of declarations; one for all controllers with the same."""
-    mark = hashlib.sha256(repr((states, force, constants, starts)).encode()).hexdigest()[:12]
+    mark = hashlib.sha256(repr((states, force, constants, starts, measures)).encode()).hexdigest()[:12]
     begins = {_own(state): _start(state) for state in starts}
-    return ControlLaw(f"formula_{mark}", (*map(_own, constants), *begins.values()), dict(states), force, begins)
+    measured = tuple((name, OfMotion(k)) for k, name in enumerate(measures))
+    return ControlLaw(
+        f"formula_{mark}", (*map(_own, constants), *begins.values()), dict(states), force, begins, measured,
+        "y" if measures == ("y",) else "", len(measures),
+    )  # fmt: skip
 
 
 def _own(name: str) -> str:
     """Return what a state or constant is called in a law."""
-    return f"of_{name}"
+    return f"{OWN}{name}"
 
 
 def _start(state: str) -> str:
@@ -48,11 +55,15 @@ class FormulaController(JointController):
     """What acts in a joint by formulas, with states of its own: a motor, a bristle of friction, a control law."""
 
     type: Literal["formula"]
+    measures: str | dict[str, str] = Field(
+        description="name of the output that it measures, y in the formulas; or { name = output } for several, each by "
+        "a name of its own"
+    )
     states: dict[str, str] = Field(
         {},
-        description="names of states, with formulas of their rates: of the measure y, its rate v, the reference r, the "
-        "time t (s), states and `constants`; + - * / **, comparisons (1 or 0), sin cos tan exp log sqrt abs tanh sign "
-        "min max atan2 where",
+        description="names of states, with formulas of their rates: of the measure y and its rate v, or of measures by "
+        "their names, of the reference r, the time t (s), states and `constants`; + - * / **, comparisons (1 or 0), "
+        "sin cos tan exp log sqrt abs tanh sign min max atan2 where",
     )
     output: str = Field(description="formula of the torque (N m) or force (N), of the same")
     constants: dict[str, Annotated[NumberOrParameter, Unit()]] = Field(
@@ -64,16 +75,19 @@ class FormulaController(JointController):
 
     @model_validator(mode="after")
     def _are_formulas(self) -> Self:
-        for key, names in (("states", self.states), ("constants", self.constants)):
+        named, taken = self._named, set()
+        if not isinstance(self.measures, str) and not named:
+            raise refusal("give the name of an output, or { name = output }", "measures")
+        for key, names in (("measures", named), ("states", self.states), ("constants", self.constants)):
             for name in names:
-                if not (name.isidentifier() and name.isascii()) or name in GIVEN or name in FUNCTIONS:
+                if not (name.isidentifier() and name.isascii()) or name in self._given or name in FUNCTIONS:
                     raise refusal(
                         f"'{name}' cannot be a name in a formula: take letters, digits and _, and no name that it has",
                         key,
                     )
-        both = sorted({*self.states} & {*self.constants})
-        if both:
-            raise refusal(f"'{both[0]}' is a state and a constant; take another name", "constants")
+                if name in taken:
+                    raise refusal(f"'{name}' is the name of something else here already; take another one", key)
+                taken.add(name)
         strange = [name for name in self.initial if name not in self.states]
         if strange:
             raise refusal(f"there is no state '{strange[0]}'; known: {', '.join(self.states) or 'none'}", "initial")
@@ -83,28 +97,53 @@ class FormulaController(JointController):
             ("output", "", self.output),
         ):
             try:
-                used |= declared(text, self._known, WORDS)[1]
+                used |= self._declared(text)[1]
             except FormulaError as error:
                 raise refusal(f"{what}{error}", key) from None
-        unused = [name for name in self.constants if name not in used]
-        if unused:
-            raise refusal(f"no formula names '{unused[0]}'; leave it out", "constants")
+        for key, names in (("measures", named), ("constants", self.constants)):
+            unused = [name for name in names if name not in used]
+            if unused:
+                raise refusal(f"no formula names '{unused[0]}'; leave it out", key)
         return self
+
+    @property
+    def _named(self) -> dict[str, str]:
+        """Outputs by the names that the scene gives them here."""
+        return {} if isinstance(self.measures, str) else self.measures
+
+    @property
+    def measured(self) -> dict[str, str]:
+        """The outputs that it measures, by their names in the law."""
+        return {_own(name): output for name, output in self._named.items()} or {"y": self.measures}
+
+    @property
+    def _given(self) -> dict[str, str]:
+        """The names that formulas have by themselves, and what they are in the law."""
+        return GIVEN if self._named else OF_ONE | GIVEN
 
     @property
     def _known(self) -> dict[str, str]:
         """The names of the formulas, and what they are in the law."""
-        return GIVEN | {name: _own(name) for name in (*self.states, *self.constants)}
+        return self._given | {name: _own(name) for name in (*self._named, *self.states, *self.constants)}
+
+    @property
+    def _words(self) -> str:
+        return f"{', '.join((*self._given, *self._named))}, the names of `states` and `constants`"
+
+    def _declared(self, text: str) -> tuple[str, set[str]]:
+        """Return a formula as the law has it, and the names in it."""
+        return declared(text, self._known, self._words)
 
     @property
     def needs_rate(self) -> bool:
         """Whether a formula names the rate of the measure."""
-        return any("v" in declared(text, self._known, WORDS)[1] for text in (*self.states.values(), self.output))
+        return not self._named and any("v" in self._declared(text)[1] for text in (*self.states.values(), self.output))
 
     def law(self) -> ControlLaw:
         """Return its law."""
-        states = tuple((_own(name), declared(text, self._known, WORDS)[0]) for name, text in self.states.items())
-        return law_of(states, declared(self.output, self._known, WORDS)[0], (*self.constants,), (*self.initial,))
+        states = tuple((_own(name), self._declared(text)[0]) for name, text in self.states.items())
+        force, constants, starts = self._declared(self.output)[0], (*self.constants,), (*self.initial,)
+        return law_of(states, force, constants, starts, (*self.measured,))
 
     def parameters(self) -> dict[str, float | str]:
         """Return the constants, and what states begin with."""

@@ -2,6 +2,7 @@
 
 A `ControlLaw` is declared by expressions (`declare.expressions`), as force laws are; sympy prints g, h and their
 slopes, and kernels know it by the address of its compiled function. y is the measure, y' its rate, r the reference.
+What is measured is made of motions s_i of the mechanics and their rates (`controllers.measured`): slopes are by these.
 
 In a step of the generalised-alpha scheme for states of first order (Jansen, Whiting and Hulbert 2000), with the
 coefficients of the mechanics and Z' the auxiliary rates,
@@ -10,35 +11,40 @@ coefficients of the mechanics and Z' the auxiliary rates,
     z_{n+1} = z_n + h ((1 - gamma) Z'_n + gamma Z'_{n+1}),
 
 the states at the end of a step are ``z = c + kappa g(z, y, ..)`` with kappa = h gamma (1 - alpha_f) / (1 - alpha_m),
-and c known when the step begins. `respond` solves this small block at given y and y', and condenses it: what is left is a
-force on a joint with its slopes by y and y', for the Newton matrix of the mechanics. gamma = 1/2 + alpha_f - alpha_m
+and c known when the step begins. `respond` solves this small block at given s and s', and condenses it: what is left is
+a force on a joint with its slopes by s and s', for the Newton matrix of the mechanics. gamma = 1/2 + alpha_f - alpha_m
 holds for both orders, so that states and mechanics are of second order together.
 """
 
 from __future__ import annotations
 
 import functools
+import hashlib
+import itertools
 import sys
-from collections.abc import Mapping
-from dataclasses import astuple, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
+from pgmp_petsc.controllers.measured import OfMotion, Seen, rate_of
 from pgmp_petsc.declare.expressions import Printed, check, check_names, kept, printed, symbolic
 from pgmp_petsc.effects.law import calling
 from pgmp_petsc.lanes.compiled import native_address, njit, text_mark
 
-#: What expressions may name beside the states and parameters: time, measure and its rate, reference and its rate.
-MEASURED = ("t", "y", "rate", "r", "reference_rate")
+#: What expressions may name beside what is measured, the states and parameters: time, reference and its rate.
+GIVEN = ("t", "r", "reference_rate")
 #: In rates, the force before and after the limits.
 FORCES = ("free", "limited")
 LIMITS = ("lower", "upper")
 _NUMBER, _NUMBERS = types.float64, types.CPointer(types.float64)
 _TAKES = _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS
+PRINTS = (__name__, "pgmp_petsc.controllers.measured", "pgmp_petsc.declare.expressions")
 MOST_ITERATIONS = 30
 CLOSE = 1e-14  # of the states, where their iteration ends
 PYTHON = '''"""The law of the controller {name}, printed from its declaration."""
@@ -52,9 +58,10 @@ def evaluate(_p, _x, _z, _found):
     return 0.0
 
 
-def initial(_p, _x):
+def initial(_p, _x, _z, _found):
 {of_start}
 {initial}
+    return 0.0
 
 
 COMPLETE = True
@@ -67,19 +74,25 @@ class ControlLaw(Printed):
 
     name: str  # of the law
     parameters: tuple[str, ...]  # names of its parameters, beside those of the limits
-    #: expressions of the rates of its states, by their names: of states, `MEASURED`, `FORCES` and parameters
+    #: expressions of the rates of its states, by their names: of states, what is measured, `GIVEN`, `FORCES` and
+    #: parameters
     states: Mapping[str, str]
-    force: str  # expression of states, `MEASURED` and parameters
-    starts: Mapping[str, str] = field(default_factory=dict)  # states at the start, of `MEASURED` and parameters; else 0
-    place: str = field(init=False)  # file and line of the declaration
+    force: str  # expression of the same but for `FORCES`
+    starts: Mapping[str, str] = field(default_factory=dict)  # states at the start, expressions without states; else 0
+    #: what is measured, by its name in the expressions, and which has a `rate` there; and of how many motions it is
+    measured: tuple[tuple[str, Seen], ...] = (("y", OfMotion(0)),)
+    rate_of: str = "y"
+    n_motions: int = 1
+    place: str = ""  # file and line of the declaration
 
     def __post_init__(self) -> None:
         caller = sys._getframe(2)
-        place = f"{caller.f_code.co_filename}:{caller.f_lineno}"
+        place = self.place or f"{caller.f_code.co_filename}:{caller.f_lineno}"
         object.__setattr__(self, "place", place)
-        entry, given = f"controller {self.name}", (*MEASURED, *self.parameters)
+        entry, named = f"controller {self.name}", (*GIVEN, *(name for name, _ in self.measured), "rate")
+        given = (*named, *self.parameters)
         check_names(entry, (self.name,), (), place)
-        check_names(entry, (*self.parameters, *self.states), (*MEASURED, *FORCES, *LIMITS), place)
+        check_names(entry, (*self.parameters, *self.states), (*named, *FORCES, *LIMITS), place)
         check(f"{entry}: force", self.force, (*self.states, *given), place)
         for state, text in self.states.items():
             check(f"{entry}: {state}", text, (*self.states, *given, *FORCES), place)
@@ -87,16 +100,22 @@ class ControlLaw(Printed):
             check(f"{entry}: start of {state}", text, given, place)
         self.enter()
 
+    def measuring(self, measured: Sequence[tuple[str, Seen]], n_motions: int, parameters: Sequence[str]) -> ControlLaw:
+        """Return the law of what is measured by the names it has, with parameters of that behind its own."""
+        same = tuple(measured) == self.measured and n_motions == self.n_motions
+        return self if same else _measuring(self, tuple(measured), n_motions, tuple(parameters))
+
     @property
     def n_found(self) -> int:
-        """How many numbers its function fills: u, its slopes by y, y' and the states; then those of each rate."""
-        return (1 + len(self.states)) * (3 + len(self.states))
+        """How many numbers its function fills: u, its slopes by every s and s' and the states; then those of each
+        rate."""
+        return (1 + len(self.states)) * (1 + 2 * self.n_motions + len(self.states))
 
     @functools.cached_property
     def code(self) -> ModuleType:
         """The module that is printed from the declaration."""
-        *declaration, place = astuple(self)
-        key = repr((text_mark(__name__, "pgmp_petsc.declare.expressions"), declaration))
+        declaration = [getattr(self, one.name) for one in fields(self) if one.name != "place"]
+        key = repr((text_mark(*PRINTS), declaration))
         return kept(f"control_{self.name}", key, Path(self.file), self._printed)
 
     @functools.cached_property
@@ -104,32 +123,67 @@ class ControlLaw(Printed):
         """Where its compiled function is."""
         return native_address(self.code.evaluate, _NUMBER, _TAKES)
 
+    @functools.cached_property
+    def address_of_start(self) -> int:
+        """Where the compiled function is that fills the first states."""
+        return native_address(self.code.initial, _NUMBER, _TAKES)
+
     def _printed(self) -> str:
         import sympy as sp
 
-        names = {name: sp.Symbol(name, real=True) for name in (*MEASURED, *self.states, *self.parameters, *LIMITS)}
+        names = {name: sp.Symbol(name, real=True) for name in (*GIVEN, *self.states, *self.parameters, *LIMITS)}
         states, lower, upper = [names[one] for one in self.states], names["lower"], names["upper"]
+        pairs = [tuple(sp.Symbol(f"{name}_{k}", real=True) for name in "sv") for k in range(self.n_motions)]
+        motions = list(itertools.chain(*pairs))
+        # what is measured has names of its own: where it has cases, comparisons of it are no expressions of sympy
+        seen = {name: one.symbolic(pairs, names) for name, one in self.measured}
+        seen["rate"] = rate_of(seen[self.rate_of], pairs, names["t"]) if self.rate_of else sp.Integer(0)
+        slopes = {(name, by): sp.diff(one, by) for name, one in seen.items() for by in motions}
+        slope_names = {key: sp.Symbol(f"{key[0]}_by_{key[1]}", real=True) for key, one in slopes.items() if one != 0}
+        names |= {name: sp.Symbol(name, real=True) for name in seen}
         free = symbolic(self.force, names)
         limited = sp.Piecewise((lower, free < lower), (upper, free > upper), (free, True))
         rates = [symbolic(text, names | {"free": free, "limited": limited}) for text in self.states.values()]
-        by = [names["y"], names["rate"], *states]
-        found = [part for one in (limited, *rates) for part in (one, *(sp.diff(one, name) for name in by))]
+
+        def slope(one: Any, by: Any) -> Any:
+            parts = (sp.diff(one, names[name]) * slope_names[name, by] for name in seen if (name, by) in slope_names)
+            return sum(parts, sp.Integer(0))
+
+        found = [
+            part
+            for one in (limited, *rates)
+            for part in (one, *(slope(one, by) for by in motions), *(sp.diff(one, state) for state in states))
+        ]
         starts = [symbolic(self.starts.get(one, "0"), names) for one in self.states]
+        of_measures, measures = printed([*seen.values(), *(slopes[key] for key in slope_names)])
+        named = [*seen, *map(str, slope_names.values())]
+        of_measures += [f"{name} = {value}" for name, value in zip(named, measures)]
         lines, values = printed(found)
         of_start, initial = printed(starts) if starts else ([], [])
         parameters = [f"{name} = _p[{k}]" for k, name in enumerate((*self.parameters, *LIMITS))]
-        measured = [f"{name} = _x[{k}]" for k, name in enumerate(MEASURED)]
+        measured = [f"{name} = _x[{k}]" for k, name in enumerate((*GIVEN, *map(str, motions)))]
 
         def text(rows: list[str]) -> str:
             return "\n".join(f"    {row}" for row in rows)
 
         return PYTHON.format(
             name=self.name,
-            taken=text([*parameters, *measured, *(f"{name} = _z[{k}]" for k, name in enumerate(self.states))]),
+            taken=text([*parameters, *measured, *of_measures, *(f"{z} = _z[{k}]" for k, z in enumerate(self.states))]),
             evaluate=text([*lines, *(f"_found[{k}] = {value}" for k, value in enumerate(values))]),
-            of_start=text([*parameters, *measured]),
-            initial=text([*of_start, f"return ({''.join(f'{one}, ' for one in initial)})"]),
+            of_start=text([*parameters, *measured, *of_measures]),
+            initial=text([*of_start, *(f"_found[{k}] = {value}" for k, value in enumerate(initial))]),
         )
+
+
+@functools.cache
+def _measuring(
+    law: ControlLaw, measured: tuple[tuple[str, Seen], ...], n_motions: int, parameters: tuple[str, ...]
+) -> ControlLaw:
+    mark = hashlib.sha256(repr((measured, n_motions, parameters)).encode()).hexdigest()[:12]
+    return replace(
+        law, name=f"{law.name}_{mark}", measured=measured, n_motions=n_motions,
+        parameters=(*law.parameters, *parameters),
+    )  # fmt: skip
 
 
 @intrinsic
@@ -138,59 +192,87 @@ def _evaluate(typing, address, p, x, z, found):
     return _NUMBER(types.int64, p, x, z, found), calling(_NUMBER, _TAKES)
 
 
+class Room(NamedTuple):
+    """Room for the response of one sample with n states, of k slopes by motions and their rates."""
+
+    found: np.ndarray  # what the law finds, (n_found,) or more
+    #: matrix, right: of the states, (n, n) and (n, 1 + k), or more
+    matrix: np.ndarray
+    right: np.ndarray
+
+    @classmethod
+    def of(cls, laws: Sequence[ControlLaw]) -> Room:
+        """Return room for any of some laws."""
+        sizes = [(w.n_found, len(w.states), 1 + 2 * w.n_motions) for w in laws] or [(0, 0, 0)]
+        n_found, n, k = map(max, zip(*sizes))
+        return cls(np.zeros(n_found), np.empty((n, n)), np.empty((n, k)))
+
+
 @njit(cache=True, error_model="numpy")
-def respond(address, p, x, c, kappa, z, found, rates, force):
-    """Solve ``z = c + kappa g(z)`` for every sample, and find the force with its slopes by the measure and its rate.
+def respond(address, n, n_slopes, p, x, c, kappa, z, rates, force, room):
+    """Solve ``z = c + kappa g(z)`` for a sample, and find the force with its slopes by motions and their rates.
 
     Parameters
     ----------
-    address
-        Of the compiled law.
+    address, n, n_slopes
+        Of the compiled law, the number of its states, and that of slopes.
     p, x
-        Parameters (n_samples, n_parameters) and what is `MEASURED`, (n_samples, 5).
+        Parameters (n_parameters,), and what is `GIVEN` with the motions and their rates, (3 + n_slopes,).
     c, kappa
-        Of the step, (n_samples, n_states) and a number; with kappa 0 states are c.
+        Of the step, (n,) and a number; with kappa 0 states are c.
     z
-        The states, (n_samples, n_states); a first guess, and the result.
-    found
-        Room for what the law finds, (n_found,).
+        The states, (n,); a first guess, and the result.
     rates, force
-        Results: g, (n_samples, n_states), and force with slopes, (n_samples, 3).
+        Results: g, (n,), and force with slopes, (1 + n_slopes,), not a number where no states are found.
+    room
+        See `Room`.
     """
-    n_samples, n = z.shape
-    width = 3 + n
-    matrix, right = np.empty((n, n)), np.empty((n, 3))
-    for sample in range(n_samples):
-        converged = False
-        for _ in range(MOST_ITERATIONS):
-            _evaluate(address, p[sample], x[sample], z[sample], found)
-            largest, change = 0.0, 0.0
-            for i in range(n):
-                row = width * (1 + i)
-                right[i, 0] = c[sample, i] + kappa * found[row] - z[sample, i]
-                right[i, 1], right[i, 2] = kappa * found[row + 1], kappa * found[row + 2]
-                for j in range(n):
-                    matrix[i, j] = (i == j) - kappa * found[row + 3 + j]
-            _solve(matrix, right)
-            for i in range(n):
-                z[sample, i] += right[i, 0]
-                largest, change = max(largest, abs(z[sample, i])), max(change, abs(right[i, 0]))
-            if change <= CLOSE * largest:
-                converged = True
-                break
-        for k in range(3):
-            force[sample, k] = found[k] if converged else np.nan
+    found, matrix, right = room
+    width, converged = 1 + n_slopes + n, False
+    for _ in range(MOST_ITERATIONS):
+        _evaluate(address, p, x, z, found)
+        largest, change = 0.0, 0.0
         for i in range(n):
-            rates[sample, i] = found[width * (1 + i)]
-            force[sample, 0] += found[3 + i] * right[i, 0]
-            force[sample, 1] += found[3 + i] * right[i, 1]
-            force[sample, 2] += found[3 + i] * right[i, 2]
+            row = width * (1 + i)
+            right[i, 0] = c[i] + kappa * found[row] - z[i]
+            for k in range(n_slopes):
+                right[i, 1 + k] = kappa * found[row + 1 + k]
+            for j in range(n):
+                matrix[i, j] = (i == j) - kappa * found[row + 1 + n_slopes + j]
+        _solve(n, 1 + n_slopes, matrix, right)
+        for i in range(n):
+            z[i] += right[i, 0]
+            largest, change = max(largest, abs(z[i])), max(change, abs(right[i, 0]))
+        if change <= CLOSE * largest:
+            converged = True
+            break
+    for k in range(1 + n_slopes):
+        force[k] = found[k] if converged else np.nan
+        for i in range(n):
+            force[k] += found[1 + n_slopes + i] * right[i, k]
+    for i in range(n):
+        rates[i] = found[width * (1 + i)]
+
+
+@njit(cache=True, error_model="numpy")
+def begin_all(address, p, x, z):
+    """Fill the first states of all samples."""
+    for sample in range(len(z)):
+        _evaluate(address, p[sample], x[sample], z[sample], z[sample])
+
+
+@njit(cache=True, error_model="numpy")
+def respond_all(address, n, n_slopes, p, x, c, kappa, z, rates, force, room):
+    """Let all samples respond, each a row."""
+    for sample in range(len(z)):
+        respond(
+            address, n, n_slopes, p[sample], x[sample], c[sample], kappa, z[sample], rates[sample], force[sample], room
+        )  # fmt: skip
 
 
 @njit(error_model="numpy")
-def _solve(matrix, right):
-    """Eliminate with row pivoting, in place: `right` becomes the solutions."""
-    n = len(matrix)
+def _solve(n, n_right, matrix, right):
+    """Eliminate n rows with pivoting, in place: `right` becomes the solutions, of its first columns."""
     for k in range(n):
         best = k
         for i in range(k + 1, n):
@@ -198,15 +280,15 @@ def _solve(matrix, right):
                 best = i
         for j in range(n):
             matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
-        for j in range(right.shape[1]):
+        for j in range(n_right):
             right[k, j], right[best, j] = right[best, j], right[k, j]
         for i in range(n):
             if i != k:
                 factor = matrix[i, k] / matrix[k, k]
                 for j in range(k, n):
                     matrix[i, j] -= factor * matrix[k, j]
-                for j in range(right.shape[1]):
+                for j in range(n_right):
                     right[i, j] -= factor * right[k, j]
     for k in range(n):
-        for j in range(right.shape[1]):
+        for j in range(n_right):
             right[k, j] /= matrix[k, k]

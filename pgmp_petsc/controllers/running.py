@@ -2,9 +2,10 @@
 that joints carry, of friction that hangs on these.
 
 `stepping.alpha_step` begins the iteration of a step with `begin`, lets every correction `act`, and ends it with `end`.
-Between the corrections measures are read of the iterate itself, as outputs are, so that the iteration ends where
-mechanics and states hold together. A controller that is sampled holds its force, and finds the next one, with states by
-Euler's implicit rule over its sample time, between two steps (`sample`).
+Between the corrections motions are read of the iterate itself, so that the iteration ends where mechanics and states
+hold together. A controller that is sampled holds its force, and finds the next one, with states by Euler's implicit
+rule over its sample time, between two steps (`sample`). Systems that take controllers along in steps of their own
+(`reduced.control`) do the same, and come here with steps that are too much for them.
 
 The force that a joint carries is that of the iterate too. It goes with accelerations, and friction changes these: the
 iteration contracts by about the coefficient times a lever over a length, so that a step takes a few corrections more,
@@ -16,6 +17,7 @@ Z' and the force.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -23,8 +25,8 @@ from typing import Any
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.controllers.acting import has_slopes
-from pgmp_petsc.controllers.law import MEASURED, ControlLaw, respond
+from pgmp_petsc.controllers.acting import law_of, measured_by, parameters_of
+from pgmp_petsc.controllers.law import GIVEN, ControlLaw, Room, begin_all, respond_all
 from pgmp_petsc.effects.time_function import TimeFunction, amplitude_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.controllers import WHOLE, ControllerEntry
@@ -32,8 +34,9 @@ from pgmp_petsc.scene.controllers import WHOLE, ControllerEntry
 MOST_STARTS, SETTLED = 100, 1e-13  # of the forces carried at the start, found in turn with accelerations
 #: Forces (n_carried, n_samples) in joints at a time (s), for a state of a system, from those that were found before.
 Carried = Callable[[float, Any, np.ndarray], np.ndarray]
-#: Measures (n_controllers, n_samples) and their rates at a time (s), for a state of a system.
+#: Motions (n_motions, n_samples), of all controllers, and their rates at a time (s), for a state of a system.
 Measure = Callable[[float, Any], tuple[np.ndarray, np.ndarray]]
+BEFORE, AFTER = range(2)  # of a force that jumps
 
 
 @dataclass(eq=False)
@@ -45,32 +48,58 @@ class Running:
     p: np.ndarray  # parameters of its law and its limits, (n_samples, n_parameters)
     reference: TimeFunction | np.ndarray  # over time, or of each sample
     columns: slice  # of the numbers beside
-    #: by_measure, by_rate: whether slopes by the measure are stiffness, those by it or its rate damping
-    by_measure: float
-    by_rate: float
-    x: np.ndarray  # what is `MEASURED`, (n_samples, 5)
+    motions: slice  # of those of all controllers
+    x: np.ndarray  # what is `GIVEN`, and the motions with their rates, (n_samples, 3 + 2 k)
     z: np.ndarray  # states of an iterate, (n_samples, n)
-    force: np.ndarray  # with its slopes by the measure and its rate, (n_samples, 3)
+    force: np.ndarray  # with its slopes by the motions and their rates, (n_samples, 1 + 2 k)
     rates: np.ndarray  # (n_samples, n)
     c: np.ndarray  # (n_samples, n)
-    found: np.ndarray
+    room: Room
     kappa: float = 0.0
+
+    @classmethod
+    def of(
+        cls, scene: Scene, entry: ControllerEntry, every: Mapping[str, Any], n_samples: int, column: int, motion: int
+    ) -> Running:
+        """Return one of a scene, for values of parameters; `column` and `motion` are its first ones."""
+        law = law_of(scene, entry)
+        n, k, parameters = len(law.states), law.n_motions, parameters_of(scene, entry)
+        p = np.empty((n_samples, len(parameters)))
+        for into, value in zip(p.T, parameters.values()):
+            into[:] = every[value] if isinstance(value, str) else value
+        if entry.reference.changes:
+            reference = amplitude_of(entry.reference)
+        else:
+            constant = entry.reference.constant
+            known = every[constant] if isinstance(constant, str) else constant
+            reference = np.array(np.broadcast_to(np.asarray(known, dtype=float), (n_samples,)))
+        room = (np.zeros((n_samples, m)) for m in (len(GIVEN) + 2 * k, n, 1 + 2 * k, n, n))
+        columns, motions = slice(column, column + 3 * n + 1), slice(motion, motion + k)
+        return cls(entry, law, p, reference, columns, motions, *room, Room.of([law]))
 
     def respond(self) -> None:
         """Solve for the states, and find the force."""
-        respond(self.law.address, self.p, self.x, self.c, self.kappa, self.z, self.found, self.rates, self.force)
+        respond_all(
+            self.law.address, self.z.shape[1], self.force.shape[1] - 1, self.p, self.x, self.c, self.kappa, self.z,
+            self.rates, self.force, self.room,
+        )  # fmt: skip
 
     def parts(self, beside: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return z, z', Z' (n_samples, n) and the force (n_samples, 1) of the numbers beside, sharing memory."""
         own, n = beside[:, self.columns], self.z.shape[1]
         return own[:, :n], own[:, n : 2 * n], own[:, 2 * n : 3 * n], own[:, 3 * n :]
 
-    def look(self, time: float, measure: np.ndarray, rate: np.ndarray) -> None:
-        """Take what is measured at a time."""
+    def look(self, time: float, motions: np.ndarray, rates: np.ndarray) -> None:
+        """Take what is measured at a time, of all controllers."""
         fixed = isinstance(self.reference, np.ndarray)
         now, change = (self.reference, 0.0) if fixed else self.reference.with_rates(time)[:2]
-        for column, value in zip(self.x.T, (time, measure, rate, now, change)):
+        for column, value in zip(self.x.T, (time, now, change)):
             column[:] = value
+        self.x[:, len(GIVEN) :: 2], self.x[:, len(GIVEN) + 1 :: 2] = motions[self.motions].T, rates[self.motions].T
+
+    def is_due(self, time: float) -> bool:
+        """Whether it is sampled, and finds another force at a time."""
+        return bool(self.entry.sample_time) and _is_whole(time / self.entry.sample_time)
 
 
 class Controls:
@@ -85,17 +114,25 @@ class Controls:
     n_samples
         Number of samples.
     measure
-        Reads the measures of a state.
+        Reads the motions of a state.
     put
-        Takes what is given to each action, in the order of `names`: the force carried, (n_samples, 1); or force,
-        stiffness and damping of a controller, (n_samples, 3).
+        Takes what is given to each action: the force carried, (n_samples, 1), of each; then force, stiffness and
+        damping of each controller, (n_samples, 3), for every motion that it measures, or once: the first has the force.
     carried
         Finds the forces that joints carry; None where nothing hangs on these.
 
     Attributes
     ----------
+    names
+        Of all that is given: effects by the force carried, and controllers.
+    each
+        The controllers.
+    firsts
+        Of each name, the number of the first action that it is given to.
     iterates
         Whether the iteration of a step has the forces, as it was given them, so that `forces` has none to add.
+    jumps
+        Whether forces jump between two steps.
     """
 
     def __init__(
@@ -104,61 +141,48 @@ class Controls:
     ) -> None:  # fmt: skip
         self._measure, self._put, self._find = measure, put, carried
         self.names = (*scene.carried, *scene.controllers)
-        self._each: list[Running] = []
+        self.each: list[Running] = []
         n_carried = len(scene.carried)
         self._carried = np.zeros((n_carried, n_samples))
-        self._acting = np.zeros((len(self.names) - n_carried, n_samples, 3))
-        self.iterates = False
-        #: forces at the instants that were reached, (n_controllers, n_samples); where one jumps the mean of both, with
-        #: which the trapezoidal rule of works is right, and until the next step `_jumped` has the new ones
-        self._kept: dict[float, np.ndarray] = {}
-        self._jumped: dict[float, np.ndarray] = {}
-        first = n_carried
+        every, self.n_beside, n_motions = {**scene.values, **values}, n_carried, 0
         for entry in scene.controllers.values():
-            law, n = entry.law(), len(entry.law().states)
-            every = {**scene.values, **values}
-            limits = dict(zip(("lower", "upper"), entry.limits or (-np.inf, np.inf)))
-            p = np.empty((n_samples, len(law.parameters) + 2))
-            for column, value in zip(p.T, [*(entry.parameters()[name] for name in law.parameters), *limits.values()]):
-                column[:] = every[value] if isinstance(value, str) else value
-            if entry.reference.changes:
-                reference = amplitude_of(entry.reference)
-            else:
-                constant = entry.reference.constant
-                known = every[constant] if isinstance(constant, str) else constant
-                reference = np.broadcast_to(np.asarray(known, dtype=float), (n_samples,))
-            sloped, of_rate = has_slopes(scene, entry), scene.outputs[entry.measures].derivative
-            self._each.append(
-                Running(
-                    entry, law, p, reference, slice(first, first + 3 * n + 1),
-                    float(sloped and not of_rate), float(sloped and of_rate), np.zeros((n_samples, len(MEASURED))),
-                    np.zeros((n_samples, n)), np.zeros((n_samples, 3)), np.zeros((n_samples, n)),
-                    np.zeros((n_samples, n)), np.zeros(law.n_found),
-                )
-            )  # fmt: skip
-            first += 3 * n + 1
-        self._n = first
+            one = Running.of(scene, entry, every, n_samples, self.n_beside, n_motions)
+            self.each.append(one)
+            self.n_beside, n_motions = one.columns.stop, one.motions.stop
+        rows = rows_of(scene)
+        self.firsts = np.cumsum([0, *rows])[:-1].tolist()
+        rows = [slice(first - n_carried, first - n_carried + n) for first, n in zip(self.firsts, rows)]
+        self._rows = rows[n_carried:]
+        self._acting = np.zeros((rows[-1].stop, n_samples, 3))
+        self.iterates = self.jumps = False
         self._n_samples = n_samples
+        #: forces at the last instant that was reached, (n_samples, 2, n_names), before and after they jump there,
+        #: and at those that are seen, which increase
+        self.now = np.zeros((n_samples, 2, len(self.names)))
+        self._times: list[float] = []
+        self._seen: list[np.ndarray] = []
+        self._n_last = 0
 
     def start(self, state) -> None:
         """Begin a run: find the first states and forces, at time 0, of joints without any."""
         self._look(0.0, state)
         self._carried[:] = 0.0
-        state.beside = np.zeros((self._n_samples, self._n))
-        for one in self._each:
-            states = [one.law.code.initial(p, x) for p, x in zip(one.p.tolist(), one.x.tolist())]
-            one.c[:] = one.z[:] = np.array(states).reshape(one.z.shape)
+        state.beside = np.zeros((self._n_samples, self.n_beside))
+        for one in self.each:
+            begin_all(one.law.address_of_start, one.p, one.x, one.z)
+            one.c[:] = one.z
             one.kappa = 0.0
             one.respond()
             z, change, auxiliary, force = one.parts(state.beside)
             z[:], change[:], auxiliary[:], force[:] = one.z, one.rates, one.rates, one.force[:, :1]
             if not np.isfinite(one.force[:, 0]).any():
-                name = self.names[self._each.index(one)]
+                name, at = self.names[len(self._carried) + self.each.index(one)], one.x[0]
+                measured = ", ".join(f"{value:g}" for value in at[len(GIVEN) :])
                 raise InputError(
-                    f"controllers.{name}: its force or the rates of its states are not finite at the start, where the "
-                    f"measure is {one.x[0, 1]:g}, its rate {one.x[0, 2]:g} and t = 0"
+                    f"controllers.{name}: its force or the rates of its states are not finite at the start, where t = "
+                    f"0, the reference is {at[1]:g}, and motions and their rates are {measured}"
                 )
-        self._kept.clear()
+        self._times, self._seen = [0.0], [self.now.copy()]
         self._keep(0.0, state, np.ones(self._n_samples, dtype=bool))
 
     def settle(self, state) -> bool:
@@ -169,17 +193,28 @@ class Controls:
         change = np.abs(found - self._carried)
         self._carried[:] = found
         state.beside[:, : len(found)] = found.T
-        self._kept.clear()
         self._keep(0.0, state, np.ones(self._n_samples, dtype=bool))
         return bool(np.any(change > SETTLED * np.abs(found)))
+
+    def open(self, times: np.ndarray) -> np.ndarray:
+        """Make room for the forces at times (n_t,) that are to be seen, (n_t, n_samples, 2, n_names); return it.
+
+        Of several samples, those that were seen before the last ones are forgotten."""
+        if self._n_samples > 1 and self._times:
+            del self._times[: -max(self._n_last, 1)], self._seen[: -max(self._n_last, 1)]
+        room = np.empty((times.size, *self.now.shape))
+        room[:] = self.now[:, AFTER:]
+        self._times += times.tolist()
+        self._seen += list(room)
+        self._n_last = times.size or self._n_last
+        return room
 
     def begin(self, time: float, state, scheme) -> None:
         """Begin the iteration of a step that ends at a time, from the numbers beside at its beginning."""
         self.iterates, s = True, scheme
-        self._jumped.clear()
         self._carried[:] = state.beside[:, : len(self._carried)].T
         step, kappa = s.gamma / (s.beta * s.gain_v), s.gain_v / s.gain_a
-        for one in self._each:
+        for one in self.each:
             if one.entry.sample_time:
                 continue
             z, change, auxiliary, _ = one.parts(state.beside)
@@ -190,15 +225,15 @@ class Controls:
     def act(self, time: float, state) -> None:
         """Give the mechanics the forces about an iterate."""
         self._look(time, state)
-        for one, acting in zip(self._each, self._acting):
+        for one, rows in zip(self.each, self._rows):
+            acting = self._acting[rows]
             if one.entry.sample_time:
-                acting[:, :1], acting[:, 1:] = one.parts(state.beside)[3], 0.0
+                acting[0, :, 0] = one.parts(state.beside)[3][:, 0]
                 continue
             one.respond()
-            force, by_measure, by_rate = one.force.T
-            acting[:, 0] = force
-            acting[:, 1] = -one.by_measure * by_measure
-            acting[:, 2] = -one.by_measure * by_rate - one.by_rate * by_measure
+            acting[0, :, 0] = one.force[:, 0]
+            for k in range(one.law.n_motions):
+                acting[k, :, 1:] = -one.force[:, 1 + 2 * k : 3 + 2 * k]
         self._find_carried(time, state)
         self._put([*self._carried[:, :, None], *self._acting])
 
@@ -206,7 +241,7 @@ class Controls:
         """Take the numbers beside of some samples, a mask, to the end of the step."""
         self._look(time, state)
         s = scheme
-        for one in self._each:
+        for one in self.each:
             if one.entry.sample_time:
                 continue
             one.respond()
@@ -216,13 +251,18 @@ class Controls:
                 into[samples] = new[samples]
         self._find_carried(time, state)
         state.beside[samples, : len(self._carried)] = self._carried.T[samples]
-        self._put([*np.zeros((*self._carried.shape, 1)), *np.zeros_like(self._acting)])
-        self.iterates = False
+        self.put_nothing()
         self._keep(time, state, samples)
 
+    def put_nothing(self) -> None:
+        """Let the mechanics have no forces between iterations, where `forces` has them."""
+        self._put([*np.zeros((*self._carried.shape, 1)), *np.zeros_like(self._acting)])
+        self.iterates = False
+
     def sample(self, time: float, state, samples: np.ndarray) -> bool:
-        """Let the sampled controllers whose time it is find new forces for some samples; return whether any did."""
-        due = [one for one in self._each if one.entry.sample_time and _is_whole(time / one.entry.sample_time)]
+        """Let the sampled controllers whose time it is find new forces for some samples; return whether any did, which
+        is that they jump until `jumps` is put back."""
+        due = [one for one in self.each if one.is_due(time)]
         if not due:
             return False
         self._look(time, state)
@@ -231,40 +271,62 @@ class Controls:
             one.c[:], one.z[:], one.kappa = z, z, one.entry.sample_time
             one.respond()
             z[samples], force[samples] = one.z[samples], one.force[samples, :1]
-        before = self._kept[time]
-        after = self._forces(state)
-        after[:, ~samples] = before[:, ~samples]
-        self._kept[time], self._jumped[time] = 0.5 * (before + after), after
+        self._keep(time, state, samples, (AFTER,))
+        self.jumps = True
         return True
 
-    def forces(self, times: np.ndarray) -> np.ndarray:
-        """Return the forces at times (n_t,) that were reached, those carried first, (n_t, n_samples, n_names)."""
+    def forces(self, times: np.ndarray, part: int | None = None) -> np.ndarray:
+        """Return the forces at times (n_t,) that are seen, or were reached last, (n_t, n_samples, n_names).
+
+        Where they jump it is what they are before or after, or else the mean of both, with which the trapezoidal rule
+        of works is right.
+        """
         found = np.zeros((times.size, self._n_samples, len(self.names)))
         for row, time in zip(found, times.tolist()):
-            if time not in self._kept:  # of a step that failed: as it began
-                time = max((one for one in self._kept if one < time), default=0.0)
-            row[:] = self._jumped.get(time, self._kept[time]).T
+            at = bisect_left(self._times, time)
+            known = self._seen[at] if at < len(self._times) and self._times[at] == time else self.now
+            if self.jumps or known is self.now or part is not None:
+                row[:] = known[:, AFTER if part is None else part]
+            else:
+                row[:] = 0.5 * (known[:, BEFORE] + known[:, AFTER])
         return found
+
+    def take(self, state) -> None:
+        """Take note of the forces of a state in which samples are after steps of a system's own."""
+        self.now[:] = self._forces(state)[:, None]
 
     def _find_carried(self, time: float, state) -> None:
         if self._carried.size:
             self._carried[:] = self._find(time, state, self._carried)
 
     def _look(self, time: float, state) -> None:
-        if not self._each:
+        if not self.each:
             return
-        measures, rates = self._measure(time, state)
-        for one, measure, rate in zip(self._each, measures, rates):
-            one.look(time, measure, rate)
+        motions, rates = self._measure(time, state)
+        for one in self.each:
+            one.look(time, motions, rates)
 
-    def _keep(self, time: float, state, samples: np.ndarray) -> None:
-        forces = self._forces(state)
-        kept = self._kept.setdefault(time, forces)
-        kept[:, samples] = forces[:, samples]
+    def _keep(self, time: float, state, samples: np.ndarray, parts: tuple[int, ...] = (BEFORE, AFTER)) -> None:
+        """Keep the forces of some samples from a time on, until they are others."""
+        forces = self._forces(state)[samples]
+        for part in parts:
+            self.now[samples, part] = forces
+            for at in range(bisect_left(self._times, time), len(self._times)):
+                later = part == AFTER and self._times[at] > time
+                self._seen[at][samples, part] = forces
+                if later:
+                    self._seen[at][samples, BEFORE] = forces
 
     def _forces(self, state) -> np.ndarray:
         carried = state.beside[:, : len(self._carried)].T
-        return np.array([*carried, *(one.parts(state.beside)[3][:, 0] for one in self._each)])
+        return np.stack([*carried, *(one.parts(state.beside)[3][:, 0] for one in self.each)], axis=1)
+
+
+def rows_of(scene: Scene) -> list[int]:
+    """Return to how many actions each force is given: that which a joint carries to one, that of a controller to one
+    for every motion that it measures (`acting.JointController`)."""
+    each = (max(1, len(measured_by(scene, one).motions)) for one in scene.controllers.values())
+    return [*(1 for _ in scene.carried), *each]
 
 
 def _is_whole(number: float) -> bool:

@@ -149,13 +149,23 @@ def printed(expressions: Sequence[Any], in_c: bool = False) -> tuple[list[str], 
     import sympy as sp
     from sympy.codegen.rewriting import create_expand_pow_optimization
     from sympy.logic.boolalg import Boolean
+    from sympy.printing.pycode import PythonCodePrinter
 
+    class Quotients(PythonCodePrinter):
+        """Writes negative powers as quotients: of zero they end a compiled function, in cases not taken too."""
+
+        def _print_Pow(self, expr: Any, rational: bool = False) -> str:
+            if expr.exp.is_Integer and expr.exp < 0:
+                return f"(1.0/({self._print(expr.base**-expr.exp)}))"
+            return super()._print_Pow(expr, rational=rational)
+
+    python = Quotients({"fully_qualified_modules": False})
     products = create_expand_pow_optimization(HIGHEST_POWER, base_req=lambda base: True)
     shared, left = sp.cse([sp.sympify(one) for one in expressions])
 
     def text(one: Any) -> str:
         one = products(one)
-        return " ".join(sp.ccode(one).split()) if in_c else sp.pycode(one, fully_qualified_modules=False)
+        return " ".join(sp.ccode(one).split()) if in_c else python.doprint(one)
 
     def is_condition(one: Any) -> bool:
         return isinstance(one, Boolean)

@@ -20,9 +20,10 @@ both are ``3 (1 - e) / (2 v)``, and leaves more speed than was asked for elsewhe
 ``e a / (1 - e)`` of e, within 6e-5 of e. As c is constant, an impact at another speed v' has ``a' = a v' / v`` and the
 restitution of that: ``1 - 2 a' / 3`` of slow ones, ``1 / a'`` of fast ones, which all leave with the speed 1 / c.
 
-Friction is ``friction N tanh(v_t / friction_speed)`` against the speed v_t of the pin's middle across e: the joint
+Friction of a pin is ``friction N tanh(v_t / friction_speed)`` against the speed v_t of its middle across e: the joint
 knows no radius of the pin, and takes it for one that is small. What turning in the joint rubs is an effect of type
 joint_friction. It acts along ``w = e_1 de_2 - e_2 de_1``, whose rate is |e| v_t and which is smooth in the middle too.
+Friction in a guide is the same against the speed along it.
 """
 
 from __future__ import annotations
@@ -79,12 +80,20 @@ CONTACT = OfSquare(
     left_out="it is a contact beyond a clearance, not linear",
 )
 
+RUBS = *CONTACT.parameters, "friction", "friction_speed"
+NORMAL = f"k * {DEPTH} ** (exponent / 2) * max(0, 1 + {SLOPE} * amplitude / (2 * {FAR}))"  # N of the module's equation
 RUBBING = OfSquare(
     "rubbing",
-    (*CONTACT.parameters, "friction", "friction_speed"),
-    force=f"-friction * k * {DEPTH} ** (exponent / 2) * max(0, 1 + {SLOPE} * amplitude / (2 * {FAR})) / {FAR} "
-    f"* tanh(rate / ({FAR} * friction_speed)) if s > radius**2 else 0",
+    RUBS,
+    force=f"-friction * {NORMAL} / {FAR} * tanh(rate / ({FAR} * friction_speed)) if s > radius**2 else 0",
     about_zero="radius * friction_speed",
+)
+
+SLIDING = OfSquare(
+    "sliding",
+    RUBS,
+    force=f"-friction * {NORMAL} * tanh(rate / friction_speed) if s > radius**2 else 0",
+    about_zero="friction_speed",
 )
 
 BACKLASH = Law(
@@ -132,9 +141,12 @@ def loose_joint(name: str, scene: Scene, mechanism: Mechanism) -> ClearanceEffec
     contact = Action(name, distance, *sides[:2], CONTACT, parameters, further=tuple(sides[2:]))
     if not entry.friction:
         return ClearanceEffect([contact], connection, mechanism)
-    across = sweeping(*(part.statement.axes[U] for part in connection.released))
+    if scene.joints[name].slides_in(scene.dimension):
+        law, way = SLIDING, connection.measure("sliding")
+    else:
+        law, way = RUBBING, sweeping(*(part.statement.axes[U] for part in connection.released))
     rubbing = *parameters, Quantity.of(entry.friction), Quantity.of(entry.friction_speed)
-    friction = Action(name, across, *connection.sides, RUBBING, rubbing, by_load=True)
+    friction = Action(name, way, *connection.sides, law, rubbing, by_load=True)
     return ClearanceEffect([contact, friction], connection, mechanism)
 
 

@@ -5,7 +5,7 @@ Each is drawn into axes by one function, for pictures and for the page of a run 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,7 @@ from pgmp_petsc.results import Trajectory
 
 N_BINS = 24  # of ranges and of means
 COLUMNS = 3
+TOGETHER = 1e-3  # of a body's motion: nodes nearer than that are one joint
 POLAR = {"projection": "polar"}
 #: outputs of multipliers, by type
 OF_JOINTS = ("joint_force", "joint_torque", "drive_torque", "power")
@@ -48,6 +49,75 @@ def joint_forces(run: Trajectory) -> list[Load]:
         of, frame = entry.get("of", "second"), entry.get("frame", "ground")
         found.setdefault((entry["joint"], of, frame), {})[entry.get("component", "magnitude")] = name
     return [Load(joint, (own["x"], own["y"])) for (joint, *_), own in found.items() if {"x", "y"} <= own.keys()]
+
+
+@dataclass(frozen=True, eq=False)
+class Arrow:
+    """The force in a joint at the frames of a run."""
+
+    joint: str
+    body: str  # on which it acts
+    place: np.ndarray  # of the joint, shape (n_f, 3), m
+    force: np.ndarray  # shape (n_f, 3), N
+
+
+def arrows_of(run: Trajectory) -> tuple[list[Arrow], list[str]]:
+    """Return the forces in joints whose components are all outputs, in the ground's axes, and why others have no
+    arrow."""
+    scene, frames = style.scene_of(run.record), run.frames
+    found: list[Arrow] = []
+    without: list[str] = []
+    of_joint: dict[tuple[str, str], dict[str, str]] = {}
+    for name, entry in outputs_of(run, ("joint_force",)).items():
+        if entry.get("frame", "ground") != "ground":
+            without.append(f'{name}: no arrow of it, as it is along axes of a body; take frame = "ground"')
+        else:
+            of_joint.setdefault((entry["joint"], entry.get("of", "second")), {})[entry.get("component", "")] = name
+    axes = "xy" if next(iter(frames.nodes.values())).shape[1] == 2 else "xyz"
+    for (joint, of), own in of_joint.items():
+        if not set(axes) <= own.keys():
+            without.append(f"{joint}: no arrow of its force, which takes outputs {', '.join(axes)} of joint_force")
+            continue
+        connect = scene["joints"][joint].get("connect")
+        place = None if connect is None else _place(run, scene, connect)
+        if place is None:
+            without.append(f"{joint}: no arrow of its force, as the run does not say where it is")
+            continue
+        force = np.zeros((len(frames.time), 3))
+        for k, axis in enumerate(axes):
+            force[:, k] = np.interp(frames.time, run.time, run.outputs[own[axis]])
+        found.append(Arrow(joint, connect[0 if of == "first" else 1].partition(":")[0], place, force))
+    return found, without
+
+
+def _place(run: Trajectory, scene: Mapping[str, Any], connect: Sequence[str]) -> np.ndarray | None:
+    """Return where a joint's second point is at the frames, shape (n_f, 3); None where the run does not say."""
+    first, second = (_points(run, scene, *name.split(":")) for name in connect)
+    if second.shape[1] == 1:
+        return second[:, 0]
+    # a point of a mesh has a number that the run does not keep: where both bodies always are is the joint
+    apart = np.linalg.norm(first[:, :, None] - second[:, None], axis=3).max(axis=0)
+    k = np.unravel_index(np.argmin(apart), apart.shape)[1]
+    return second[:, k] if apart.min() < TOGETHER * np.ptp(second, axis=(0, 1)).max() else None
+
+
+def _points(run: Trajectory, scene: Mapping[str, Any], body: str, point: str) -> np.ndarray:
+    """Return where a point may be at the frames, shape (n_f, n, 3): one place where it is known, else all nodes."""
+    if body == "ground":
+        at = np.array([scene.get("ground", {}).get("points", {}).get(point, [0.0, 0.0])], dtype=float)
+        shown = np.repeat(at[None], len(run.frames.time), axis=0)
+    else:
+        nodes, shown, entry = run.frames.nodes[body], run.frames.positions[body], scene["bodies"][body]
+        places = {"centre": (entry.get("rigid") or {}).get("centre")} | (entry.get("rigid") or {}).get("points", {})
+        known = None
+        if entry.get("line") is not None:
+            known = {"hinge": 0, "tip": int(np.argmax(nodes[:, 0]))}.get(point)
+        elif all(isinstance(value, (int, float)) for value in places.get(point) or [""]):
+            known = int(np.argmin(np.linalg.norm(nodes - places[point], axis=1)))
+        shown = shown if known is None else shown[:, [known]]
+    found = np.zeros((*shown.shape[:2], 3))
+    found[..., : shown.shape[2]] = shown
+    return found
 
 
 def draw_force(axes: Axes, run: Trajectory, load: Load) -> str:

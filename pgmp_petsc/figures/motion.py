@@ -10,13 +10,14 @@ bodies stay joined, rigid ones included, which go where those that deform take t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures.captions import of_runs
+from pgmp_petsc.figures.loads import Arrow, arrows_of
 from pgmp_petsc.figures.style import MODELS, axis_label, axis_unit, heading, round_below
 from pgmp_petsc.mesh import solid_mesh as reference
 from pgmp_petsc.results import Trajectory
@@ -147,6 +148,7 @@ def coarsened(
 
 # An enlarged deformation reaches this share of the mechanism's size at most, where nobody says how far.
 LARGEST_SHOWN = 0.05
+LONGEST_ARROW = 0.25  # of a force in a joint, as a share of the mechanism's size
 N_PHASES = 24  # of a period of a mode
 WORDS = {"mises": "von Mises stress", "deformation": "deformation", "displacement": "displacement", "none": ""}
 
@@ -180,11 +182,19 @@ class Motion:
     #: number of the instant at which the largest value is reached, the last one where there are no colours
     peak: int = -1
     metre: str = "m"  # unit of places
+    arrows: tuple[Arrow, ...] = ()  # forces in joints
+    per_metre: float = 1.0  # force (N) that an arrow of a metre is
+    forces: str = ""  # what arrows are, in words
 
     @property
     def points(self) -> np.ndarray:
         """All places that anything is at, shape (n, 3), m."""
-        return np.concatenate([skin.points.reshape(-1, 3) for skin in self.skins])
+        ends = [np.concatenate([arrow.place, self.end(arrow)]) for arrow in self.arrows]
+        return np.concatenate([*(skin.points.reshape(-1, 3) for skin in self.skins), *ends])
+
+    def end(self, arrow: Arrow) -> np.ndarray:
+        """Return where the point of an arrow is at the instants, shape (n_f, 3), m."""
+        return arrow.place + arrow.force / self.per_metre
 
     def only(self, number: int) -> Motion:
         """Return one instant alone."""
@@ -193,12 +203,13 @@ class Motion:
             replace(skin, points=skin.points[one], values=None if skin.values is None else skin.values[one])
             for skin in self.skins
         )
-        return replace(self, skins=tuple(skins), captions=self.captions[one], peak=0)
+        arrows = (replace(arrow, place=arrow.place[one], force=arrow.force[one]) for arrow in self.arrows)
+        return replace(self, skins=tuple(skins), arrows=tuple(arrows), captions=self.captions[one], peak=0)
 
     def together(self, numbers: np.ndarray) -> Motion:
         """Return several instants as one."""
         parts = [self.only(int(number)) for number in numbers]
-        return replace(parts[-1], skins=tuple(skin for part in parts for skin in part.skins))
+        return replace(parts[-1], skins=tuple(skin for part in parts for skin in part.skins), arrows=(), forces="")
 
     @property
     def flat(self) -> bool:
@@ -250,7 +261,27 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
     seen = WORDS[colour][:1].upper() + WORDS[colour][1:] or "Motion"
     title = heading(f"{seen}, {MODELS[run.model]}{enlarged}", run.record, label)
     captions = [f"t = {instant:.4g} s" for instant in frames.time]
-    return Motion(tuple(skins), captions, title, notes, quantity, largest, factor, peak, run.record.system.unit("m"))
+    arrows, without = arrows_of(run)
+    metre = run.record.system.unit("m")
+    per_metre, forces = _scaled(arrows, skins, run.record.system.unit("N"), metre)
+    return Motion(
+        tuple(skins), captions, title, [*notes, *without], quantity, largest, factor, peak, metre, tuple(arrows),
+        per_metre, forces,
+    )  # fmt: skip
+
+
+def _scaled(arrows: Sequence[Arrow], skins: Sequence[Skin], newton: str, metre: str) -> tuple[float, str]:
+    """Return the force that an arrow of a metre is, such that the largest one is seen, and what arrows are in words."""
+    largest = max((float(np.linalg.norm(arrow.force, axis=1).max()) for arrow in arrows), default=0.0)
+    if not largest > 0.0:
+        return 1.0, ""
+    extent = float(np.ptp(np.concatenate([skin.points.reshape(-1, 3) for skin in skins]), axis=0).max())
+    length = round_below(LONGEST_ARROW * extent)
+    force = 1.0 / round_below(1.0 / largest)
+    factors = [axis_unit(unit, np.array([size])) for unit, size in ((newton, force), (metre, length))]
+    of, at = (f"{size * factor:.6g} {unit}" for (factor, unit), size in zip(factors, (force, length)))
+    named = ", ".join(f"{arrow.joint} on {arrow.body}" for arrow in arrows)
+    return force / length, f"forces in joints ({named}): an arrow of {at} is {of}"
 
 
 def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | None = None) -> Motion:

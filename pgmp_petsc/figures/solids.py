@@ -29,6 +29,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.figures.loads import Arrow
 from pgmp_petsc.figures.motion import Motion, Skin, motion_of
 from pgmp_petsc.figures.style import PROGRAM, QUIET, RESOLUTION, axis_unit, new_figure, round_below, styled, top_legend
 from pgmp_petsc.files.claims import replacing
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 COLOURS = "viridis"
 RIGID, PLAIN = "#B9BEC4", "#7FA6C9"
 EDGE = "#3A3A3A"
+FORCE = "#A32A00"
 WINDOWS = {"vtkEGLRenderWindow": "libEGL.so.1", "vtkOSOpenGLRenderWindow": "libOSMesa.so.8"}
 OLDEST = (9, 4)  # of VTK: older ones end the process where there is no display
 THINNEST = 1.5e-3  # radius of beams over the size of the picture: thinner ones are drawn so
@@ -131,6 +133,10 @@ class Stage:
             self._plotter.enable_anti_aliasing("ssaa")
             self._drawn = [_Drawn(self._pyvista, self._plotter, skin, motion, self._thinnest) for skin in motion.skins]
             depth = float(np.ptp(motion.points @ view[2]))
+            # in front of all bodies; without perspective that is the same place of the picture
+            before = (depth + 2.0 * max(skin.radius for skin in motion.skins)) * view[2]
+            for arrow in motion.arrows:
+                self._drawn.append(_Pointed(self._pyvista, self._plotter, arrow, motion, reach, before))
             centre = 0.5 * (low + high)
             middle = centre @ view[:2] + float(np.mean(motion.points @ view[2])) * view[2]
             camera, away = self._plotter.camera, 2.0 * (depth + reach)
@@ -243,6 +249,37 @@ class _Drawn:
         found = matplotlib.colormaps[COLOURS](values / max(self._largest, 1e-300))[:, :3]
         found[~np.isfinite(values)] = to_rgb(QUIET)
         return (255.0 * found).round().astype(np.uint8)
+
+
+class _Pointed:
+    """A force on the stage, an arrow of one thickness."""
+
+    def __init__(
+        self,
+        pyvista: ModuleType,
+        plotter: pyvista.Plotter,
+        arrow: Arrow,
+        motion: Motion,
+        reach: float,
+        before: np.ndarray,
+    ) -> None:
+        self._pyvista, self._thick = pyvista, 1.4e-2 * reach
+        self._starts, self._ends = arrow.place + before, motion.end(arrow) + before
+        self._mesh = self._shape(0)
+        plotter.add_mesh(self._mesh, color=FORCE, lighting=False)
+
+    def show(self, number: int) -> None:
+        """Put the arrow where it is at an instant."""
+        self._mesh.copy_from(self._shape(number))
+
+    def _shape(self, number: int) -> pyvista.PolyData:
+        start, way = self._starts[number], self._ends[number] - self._starts[number]
+        length = max(float(np.linalg.norm(way)), 1e-3 * self._thick)
+        thick = min(self._thick, 0.2 * length)
+        return self._pyvista.Arrow(
+            start=start, direction=way if way.any() else (1.0, 0.0, 0.0), scale=length, shaft_radius=thick / length,
+            tip_radius=2.5 * thick / length, tip_length=min(6.0 * thick / length, 0.5),
+        )  # fmt: skip
 
 
 WIDTH = 8.6  # inches
@@ -385,7 +422,8 @@ def _keys(motion: Motion) -> list:
     rigid = any(skin.rigid for skin in motion.skins)
     plain = any(not skin.rigid and skin.values is None for skin in motion.skins)
     keys = [Patch(color=RIGID, label="rigid")] if rigid and not all(skin.rigid for skin in motion.skins) else []
-    return [*keys, Patch(color=PLAIN, label="flexible, not coloured")] if plain and motion.quantity else keys
+    keys += [Patch(color=PLAIN, label="flexible, not coloured")] if plain and motion.quantity else []
+    return [*keys, Patch(color=FORCE, label=motion.forces)] if motion.forces else keys
 
 
 GIF, MP4 = ".gif", ".mp4"

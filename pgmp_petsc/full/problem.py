@@ -6,6 +6,7 @@ A rank has the elements, joints and effects that touch its unknowns: all of them
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from itertools import compress
 
 import numpy as np
@@ -69,12 +70,21 @@ class Sources:
         self.loads, self.actions, self.motions = tuple(loads), tuple(actions), tuple(motions)
         self.controls: Controls | None = None
 
-    @property
+    @cached_property
     def controlled(self) -> tuple[list[int], list[int]]:
-        """Numbers of the actions here to which forces are given, and numbers of these in `Controls.names`."""
-        names = [] if self.controls is None else list(self.controls.names)
-        found = given_to(self.actions) if names else []
-        return found, [names.index(self.actions[k].effect) for k in found]
+        """Numbers of the actions here to which forces are given, and numbers of these parts among those of all
+        (`Controls.firsts`)."""
+        found = [] if self.controls is None else given_to(self.actions)
+        before = [sum(self.actions[k].effect == self.actions[one].effect for one in found if one < k) for k in found]
+        firsts = dict(zip(self.controls.names, self.controls.firsts)) if found else {}
+        return found, [firsts[self.actions[k].effect] + n for k, n in zip(found, before)]
+
+    @cached_property
+    def led_by_states(self) -> tuple[list[int], list[int]]:
+        """Numbers of the actions here that are the first part of a force that is given, and of these forces."""
+        numbers = dict(zip(self.controls.firsts, range(len(self.controls.names))))
+        pairs = [(k, numbers[row]) for k, row in zip(*self.controlled) if row in numbers]
+        return [k for k, _ in pairs], [number for _, number in pairs]
 
     def at(self, times: np.ndarray) -> Strengths:
         """Return what acts at times of shape (n,), s."""
@@ -85,7 +95,7 @@ class Sources:
         angles, speeds = (np.ascontiguousarray(moved[:, k].T) for k in range(2))
         amplitudes = amplitudes_over(self.actions, times)
         if self.controls is not None and not self.controls.iterates:
-            columns, numbers = self.controlled
+            columns, numbers = self.led_by_states
             amplitudes[:, columns] += self.controls.forces(times)[:, 0, numbers]
         return Strengths(np.ascontiguousarray(loads.T), amplitudes, angles, speeds)
 

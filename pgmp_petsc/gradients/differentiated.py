@@ -112,6 +112,7 @@ def differentiate(
 
     def once(attempt: Attempt) -> Run:
         system = model.batch(beside.values, beside.n_runs)
+        system.precise = bool(model.scene.beside)
         if system.settled is not None:
             system.settled.require()
         trail = StateRecord(pulse)

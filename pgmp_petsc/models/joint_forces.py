@@ -1,4 +1,4 @@
-"""Multipliers of joints in a reduced model: residuals of unit gaps in its equations (`reduction.joint_gaps`).
+"""Multipliers of joints in a reduced model: rows of unit gaps in its equations (`reduced.gap_forces`).
 
 Friction that hangs on the force that a joint carries is in these equations, and that force of them: at given
 accelerations the two are found in turn, which contracts by about the coefficient times a lever over a length.
@@ -19,18 +19,19 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.models.measures import MultipliersOf
 from pgmp_petsc.outputs.joint_forces import ForceOutput
 from pgmp_petsc.reduced.actions import ReducedActions
+from pgmp_petsc.reduced.gap_forces import GapForces
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedDamping, ReducedTerms
-from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.joint_gaps import rows_of
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.second_order_system import State
 
-AT_ONCE = 2048  # states that are evaluated together: their polynomials stay in the cache
+AT_ONCE = 2048  # states whose local effects are evaluated together
 MOST_TURNS, SETTLED = 100, 1e-12  # of forces carried and friction, found in turn
-MANY = 64  # samples at an instant from which on instants are evaluated one by one
+
+_Systems = tuple[ReducedSystem | None, ReducedSystem | None]
 
 
 class ReducedMultipliers:
@@ -46,6 +47,8 @@ class ReducedMultipliers:
         What acts, and the prescribed motions by the numbers of their coordinates.
     start
         Positions (rad) of the coordinates at the start, shape (n_theta,).
+    own
+        Terms and local effects of the model.
 
     Raises
     ------
@@ -63,36 +66,41 @@ class ReducedMultipliers:
         effects: Sequence[Effect],
         motions: Mapping[int, Motion],
         start: np.ndarray,
+        own: tuple[ReducedTerms, ReducedActions],
     ) -> None:
-        known = np.zeros(0, dtype=int) if rom.gaps is None else rom.gaps.rows
+        n_held, gaps = kinematics.mechanism.n_held, rom.gaps
+        known = np.zeros(0, dtype=int) if gaps is None else gaps.rows
         for entry, force in ((table, one) for table, of in (("outputs", forces), ("effects", carried)) for one in of):
-            if not np.isin(rows_of([force], kinematics.mechanism.n_held), known).all():
+            if not np.isin(rows_of([force], n_held), known).all():
                 raise InputError(
                     f"{entry}.{force.name}: the reduced model was built without what forces in this joint need; name "
                     "it in the scene and run pgmp build again"
                 )
-        self._asked, self._carried = any(force.rows.size for force in (*forces, *carried)), carried
-        self._n_held, self._n_own = kinematics.mechanism.n_held, rom.tables.n_modes + rom.tables.n_coordinates
-        self._rows, self._effects, self._motions = known, effects, motions
-        scheme, wider = scene.interpolation, rom.with_gaps
+        self._n_held, self._rows, self._effects, self._motions = n_held, known, effects, motions
+        self._drives = any((force.rows >= n_held).any() for force in forces)
+        self._gaps, (self._terms, self._own_actions), self._actions = None, own, None
+        self._carried, scheme = carried, scene.interpolation
         self._nodes = sorted({node for one in carried for node in one.nodes})
-        self._frames = Reconstruction(kinematics, rom, scheme, self._nodes)
-        self._weights, self._inertia = rom.tables.mass_weights, None
-        if rom.gaps is not None and rom.gaps.cubic is not None:
-            inertia = np.moveaxis(rom.gaps.mass[..., rom.tables.n_coordinates :], -1, 1)
-            self._inertia = interpolant(rom.tables.samples, inertia.reshape(*inertia.shape[:2], -1), scheme)
-        damping = ReducedDamping.of(effects, kinematics, wider)
-        self._terms = ReducedTerms.of(
-            wider.tables, wider.rigid_inertia, kinematics, wider.projection, scheme, damping, scene.gyroscopic
+        self._frames = Reconstruction(kinematics, rom, scheme, self._nodes) if self._nodes else None
+        self._kept: tuple[int, _Systems, Mapping[str, np.ndarray]] | None = None
+        if not rows_of((*forces, *carried), n_held).size:
+            return
+        terms = own[0]
+        projection, curvature = gaps.beside(rom.projection, rom.curvature)
+        wider = replace(rom, projection=projection, curvature=curvature)
+        self._gaps = GapForces.of(
+            gaps, rom.tables, scheme, ReducedDamping.of(effects, kinematics, wider), scene.gyroscopic
         )
-        self._actions = ReducedActions.of(
-            actions_of(effects), kinematics, wider, scheme, start, self._terms.parts
-        )  # fmt: skip
+        actions = actions_of(effects)
+        if actions:
+            self._actions = ReducedActions.of(actions, kinematics, wider, scheme, start, terms.parts)
+            self._wider = _widened(terms, known.size)
 
     def under(self, effects: Sequence[Effect]) -> Self:
         """Return the multipliers under effects that differ in what acts over time alone."""
-        other = copy(self)
-        other._effects, other._actions = effects, replace(self._actions, actions=actions_of(effects))
+        other, actions = copy(self), actions_of(effects)
+        other._effects, other._own_actions = effects, replace(self._own_actions, actions=actions)
+        other._actions, other._kept = self._actions and replace(self._actions, actions=actions), None
         return other
 
     def of(self, times: np.ndarray | float, states: State, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
@@ -100,19 +108,19 @@ class ReducedMultipliers:
         times (s) and parameter values are numbers or of shape (n,)."""
         n = len(states.q)
         times, values = np.broadcast_to(times, n), {name: np.broadcast_to(one, n) for name, one in values.items()}
-        found = np.full((self._n_held + len(self._motions), n), np.nan)
-        if not self._asked:
+        found = self._without_actions(times, states, values)
+        if self._actions is None and not self._drives:
             return found
-        together, same = _samples(times, values)
-        system = self._system(together, {name: one[:together] for name, one in values.items()}) if same else None
-        for first in range(0, n, together):
-            some = slice(first, min(first + together, n))
+        for first in range(0, n, AT_ONCE):
+            some = slice(first, min(first + AT_ONCE, n))
             own = {name: one[some] for name, one in values.items()}
-            rows = system or self._system(some.stop - first, own)
-            state = State(*(part[some] for part in (states.q, states.v, states.a)), np.zeros(0))
-            loads = np.zeros((len(self._carried), some.stop - first))
+            if self._kept is None or self._kept[0] != some.stop - first or not _same(self._kept[2], own):
+                own = {name: np.array(one) for name, one in own.items()}
+                self._kept = some.stop - first, self._systems(some.stop - first, own), own
+            state = State(states.q[some], states.v[some], states.a[some], np.zeros(0))
+            loads, alone = np.zeros((len(self._carried), some.stop - first)), found[:, some].copy()
             for _ in range(MOST_TURNS):
-                found[:, some], before = self._with(rows, loads, times[some], state, own), loads
+                found[:, some], before = self._with(self._kept[1], loads, times[some], state, alone), loads
                 loads = self._loads(state, found[:, some], own)
                 if not np.any(np.abs(loads - before) > SETTLED * np.abs(loads)):
                     break
@@ -122,10 +130,12 @@ class ReducedMultipliers:
         """Return what finds the multipliers of samples as an iteration goes on; a sample that does not move keeps what
         it had, so that it is the same whatever is beside it."""
         every = {name: np.broadcast_to(one, n_samples) for name, one in values.items()}
-        system, kept = self._system(n_samples, every), [np.full((n_samples, self._n_own), np.nan), None]
+        systems, n_own = self._systems(n_samples, every), self._terms.layout.n_eta
+        kept: list[np.ndarray | None] = [np.full((n_samples, n_own), np.nan), None]
 
         def multipliers(time: float, state: State, loads: np.ndarray) -> np.ndarray:
-            found = self._with(system, loads, np.full(n_samples, time), state, every)
+            times = np.full(n_samples, time)
+            found = self._with(systems, loads, times, state, self._without_actions(times, state, every))
             same = (kept[0] == state.a).all(axis=1)
             if same.any():
                 found[:, same] = kept[1][:, same]
@@ -134,54 +144,60 @@ class ReducedMultipliers:
 
         return multipliers
 
+    def _without_actions(self, times: np.ndarray, states: State, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Return the multipliers of joints, without what local effects add."""
+        found = np.full((self._n_held + len(self._motions), len(times)), np.nan)
+        if self._gaps is not None:
+            found[self._rows] = -self._gaps.at(times, states, values, self._effects)
+        return found
+
     def _with(
-        self,
-        system: ReducedSystem,
-        loads: np.ndarray,
-        times: np.ndarray,
-        state: State,
-        values: Mapping[str, np.ndarray],
+        self, systems: _Systems, loads: np.ndarray, times: np.ndarray, state: State, alone: np.ndarray
     ) -> np.ndarray:
-        """Return the multipliers where joints carry forces (n_carried, n)."""
-        found, driven = np.full((self._n_held + len(self._motions), len(times)), np.nan), sorted(self._motions)
-        system.put_forces(list(loads[..., None]))
-        wider = State(*(self._wider(part) for part in (state.q, state.v, state.a)), np.zeros(0))
-        residual = system.residuals_at(times, wider)
-        found[self._rows] = -residual[:, self._n_own :].T
-        if self._inertia is not None:
-            found[self._rows] -= self._as_inertia_changes(wider, values)
-        found[self._n_held :] = -residual[:, driven].T
+        """Return the multipliers where joints carry forces (n_carried, n), of those without local effects."""
+        found, (own, wide), g = alone.copy(), systems, self._rows.size
+        for system in (one for one in systems if one is not None):
+            system.put_forces(list(loads[..., None]))
+        if wide is not None:
+            moving = State(*(np.pad(part, ((0, 0), (0, g))) for part in (state.q, state.v, state.a)), np.zeros(0))
+            found[self._rows] -= wide.acting_at(times, moving)[:, -g:].T
+        if own is not None:
+            found[self._n_held :] = -own.residuals_at(times, state)[:, sorted(self._motions)].T
         return found
 
     def _loads(self, state: State, multipliers: np.ndarray, values: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return the forces that joints carry, (n_carried, n)."""
         if not self._carried:
             return np.zeros((0, len(state.q)))
-        at, moving = (dict(zip(self._nodes, part)) for part in self._frames.jets((state.q, state.v), 1))
+        jets = ({}, {}) if self._frames is None else self._frames.jets((state.q, state.v), 1)
+        at, moving = (dict(zip(self._nodes, part)) for part in jets)
         return np.array([one.value(at, moving, multipliers, values) for one in self._carried])
 
-    def _as_inertia_changes(self, state: State, values: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Return ``1/2 m_ij' theta'' d_j``, shape (g, n): what is linear in accelerations of theta of all that
-        skew gyroscopic terms leave out (`JointGaps.changing`)."""
-        m, n = self._inertia.shape[0], len(state.q)
-        theta, delta = np.split(state.q[:, : self._n_own], [self._n_own - m], axis=1)
-        found = sum(self._inertia.product(theta, 0.5 * state.a[:, k, None] * delta, k) for k in range(theta.shape[1]))
-        shares = [np.broadcast_to(weight.evaluate(values), n) for weight in self._weights]
-        return np.einsum("nwg,wn->gn", found.reshape(n, len(shares), self._rows.size), shares)
-
-    def _system(self, n: int, values: Mapping[str, np.ndarray]) -> ReducedSystem:
-        given = np.zeros((self._terms.tables.n_given, n))
-        return ReducedSystem(self._terms, self._effects, values, (0.0, 0.0), n, self._motions, self._actions, given)
-
-    def _wider(self, rows: np.ndarray) -> np.ndarray:
-        """Return coordinates (n, n_eta), or their rates, with those of the gaps behind them."""
-        return np.hstack([rows, np.zeros((len(rows), self._rows.size))])
+    def _systems(self, n: int, values: Mapping[str, np.ndarray]) -> _Systems:
+        """Return n samples of the model, where drives are asked for, and samples that know of local effects alone, on a
+        basis with the gaps behind it, where there are any."""
+        given, moving = np.zeros((self._terms.tables.n_given, n)), ((0.0, 0.0), n, self._motions)
+        own = wide = None
+        if self._drives:
+            own = ReducedSystem(self._terms, self._effects, values, *moving, self._own_actions, given)
+        if self._actions is not None:
+            wide = ReducedSystem(self._wider, self._effects, values, *moving, self._actions, given)
+        return own, wide
 
 
-def _samples(times: np.ndarray, values: Mapping[str, np.ndarray]) -> tuple[int, bool]:
-    """Return how many rows are evaluated together, and whether they are the same samples at one instant after the
-    other: what is interpolated for these is kept from instant to instant."""
-    n = int(np.argmin(np.append(times == times[0], False)))
-    if n < MANY or len(times) % n or any((one.reshape(-1, n) != one[:n]).any() for one in values.values()):
-        return AT_ONCE, False
-    return n, True
+def _same(values: Mapping[str, np.ndarray], others: Mapping[str, np.ndarray]) -> bool:
+    """Return whether samples have the same values: what is interpolated for them is kept from call to call."""
+    return values.keys() == others.keys() and all(np.array_equal(values[name], one) for name, one in others.items())
+
+
+def _widened(terms: ReducedTerms, g: int) -> ReducedTerms:
+    """Return the terms of a system of which local effects alone are evaluated, with g coordinates more."""
+    tables, n_eta = terms.tables, terms.layout.n_eta + g
+    sizes = {
+        "mass": (len(tables.mass), 0, n_eta, n_eta),
+        "stiffness": (len(tables.mass), 0, *(tables.n_modes + g,) * 2),
+    }
+    return replace(
+        terms, tables=replace(tables, **{name: np.empty(size) for name, size in sizes.items()}),
+        layout=terms.layout._replace(n_eta=n_eta), scale=np.pad(terms.scale, (0, g), constant_values=1.0),
+    )  # fmt: skip

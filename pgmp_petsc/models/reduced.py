@@ -101,8 +101,9 @@ class ReducedModel:
             from pgmp_petsc.models.joint_forces import ReducedMultipliers  # few scenes have them
 
             self.multipliers = ReducedMultipliers(
-                scene, rom, self.kinematics, self.outputs.forces, carried, self.effects, self.motions, self.start[0]
-            )
+                scene, rom, self.kinematics, self.outputs.forces, carried, self.effects, self.motions, self.start[0],
+                (self.terms, self.actions),
+            )  # fmt: skip
         self.joint_angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
         self.stiffness_changes = rom.stiffness_changes
         self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))
@@ -263,5 +264,6 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
 
         multipliers = model.multipliers.in_steps(own, n_samples) if model.measures.carried else None
         put, measured = system.put_forces, system.measured
-        system.control(model.measures.controls(frames, values, n_samples, put, multipliers, measured))
+        controls = model.measures.controls(frames, values, n_samples, put, multipliers, measured)
+        system.control(controls, model.measures.origins if model.measures.in_lanes else None)
     return system

@@ -23,7 +23,7 @@ their equations (`full.systems`), of a reduced model those that `reduction` find
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import ClassVar, Literal, Self
 
@@ -246,6 +246,8 @@ class OfConnection(ForceOutput):
     space: Space
     connection: Connection
     pulls: tuple[Pull, ...]  # what acts in the directions that it releases
+    #: force for a unit of each multiplier, shape (d, n_rows), where that is the same everywhere
+    shares: np.ndarray | None = None
 
     @classmethod
     def of(cls, name: str, entry: InJoint, connection: Connection, mechanism: Mechanism) -> Self:
@@ -269,12 +271,29 @@ class OfConnection(ForceOutput):
         rows = np.arange(first, first + len(connection.held))
         sides = [*connection.sides, *(side for _, own in connection.held for side in own)]
         nodes = frozenset(side.node for side in sides if not side.on_ground)
-        return cls(
+        made = cls(
             name, rows, nodes, any(pull.reads_rates for pull in pulls), entry, mechanism.space, connection, pulls
         )
+        along_ground = entry.frame == "ground" and entry.component not in ("axial", "radial")
+        if entry.turning or pulls or not along_ground or any(part.kind != MEET for part in statements):
+            return made
+        return replace(made, nodes=frozenset(), shares=made.of_units())
+
+    def of_units(self) -> np.ndarray:
+        """Return the force (d, n_rows) for a unit of each multiplier, of points that meet."""
+        d, gradients = self.space.dimension, []
+        nowhere = np.zeros((d * (d + 1), 1))
+        for part, _ in self.connection.held:
+            slopes = (function.factor * own.gradient(nowhere, nowhere)[len(nowhere) :] for own, function in part.terms)
+            gradients.append(-sum(slopes)[:d, 0])
+        return np.array(gradients).T
 
     def value(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
         """Return the component."""
+        if self.shares is not None:
+            # sums of numbers alone: those of matrices hang on what is side by side
+            force = sum(share[:, None] * multipliers[row] for share, row in zip(self.shares.T, self.rows))
+            return self.component(-force if self.entry.of == "first" else force, frames)
         force, moment = self.wrench(frames, rates, multipliers, values)
         acting = moment if self.entry.turning else force
         if self.entry.of == "first":

@@ -90,7 +90,7 @@ class FormulaOfOutputs(OutputEntry):
     def made_in(self, scene: Scene) -> Mapping[str, str]:
         """Return the outputs that it names."""
         try:
-            _, used = self._declared(scene)
+            _, used = self.in_declarations(scene)
         except FormulaError:
             return {}
         return dict.fromkeys((name for name in scene.outputs if name in used), "formula")
@@ -98,12 +98,12 @@ class FormulaOfOutputs(OutputEntry):
     def uses(self, scene: Scene, entry: str) -> Iterator[Use]:
         """Yield the parameters that it names."""
         try:
-            _, used = self._declared(scene)
+            _, used = self.in_declarations(scene)
         except FormulaError:  # which `problems` says
             return
         yield from (Use(f"{entry}.formula.{name}", name, "any", ()) for name in scene.parameters if name in used)
 
-    def _declared(self, scene: Scene) -> tuple[str, set[str]]:
+    def in_declarations(self, scene: Scene) -> tuple[str, set[str]]:
         names = {name: f"of_{name}" for name in (*scene.outputs, *scene.parameters) if name.isidentifier()}
         return declared(self.formula, names | {"t": TIME}, "the names of outputs and parameters, the time t")
 
@@ -111,7 +111,7 @@ class FormulaOfOutputs(OutputEntry):
         """Yield a line if it is no formula, or its units do not fit."""
         entry = f"outputs.{name}.formula"
         try:
-            _, used = self._declared(scene)
+            _, used = self.in_declarations(scene)
         except FormulaError as error:
             yield problem(entry, str(error), self.formula)
             return
@@ -130,7 +130,7 @@ class FormulaOfOutputs(OutputEntry):
         given = self.unit
         if given is None:
             if found.dimension is None:
-                _, used = self._declared(scene)
+                _, used = self.in_declarations(scene)
                 named = [one for one in scene.parameters if one in used]
                 unknown = [one for one in named if _of_parameter(scene, one).dimension is None]
                 words = f"missing; that of {', '.join(unknown) or 'what the formula names'} is not known: give it"
@@ -159,7 +159,7 @@ class FormulaOfOutputs(OutputEntry):
         return found.unit or _name_of(found.dimension or NUMBER.dimension)
 
     def _measured(self, scene: Scene) -> Measured:
-        text, used = self._declared(scene)
+        text, used = self.in_declarations(scene)
         names = {TIME: Measured((0.0, 0.0, 1.0), "s")}
         for name in used - {"t"}:
             names[f"of_{name}"] = _of_output(scene, name) if name in scene.outputs else _of_parameter(scene, name)
@@ -172,7 +172,7 @@ class FormulaOfOutputs(OutputEntry):
 
     def combined(self, name: str, parts: Mapping[str, AnyReading], scene: Scene) -> AnyReading:
         """Return the formula of what it names."""
-        text, used = self._declared(scene)
+        text, used = self.in_declarations(scene)
         return Combined(
             text, {f"of_{one}": part for one, part in parts.items()},
             {f"of_{one}": one for one in scene.parameters if one in used}, "t" in used,

@@ -122,9 +122,9 @@ class ReducedActions:
         """Return what the kernel takes, for samples with values of shape (n_samples,)."""
         compiled = compile_actions(self.actions, values, n_samples, self.dimension)
         with_edges = [k for k, action in enumerate(self.actions) if action.law.edges]
-        return LocalEffects(self.places, compiled, self._chosen(range(len(self.actions))), self._chosen(with_edges))
+        return LocalEffects(self.places, compiled, self.chosen(range(len(self.actions))), self.chosen(with_edges))
 
-    def _chosen(self, numbers: Sequence[int]) -> Chosen:
+    def chosen(self, numbers: Sequence[int]) -> Chosen:
         """Return some actions with their nodes."""
         every = nodes_of(self.actions)
         nodes = [every.index(node) for node in nodes_of([self.actions[k] for k in numbers])]

@@ -33,12 +33,21 @@ from pgmp_petsc.lanes.vectors import (
 )
 from pgmp_petsc.reduced.action_kernel import act, allocate_local, bent_lanes, forget_rates, limited_lanes
 from pgmp_petsc.reduced.arrays import Strengths, acting_of, allocate, places_of
+from pgmp_petsc.reduced.control import (
+    accelerate_lanes,
+    act_of_states,
+    begin_steps,
+    follow_states,
+    sample_states,
+    show_forces,
+)
 from pgmp_petsc.reduced.kernel import correct_block, follow_correction, gather, scatter
 from pgmp_petsc.stepping.alpha_step import (
     FIRST_CONTRACTION,
     MAX_ITERATIONS,
     PROBED_EVERY,
     REFRESH_EVERY,
+    TOLERANCE_OF_ONE,
     contraction_of,
     expected_after,
     goes_on,
@@ -76,8 +85,8 @@ STEP, GAIN_V, GAIN_A = range(3)  # rows of a pace
 
 
 @njit(error_model="numpy", forceinline=True)
-def allocate_clocks(n, strengths, n_events):
-    """Return those of a block of n coordinates, as long as they show nothing."""
+def allocate_clocks(n, n_beside, strengths, n_events):
+    """Return those of a block of n coordinates and numbers beside, as long as they show nothing."""
     return Clocks(
         empty_lanes(GAIN_A + 1, LANES),
         Strengths(
@@ -86,17 +95,17 @@ def allocate_clocks(n, strengths, n_events):
             empty_lanes(strengths.motions.shape[1], LANES),
         ),
         allocate_search(n_events),
-        allocate_state(n),
+        allocate_state(n, n_beside),
         np.empty(LANES, dtype=np.int64),
     )
 
 
 @njit(error_model="numpy", forceinline=True)
-def allocate_state(n):
+def allocate_state(n, n_beside):
     """Return vectors for a state as `reduced_steps.advance` takes it."""
     return (
         empty_lanes(n, LANES), empty_lanes(n, LANES), empty_lanes(n, LANES), empty_lanes(n, LANES),
-        empty_lanes(n, LANES), empty_lanes(1, LANES),
+        empty_lanes(n, LANES), empty_lanes(1, LANES), empty_lanes(n_beside, LANES),
     )  # fmt: skip
 
 
@@ -191,10 +200,11 @@ class Progress(NamedTuple):
     #: accelerations after them, (n_t, 3, n_samples, n_eta)
     shown: np.ndarray
     trail: np.ndarray
+    precise: bool  # whether iterations go on as far as those of runs whose differences are taken
 
 
 @njit(cache=True, entry=True, error_model="numpy")
-def advance(equations, memory, strengths, functions, scheme, steps, state, bounds, lanes, progress):
+def advance(equations, memory, strengths, functions, scheme, steps, state, bounds, lanes, progress, control):
     """Take some samples through several equal steps, each until it is done or something happens to it.
 
     A lane goes from step to step by itself: where one searches the edge of a law within a step, others go on.
@@ -209,22 +219,25 @@ def advance(equations, memory, strengths, functions, scheme, steps, state, bound
     steps
         Number of the first step in the run, ends of all steps (n_t,) and length of each, s.
     state
-        ``(q, v, a, auxiliary, before, contraction)``, each (n_samples, n_eta), with the auxiliary accelerations and the
-        accelerations one step before, and the contraction to be expected (n_samples, 1); advanced in place. A sample to
-        which something happens stays at the beginning of that step.
+        ``(q, v, a, auxiliary, before, contraction, beside)``, each (n_samples, n_eta), with the auxiliary accelerations
+        and the accelerations one step before, the contraction to be expected (n_samples, 1), and numbers beside,
+        (n_samples, n_beside); advanced in place. A sample to which something happens stays at the beginning of that
+        step.
     bounds
         Range of each coordinate in which the tables hold, (n_theta, 2).
     lanes
         Sets of those to advance, shape (n_blocks,).
     progress
         Result.
+    control
+        The controllers, a reference to `control.Control`.
     """
     equations, memory = loaded(equations), loaded(memory)
     n = equations.layout.n_eta
     work = allocate(equations.layout)
     local = allocate_local(equations.local, len(equations.grid), n)
-    clocks = allocate_clocks(n, strengths, memory.depths.shape[1])
-    of_block = allocate_state(n)
+    clocks = allocate_clocks(n, state[6].shape[1], strengths, memory.depths.shape[1])
+    of_block = allocate_state(n, state[6].shape[1])
     for block in range(lanes.size):
         if lanes[block] == 0:
             continue
@@ -232,7 +245,7 @@ def advance(equations, memory, strengths, functions, scheme, steps, state, bound
             gather(part, memory.samples[block], vectors)
         _advance_block(
             equations, memory, block, strengths, functions, scheme, steps, bounds, lanes[block], of_block, clocks,
-            work, local, progress,
+            work, local, progress, control,
         )  # fmt: skip
         for part, vectors in zip(state, of_block):
             scatter(vectors, memory.samples[block], lanes[block], part)
@@ -241,6 +254,7 @@ def advance(equations, memory, strengths, functions, scheme, steps, state, bound
 @njit(cache=True, apart=True, error_model="numpy", fastmath={"contract"}, counted=False)
 def _advance_block(
     equations, memory, block, strengths, functions, scheme, steps, bounds, lanes, state, clocks, work, local, progress,
+    control,
 ):  # fmt: skip
     """Take some lanes of a block through the steps; `state` are its vectors."""
     going, outcome, n_steps = lanes, progress.outcome[block], progress.n_steps[block]
@@ -248,6 +262,11 @@ def _advance_block(
     begin(scheme, steps, progress.shown, clocks)
     while going != 0:
         set_out(strengths, functions, scheme, steps, going, n_steps, state[5], clocks)
+        if state[6].shape[0] > 0:
+            begin_steps(
+                control, search, scheme, steps, n_steps, clocks.pace, state[6], samples, going,
+                equations.local.actions.parameters,
+            )  # fmt: skip
         searching, lost = in_search(search), going
         for attempt in range(2):
             if attempt == 0:
@@ -255,7 +274,9 @@ def _advance_block(
             else:
                 _predict_anew(equations, scheme, state, clocks, lost, work)
             careful = searching if attempt == 0 else lost
-            lost = _converge(equations, memory, block, clocks, lost, careful, attempt, state[5], work, local, progress)
+            lost = _converge(
+                equations, memory, block, clocks, lost, careful, attempt, state, work, local, progress, control
+            )
             if lost == 0:
                 break
             store(state[5], 0, blend(lost, spread(FIRST_CONTRACTION), load(state[5], 0)))
@@ -273,6 +294,12 @@ def _advance_block(
             _stand(state, begun, n)
         beyond_bounds = _outside(work, bounds) & done
         done &= ~beyond_bounds
+        if state[6].shape[0] > 0 and done | onward != 0:
+            act_of_states(
+                control, equations.local, equations.grid, clocks.strengths.actions, work.q, work.rate, samples,
+                done | onward, local, places_of(memory, block), acting_of(memory, block), memory.known, memory.depths,
+            )  # fmt: skip
+            follow_states(control, scheme, state[6], samples, done | onward)
         _follow(scheme, state, done | onward, n, work)
         if searching != 0:
             _stand(state, onward, n)
@@ -284,11 +311,20 @@ def _advance_block(
             _keep(clocks.kept, back, state)
             give_up(search, back, samples, progress.beyond)
         going &= ~(_note(hopeless, CROSSED, outcome) | _note(beyond_bounds, OUTSIDE, outcome))
-        going &= ~_arrive(state, done, samples, steps, clocks.rows, n_steps, progress)
+        jumping = 0
+        if state[6].shape[0] > 0 and done != 0:
+            jumping = sample_states(
+                control, equations.local, equations.grid, clocks.strengths.actions, work.q, work.rate, samples, done,
+                n_steps, state[6], local, places_of(memory, block), acting_of(memory, block), memory.known,
+                memory.depths,
+            )  # fmt: skip
+        going &= ~_arrive(state, done, samples, steps, clocks.rows, n_steps, progress, control)
+        if jumping != 0:
+            accelerate_lanes(equations, memory, block, clocks.strengths, state, jumping, work, local)
 
 
 @njit(inline="always")
-def _arrive(state, lanes, samples, steps, rows, n_steps, progress):
+def _arrive(state, lanes, samples, steps, rows, n_steps, progress, control):
     """Count a step of some lanes and show where they are; return those that were through all steps."""
     for lane in range(LANES):
         n_steps[lane] += (lanes >> lane) & 1
@@ -298,6 +334,8 @@ def _arrive(state, lanes, samples, steps, rows, n_steps, progress):
             if lanes & (1 << lane) and row < progress.shown.size and progress.shown[row] == steps[0] + n_steps[lane]:
                 for part in range(3):
                     scatter(state[part], samples, 1 << lane, progress.trail[row, part])
+                if state[6].shape[0] > 0:
+                    show_forces(control, row, samples[lane], lane, state[6])
                 rows[lane] = row + 1
     through = 0
     for lane in range(LANES):
@@ -386,20 +424,27 @@ def _prescribe(equations, clocks, lanes, work):
 
 
 @njit(inline="always")
-def _converge(equations, memory, block, clocks, lanes, careful, attempt, expected, work, local, progress):
+def _converge(equations, memory, block, clocks, lanes, careful, attempt, state, work, local, progress, control):
     """Run Newton's iteration of some lanes, each to its own convergence; return those that are lost.
 
     At the second attempt every correction has factors of its own. The tolerance of `careful` lanes is that of trials.
     What remains after a correction is estimated from the contraction between the last two, and after the first one
-    from that `expected`, a vector (1, LANES); see `alpha_step.judge`.
+    from that expected, in `state`; see `alpha_step.judge`.
     """
     gain_v, gain_a, strengths = load(clocks.pace, GAIN_V), load(clocks.pace, GAIN_A), clocks.strengths
+    expected = state[5]
     last, active, lost = spread(np.inf), lanes, 0
-    tolerance = blend(careful, spread(TOLERANCE_OF_TRIALS), spread(NEWTON_TOLERANCE))
+    usual = TOLERANCE_OF_TRIALS if progress.precise else NEWTON_TOLERANCE
+    tolerance = blend(careful, spread(TOLERANCE_OF_TRIALS), spread(usual))
     forget_rates(memory.known, memory.samples[block], lanes)
     first, rubbing = load(expected, 0), rubs(equations.local.actions.laws)
     for iteration in range(MAX_ITERATIONS):
         fresh = attempt > 0 or iteration % REFRESH_EVERY == 0
+        if state[6].shape[0] > 0:
+            act_of_states(
+                control, equations.local, equations.grid, strengths.actions, work.q, work.rate, memory.samples[block],
+                active, local, places_of(memory, block), acting_of(memory, block), memory.known, memory.depths,
+            )  # fmt: skip
         if memory.acting.balance.size > 0:
             act(
                 equations.local, equations.local.all, equations.grid, strengths.actions, work.q, work.rate,
@@ -422,7 +467,10 @@ def _converge(equations, memory, block, clocks, lanes, careful, attempt, expecte
             store(expected, 0, blend(active, expected_after(contraction), load(expected, 0)))
         broken = active & exceeding(size * 0.0, spread(0.0))  # infinity times zero is no number either
         lost |= broken
-        active &= ~broken & goes_on(size, contraction, tolerance)
+        if iteration == 0 and progress.precise:
+            active &= ~broken & goes_on(size, contraction, spread(TOLERANCE_OF_ONE))
+        else:
+            active &= ~broken & goes_on(size, contraction, tolerance)
         last = size
         if active == 0:
             break
@@ -443,7 +491,7 @@ def _outside(work, bounds):
 def _follow(scheme, state, lanes, n, work):
     """Let some lanes go to the end of the step, with the auxiliary accelerations there."""
     alpha_m, alpha_f = scheme[0], scheme[1]
-    q, v, a, auxiliary, before, _ = state
+    q, v, a, auxiliary, before, _, _ = state
     weight = 1.0 / (1.0 - alpha_m)
     if lanes == EVERY_LANE:  # what is stored as a whole is at hand in the next step; see `_predict`
         for i in range(n):

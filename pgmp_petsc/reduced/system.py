@@ -15,7 +15,7 @@ import numpy as np
 
 from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.controllers.acting import ACTING_LAW, NOTED, given_to
+from pgmp_petsc.controllers.acting import NOTED, given_to
 from pgmp_petsc.controllers.running import MOST_STARTS, Controls
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
@@ -26,6 +26,7 @@ from pgmp_petsc.reduced.action_frames import KeptPlaces
 from pgmp_petsc.reduced.action_kernel import ABOUT, FORCE, POWER, STORED, Acting
 from pgmp_petsc.reduced.actions import ReducedActions, functions_of_time
 from pgmp_petsc.reduced.arrays import Equations, Matrix, Memory, Strengths, Weights
+from pgmp_petsc.reduced.control import LARGE, Control
 from pgmp_petsc.reduced.energy import damping_power, load_powers, reduced_energy
 from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices
 from pgmp_petsc.reduced.steps import Progress, advance
@@ -191,7 +192,6 @@ class ReducedLanes:
 LARGEST = 2**19  # numbers that are written down, of all samples and steps
 FURTHEST = 2**21  # numbers of all samples and steps: in more of them samples that began side by side drift apart
 STARTING_CORRECTIONS = 4  # one where stiffness does not change with the deformation
-LARGE = 1e30  # nothing limits; gain that makes stiffness negligible beside mass in the iteration matrix
 
 
 class ReducedTrail(State):
@@ -227,6 +227,7 @@ class ReducedSystem(SecondOrderSystem):
     """
 
     steps_at_once, has_range = 2**31, True  # steps each by itself
+    precise = False  # see `steps.Progress`
 
     def __init__(
         self,
@@ -262,13 +263,19 @@ class ReducedSystem(SecondOrderSystem):
             self._load_effects, self._actions.actions, motions, self.tables.n_coordinates
         )
         self.controlled = given_to(self._actions.actions)
+        self._led = []  # of these, the first of each force
+        self._control = Control.of(None, [], np.zeros(0), self._actions, n_samples)
         self.n_events = self._memory.depths.shape[1]
         searched = (self._load_effects, self._actions.actions, motions) if self.n_events else ((), (), {})
         self._functions = functions_of_time(*searched, self.tables.n_coordinates)
 
-    def control(self, controls: Controls) -> None:
-        """Let controllers act."""
-        self.beside = controls
+    def control(self, controls: Controls, origins: np.ndarray | None) -> None:
+        """Let controllers act; `origins` are what counts as zero of each motion that they measure, a row for each part
+        of their forces, where actions measure all of them, and None elsewhere."""
+        self.beside, self.carries = controls, origins is not None
+        self._led = [self.controlled[first] for first in controls.firsts]
+        if self.carries:
+            self._control = Control.of(controls, self.controlled, origins, self._actions, self.n_samples)
         self._no_amplitudes = self._lanes.packed_over(np.zeros((1, 1, len(self._actions.actions))))
 
     def put_forces(self, forces: Sequence[np.ndarray]) -> None:
@@ -277,15 +284,14 @@ class ReducedSystem(SecondOrderSystem):
             self._equations.local.actions.parameters[column, :, : given.shape[1]] = given
 
     def measured(self, state: State) -> np.ndarray:
-        """Return the motions that forces of controllers are of, or are led by, and their rates, (n_controllers,
-        n_samples, 2)."""
+        """Return the motions that forces of controllers are of, or are led by, and their rates, a row for each part of
+        what is given, (n_rows, n_samples, 2)."""
         kept, n_actions = self._memory.known.copy(), len(self._actions.actions)
         everyone, found = np.ones(self.n_samples, dtype=bool), np.empty((1, self.n_samples, 3, n_actions))
         trail = np.array([[state.q, state.v]])
         act_on(*self._passed, self._no_amplitudes, trail, self._lanes.sets(everyone), 0.0, np.bool_(False), found)
         self._memory.known[:] = kept  # with what laws that are limited keep for the next iterate
-        of_controllers = [k for k in self.controlled if self._actions.actions[k].law is ACTING_LAW]
-        return self._equations.local.actions.parameters[of_controllers, :, NOTED]
+        return self._equations.local.actions.parameters[self.controlled, :, NOTED]
 
     @property
     def n_eta(self) -> int:
@@ -443,6 +449,12 @@ class ReducedSystem(SecondOrderSystem):
         evaluate_residual(*self._passed, self._lanes.packed(strengths.loads.T), _parts(state), result)
         return result
 
+    def acting_at(self, times: np.ndarray, state: State) -> np.ndarray:
+        """Return what local effects add to the residuals, (n_samples, n_eta), likewise."""
+        everyone, amplitudes = np.ones(self.n_samples, dtype=bool), amplitudes_over(self._actions.actions, times)
+        self._known(times[:1], np.array([[state.q, state.v]]), everyone, amplitudes=amplitudes[None])
+        return self._lanes.unpacked(self._memory.acting.balance).T
+
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
         self._act_on_all(time, state)
@@ -523,13 +535,21 @@ class ReducedSystem(SecondOrderSystem):
             np.ascontiguousarray(stretch.beyond.T),
             stretch.shown,
             stretch.trail.whole,
+            self.precise,
         )
-        state = (*_parts(moment.state), moment.auxiliary, moment.before, moment.contraction[:, None])
+        beside = moment.state.beside if self.carries else np.empty((self.n_samples, 0))
+        state = (*_parts(moment.state), moment.auxiliary, moment.before, moment.contraction[:, None], beside)
+        control = self._control
+        if self.carries:
+            control = control.over_steps(self.beside, stretch.ends, stretch.goes_on, stretch.trail.forces)
         advance(
             *self._passed, self._strengths.over(stretch.ends), self._functions,
             (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma), (stretch.first, stretch.ends, stretch.step),
-            state, self._bounds, self._lanes.sets(stretch.samples), progress,
+            state, self._bounds, self._lanes.sets(stretch.samples), progress, Reference(control),
         )  # fmt: skip
+        if self.carries:
+            self.beside.take(moment.state)
+            self.beside.put_nothing()
         stretch.beyond[:] = progress.beyond.T
         stretch.counted[0] += progress.n_corrections.sum()
         return self._lanes.unpacked(progress.outcome), self._lanes.unpacked(progress.n_steps)
@@ -612,7 +632,7 @@ class ReducedSystem(SecondOrderSystem):
             given = amplitudes_over(actions, times)[:, None] if amplitudes is None else amplitudes
             if self.beside is not None and not self.beside.iterates:
                 given = np.repeat(given, self.n_samples // given.shape[1], axis=1)
-                given[:, :, self.controlled] += self.beside.forces(times)
+                given[:, :, self._led] += self.beside.forces(times)
             act_on(
                 *self._passed, self._lanes.packed_over(given), np.ascontiguousarray(trail), lanes, gain_v,
                 np.bool_(with_tangent), found,

@@ -37,7 +37,7 @@ import numpy as np
 from pgmp_petsc.reduction.cell_products import SecondOrderTables
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.tables import ModeChanges, ReducedTables
+from pgmp_petsc.reduction.tables import ModeChanges
 
 if TYPE_CHECKING:
     from pgmp_petsc.modes.built_in import Closing
@@ -104,60 +104,18 @@ class JointGaps:
             spread[:, :, pair] -= 0.5 * slope.slope(samples.theta, j)
         return replace(self, gyroscopic=both.gyroscopic[..., m:, :m], spread=spread)
 
-    def beside(
-        self, tables: ReducedTables, projection: np.ndarray, curvature: np.ndarray | None
-    ) -> tuple[ReducedTables, np.ndarray, np.ndarray | None]:
-        """Return tables, projection and curvature of a basis that has the Y behind its own vectors, with what is of
-        first order of them."""
-        g = self.rows.size
-        m, r = tables.n_modes, tables.n_coordinates
-        mass, stiffness = _widened(tables.mass, g), _widened(tables.stiffness, g)
-        mass[..., r + m :, : r + m] = self.mass
-        stiffness[..., m:, :m] = self.stiffness
-        for matrix, n in ((mass, r + m), (stiffness, m)):
-            matrix[..., :n, n:] = np.swapaxes(matrix[..., n:, :n], -1, -2)
-        second, changes = tables.second_order, tables.changes
-        if second is None and self.cubic is not None:  # of the gaps alone
-            (n, n_mass, *_), rigid_pairs = mass.shape, r * (r + 1) // 2
-            loads, curvature = self.load.shape[1], np.zeros((n, projection.shape[1], m * (m + 1) // 2))
-            shapes = (stiffness.shape[1], m), (loads,), (n_mass, rigid_pairs), (n_mass, r), (n_mass, rigid_pairs)
-            empty = [np.zeros((n, *shape, m, m)) for shape in shapes]
-            second, changes = SecondOrderTables(*empty[:3]), ModeChanges(*empty[3:])
-        if second is not None:
-            cubic = np.pad(second.cubic, ((0, 0),) * 2 + ((0, g),) * 3)
-            if self.cubic is not None:
-                cubic[..., m:, :m, :m] = self.cubic
-                cubic[..., :m, m:, :m] = np.swapaxes(self.cubic, -3, -2)
-                cubic[..., :m, :m, m:] = np.moveaxis(self.cubic, -3, -1)
-            second = replace(
-                second, cubic=cubic, curved_load=_widened(second.curved_load, g, self.curved_load),
-                curved_inertia=_widened(second.curved_inertia, g, self.curved_inertia),
-            )  # fmt: skip
-            changes = replace(
-                changes, gyroscopic=_widened(changes.gyroscopic, g, self.gyroscopic, -1.0),
-                spread=_widened(changes.spread, g, self.spread),
-            )  # fmt: skip
-        widened = ReducedTables(
-            tables.samples, tables.mass_weights, tables.stiffness_weights, tables.load_weights, tables.load_effects,
-            mass, np.concatenate([tables.inertia, self.inertia], axis=-1), stiffness,
-            np.concatenate([tables.load, self.load], axis=-1), tables.n_given + g, second, changes,
-        )  # fmt: skip
+    def beside(self, projection: np.ndarray, curvature: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return projection and curvature of a basis that has the Y behind its own vectors, where forces act."""
+        g, m = self.rows.size, projection.shape[2]
+        n_pairs = (m + g) * (m + g + 1) // 2
+        if curvature is None and self.curvature is not None:
+            curvature = np.zeros((*projection.shape[:2], 0))
         if curvature is not None:  # pairs i >= j, those of the new vectors last
-            n_pairs = (m + g) * (m + g + 1) // 2
             curvature = np.pad(curvature, ((0, 0), (0, 0), (0, n_pairs - curvature.shape[2])))
             for k in range(g if self.curvature is not None else 0):
                 first = (m + k) * (m + k + 1) // 2
                 curvature[..., first : first + m] = self.curvature[:, :, k]
-        return widened, np.concatenate([projection, self.shapes], axis=2), curvature
-
-
-def _widened(matrices: np.ndarray, n: int, rows: np.ndarray | None = None, sign: float = 1.0) -> np.ndarray:
-    """Return matrices (..., k, k) with n rows more, (..., n, k), zeros by default, and columns that are the same but
-    for a sign."""
-    result, k = np.pad(matrices, ((0, 0),) * (matrices.ndim - 2) + ((0, n),) * 2), matrices.shape[-1]
-    if rows is not None:
-        result[..., k:, :k], result[..., :k, k:] = rows, sign * np.swapaxes(rows, -1, -2)
-    return result
+        return np.concatenate([projection, self.shapes], axis=2), curvature
 
 
 def gap_answers_at(

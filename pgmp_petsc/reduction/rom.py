@@ -110,14 +110,6 @@ class ReducedOrderModel:
         """Number of vectors from other parameter values."""
         return self.points.n_vectors
 
-    @property
-    def with_gaps(self) -> ReducedOrderModel:
-        """The model whose basis has static answers to gaps of joints behind its own vectors (`joint_gaps`)."""
-        if self.gaps is None:
-            return self
-        tables, projection, curvature = self.gaps.beside(self.tables, self.projection, self.curvature)
-        return replace(self, tables=tables, projection=projection, curvature=curvature)
-
     def displacements(self, scheme: str, dofs: np.ndarray) -> Interpolant:
         """Return displacements and rotations of some unknowns in body frames, values of shape (n_factors, dofs.size).
 

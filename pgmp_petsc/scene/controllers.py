@@ -30,6 +30,7 @@ from pgmp_petsc.scene.outputs import circle_of, models_alone
 from pgmp_petsc.scene.references import joint_problems, motion_problems
 from pgmp_petsc.scene.uses import Use
 
+OWN = "of_"  # before names of a scene, in a law
 WHOLE = 1e-6  # of a step, that a sample time may be off a whole number of them
 
 
@@ -108,6 +109,11 @@ class ControllerEntry(Table):
         raise NotImplementedError
 
     @property
+    def measured(self) -> dict[str, str]:
+        """The outputs that it measures, by their names in the law."""
+        return {"y": self.measures}
+
+    @property
     def needs_rate(self) -> bool:
         """Whether it takes the rate of its measure."""
         return True
@@ -143,7 +149,9 @@ def controller_problems(scene: AnyScene) -> Iterator[str]:
         fitting = joints_with(*MEASURED, dimension=scene.dimension)
         yield from joint_problems(scene, f"{entry}.joint", one.joint, fitting)
         yield from motion_problems(scene, entry, one, one.joints)
-        yield from _measure(scene, entry, one)
+        for key, output in one.measured.items():
+            where = "measures" if isinstance(one.measures, str) else f"measures.{key.removeprefix(OWN)}"
+            yield from _measure(scene, f"{entry}.{where}", output, one.needs_rate)
         yield from _limits(scene, entry, one)
         yield from _sampling(scene, entry, one)
         yield from one.problems(scene, name)
@@ -152,27 +160,26 @@ def controller_problems(scene: AnyScene) -> Iterator[str]:
             yield problem("initial.equilibrium", f"with {entry}: {words}", True)
 
 
-def _measure(scene: AnyScene, entry: str, one: ControllerEntry) -> Iterator[str]:
-    measured = one.measures
+def _measure(scene: AnyScene, entry: str, measured: str, needs_rate: bool) -> Iterator[str]:
     if measured not in scene.outputs:
         hint = nearest_name(measured, scene.outputs)
-        yield problem(f"{entry}.measures", f"there is no such output{hint}", measured)
+        yield problem(entry, f"there is no such output{hint}", measured)
     elif circle_of(scene, measured):
         return  # said elsewhere
     elif models_alone(scene, measured):
         yield problem(
-            f"{entry}.measures",
+            entry,
             f"outputs.{measured} reads stresses or forces, which hang on the controller's own force at the same "
             "instant; measure a place, an angle or a speed",
             measured,
         )
     else:
         order = derivatives_read(scene, measured)
-        if order + one.needs_rate > 1:
+        if order + needs_rate > 1:
             what = "accelerations" if order > 1 else "speeds, and its rate accelerations"
             cure = "measure a place, an angle or a speed" if order > 1 else "give a gain d a filter, or leave it out"
             yield problem(
-                f"{entry}.measures",
+                entry,
                 f"outputs.{measured} reads {what}, which hang on the controller's force at the same instant; {cure}",
                 measured,
             )

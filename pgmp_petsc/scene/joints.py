@@ -296,6 +296,11 @@ class JointTable(Table):
         """Return the motions that it leaves free in the plane or in space, that which effects mean first."""
         return cls.motions + (cls.also_in_plane if dimension == 2 else ())
 
+    @classmethod
+    def slides_in(cls, dimension: int) -> bool:
+        """Whether it leaves sliding free in the plane or in space."""
+        return "sliding" in cls.motions_in(dimension)
+
     def motion_of(self, said: str | None, allowed: Sequence[str], dimension: int) -> str | None:
         """Return the one of the allowed motions that an entry means that says one, or none; None where it has to."""
         free = [one for one in self.motions if one in allowed]

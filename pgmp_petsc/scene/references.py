@@ -445,11 +445,9 @@ def _loose(scene: AnyScene, name: str, joint: JointEntry) -> Iterator[str]:
             words = f"a joint has {other} or clearance, not both: let a body between two joints have the other one"
             yield problem(f"joints.{name}.{other}", words)
     yield from joint.clearance.problems(scene, entry)
-    if joint.clearance.friction and (joint.loose != "across" or "sliding" in joint.motions_in(scene.dimension)):
-        words = (
-            f"made for the pin of a revolute joint, and this one is {joint.type}; leave it out, or take an effect of "
-        )
-        yield problem(f"{entry}.friction", words + "type joint_friction on what slides", joint.clearance.friction)
+    if joint.clearance.friction and joint.loose != "across":
+        words = f"made for pins and guides, and this joint is {joint.type}, of which it hangs on how large the ball is"
+        yield problem(f"{entry}.friction", f"{words}; leave it out", joint.clearance.friction)
 
 
 def _coordinates(scene: AnyScene) -> Iterator[str]:

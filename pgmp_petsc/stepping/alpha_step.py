@@ -174,7 +174,8 @@ class AlphaStep:
 
     def advance(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
         """Take some samples through equal steps; see `SecondOrderSystem.advance`."""
-        found = None if self._system.beside is not None else self._system.advance(stretch)
+        alone = self._system.beside is not None and not self._system.carries
+        found = None if alone else self._system.advance(stretch)
         return self._advanced_together(stretch) if found is None else found
 
     def _advanced_together(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:

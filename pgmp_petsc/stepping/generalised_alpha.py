@@ -181,7 +181,8 @@ class GeneralisedAlpha:
     def advance(self) -> None:
         """Advance all living samples to the next stop."""
         last = int(self.stops[np.searchsorted(self.stops, self.n_done, side="right")])
-        at_once = self.system.steps_at_once if self.system.beside is None else 1
+        alone = self.system.beside is not None and not self.system.carries
+        at_once = 1 if alone else self.system.steps_at_once
         while self.n_done < last:
             self._advance_to(min(last, self.n_done + at_once))
         if self._pulse is not None:
@@ -195,6 +196,8 @@ class GeneralisedAlpha:
         system, at, todo = self.system, np.full(self._alive.size, self.n_done), self._alive.copy()
         shown = self._shown(last)
         trail, scheme = system.trail(self.state, shown.size), self._stepper.scheme(self._step)
+        if system.beside is not None:
+            trail.forces = system.beside.open(self.instants[shown])
         self._stand(trail, ~todo)
         while todo.any():
             first = int(at[todo].min())
@@ -211,26 +214,30 @@ class GeneralisedAlpha:
                 self._advance_with_care(number, there, outcome)
                 self._stand(trail.at(slice(int(np.searchsorted(shown, number + 1)), None)), there)
                 at[there] += 1
+                if system.carries:
+                    self._jump(number + 1, there & self._alive)
             todo &= self._alive & (at < last)
         self.n_done = last
         if shown.size:
             # not PETSc's own time, a sum of steps: its round-off grows over the run
             system.show(self._observer, shown, self.instants[shown], trail)
-        if system.beside is not None and last < self.instants.size - 1:
-            self._jump(float(self.instants[last]))
+        if system.beside is not None and not system.carries:
+            self._jump(last, self._alive)
 
-    def _jump(self, time: float) -> None:
-        """Let forces that jump between two steps do so: accelerations jump with them."""
-        system, state = self.system, self.state
-        if not self._alive.any() or not system.beside.sample(time, state, self._alive):
+    def _jump(self, number: int, samples: np.ndarray) -> None:
+        """Let forces of some samples, a mask, that jump after a step do so, but at the end of the run: accelerations
+        jump with them."""
+        system, state, time = self.system, self.state, float(self.instants[number])
+        if number == self.instants.size - 1 or not samples.any() or not system.beside.sample(time, state, samples):
             return
         before = state.a.copy()
-        system.accelerate(time, state, self._alive)
+        system.accelerate(time, state, samples)
         auxiliary = self._moment.auxiliary + (state.a - before)
         if n_first_steps(system):
-            auxiliary, n_iterations = first_accelerations(system, state, self._step, self._alive, time)
+            auxiliary, n_iterations = first_accelerations(system, state, self._step, samples, time)
             self._stepper.count(n_iterations, 0, 0)
-        self._moment = standing(state, auxiliary, system.n_samples)
+        system.beside.jumps = False
+        put(system, self._moment, standing(state, auxiliary, system.n_samples), samples)
 
     def _shown(self, last: int) -> np.ndarray:
         """Return the numbers of the steps up to `last` that the observer is to see."""

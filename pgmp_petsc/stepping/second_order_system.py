@@ -30,6 +30,7 @@ class State:
     turns: np.ndarray = field(default_factory=lambda: np.zeros(0))
     #: numbers of states beside the mechanics, a row a sample; of size zero for a system without any
     beside: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    forces: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of a trail, those of what is beside
 
     def copy(self) -> State:
         """Return a deep copy."""
@@ -135,6 +136,7 @@ class Stretch:
     shown: np.ndarray  # numbers of the steps that somebody wants to see, increasing, shape (n_t,)
     trail: State  # the states after these, of the samples that are advanced; filled
     counted: np.ndarray  # see `AlphaStep`; brought up to date
+    goes_on: bool = True  # whether the run does after the last of them
 
 
 class Observer:
@@ -199,6 +201,8 @@ class Settled:
 class Beside(Protocol):
     """States beside the mechanics; a step takes them along (`alpha_step.iterate`)."""
 
+    jumps: bool  # whether forces jump between two steps
+
     def start(self, state: State) -> None:
         """Begin a run, before the first accelerations are known."""
 
@@ -215,7 +219,11 @@ class Beside(Protocol):
         """Take what is beside some samples, a mask, to the end of the step."""
 
     def sample(self, time: float, state: State, samples: np.ndarray) -> bool:
-        """Change forces that jump between two steps; return whether any did."""
+        """Change forces of some samples that jump between two steps; return whether any did. Until `jumps` is put back
+        they are what they are then."""
+
+    def open(self, times: np.ndarray) -> np.ndarray:
+        """Make room for what is to be seen of the forces at times (n_t,), and return it."""
 
 
 class SecondOrderSystem:
@@ -239,6 +247,7 @@ class SecondOrderSystem:
     has_range: bool = False  # whether samples may leave the model's range of validity (`outside`)
     moving_constraints: bool = False  # whether constraints turn or follow motions; see `AlphaStep`
     beside: Beside | None = None  # states beside the mechanics; None where there are none
+    carries: bool = False  # whether steps of its own (`advance`) take what is beside along
 
     def start(self) -> State:
         """Return the consistent state at time 0."""

@@ -13,6 +13,7 @@ from pgmp_petsc.bench.choice import choose_over_lengths, leaves_open
 from pgmp_petsc.bench.finished import Finished
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
+from pgmp_petsc.effects import start_of
 from pgmp_petsc.files.hdf5 import BUILD_AGAIN, open_file, shapes_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -26,6 +27,7 @@ from pgmp_petsc.results import EffectSizes, Selection
 from pgmp_petsc.results.summary import origin_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import extremes, length_names
+from pgmp_petsc.stepping.static_equilibrium import require_balance
 from pgmp_petsc.studies.effect_sizes import choose_effects, remarks_on_sizes
 
 Said = Callable[[str], None]
@@ -101,7 +103,7 @@ def build(
         On all ranks, whichever rank met it.
     """
     comm = group.world
-    on_root(comm, _check_outputs, scene, meshes)
+    on_root(comm, _check_ahead, scene, meshes)
     sizes, shapes, choice, checkpoint = None, meshes, None, None
     if scene.reduction.effects == "auto":
         shapes = condensed(scene, meshes, group, large=True)
@@ -131,10 +133,13 @@ def build(
     return Built(rom, None if choice is None else choice.selection, sizes, checkpoint)
 
 
-def _check_outputs(scene: Scene, meshes: Mapping[str, BodyShape]) -> None:
-    """Refuse outputs that no run of the model could have, before anything long is done for it."""
+def _check_ahead(scene: Scene, meshes: Mapping[str, BodyShape]) -> None:
+    """Refuse outputs and starts that no run of the model could have, before anything long is done for it."""
     check_capabilities(scene, Purpose.BUILD, meshes)
-    OutputSet.of(scene, RigidKinematics(Mechanism.from_scene(scene, meshes)))
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
+    OutputSet.of(scene, kinematics)
+    if not scene.initial.equilibrium and any(joint.offset is not None for joint in scene.joints.values()):
+        require_balance(scene, kinematics, start_of(scene, kinematics.mechanism)[0], scene.values)
 
 
 def _price(scene: Scene, resume: bool) -> str:

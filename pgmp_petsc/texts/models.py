@@ -23,18 +23,26 @@ if TYPE_CHECKING:
     from pgmp_petsc.studies.building import Built
 
 SHOWN = 6
+LARGEST = 24  # characters of the column of largest values
 NOTHING = 1e-6  # of a mode's highest frequency
 
 
 def report_of_run(trajectory: Trajectory, path: Path, said: Sequence[Remark] = ()) -> str:
-    """Return the outputs at the end, estimated errors and validity of a reduced run, and all remarks."""
+    """Return the outputs at the end and their largest values, estimated errors and validity of a reduced run, and all
+    remarks."""
     lines = [f"{path}: {trajectory.model} model, {len(trajectory.time) - 1} steps to {trajectory.time[-1]:g} s"]
+    lines += [f"  {'':24s}{'at the end':>16s}{'largest by size':>{LARGEST}s}"] if trajectory.outputs else []
     length = 0.0 if trajectory.frames is None else trajectory.frames.extent
     sizes = sizes_of(trajectory.outputs, trajectory.units, length)
     for name, values in trajectory.outputs.items():
         values = np.where(np.abs(values) <= ROUND_OFF * sizes[name], 0.0, values)
         factor, unit = axis_unit(trajectory.units[name], values)
-        lines.append(f"  {name:24s}{factor * values[-1]:16.8g} {unit}")
+        end = f"{factor * values[-1]:16.8g} {unit}"
+        known = np.abs(np.nan_to_num(values))
+        most = int(np.argmax(known))
+        width = max(9, LARGEST + 16 - len(end))
+        largest = f"{factor * values[most]:>{width}.5g} at {trajectory.time[most]:.4g} s"
+        lines.append(f"  {name:24s}{end}{largest if np.isfinite(values).any() else ''}")
     lines += of_run(trajectory)
     # why it stopped is the error that ends the command
     return "\n".join([*lines, *closing(trajectory.record, said, trajectory.why_stopped or "")])

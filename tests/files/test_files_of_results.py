@@ -2,6 +2,8 @@
 
 import os
 import resource
+from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 
 import h5py
@@ -108,66 +110,57 @@ def test_an_unknown_kind_is_a_mistake_of_the_caller(tmp_path):
         pass
 
 
-def test_a_missing_file(tmp_path):
-    with pytest.raises(InputError, match="does not exist; needed: a trajectory or an ensemble"):
-        open_file(tmp_path / "f.h5", ["trajectory", "ensemble"])
-
-
-def test_a_directory_in_place_of_a_file(tmp_path):
-    with pytest.raises(InputError, match="is a directory"):
-        open_file(tmp_path, "rom")
-
-
 def test_a_file_without_permission(good, monkeypatch):
     monkeypatch.setattr(hdf5.os, "access", lambda path, mode: False)
     with pytest.raises(InputError, match="no permission to read"):
         open_file(good, "modes")
 
 
-def test_a_file_that_is_not_hdf5(tmp_path):
-    (tmp_path / "f.h5").write_text("[scene]\n")
-    with pytest.raises(InputError, match="is not an HDF5 file"):
-        open_file(tmp_path / "f.h5", "rom")
+def with_attributes(**values: object) -> Callable[[Path], None]:
+    """Return what gives a file other attributes, none of a value that is None, under a seal that fits."""
+
+    def change(path: Path) -> None:
+        with resealed(path) as file:
+            for name, value in values.items():
+                if value is None:
+                    del file.attrs[name]
+                else:
+                    file.attrs[name] = value
+
+    return change
 
 
-def test_a_file_that_is_cut_off(good):
-    with open(good, "r+b") as stream:
-        stream.truncate(good.stat().st_size // 2)
-    with pytest.raises(InputError, match=r"is damaged: it is cut off after \d+ of \d+ bytes; write it again"):
-        open_file(good, "modes")
-
-
-def test_another_kind(good):
-    with pytest.raises(InputError, match="holds a table of modes; needed: a reduced model"):
-        open_file(good, "rom")
-
-
-def test_another_format_version(good):
-    with resealed(good, format=99):
+def another_version(path: Path) -> None:
+    with resealed(path, format=99):
         pass
-    with pytest.raises(InputError, match=f"format version 99; this pgmp .* reads version {FORMAT_VERSION}"):
-        open_file(good, "modes")
 
 
-@pytest.mark.parametrize(("name", "value"), [("format_version", 1), ("kind", "rom"), ("kind", [1, 2]), ("kind", 3.0)])
-def test_attributes_that_the_seal_does_not_know(good, name, value):
-    with resealed(good) as file:
-        file.attrs[name] = value
-    with pytest.raises(InputError, match="is damaged: "):
-        open_file(good, "modes")
+UNREADABLE = {
+    "none": (Path.unlink, ["trajectory", "ensemble"], "does not exist; needed: a trajectory or an ensemble"),
+    "a directory": (lambda path: (path.unlink(), path.mkdir()), "rom", "is a directory"),
+    "text": (lambda path: path.write_text("[scene]\n"), "rom", "is not an HDF5 file"),
+    "cut off": (
+        lambda path: os.truncate(path, path.stat().st_size // 2), "modes",
+        r"is damaged: it is cut off after \d+ of \d+ bytes; write it again",
+    ),
+    "another kind": (lambda path: None, "rom", "holds a table of modes; needed: a reduced model"),
+    "another version": (another_version, "modes", f"format version 99; this pgmp .* reads version {FORMAT_VERSION}"),
+    "of another program": (lambda path: h5py.File(path, "w").close(), "modes", "was not written by this pgmp"),
+    "without attributes": (with_attributes(scene=None, seed=None), "modes", "lacks the attribute.s. scene, seed"),
+    # which the seal does not know
+    **{
+        f"with {name} {value}": (with_attributes(**{name: value}), "modes", "is damaged: ")
+        for name, value in (("format_version", 1), ("kind", "rom"), ("kind", [1, 2]), ("kind", 3.0))
+    },
+}  # fmt: skip
 
 
-def test_hdf5_of_another_program(tmp_path):
-    h5py.File(tmp_path / "f.h5", "w").close()
-    with pytest.raises(InputError, match="was not written by this pgmp"):
-        open_file(tmp_path / "f.h5", "modes")
-
-
-def test_missing_attributes(good):
-    with resealed(good) as file:
-        del file.attrs["scene"], file.attrs["seed"]
-    with pytest.raises(InputError, match="lacks the attribute.s. scene, seed"):
-        open_file(good, "modes")
+@pytest.mark.parametrize("name", UNREADABLE)
+def test_what_cannot_be_read_is_refused(good, name):
+    change, kind, said = UNREADABLE[name]
+    change(good)
+    with pytest.raises(InputError, match=said):
+        open_file(good, kind)
 
 
 def test_datasets_that_are_missing_or_of_another_shape(good):

@@ -10,6 +10,7 @@ import pytest
 import scipy.linalg
 from mpi4py import MPI
 from runs import assert_close, history, rom_of, samples
+from scrambling import clusters, turned
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -26,6 +27,7 @@ from scenes import RADIUS, kinematics_of, slider_crank
 # minimising their gap; the gap is 1e-10 there and opens linearly all around.
 MEETING_R1, MEETING_THETA = 0.83277688 * RADIUS, 1.58734249
 DIFFERENCES = (0.0, 1e-9, 1e-6)  # of the blades' lengths
+APART = 1e-4  # eigenvalues of one cluster agree to this share
 
 
 def build(
@@ -40,18 +42,6 @@ def build(
 @lru_cache(maxsize=3)
 def plain(differ: float) -> ReducedOrderModel:
     return build(mechanisms.with_flywheel(), differ=differ)
-
-
-def clusters(eigenvalues: np.ndarray) -> list[np.ndarray]:
-    """Return the numbers of the modes whose eigenvalues agree to 1e-4."""
-    return np.split(np.arange(eigenvalues.size), np.flatnonzero(np.diff(eigenvalues) > 1e-4 * eigenvalues[1:]) + 1)
-
-
-def turned(seed: int, modes: ModeSet) -> ModeSet:
-    """Return the modes with random rotations and reflections inside the clusters."""
-    random = np.random.default_rng([seed, int(1e6 * modes.theta[0])])
-    turns = [np.linalg.qr(random.normal(size=(c.size, c.size)))[0] for c in clusters(modes.eigenvalues)]
-    return replace(modes, flexible=modes.flexible @ scipy.linalg.block_diag(*turns))
 
 
 def mass_of(rom: ReducedOrderModel, scene: Scene) -> object:
@@ -76,7 +66,7 @@ def test_the_pairs_of_equal_blades_are_found_at_all_angles(differ: float) -> Non
             np.testing.assert_allclose(
                 found, mechanisms.dense_eigenvalues(kinematics, theta, scene.nominal, 9), rtol=1e-9
             )
-            pairs = [c for c in clusters(found) if c.size == 2]
+            pairs = [c for c in clusters(found, APART) if c.size == 2]
             assert len(pairs) == 2
             for low, high in pairs:
                 # lambda goes with length^-4: three lengths L, L (1 + e), L (1 + 2 e) spread it by less than 8 e
@@ -88,7 +78,7 @@ def test_the_space_of_a_pair_is_the_same_at_all_angles(differ: float) -> None:
     """The pairs move the blades alone, so that their space does not change in the body's frame."""
     scene, rom = mechanisms.with_flywheel(), plain(differ)
     mass = mass_of(rom, scene)
-    pairs = [c for c in clusters((2 * np.pi * rom.frequencies_hz[0]) ** 2) if c.size == 2]
+    pairs = [c for c in clusters((2 * np.pi * rom.frequencies_hz[0]) ** 2, APART) if c.size == 2]
     assert len(pairs) == 2
     for pair in pairs:
         first = rom.projection[0][:, pair]
@@ -101,7 +91,7 @@ def test_the_space_of_a_pair_is_the_same_at_all_angles(differ: float) -> None:
 @pytest.mark.parametrize(("differ", "seed"), [(0.0, 1), (1e-9, 2), (1e-6, 3)])
 def test_rotations_among_equal_modes_do_not_change_the_motion(differ: float, seed: int) -> None:
     scene = mechanisms.with_flywheel(*mechanisms.run_for(0.15, 1e-3))
-    spoilt = build(scene, differ=differ, scramble=lambda modes: turned(seed, modes))
+    spoilt = build(scene, differ=differ, scramble=lambda modes: turned(seed, modes, APART))
     one, other = (history(ReducedModel(scene, rom), samples(scene, 1), 1)[1] for rom in (plain(differ), spoilt))
     # round-off of the tables, 1e-13 or so, over a few hundred steps; measured 2e-12
     assert_close(one, other, angle=1e-8, bent=1e-8, slider=1e-8, blade=1e-8)
@@ -120,7 +110,7 @@ def test_a_basis_that_cuts_a_pair_in_two_is_noticed() -> None:
     """8 modes hold half of the second pair, and which half is chance; ``pgmp build`` warns of such a cosine."""
 
     def cut(modes: ModeSet) -> ModeSet:
-        spoilt = turned(1, modes)
+        spoilt = turned(1, modes, APART)
         return replace(spoilt, eigenvalues=spoilt.eigenvalues[:8], flexible=spoilt.flexible[:, :8])
 
     assert build(mechanisms.with_flywheel(), scramble=cut).cosines.min() < 0.5

@@ -27,8 +27,6 @@ joints.pin.clearance.radios=0.1 -> joints.pin.clearance.radios = 0.1: unknown ke
 joints.pin.elastic={reference=[[1.0,0.0]],stiffness=[1e6,1e6]} -> joints.pin.elastic: a joint has elastic or clearance
 joints.pin.offset={place=[1e-4,0.0]} -> joints.pin.offset: a joint has offset or clearance, not both
 joints.pin.type="fixed" -> joints.pin.clearance: a joint of type fixed has none; those that have are | revolute
-joints.guide.clearance={radius=1e-4,stiffness=1e8,restitution=0.9,friction=0.1,friction_speed=1e-3} ->
-    joints.guide.clearance.friction = 0.1: made for the pin of a revolute joint, and this one is point_on_line
 effects.pin={type="gravity"} -> effects.pin: joints.pin has clearance, and its forces have this name
 """)
 

@@ -6,10 +6,8 @@ its scene from `CASES`. An error is printed by every rank in place of a file.
 
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from two_coordinates import double_pendulum, five_bar, over
 
 from pgmp_petsc.ranks.petsc import start_petsc
@@ -19,6 +17,7 @@ start_petsc()
 
 from mpi4py import MPI  # noqa: E402
 from runs import quick_return  # noqa: E402
+from scrambling import scrambled  # noqa: E402
 
 from pgmp_petsc.base.errors import PgmpError, RunError  # noqa: E402
 from pgmp_petsc.modes.problem import ModeSet  # noqa: E402
@@ -69,14 +68,6 @@ CASES = {
     "fails": lambda: slider_crank("reduction.angles=8", "reduction.modes=3"),
     "refused": lambda: slider_crank("reduction.modes=31"),
 }  # fmt: skip
-
-
-def scrambled(seed: int, modes: ModeSet) -> ModeSet:
-    """Return the modes in random order with random signs, the same on all ranks of a group."""
-    random = np.random.default_rng([seed, int(1e6 * modes.theta[0])])
-    order = random.permutation(modes.eigenvalues.size)
-    signs = random.choice([-1.0, 1.0], order.size)
-    return replace(modes, eigenvalues=modes.eigenvalues[order], flexible=modes.flexible[:, order] * signs)
 
 
 def fail_in_the_middle(modes: ModeSet) -> ModeSet:

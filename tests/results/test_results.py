@@ -13,7 +13,7 @@ from synthetic import assert_same
 
 from pgmp_petsc import results
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.results import Ensemble, Frames, Trajectory
+from pgmp_petsc.results import Ensemble, Trajectory
 
 
 @pytest.mark.parametrize("name", RESULTS)
@@ -61,50 +61,36 @@ def test_outputs_keep_the_order_of_the_scene(tmp_path):
     assert list(Trajectory.read(tmp_path / "f.h5").outputs) == list(run.outputs)
 
 
+RUN, MANY = synthetic.trajectory(), synthetic.ensemble(n_samples=10)
+FRAMES = synthetic.frames(np.linspace(0.0, 1.0, 4))
+
+
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("result", "change", "message"),
     [
-        ({"model": "small"}, "model is 'small'; allowed: full, components, reduced"),
-        ({"time": np.zeros((3, 2))}, r"time has shape \(3, 2\); needed: \(time\)"),
-        ({"outputs": {"a": np.zeros(5)}}, r"outputs 'a' has shape \(5,\); needed: \(time: 1001\)"),
-        ({"coordinates": np.zeros(1001)}, r"coordinates has shape"),
-        ({"modal": np.zeros((5, 2))}, r"modal has shape"),
+        (RUN, {"model": "small"}, "model is 'small'; allowed: full, components, reduced"),
+        (RUN, {"time": np.zeros((3, 2))}, r"time has shape \(3, 2\); needed: \(time\)"),
+        (RUN, {"outputs": {"a": np.zeros(5)}}, r"outputs 'a' has shape \(5,\); needed: \(time: 1001\)"),
+        (RUN, {"coordinates": np.zeros(1001)}, r"coordinates has shape"),
+        (RUN, {"modal": np.zeros((5, 2))}, r"modal has shape"),
+        (FRAMES, {"cells": {}}, "name different bodies"),
+        (FRAMES, {"rigid": frozenset({"flywheel"})}, "rigid bodies of frames are none of theirs: flywheel"),
+        (FRAMES, {"time": FRAMES.time[:3]}, "positions of 'crank' has shape"),
+        (MANY, {"meanings": {0: "fine"}}, r"status \[2\] has no meaning; known: \[0\]"),
+        (MANY, {"parameters": {"r1": np.zeros(4)}}, r"outputs 'crank_angle' has shape \(10,\); needed: \(sample: 4\)"),
+        (synthetic.statistics(np.arange(9.0)), {"edges": np.zeros(3)}, "edges has shape"),
+        (synthetic.modes_table(), {"theta": np.zeros(7)}, "full_hz has shape"),
     ],
 )
-def test_a_trajectory_that_does_not_fit_together(change, message):
+def test_what_does_not_fit_together_is_refused(result, change, message):
     with pytest.raises(ValueError, match=message):
-        replace(synthetic.trajectory(), **change)
-
-
-def test_frames_that_do_not_fit_together():
-    frames = synthetic.frames(np.linspace(0.0, 1.0, 4))
-    with pytest.raises(ValueError, match="name different bodies"):
-        replace(frames, cells={})
-    with pytest.raises(ValueError, match="rigid bodies of frames are none of theirs: flywheel"):
-        replace(frames, rigid=frozenset({"flywheel"}))
-    with pytest.raises(ValueError, match="positions of 'crank' has shape"):
-        Frames(frames.time[:3], frames.positions, frames.rotations, frames.nodes, frames.cells)
-
-
-def test_an_ensemble_that_does_not_fit_together():
-    ensemble = synthetic.ensemble(n_samples=10)
-    with pytest.raises(ValueError, match=r"status \[2\] has no meaning; known: \[0\]"):
-        replace(ensemble, meanings={0: "fine"})
-    with pytest.raises(ValueError, match=r"outputs 'crank_angle' has shape \(10,\); needed: \(sample: 4\)"):
-        replace(ensemble, parameters={"r1": np.zeros(4)})
-    with pytest.raises(ValueError, match="edges has shape"):
-        replace(synthetic.statistics(np.arange(9.0)), edges=np.zeros(3))
+        replace(result, **change)
 
 
 def test_statistics_of_nothing_have_no_bins():
     empty = np.array([])
     statistics = replace(synthetic.statistics(np.arange(9.0)), pdf=empty, edges=empty)
     assert statistics.edges.shape == (0,)
-
-
-def test_modes_that_do_not_fit_together():
-    with pytest.raises(ValueError, match="full_hz has shape"):
-        replace(synthetic.modes_table(), theta=np.zeros(7))
 
 
 def test_a_file_whose_shapes_disagree_is_bad_input(tmp_path):

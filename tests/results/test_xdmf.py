@@ -79,21 +79,22 @@ def test_the_trajectory_is_not_touched(exported):
     assert run.read_bytes() == before
 
 
-def test_without_frames_the_cure_is_named(tmp_path):
-    synthetic.trajectory(n_frames=0).write(tmp_path / "t.h5")
-    with pytest.raises(InputError, match="--override simulation.frames="):
-        write_xdmf(tmp_path / "t.h5", tmp_path / "t.xdmf")
-
-
 def test_the_trajectory_itself_is_no_target(exported):
     with pytest.raises(InputError, match="is what the command reads"):
         write_xdmf(exported[0], exported[0])
 
 
-def test_a_file_of_another_kind(tmp_path):
-    synthetic.modes_table().write(tmp_path / "m.h5")
-    with pytest.raises(InputError, match="needed: a trajectory"):
-        write_xdmf(tmp_path / "m.h5", tmp_path / "m.xdmf")
+@pytest.mark.parametrize(
+    ("result", "said"),
+    [
+        (synthetic.trajectory(n_frames=0), "--override simulation.frames="),
+        (synthetic.modes_table(), "needed: a trajectory"),
+    ],
+)
+def test_results_without_frames_are_refused_with_the_cure(tmp_path, result, said):
+    result.write(tmp_path / "t.h5")
+    with pytest.raises(InputError, match=said):
+        write_xdmf(tmp_path / "t.h5", tmp_path / "t.xdmf")
 
 
 def test_a_damaged_trajectory(exported):

@@ -181,7 +181,6 @@ def test_what_it_declares_is_on_the_page_of_entries_and_in_messages(line_spring:
         scene_from_toml(BASE, ".", parameter)
 
 
-CLASS = "class LineSpring"
 LAW = 'from pgmp_petsc.effects.law import Law\nlaw = Law("{}", ("k",), force="{}")\n'
 #: A change of the file (text, in its place), and what is said of it behind the file's name.
 BROKEN = {

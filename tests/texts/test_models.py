@@ -15,6 +15,17 @@ def test_what_is_round_off_beside_the_mechanism_is_zero() -> None:
     small = run.outputs | {"slider_deformation": np.full(run.time.size, 1e-16)}
     text = report_of_run(replace(run, outputs=small), Path("run.h5"))
     (line,) = [line for line in text.splitlines() if "slider_deformation" in line]
-    assert line.split() == ["slider_deformation", "0", "m"]
+    assert line.split() == ["slider_deformation", "0", "m", "0", "at", "0", "s"]
     unknown = run.outputs | {"slider_deformation": np.full(run.time.size, np.nan)}
-    assert "nan m" in report_of_run(replace(run, outputs=unknown), Path("run.h5"))
+    (line,) = [
+        line for line in report_of_run(replace(run, outputs=unknown), Path("run.h5")).splitlines() if "nan" in line
+    ]
+    assert line.split() == ["slider_deformation", "nan", "m"]
+
+
+def test_the_largest_value_is_beside_that_at_the_end() -> None:
+    run = synthetic.trajectory()
+    force = -3.0e4 * np.exp(-(((run.time - 0.4) / 0.01) ** 2))
+    run = replace(run, outputs={"bearing": force}, units={"bearing": "N"})
+    head, line = report_of_run(run, Path("run.h5")).splitlines()[1:3]
+    assert head.split("  ")[-1].strip() == "largest by size" and line.endswith(" -30 at 0.4 s") and " kN " in line

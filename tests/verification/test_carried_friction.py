@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from machine_scenes import run
-from refusals import cases, check_said
+from refusals import cases, check_said, refusal
 from runs import history, motion, reduced_model, samples
 from scipy.integrate import solve_ivp
 
@@ -139,8 +139,8 @@ def test_samples_side_by_side_are_those_alone():
     model, given = reduced_model(scene), np.linspace(0.05, 0.45, 11)
     together = history(model, samples(scene, 11, mu=given), 11)[1]
     alone = history(model, samples(scene, 1, mu=given[7]), 1)[1]
-    np.testing.assert_array_equal(together["theta"][:, 7], alone["theta"][:, 0])
-    np.testing.assert_allclose(together["pin"][:, 7], alone["pin"][:, 0], rtol=1e-12)
+    for name, values in together.items():  # to round-off: products of matrices hang on how many are side by side
+        np.testing.assert_allclose(values[:, 7], alone[name][:, 0], rtol=1e-12, err_msg=name)
 
 
 def test_derivatives_are_those_of_differences_of_runs():
@@ -170,9 +170,7 @@ effects.rub.radius=0.0 -> effects.rub.radius = 0
 
 @pytest.mark.parametrize(("entries", "said"), cases(REFUSED))
 def test_bad_input_is_named(entries, said):
-    with pytest.raises(InputError) as error:
-        scene_from_toml(PENDULUM, ".", tuple(entries.split(" & ")))
-    check_said(str(error.value), said, entries)
+    check_said(refusal(pendulum, entries), said, entries)
 
 
 def test_what_slides_has_no_radius():

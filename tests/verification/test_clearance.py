@@ -290,11 +290,17 @@ def test_radius_and_stiffness_of_a_built_model_are_those_of_a_new_build():
         assert np.max(np.abs(changed[name] - own)) < 1e-7 * np.max(np.abs(own)), name
 
 
+GUIDE = (
+    "joints.guide.clearance={radius=1e-4,stiffness='K',restitution=0.9,restitution_speed=0.1,friction='mu',"
+    "friction_speed=0.5}",
+)
 RUBS = "joints.pin.clearance.friction='mu'", "joints.pin.clearance.friction_speed=0.01", "parameters.mu={nominal=0.1}"
 
 
 @pytest.mark.parametrize(
-    ("more", "share"), [((), 1e-6), (IN_CRANK, 6e-4), (RUBS, 2e-5)], ids=["smooth", "forces", "rough"]
+    ("more", "share"),
+    [((), 1e-6), (IN_CRANK, 6e-4), (RUBS, 2e-5), ((*GUIDE, RUBS[2]), 2e-5)],
+    ids=["smooth", "forces", "rough", "guide"],
 )
 def test_derivatives_are_central_differences(more, share, monkeypatch):
     """Of friction to what the run's own iteration leaves: its matrix has no part of how the normal force is damped, and
@@ -305,7 +311,7 @@ def test_derivatives_are_central_differences(more, share, monkeypatch):
 
 @exported.needs_compiler
 def test_c_code_runs_as_the_model(tmp_path):
-    exported.assert_same_in_c(reduced_model(worn(*RUBS, "simulation.duration=0.01")), tmp_path, share=1e-8)
+    exported.assert_same_in_c(reduced_model(worn(*RUBS, *GUIDE, "simulation.duration=0.01")), tmp_path, share=1e-8)
 
 
 def test_the_balance_of_energy_holds_at_second_order():

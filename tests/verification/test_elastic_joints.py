@@ -17,6 +17,7 @@ from elastic_scenes import (
     vibrations,
 )
 from machine_scenes import MODELS
+from mpi4py import MPI
 from runs import history, motion, read_meshes, reduced_model, rom_of, samples, trajectory
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
@@ -27,7 +28,9 @@ from pgmp_petsc.c_export.constants import started
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.building import build
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.effect_sizes import choose_effects, estimate_effects
 from pgmp_petsc.studies.modes_table import reduced_vibrations, springs_of
@@ -262,6 +265,8 @@ def test_an_offset_without_a_balance_is_refused():
             motion(make(scene))
     with pytest.raises(InputError, match=loose):
         describe_scene(scene, read_meshes(scene))
+    with pytest.raises(InputError, match=loose), RankGroup.split(MPI.COMM_SELF, 1) as group:
+        build(scene, read_meshes(scene), group)
     describe_scene(held, read_meshes(held))
     found = {name: _outputs(make(held), held)["left"][0] for name, make in MODELS.items()}
     assert found == pytest.approx(dict.fromkeys(found, 0.0), abs=1e-12), "1 mm up, with no spring in that direction"

@@ -1,5 +1,6 @@
 """Forces in joints against Newton's law, statics and balances of energy; what is not determined is refused."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,7 +14,9 @@ from scipy.integrate import cumulative_trapezoid, solve_ivp
 from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.figures.loads import Load, joint_forces, loads
+from pgmp_petsc.figures import solids
+from pgmp_petsc.figures.loads import Load, arrows_of, joint_forces, loads
+from pgmp_petsc.figures.motion import motion_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -379,7 +382,7 @@ SHIPPED = {
     "four_bar": (("crank_hinge", "knee", "rocker_hinge"), (), 1e-3),  # of first order 9e-3
     # its motion is of first order; forces of first order are off by 1.5e-1, in the small one on the guide
     "machine_on_mounts": (("main_bearing", "crank_pin", "guide"), ("simulation.duration=1.5",), 2e-3),
-    "geared_four_bar": (("shaft", "elbow", "knee", "pivot"), (), 2e-4),
+    "geared_four_bar": (("shaft", "elbow", "knee", "pivot"), (), 3e-4),
 }
 
 
@@ -446,6 +449,35 @@ def test_polar_diagrams_of_runs() -> None:
     np.testing.assert_allclose(size * np.cos(angle), run.outputs["x"], rtol=0, atol=1e-12)
     with pytest.raises(InputError, match="no joint has its forces along x and y"):
         loads(motion("full", scene_from_toml(PENDULUM, ".", ("simulation.duration=0.01",))), "forces")
+
+
+def test_arrows_of_forces_in_films() -> None:
+    """A pendulum's arrows begin at its hinge and are as long as the legend says; what has none is said."""
+    wanted = outputs("hinge", **along("x", "y"), body='component="x", frame="body"', first='component="x", of="first"')
+    run = trajectory(
+        "full", scene_from_toml(PENDULUM, ".", (*wanted, "simulation.duration=0.1", "simulation.frames=11"))
+    )
+    (arrow,), without = arrows_of(run)
+    assert (arrow.joint, arrow.body) == ("hinge", "arm")
+    np.testing.assert_allclose(arrow.place, 0.0, rtol=0, atol=1e-12)
+    exact = np.transpose([run.outputs[name][::10] for name in "xy"])
+    np.testing.assert_allclose(arrow.force[:, :2], exact, rtol=0, atol=1e-9)
+    assert ["body: no arrow of it, as it is" in without[0], "takes outputs x, y" in without[1]] == [True, True]
+    shown = motion_of(run, "none")
+    number, unit = re.search(r"hinge on arm\): an arrow of ([\d.]+) mm is ([\d.]+) N", shown.forces).groups()
+    length = np.linalg.norm(shown.end(arrow) - arrow.place, axis=1)
+    np.testing.assert_allclose(length * 1e3 * float(unit) / float(number), np.linalg.norm(exact, axis=1), rtol=1e-9)
+    assert 0.05 * 0.4 < length.max() < 0.5 * 0.4 and set(without) <= set(shown.notes)
+    red = np.array([int(solids.FORCE[k : k + 2], 16) for k in (1, 3, 5)])
+    seen = [np.sum(np.abs(picture - red).max(axis=2) < 12) for picture in solids.images(shown, np.array([10]))]
+    assert seen[0] > 200
+    # where bodies have points of meshes, the joint is where both always are; a guide's place is not known
+    wanted = outputs("elbow", **along("x", "y")) + outputs("slider", sx='component="x"', sy='component="y"')
+    short = ("simulation.duration=0.02", "simulation.frames=5")
+    run = trajectory("full", load_scene(ROOT / "scenes" / "slider_crank.toml", (*wanted, *short)))
+    (elbow,), (why,) = arrows_of(run)
+    np.testing.assert_allclose(elbow.place[:, :2], run.frames.positions["rod"][:, 0], rtol=0, atol=1e-9)
+    assert why.startswith("slider: no arrow of its force, as the run does not say where")
 
 
 @pytest.mark.parametrize("named", ['joint="hinge"', 'coordinate="phi"'])

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from differences import SHARES, compare
-from exported import assert_equal, assert_same_in_c, needs_compiler
+from exported import assert_same_in_c, needs_compiler
 from machine_scenes import MODELS, RAIL_MASS, cart, rail, run
 from refusals import cases, check_said, refusal
 from runs import motion, pgmp, read_meshes, reduced_model, still
@@ -94,12 +94,8 @@ def test_chains_are_derivatives_along_the_motion_of_a_reduced_model() -> None:
 
 @needs_compiler
 def test_chains_in_c(tmp_path: Path) -> None:
-    """Places are the same to 1e-9; of rates Newton's iteration leaves 1 / step as much, of accelerations that again, and
-    the model in C corrects more often than the program."""
-    model = reduced_model(cart(*CHAIN))
-    found = assert_same_in_c(model, tmp_path, 1e-5)
-    wanted = motion(model).outputs
-    assert_equal(found, {name: wanted[name] for name in ("x", "swing", "bent", "place", "mix")})
+    """Rates and accelerations are differenced along the motion there, and as good as places."""
+    assert_same_in_c(reduced_model(cart(*CHAIN)), tmp_path)
 
 
 def test_derivatives_of_chains_are_central_differences() -> None:

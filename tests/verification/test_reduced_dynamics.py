@@ -1,13 +1,11 @@
 """The reduced model over time against the full-order one, and against the freedom of its own basis."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import runs
+from scrambling import scrambled
 
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.reduced.energy import reduced_energy
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
@@ -85,14 +83,6 @@ def test_a_rocker_that_turns_fast_is_integrated_with_the_full_models_step() -> N
     )  # fmt: skip
     assert runs.run_model(runs.full_model(scene))[1].status[0] == 0
     assert runs.run_model(runs.reduced_model(scene))[1].status[0] == 0
-
-
-def scrambled(seed: int, modes: ModeSet) -> ModeSet:
-    """Return the modes in random order with random signs."""
-    random = np.random.default_rng([seed, int(1e6 * modes.theta[0])])
-    order = random.permutation(modes.eigenvalues.size)
-    signs = random.choice([-1.0, 1.0], order.size)
-    return replace(modes, eigenvalues=modes.eigenvalues[order], flexible=modes.flexible[:, order] * signs)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -2,7 +2,6 @@
 modes."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -13,6 +12,7 @@ from conftest import ROOT
 from mpi4py import MPI
 from runs import history, samples
 from scipy.spatial.transform import Rotation
+from scrambling import clusters, turned
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape
@@ -244,19 +244,8 @@ RANGES = {
 }  # fmt: skip
 
 
-def clusters(eigenvalues: np.ndarray) -> list[np.ndarray]:
-    """Return the numbers of the modes whose eigenvalues agree to 1e-2, as the build itself takes modes together."""
-    return np.split(np.arange(eigenvalues.size), np.flatnonzero(np.diff(eigenvalues) > 1e-2 * eigenvalues[1:]) + 1)
-
-
-def turned(seed: int, found: list[float], modes: ModeSet) -> ModeSet:
-    """Return the modes with random rotations and reflections inside the clusters; take a note where there are any."""
-    random = np.random.default_rng([seed, int(1e6 * modes.theta[0])])
-    parts = clusters(modes.eigenvalues)
-    if len(parts) < modes.eigenvalues.size:
-        found.append(modes.theta[0])
-    turns = [np.linalg.qr(random.normal(size=(part.size, part.size)))[0] for part in parts]
-    return replace(modes, flexible=modes.flexible @ scipy.linalg.block_diag(*turns))
+#: Eigenvalues within such a share of each other are taken together, as the build itself does.
+APART = 1e-2
 
 
 def crossing_scene(name: str) -> Scene:
@@ -272,8 +261,13 @@ def build(scene: Scene, scramble: Callable[[ModeSet], ModeSet] = lambda modes: m
 @pytest.mark.parametrize(("name", "least"), [("revolution", 2), ("arc", 5)])
 def test_rotations_among_nearly_equal_modes_do_not_change_the_motion(name: str, least: int) -> None:
     scene, found = crossing_scene(name), []
-    plain, spoilt = build(scene), build(scene, lambda modes: turned(1, found, modes))
-    assert len(found) >= least
+
+    def spoil(modes: ModeSet) -> ModeSet:
+        found.append(len(clusters(modes.eigenvalues, APART)) < modes.eigenvalues.size)
+        return turned(1, modes, APART)
+
+    plain, spoilt = build(scene), build(scene, spoil)
+    assert sum(found) >= least
     # both modes are followed as one space, which turns little from one angle to the next
     assert plain.cosines.min() > 0.7
     np.testing.assert_allclose(spoilt.cosines, plain.cosines, rtol=0, atol=1e-9)

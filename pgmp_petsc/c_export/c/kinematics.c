@@ -127,8 +127,8 @@ static double add_statement(const struct statement *s, double near, double poses
     return value;
 }
 
-/* One Newton step, of the normal equations; lengths are in units of the mechanism's size. */
-static void close_loops(const double theta[R], double poses[N_BODIES][N_POSE]) {
+/* One Newton step, of the normal equations; lengths are in units of the mechanism's size. Gaps within `open` stay. */
+static void close_loops(const double theta[R], double open, double poses[N_BODIES][N_POSE]) {
     static const int n_rows = N_CLOSURE, n_terms = N_CLOSURE_TERMS;
     double normal[N_UNKNOWNS][N_UNKNOWNS] = {{0}}, right[N_UNKNOWNS] = {0}, largest = 0.0;
     for (int number = 0, term = 0; number < n_rows + R; number++) {
@@ -163,11 +163,11 @@ static void close_loops(const double theta[R], double poses[N_BODIES][N_POSE]) {
         for (int j = i + 1; j < N_UNKNOWNS; j++) right[i] -= normal[j][i] * right[j];
         right[i] /= normal[i][i];
         double step = right[i] * (i % N_POSE < D ? SIZE : 1.0);
-        if (!(largest < CLOSURE_TOLERANCE)) poses[i / N_POSE][i % N_POSE] -= step; /* else closed, as the program has it */
+        if (!(largest < open)) poses[i / N_POSE][i % N_POSE] -= step;
     }
 }
 
-void place_bodies(const double theta[R], struct frame bodies[N_BODIES]) {
+void place_bodies(const double theta[R], double open, struct frame bodies[N_BODIES]) {
     double poses[N_BODIES][N_POSE], inside[R], turns[R];
     int outside = 0;
     for (int k = 0; k < R; k++) {
@@ -177,7 +177,7 @@ void place_bodies(const double theta[R], struct frame bodies[N_BODIES]) {
         outside |= !(inside[k] >= axis->lower && inside[k] <= axis->lower + axis->n_cells * axis->step);
     }
     look_up(inside, poses);
-    for (int k = 0; k < (BRANCH_IS_EXACT && !outside ? 0 : CLOSURES); k++) close_loops(inside, poses);
+    for (int k = 0; k < (BRANCH_IS_EXACT && !outside ? 0 : CLOSURES); k++) close_loops(inside, open, poses);
     for (int body = 0; body < N_BODIES; body++) {
         frame_of_pose(poses[body], bodies[body].z);
         bodies[body].angle = D == 2 ? poses[body][2] : 0.0;

@@ -34,7 +34,7 @@ static double measure(const struct statement *s, const struct frame nodes[], con
 }
 
 /* A point's displacement against the rigid mechanism at the measured coordinates. */
-static double deformation(const struct reading *o, const struct frame nodes[], const double theta[R]) {
+static double deformation(const struct reading *o, const struct frame nodes[], const double theta[R], double open) {
     const struct side *point = &o->statement.b;
     struct frame bodies[N_BODIES], frame;
     double measured[R], moved[D], along = 0.0;
@@ -45,7 +45,7 @@ static double deformation(const struct reading *o, const struct frame nodes[], c
         double reach = IS_LENGTH(coordinates[k].kind) ? REACH * SIZE : REACH;
         if (!axis->periodic && !(measured[k] >= axis->lower - reach && measured[k] <= upper + reach)) return NAN;
     }
-    place_bodies(measured, bodies);
+    place_bodies(measured, open, bodies);
     attach(point, nodes, &frame);
     const double *body = bodies[point->body].z;
     for (int c = 0; c < D; c++) {
@@ -99,9 +99,10 @@ static void find_displacements(const struct pgmp_model *m, double moved[3][N_SHA
     }
 }
 
-static void find_nodes(const double theta[R], const double moved[N_SHAPES], struct frame nodes[]) {
+/* Frames of the nodes on a rigid mechanism whose gaps may be `open`: CLOSURE_TOLERANCE is as the program closes it. */
+static void find_nodes(const double theta[R], const double moved[N_SHAPES], double open, struct frame nodes[]) {
     struct frame bodies[N_BODIES];
-    place_bodies(theta, bodies);
+    place_bodies(theta, open, bodies);
     for (int k = 0; k < N_NODES; k++) {
         turn_frame(bodies[node_bodies[k]].z, moved + N_DOFS * k, node_points[k], nodes + k);
         nodes[k].angle = bodies[node_bodies[k]].angle + moved[N_DOFS * k + D];
@@ -109,13 +110,13 @@ static void find_nodes(const double theta[R], const double moved[N_SHAPES], stru
 }
 
 /* All readings, in steps of `stride`. */
-static void read_nodes(const struct frame nodes[], const double theta[R], int stride, double found[]) {
+static void read_nodes(const struct frame nodes[], const double theta[R], double open, int stride, double found[]) {
     struct frame frame;
     for (int number = 0; number < N_READINGS; number++) {
         const struct reading *o = readings + number;
         double *value = found + stride * number;
         if (o->kind == DEFORMATION)
-            *value = deformation(o, nodes, theta);
+            *value = deformation(o, nodes, theta, open);
         else if (o->kind == MEASURE)
             *value = measure(&o->statement, nodes, theta);
         else {
@@ -125,22 +126,22 @@ static void read_nodes(const struct frame nodes[], const double theta[R], int st
     }
 }
 
-/* Rates and accelerations of all readings: differences of fourth order along the motion, a line or a parabola. */
+/* Rates and accelerations of all readings: differences of fourth order along the motion, a line or a parabola. What the
+   parabola goes, 1e-5, leaves 1e-11 of accelerations by its own square, and 1e-10 by round-off of closed loops. */
 static void find_changes(const struct pgmp_model *m, double moved[3][N_SHAPES], double found[][3]) {
-    static const double offsets[4] = {-2.0, -1.0, 1.0, 2.0}, first[4] = {1.0, -8.0, 8.0, -1.0};
-    static const double second[4] = {-1.0, 16.0, 16.0, -1.0};
+    static const double offsets[5] = {0.0, -2.0, -1.0, 1.0, 2.0}, first[5] = {0.0, 1.0, -8.0, 8.0, -1.0};
+    static const double second[5] = {-30.0, -1.0, 16.0, 16.0, -1.0};
     double speed = 1e-30, pull = 1e-30, theta[R], there[N_SHAPES], values[AT_LEAST_ONE(N_READINGS)];
     struct frame nodes[AT_LEAST_ONE(N_NODES)];
     for (int k = 0; k < R; k++) speed = fmax(speed, fabs(m->v[k])), pull = fmax(pull, DEPTH > 1 ? fabs(m->a[k]) : 0.0);
     for (int c = 0; c < N_SHAPES; c++) speed = fmax(speed, fabs(moved[1][c])), pull = fmax(pull, fabs(moved[2][c]));
-    double far = fmin(2e-3 / speed, sqrt(2e-3 / pull));
-    for (int number = 0; number < N_READINGS; number++) found[number][2] = -30.0 * found[number][0] / (12.0 * far * far);
-    for (int side = 0; side < 4; side++) {
+    double far = fmin(2e-3 / speed, sqrt(1e-5 / pull));
+    for (int side = 0; side < 5; side++) {
         double h = offsets[side] * far, half = DEPTH > 1 ? 0.5 * h * h : 0.0;
         for (int k = 0; k < R; k++) theta[k] = m->q[k] + h * m->v[k] + half * m->a[k];
         for (int c = 0; c < N_SHAPES; c++) there[c] = moved[0][c] + h * moved[1][c] + half * moved[2][c];
-        find_nodes(theta, there, nodes);
-        read_nodes(nodes, theta, 1, values);
+        find_nodes(theta, there, 0.0, nodes);
+        read_nodes(nodes, theta, 0.0, 1, values);
         for (int number = 0; number < N_READINGS; number++) {
             found[number][1] += first[side] * values[number] / (12.0 * far);
             found[number][2] += second[side] * values[number] / (12.0 * far * far);
@@ -161,8 +162,8 @@ void pgmp_observe_at(struct pgmp_model *m, double time, double since) {
         if (sqrt(square) > m->elastic_rotation) m->elastic_rotation = sqrt(square);
     }
     if (m->elastic_rotation > ROTATION_LIMIT) m->validity |= PGMP_ROTATION;
-    find_nodes(m->q, moved[0], nodes);
-    read_nodes(nodes, m->q, 3, &found[0][0]);
+    find_nodes(m->q, moved[0], CLOSURE_TOLERANCE, nodes);
+    read_nodes(nodes, m->q, CLOSURE_TOLERANCE, 3, &found[0][0]);
     if (DEPTH) find_changes(m, moved, found);
     for (int k = 0; k < N_BASES; k++) {
         double rates[2];

@@ -98,6 +98,6 @@ double evaluate_statement(const struct statement *s, const double z[2 * N_FRAME]
 void turn_frame(const double rigid[N_FRAME], const double moved[N_DOFS], const double point[D], struct frame *frame);
 void attach(const struct side *side, const struct frame nodes[], struct frame *frame);
 double of_term(const struct term *term, double s, double *slope, double *bend);
-void place_bodies(const double theta[R], struct frame bodies[N_BODIES]);
+void place_bodies(const double theta[R], double open, struct frame bodies[N_BODIES]);
 
 #endif
