@@ -9,11 +9,11 @@ bodies of the same kind grow with their unknowns, a little faster for bulky ones
 
 Flexible bodies in floating frames: what is left of a mesh is moments, a stiffness and the shapes at its frames.
 
-A continuum body's fields are those that it is condensed to (`component_modes`): they answer its frames whatever these
-are joined to. A body of beams has its lowest free modes and what its frames' forces do beyond them
-statically. In both cases the fields are turned to free modes, which are orthogonal to the rigid motions in the mass at
-nominal parameters, and these are left out: the frame makes them (`bodies.floating`). Bodies that follow their
-foreshortening have fields that answer the inertia forces of rigid motion too.
+A body's fields are its lowest free modes and what its frames' forces do beyond them statically; a continuum body's are
+taken of those that it is condensed to (`component_modes`), which answer its frames whatever these are joined to. They
+are turned to free modes, which are orthogonal to the rigid motions in the mass at nominal parameters, and these are
+left out: the frame makes them (`bodies.floating`). Bodies that follow their foreshortening have fields that answer the
+inertia forces of rigid motion too, and those of cells have all that they are condensed to.
 """
 
 from __future__ import annotations
