@@ -1,6 +1,7 @@
 """Models in C: compiled and run, and their libraries as functional mock-up units, called as importers call them."""
 
 import ctypes
+import os
 import re
 import shutil
 import subprocess
@@ -19,6 +20,8 @@ from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
+# an interpreter that has FMPy, which takes a newer numpy than this program: that of scripts/setup --tests, or another
+FMPY = os.environ.get("PGMP_FMPY_PYTHON", str(ROOT / ".venv/fmpy/bin/python"))
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler (cc, gcc) in PATH")
 OPTIONS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror")
 SMALL = ("reduction.angles=24", "simulation.duration=0.2", "simulation.step=5e-4")

@@ -20,14 +20,17 @@ from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import AffineSum, Monomial, Quantity
 from pgmp_petsc.c_export.statements import (
     ActionInC,
+    ControlInC,
     OutputsInC,
     StatementInC,
     TermInC,
     action_in_c,
     closure_of,
+    controls_in_c,
     coordinates_of,
     outputs_in_c,
 )
+from pgmp_petsc.controllers.acting import ACTING_LAW, has_motion, measured_by
 from pgmp_petsc.declare.ideas import OUTPUTS
 from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
@@ -110,6 +113,11 @@ class Constants:
     #: actions, action_slots: local effects, and the slots of their nodes
     actions: Sequence[ActionInC]
     action_slots: Sequence[int]
+    #: controls, control_actions, control_origins: controllers, the numbers of the actions by which they act, and what
+    #: counts as zero of the motions that these measure
+    controls: Sequence[ControlInC]
+    control_actions: Sequence[int]
+    control_origins: Sequence[float]
     outputs: OutputsInC
     #: output_units, strength_units, parameter_units: by name; empty where nothing says which
     output_units: Mapping[str, str]
@@ -154,7 +162,16 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     first_edges = [0, *accumulate(len(action.law.edges) for action in actions)]
     values = scene.values | {name: f"p[{k}]" for k, name in enumerate(tunable(scene))}
     outputs = outputs_in_c(model.outputs, slots, values)
+    settings = _steps(model)
+    controls = controls_in_c(scene, tunable(scene), settings["STEP"])
+    control_actions = [k for k, action in enumerate(actions) if action.law is ACTING_LAW]
     counts = {
+        "N_CONTROLS": len(controls),
+        "N_CONTROL_ROWS": len(control_actions),
+        "N_CONTROL": max((len(one.parameters) for one in controls), default=0),
+        "N_BESIDE": sum(3 * len(one.law.states) + 1 for one in controls),
+        "MOST_MOTIONS": max((one.law.n_motions for one in controls), default=0),
+        "MOST_STATES": max((len(one.law.states) for one in controls), default=0),
         "N_READINGS": len(outputs.readings),
         "N_BASES": len(outputs.courses),
         "DEPTH": outputs.depth,
@@ -173,7 +190,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     return Constants(
         name=scene.name,
         system=scene.system,
-        settings={**_sizes(model, tables), **counts, **_steps(model)},
+        settings={**_sizes(model, tables), **counts, **settings},
         tables=tables,
         axes=_axes(model, places),
         weights=terms.weights,
@@ -195,6 +212,9 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
             action_in_c(number, action, edge, held, slots, list(over_time), windings)
             for number, (action, edge) in enumerate(zip(actions, first_edges))
         ],
+        controls=controls,
+        control_actions=control_actions,
+        control_origins=[] if model.measures is None else model.measures.origins.tolist(),
         action_slots=[slots[node] for node in held],
         outputs=outputs,
         output_units=model.outputs.units,
@@ -419,6 +439,11 @@ def left_out(scene: Scene) -> str:
 def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:
     if len(scene.coordinates) > MOST_COORDINATES:
         yield "coordinates", f"a model in C has one or two rigid coordinates, not {len(scene.coordinates)}"
+    for name, one in scene.controllers.items():
+        for output in measured_by(scene, one).motions:
+            if not has_motion(scene, output):
+                what = f"outputs.{output} ({scene.outputs[output].type})"
+                yield f"controllers.{name}.measures", f"a model in C has no controllers that measure {what}"
     if scene.fields:
         yield f"fields.{next(iter(scene.fields))}", "a model in C has no random fields"
     if scene.simulation.tolerance is not None:

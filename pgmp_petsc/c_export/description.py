@@ -87,7 +87,7 @@ def variables_of(constants: Constants) -> list[Variable]:
     found.append(Variable("correction", CORRECTION, REAL, "output", "continuous", about, unit="1", low=0.0))
     found.append(Variable("validity", VALIDITY, WHOLE, "output", "discrete", FLAGS, low=0, high=31))
     found.append(Variable("valid", VALID, BOOLEAN, "output", "discrete", "whether validity is 0"))
-    return [*found, *_states(constants)]
+    return found if constants.controls else [*found, *_states(constants)]
 
 
 def _states(constants: Constants) -> list[Variable]:
@@ -142,12 +142,14 @@ def description(constants: Constants, version: int, identifier: str, token: str,
         variableNamingConvention="structured",
     )
     exchange = SubElement(root, "ModelExchange", modelIdentifier=identifier)
+    if constants.controls:  # whose states are none of its own integrator
+        root.remove(exchange)
     simulation = SubElement(
         root, "CoSimulation", modelIdentifier=identifier, canHandleVariableCommunicationStepSize="false"
     )
     if version == 2:
         root.set("numberOfEventIndicators", "0")
-        for kind in (exchange, simulation):
+        for kind in root:
             kind.set("canNotUseMemoryManagementFunctions", "true")
             files = SubElement(kind, "SourceFiles")
             for name in sources:
@@ -221,6 +223,8 @@ def _describe_2(root: Element, variables: Sequence[Variable]) -> None:
             value.set("derivative", str(numbers[variable.derivative_of]))
     structure = SubElement(root, "ModelStructure")
     for section, listed in _structure(variables).items():
+        if not listed:  # of co-simulation alone
+            continue
         part = SubElement(structure, section)
         for variable in listed:
             SubElement(part, "Unknown", index=str(numbers[variable.reference]))

@@ -21,7 +21,9 @@ from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.statements import KINDS
 from pgmp_petsc.reduced import lagrangian_terms
 
-PARTS = ("steps", "interpolation", "lagrangian", "solution", "statements", "actions", "kinematics", "outputs")
+PARTS = (
+    "steps", "interpolation", "lagrangian", "solution", "statements", "actions", "control", "kinematics", "outputs",
+)  # fmt: skip
 OLDER = "model.c"  # what `steps.c` was called
 COMPILED = (*(f"{part}.c" for part in PARTS), "tables.c")  # with tables.c, what every model in C is made of
 PRINTED = {"lagrangian": lagrangian_terms, "statements": statements}
@@ -136,12 +138,19 @@ def _tables(constants: Constants) -> str:
         _listed("const int strength_of_load[]", map(str, constants.strength_of_load)),
         _listed("const int node_bodies[]", map(str, constants.node_bodies)),
         _listed("const int action_nodes[]", map(str, constants.action_slots)),
-        _pieces([*constants.strengths.values(), *constants.motions, *constants.outputs.courses]),
+        _pieces(
+            [*constants.strengths.values(), *constants.motions, *constants.outputs.courses]
+            + [one.reference for one in constants.controls]
+        ),
         _listed("const struct statement coordinates[R]", map(_statement, constants.coordinates)),
         _listed("const struct term closure[]", terms[: len(constants.closure)], "{0}"),
         _listed("const struct spline_piece spline_pieces[]", _spline_pieces(every), "{0}"),
         _listed("const struct reading readings[]", map(_reading, constants.outputs.readings), "{0}"),
         *dict.fromkeys(action.law.code.C for action in constants.actions),
+        *dict.fromkeys(one.law.code.C for one in constants.controls),
+        _listed("const struct control controls[]", _controls(constants), "{0}"),
+        _listed("const int control_actions[]", map(str, constants.control_actions)),
+        _listed("const double control_origins[]", map(_number, constants.control_origins)),
         _listed("const struct action actions[]", map(_action, constants.actions, [0, *lasts]), "{0}"),
         _listed("const struct part action_parts[]", map(_part, measured, terms[len(constants.closure) :]), "{0}"),
         _weigh(constants),
@@ -224,7 +233,7 @@ def _combine(constants: Constants) -> str:
 
 def _action(action: ActionInC, first: int) -> str:
     last = first + len(action.parts)
-    numbers = (first, last, action.strength, action.edge, len(action.law.edges), action.role)
+    numbers = (first, last, action.strength, action.edge, len(action.law.edges), action.role, int(action.controlled))
     return f"{{{', '.join(map(str, (*numbers, f'law_{action.law.name}')))}}}"
 
 
@@ -232,11 +241,26 @@ def _part(part: PartInC, term: str) -> str:
     return f"{{{', '.join(map(str, part.nodes))}, {_numbers(part.winding)}, {term}}}"
 
 
+def _controls(constants: Constants) -> Iterator[str]:
+    """Yield the controllers, whose references are functions of time behind all others."""
+    before = len(constants.strengths) + len(constants.motions) + len(constants.outputs.courses)
+    for k, one in enumerate(constants.controls):
+        function = before + k if one.reference else -1
+        numbers = (len(one.law.states), one.law.n_motions, one.column, one.row, one.every, function)
+        name = one.law.name
+        yield f"{{{', '.join(map(str, numbers))}, {len(one.parameters) - 1}, control_{name}, start_{name}}}"
+
+
 def _weigh(constants: Constants) -> str:
     """Return the function that evaluates the monomials."""
     numbers = {name: f"p[{k}]" for k, name in enumerate(constants.parameters)}
-    lines = ["void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW], double *given) {"]
-    lines.append("    (void)p, (void)terms, (void)loads, (void)laws, (void)given;")
+    lines = ["void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW], double *given,"]
+    lines.append("           double (*controls)[AT_LEAST_ONE(N_CONTROL)]) {")
+    lines.append("    (void)p, (void)terms, (void)loads, (void)laws, (void)given, (void)controls;")
+    for k, one in enumerate(constants.controls):
+        for i, value in enumerate(one.parameters):
+            text = numbers.get(value, "") if isinstance(value, str) else _number(float(value))
+            lines.append(f"    controls[{k}][{i}] = {text};")
     weights = {"terms": constants.weights, "loads": constants.load_weights, "given": constants.given}
     for into, monomials in weights.items():
         lines += [f"    {into}[{k}] = {monomial_in_c(weight, numbers)};" for k, weight in enumerate(monomials)]

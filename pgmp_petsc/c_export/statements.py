@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.controllers.acting import ACTING_LAW, law_of, parameters_of
+from pgmp_petsc.controllers.law import ControlLaw
 from pgmp_petsc.declare.expressions import printed, symbolic
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.law import Law
-from pgmp_petsc.effects.time_function import Piece
+from pgmp_petsc.effects.time_function import Piece, amplitude_of
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import JointTurns, RigidKinematics
 from pgmp_petsc.mechanism.statements import Function, Statement, distance
 from pgmp_petsc.outputs.of_outputs import TIME, Combined
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.readings import Absolute, AnyReading, Base, Rate, Reading
+from pgmp_petsc.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,19 @@ class ActionInC:
     strength: int
     edge: int
     role: int  # `effects.action.Action.role`
+    controlled: bool  # whether a controller gives its force
+
+
+@dataclass(frozen=True, eq=False)
+class ControlInC:
+    """A controller."""
+
+    law: ControlLaw
+    parameters: Sequence[float | str]  # of its law, limits and the reference: numbers, or names of parameters
+    reference: Sequence[Piece]  # pieces over time; none where it is a parameter
+    column: int  # first of its numbers beside
+    row: int  # first of its actions among those of all controllers
+    every: int  # steps between two samples, 0 of a continuous one
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +221,20 @@ def action_in_c(
         held = tuple(-1 if side.on_ground else nodes.index(side.node) for side in (a, b))
         parts.append(PartInC(term, held, tuple(map(float, next(windings)))))
     strength = -1 if action.amplitude is None else strengths.index(action.effect)
-    return ActionInC(tuple(parts), action.law, strength, edge, action.role)
+    return ActionInC(tuple(parts), action.law, strength, edge, action.role, action.law is ACTING_LAW)
+
+
+def controls_in_c(scene: Scene, tunable: Container[str], step: float) -> list[ControlInC]:
+    """Return the controllers, whose parameters are numbers but for those that a model in C takes, `tunable`."""
+    found, column, row = [], 0, 0
+    for entry in scene.controllers.values():
+        law, reference = law_of(scene, entry), entry.reference
+        given = [*parameters_of(scene, entry).values(), 0.0 if reference.changes else reference.constant]
+        parameters = [v if not isinstance(v, str) or v in tunable else scene.values[v] for v in given]
+        pieces = amplitude_of(reference).pieces if reference.changes else ()
+        found.append(ControlInC(law, parameters, pieces, column, row, round(entry.sample_time / step)))
+        column, row = column + 3 * len(law.states) + 1, row + max(1, law.n_motions)
+    return found
 
 
 def outputs_in_c(outputs: OutputSet, slots: Mapping[int, int], values: Mapping[str, str | float]) -> OutputsInC:

@@ -30,7 +30,7 @@ from pgmp_petsc.scene.uses import slides
 
 #: Among the parameters, where the law notes the measure that it meets, and its rate.
 NOTED = slice(3, 5)
-ACTING = '''"""A force that is given, with the slopes that the iteration of a step takes; notes what is measured."""
+ACTING = r'''"""A force that is given, with the slopes that the iteration of a step takes; notes what is measured."""
 
 STIFFNESS = ""
 
@@ -49,7 +49,11 @@ def edges(p, s):
     return ()
 
 
-C = ""
+C = """static void law_commanded(const double p[], double amplitude, double s, double rate, double about,
+                          double found[]) {
+    (void)s, (void)about;
+    found[0] = amplitude + p[0], found[1] = p[1], found[2] = p[2], found[3] = rate;
+}"""
 
 COMPLETE = True
 '''
@@ -68,7 +72,7 @@ class Acting(Law):
 
 
 ACTING_LAW = Acting(
-    "controlled",
+    "commanded",
     ("force", "stiffness", "damping", "measure", "rate_of_measure"),
     force="amplitude + force - stiffness * s - damping * rate",
 )

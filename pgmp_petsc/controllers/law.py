@@ -64,6 +64,8 @@ def initial(_p, _x, _z, _found):
     return 0.0
 
 
+C = """{c}"""
+
 COMPLETE = True
 '''
 
@@ -155,7 +157,8 @@ class ControlLaw(Printed):
             for part in (one, *(slope(one, by) for by in motions), *(sp.diff(one, state) for state in states))
         ]
         starts = [symbolic(self.starts.get(one, "0"), names) for one in self.states]
-        of_measures, measures = printed([*seen.values(), *(slopes[key] for key in slope_names)])
+        expressions = [*seen.values(), *(slopes[key] for key in slope_names)]
+        of_measures, measures = printed(expressions)
         named = [*seen, *map(str, slope_names.values())]
         of_measures += [f"{name} = {value}" for name, value in zip(named, measures)]
         lines, values = printed(found)
@@ -172,6 +175,40 @@ class ControlLaw(Printed):
             evaluate=text([*lines, *(f"_found[{k}] = {value}" for k, value in enumerate(values))]),
             of_start=text([*parameters, *measured, *of_measures]),
             initial=text([*of_start, *(f"_found[{k}] = {value}" for k, value in enumerate(initial))]),
+            c=self._in_c([*map(str, motions)], (named, expressions), found, starts),
+        )
+
+    def _in_c(
+        self, motions: Sequence[str], measured: tuple[Sequence[str], Sequence[Any]], found: Sequence[Any],
+        starts: Sequence[Any],
+    ) -> str:  # fmt: skip
+        """Return the functions of rates and force, and of the first states, in C."""
+        given = {"_p": (*self.parameters, *LIMITS), "_x": (*GIVEN, *motions), "_z": tuple(self.states)}
+        names, expressions = measured
+
+        def function(name: str, values: Sequence[Any], parts: Sequence[str]) -> list[str]:
+            takes = "const double _p[], const double _x[], const double _z[], double _found[]"
+            lines = [f"static void {name}({takes}) {{", "    (void)_p, (void)_x, (void)_z, (void)_found;"]
+            known = [(one, f"{part}[{k}]") for part in parts for k, one in enumerate(given[part])]
+            lines += [f"    const double {one} = {value};" for one, value in known]
+            lines += [f"    double {', '.join(names)};", "    {"]
+            shared, of_measures = printed(expressions, in_c=True)
+            lines += [f"        {one}" for one in (*shared, *(f"{n} = {v};" for n, v in zip(names, of_measures)))]
+            lines += ["    }", *(f"    (void){one};" for one in (*(one for one, _ in known), *names))]
+            shared, values = printed(values, in_c=True) if values else ([], [])
+            return [
+                *lines,
+                *(f"    {one}" for one in shared),
+                *(f"    _found[{k}] = {value};" for k, value in enumerate(values)),
+                "}",
+            ]
+
+        return "\n".join(
+            [
+                *function(f"control_{self.name}", found, ("_p", "_x", "_z")),
+                "",
+                *function(f"start_{self.name}", starts, ("_p", "_x")),
+            ]
         )
 
 

@@ -263,10 +263,10 @@ FEATURES = (
         cure="compare pgmp simulate SCENE --full with reduced runs",
     ),
     Feature(
-        "models in C and FMUs with forces beside",
-        _beside,
+        "models in C and FMUs with friction by the force carried",
+        _carried,
         frozenset({Purpose.EXPORT}),
-        why_not="a model in C has no controllers, and does not know what joints carry",
+        why_not="a model in C does not know what joints carry",
         cure="take pgmp simulate for this model",
     ),
     Feature(

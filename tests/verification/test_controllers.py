@@ -1,11 +1,16 @@
 """Controllers: closed loops against closed forms, scipy's integrators and exact discretisations, in every model."""
 
 import json
+import os
+import shutil
+import subprocess
+import zipfile
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from exported import FMPY, Unit, assert_equal, compiled, needs_compiler, outputs_of
 from machine_scenes import MODELS, cart, run
 from mpi4py import MPI
 from refusals import cases, check_said
@@ -15,6 +20,8 @@ from scipy.linalg import expm
 from scipy.signal import cont2discrete
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.c_export.constants import constants_of, tunable
+from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
 from pgmp_petsc.design.design_figures import Question
 from pgmp_petsc.design.goals import read_constraint, read_goal
 from pgmp_petsc.design.optimization import optimize
@@ -245,6 +252,60 @@ def test_steps_in_lanes_are_those_by_corrections(entries: tuple[str, ...]) -> No
         allowed = 1e-8 * np.abs(values).max()
         np.testing.assert_allclose(found[0][name], values, rtol=0, atol=allowed, err_msg=name)
     assert np.ptp(found[0]["x"]) > 2e-4 and (entries[0] is not ARM[0] or found[0]["x"].max() > 0.02)
+
+
+#: A reference with corners within steps.
+CORNERED = "controllers.place.reference={table=[[0.0,0.0],[0.0503,0.08],[0.1,0.02]]}"
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    "entries", [(*ARM, CORNERED, STOPPED), (*ARM, *SAMPLED, STOPPED), (*SEEN, "controllers.seer.sample_time=2e-3")],
+    ids=["continuous", "sampled", "several measures"],
+)  # fmt: skip
+def test_models_in_c(entries: tuple[str, ...], tmp_path: Path) -> None:
+    """Equal to 1e-9 of the largest, over contacts too; a gain that is set is one of the model."""
+    scene = cart(*entries, "parameters.lead={nominal=30.0}", "simulation.duration=0.15")
+    model = reduced_model(scene)
+    program = compiled(model, tmp_path)
+    _, wanted = history(model, samples(scene, 1), 1)
+    assert_equal(outputs_of(program), {name: values[:, 0] for name, values in wanted.items()})
+    if entries[0] is ARM[0]:
+        _, wanted = history(model, samples(scene, 1, lead=np.array([20.0])), 1)
+        assert_equal(outputs_of(program, "lead=20.0"), {name: values[:, 0] for name, values in wanted.items()})
+
+
+@needs_compiler
+@pytest.mark.parametrize("version", VERSIONS)
+def test_units_for_others(tmp_path: Path, version: int) -> None:
+    """FMUs take a gain, and model exchange, whose integrator does not know the states, is refused."""
+    scene = cart(*ARM, *SAMPLED, "simulation.duration=0.05")
+    model, step, n = reduced_model(scene), scene.simulation.step, 50
+    write_fmu(constants_of(model, "it"), tmp_path / "cart.fmu", version)
+    text = zipfile.ZipFile(tmp_path / "cart.fmu").read("modelDescription.xml").decode()
+    assert "<CoSimulation" in text and "ModelExchange" not in text
+    unit = Unit(tmp_path / "cart.fmu", tmp_path / "there")
+    assert unit.instantiate(exchange=True) is None and "is for co-simulation alone" in unit.said[-1]
+    assert unit.instantiate() and unit.set("Real", [*tunable(scene)].index("lead"), 20.0) == 0 and unit.begin() == 0
+    found = []
+    for number in range(n + 1):
+        found.append([unit.get("Real", 2_000_000 + k) for k in range(len(scene.outputs))])
+        assert number == n or unit.step(number * step, step) == 0
+    _, wanted = history(model, samples(scene, 1, lead=np.array([20.0])), 1)
+    columns = dict(zip(model.outputs.functions, np.array(found).T))
+    assert_equal(columns, {name: values[:, 0] for name, values in wanted.items()})
+    if shutil.which(FMPY) is not None:
+        look = "import sys; from fmpy.validation import validate_fmu; print(validate_fmu(sys.argv[1]))"
+        command = [FMPY, "-c", look, tmp_path / "cart.fmu"]
+        environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+        done = subprocess.run(command, capture_output=True, text=True, env=environment)
+        assert done.stdout.strip() == "[]", done.stderr
+
+
+def test_what_models_in_c_do_not_measure(tmp_path: Path) -> None:
+    bent = 'controllers.hold={type="pid",measures="bent",joint="pivot",gains={p=1.0}}'
+    with pytest.raises(InputError, match=r"^controllers\.hold\.measures: a model in C has no controllers that measure"):
+        constants_of(reduced_model(cart(bent)), "it")
 
 
 @pytest.mark.parametrize("entries", [SEEN, (*SEEN, "controllers.seer.sample_time=2e-3")], ids=["continuous", "sampled"])
@@ -514,7 +575,6 @@ def test_a_gain_is_tuned(overshoot: float | None) -> None:
 PURPOSES = {
     Purpose.SIZES: (),
     Purpose.TRADEOFF: (),
-    Purpose.EXPORT: (),
     Purpose.CHECK: ("reduction.tolerance=1e-2",),
     Purpose.BUILD: ('outputs.pin={type="joint_force",joint="pivot",component="x"}',),
     Purpose.REDUCED: ("parameters.long={nominal=0.5,bounds=[0.4,0.6]}", 'bodies.pole.line.length="long"'),

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from conftest import TIMEOUT_SECONDS
-from exported import COMPILER, Unit, assert_equal, needs_compiler, scene_of, with_scene
+from exported import COMPILER, FMPY, Unit, assert_equal, needs_compiler, scene_of, with_scene
 from runs import motion, reduced_model
 from scipy.integrate import solve_ivp
 
@@ -25,8 +25,6 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.stepping.second_order_system import State
 
 pytestmark = needs_compiler
-# an interpreter that has FMPy, which takes a newer numpy than this program: that of scripts/setup --tests, or another
-FMPY = os.environ.get("PGMP_FMPY_PYTHON", str(Path(__file__).parents[2] / ".venv/fmpy/bin/python"))
 SIMULATE = """
 import sys, json
 from fmpy import simulate_fmu

@@ -192,9 +192,26 @@ static void add_to_matrix(double tangent[N][N], struct matrix *m) {
     }
 }
 
+/* Forces and slopes of controllers, at the motions that their actions measure or the ones before these, which lead. */
+static void give_forces(const struct pgmp_model *m, const struct moving nodes[], const double turned[],
+                        const double q[N], const double v[N], struct response *response, double given[][3]) {
+    double motions[AT_LEAST_ONE(N_CONTROL_ROWS)][2] = {{0}};
+    for (int row = 0; response && row < N_CONTROL_ROWS; row++) {
+        const struct action *action = actions + control_actions[row];
+        double projected[N] = {0};
+        if (action->role == LED) action--;
+        for (int part = action->first; part < action->last; part++)
+            motions[row][0] += add_part(action_parts + part, nodes, turned[part], q, projected, 0);
+        motions[row][0] -= control_origins[row];
+        for (int i = 0; i < N; i++) motions[row][1] += projected[i] * v[i];
+    }
+    respond(m, motions, response, given);
+}
+
 void add_actions(const struct pgmp_model *m, const struct stencil *stencil, const double strengths[],
                  const double q[N], const double v[N], double gain_v, int fresh, double about[], double depths[],
-                 double r[N], struct matrix *matrix) {
+                 struct response *response, double r[N], struct matrix *matrix) {
+    double given[AT_LEAST_ONE(N_ACTIONS)][3] = {{0}};
     double rigid[1 + R][AT_LEAST_ONE(N_ACTION_ENTRIES)] = {{0}}, tangent[N][N] = {{0}};
     double leading[N] = {0}, place = 0.0, speed = 0.0; /* of the effect whose measure a law is of */
     struct moving nodes[AT_LEAST_ONE(N_ACTION_NODES)];
@@ -207,6 +224,7 @@ void add_actions(const struct pgmp_model *m, const struct stencil *stencil, cons
         for (int k = 0; k < R; k++) slopes[k] = rigid[1 + k] + N_FRAME * node;
         place_node(stencil, action_nodes[node], q, rigid[0] + N_FRAME * node, slopes, nodes + node);
     }
+    give_forces(m, nodes, rigid[0] + N_FRAME * N_ACTION_NODES, q, v, response, given);
     for (int number = 0; number < N_ACTIONS; number++) {
         const struct action *action = actions + number;
         double s = 0.0, rate = 0.0, projected[N] = {0}, bent[N][N] = {{0}}, found[LAW_END + MOST_EDGES];
@@ -223,7 +241,7 @@ void add_actions(const struct pgmp_model *m, const struct stencil *stencil, cons
             continue;
         }
         double strength = action->strength < 0 ? 0.0 : strengths[action->strength];
-        action->law(m->laws[number], action->role == BY_LOAD ? speed : strength, place,
+        action->law(action->controlled ? given[number] : m->laws[number], action->role == BY_LOAD ? speed : strength, place,
                     action->role == BY_LOAD ? rate : speed, about && fresh ? about[number] : NAN, found);
         if (about) about[number] = found[LAW_ABOUT];
         for (int e = 0; depths && e < action->n_edges; e++) depths[action->edge + e] = found[LAW_END + e];

@@ -53,9 +53,12 @@ struct pgmp_model {
     /* tables weighted with the parameters */
     double rigid[N_CELLS][PACKED(R) * RIGID_POWERS], terms[N_ROWS][END];
     double loads[AT_LEAST_ONE(N_LOADS)][N_ROWS][LOAD_END], laws[AT_LEAST_ONE(N_ACTIONS)][N_LAW];
+    double controls[AT_LEAST_ONE(N_CONTROLS)][AT_LEAST_ONE(N_CONTROL)];
     /* state: theta and delta, their rates, accelerations, auxiliary ones, those of the step before */
     double q[N], v[N], a[N], auxiliary[N], before[N];
     int beyond[AT_LEAST_ONE(N_EDGES)]; /* whether each edge of a law is crossed */
+    double beside[AT_LEAST_ONE(N_BESIDE)]; /* of each controller its states, rates, auxiliary ones and its force */
+    long sampled;                          /* steps after which controllers were sampled last */
     double contraction; /* of Newton's iteration, expected in the next step */
     long number;        /* steps taken */
     double outputs[AT_LEAST_ONE(N_OUTPUTS)];

@@ -28,7 +28,7 @@ void pgmp_initialise(struct pgmp_model *m) {
 
 void pgmp_weigh(struct pgmp_model *m) {
     double of_terms[N_TERMS], of_loads[AT_LEAST_ONE(N_LOAD_TERMS)];
-    weigh(m->parameters, of_terms, of_loads, m->laws, m->q + (N - N_GIVEN));
+    weigh(m->parameters, of_terms, of_loads, m->laws, m->q + (N - N_GIVEN), m->controls);
     memset(m->rigid, 0, sizeof m->rigid);
     memset(m->terms, 0, sizeof m->terms);
     memset(m->loads, 0, sizeof m->loads);
@@ -61,14 +61,14 @@ static void act(const struct pgmp_model *m, double time, double since, double st
 
 /* The Newton correction at (q, v, a), in r; about as for `obey` of each action, or none. */
 static void correct(const struct pgmp_model *m, const double strengths[], const double q[N], const double v[N],
-                    const double a[N], double gain_v, double gain_a, int fresh, double about[], struct matrix *matrix,
-                    double r[N]) {
+                    const double a[N], double gain_v, double gain_a, int fresh, double about[],
+                    struct response *response, struct matrix *matrix, double r[N]) {
     struct stencil stencil;
     struct terms t;
     find_stencil(axes, q, &stencil);
     interpolate(m, &stencil, q, strengths, &t);
     evaluate_lagrangian(&t, q, v, a, gain_v, gain_a, fresh, r, matrix);
-    add_actions(m, &stencil, strengths, q, v, gain_v, fresh, about, 0, r, matrix);
+    add_actions(m, &stencil, strengths, q, v, gain_v, fresh, about, 0, response, r, matrix);
     if (fresh) eliminate(matrix);
     solve(matrix, r);
 }
@@ -80,7 +80,16 @@ static void find_depths(const struct pgmp_model *m, const double q[N], double de
     struct stencil stencil;
     if (N_EDGES == 0) return;
     find_stencil(axes, q, &stencil);
-    add_actions(m, &stencil, none, q, at_rest, 0.0, 0, 0, depths, r, 0);
+    add_actions(m, &stencil, none, q, at_rest, 0.0, 0, 0, depths, 0, r, 0);
+}
+
+/* Lets controllers respond to a state. */
+static void look_at_motions(const struct pgmp_model *m, const double q[N], const double v[N], struct response *at) {
+    static const double none[AT_LEAST_ONE(N_STRENGTHS)];
+    double r[N] = {0};
+    struct stencil stencil;
+    find_stencil(axes, q, &stencil);
+    add_actions(m, &stencil, none, q, v, 0.0, 0, 0, 0, at, r, 0);
 }
 
 static void look_at_state(struct pgmp_model *m) {
@@ -96,7 +105,7 @@ void pgmp_accelerate(struct pgmp_model *m, double time, double since) {
     double strengths[AT_LEAST_ONE(N_STRENGTHS)], r[N], at_rest[N] = {0};
     struct matrix matrix;
     act(m, time, since, strengths, m->q, m->v, at_rest);
-    correct(m, strengths, m->q, m->v, at_rest, 0.0, LARGE, 1, 0, &matrix, r);
+    correct(m, strengths, m->q, m->v, at_rest, 0.0, LARGE, 1, 0, 0, &matrix, r);
     for (int i = 0; i < N; i++) m->a[i] = at_rest[i] - LARGE * r[i];
     look_at_state(m);
 }
@@ -131,6 +140,14 @@ void pgmp_start(struct pgmp_model *m) {
     pgmp_weigh(m);
     for (int i = 0; i < (BALANCED ? N - N_GIVEN : R); i++) m->q[i] = start_coordinates[i], m->v[i] = start_rates[i];
     if (!BALANCED) answer_offsets(m);
+    m->sampled = 0;
+    if (N_CONTROLS > 0) {
+        struct response response;
+        memset(m->beside, 0, sizeof m->beside);
+        begin_sampling(m, EVERYONE, 0.0, &response);
+        look_at_motions(m, m->q, m->v, &response);
+        follow_response(m, &response);
+    }
     pgmp_accelerate(m, 0.0, 0.0);
     find_depths(m, m->q, depths);
     for (int e = 0; e < N_EDGES; e++) m->beyond[e] = depths[e] > 0.0;
@@ -147,7 +164,7 @@ static double ahead_of(const struct pgmp_model *m, int i, double a) {
 }
 
 /* The end of a step, or of a part of one: its length, the state, and how far edges are crossed there. */
-struct trial { double h, q[N], v[N], a[N], depths[AT_LEAST_ONE(N_EDGES)], left; };
+struct trial { double h, q[N], v[N], a[N], depths[AT_LEAST_ONE(N_EDGES)], left; struct response response; };
 
 /* Accelerations are extrapolated, at later attempts those for which q goes to q + h v, as a load that sets in at once
    gives light nodes accelerations that no step can follow. */
@@ -176,7 +193,7 @@ static int converge(struct pgmp_model *m, int attempt, int in_part, const double
         double size = 0.0, share = 1.0, contraction = m->contraction;
         int fresh = attempt != EXTRAPOLATED || number % REFRESH_EVERY == 0;
         int limited = 0;
-        correct(m, strengths, t->q, t->v, t->a, gain_v, gain_a, fresh, about, &matrix, r);
+        correct(m, strengths, t->q, t->v, t->a, gain_v, gain_a, fresh, about, &t->response, &matrix, r);
         for (int k = 0; k < N_ACTIONS; k++) limited |= isnan(about[k]);
         if (limited) last = 0.0; /* nothing follows from the size of the last correction */
         for (int i = 0; i < N && isfinite(size); i++) /* what is no number is not lost to a number behind it */
@@ -208,8 +225,10 @@ static int try_step(struct pgmp_model *m, double h, double end, int in_part, str
     for (int attempt = 0; attempt < N_ATTEMPTS; attempt++) {
         predict(m, attempt, t);
         act(m, end, end, strengths, t->q, t->v, t->a);
+        begin_response(m, h, end, &t->response);
         if (converge(m, attempt, in_part, strengths, t)) {
             find_depths(m, t->q, t->depths);
+            if (N_CONTROLS > 0) look_at_motions(m, t->q, t->v, &t->response);
             return 1;
         }
         m->contraction = FIRST_CONTRACTION;
@@ -225,6 +244,20 @@ static void follow(struct pgmp_model *m, const struct trial *t) {
         m->q[i] = t->q[i], m->v[i] = t->v[i], m->a[i] = t->a[i];
     }
     m->correction = t->left;
+    follow_response(m, &t->response);
+}
+
+/* Samples controllers whose time it is; accelerations jump with their forces. */
+static void sample(struct pgmp_model *m) {
+    struct response response;
+    double before[N], time = pgmp_time(m);
+    begin_sampling(m, DUE, time, &response);
+    look_at_motions(m, m->q, m->v, &response);
+    follow_response(m, &response);
+    memcpy(before, m->a, sizeof before);
+    pgmp_accelerate(m, time, time);
+    for (int i = 0; i < N; i++) m->auxiliary[i] += m->a[i] - before[i], m->before[i] = m->a[i];
+    m->sampled = m->number, m->contraction = FIRST_CONTRACTION;
 }
 
 static int crosses(const struct pgmp_model *m, const double depths[], int edge) {
@@ -312,24 +345,28 @@ static int step_over_edges(struct pgmp_model *m, double end, struct trial *t) {
 }
 
 /* The state at the beginning of a step, to which one that fails goes back. */
-struct beginning { double q[N], v[N], a[N], auxiliary[N], before[N]; int beyond[AT_LEAST_ONE(N_EDGES)]; };
+struct beginning {
+    double q[N], v[N], a[N], auxiliary[N], before[N], beside[AT_LEAST_ONE(N_BESIDE)];
+    int beyond[AT_LEAST_ONE(N_EDGES)];
+};
 
 static void keep(const struct pgmp_model *m, struct beginning *kept) {
     memcpy(kept->q, m->q, sizeof m->q), memcpy(kept->v, m->v, sizeof m->v), memcpy(kept->a, m->a, sizeof m->a);
     memcpy(kept->auxiliary, m->auxiliary, sizeof m->auxiliary), memcpy(kept->before, m->before, sizeof m->before);
-    memcpy(kept->beyond, m->beyond, sizeof m->beyond);
+    memcpy(kept->beyond, m->beyond, sizeof m->beyond), memcpy(kept->beside, m->beside, sizeof m->beside);
 }
 
 static void go_back(struct pgmp_model *m, const struct beginning *kept) {
     memcpy(m->q, kept->q, sizeof m->q), memcpy(m->v, kept->v, sizeof m->v), memcpy(m->a, kept->a, sizeof m->a);
     memcpy(m->auxiliary, kept->auxiliary, sizeof m->auxiliary), memcpy(m->before, kept->before, sizeof m->before);
-    memcpy(m->beyond, kept->beyond, sizeof m->beyond);
+    memcpy(m->beyond, kept->beyond, sizeof m->beyond), memcpy(m->beside, kept->beside, sizeof m->beside);
 }
 
 int pgmp_step(struct pgmp_model *m) {
     const double end = STEP * (m->number + 1);
     struct trial t;
     m->validity &= ~PGMP_NOT_CONVERGED; /* a step that was not taken has left nothing behind */
+    if (jumps(m)) sample(m);
     /* corrected twice, to see how it contracts; with friction always, which contracts otherwise in each step */
     if (RUBS || (m->number + 1) % PROBED_EVERY == 0) m->contraction = FIRST_CONTRACTION;
     if (!try_step(m, STEP, end, 0, &t)) return m->validity |= PGMP_NOT_CONVERGED;

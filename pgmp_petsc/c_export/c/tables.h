@@ -30,7 +30,22 @@ typedef void law_function(const double p[], double amplitude, double s, double r
    and of its first edge among those of all; how many edges its law has; and whose measure the law is of. One that leads
    does nothing but measure, for the law of the one behind it. */
 enum { ALONE, LEADS, LED, BY_LOAD };
-struct action { int first, last, strength, edge, n_edges, role; law_function *law; };
+struct action { int first, last, strength, edge, n_edges, role, controlled; law_function *law; };
+/* A law of a controller, of its parameters, of time, reference and its rate, motions and their rates, and of its states:
+   the force, its slopes by motions, rates and states, and the same of the rate of each state; and its first states. */
+typedef void control_function(const double p[], const double x[], const double z[], double found[]);
+/* A controller: its first number among those beside; the first of the actions that it acts by, one for each motion that it
+   measures; after how many steps it is sampled, 0 of a continuous one; and its reference, a function of time, -1 where it
+   is a parameter of the law. */
+struct control { int n_states, n_motions, column, row, every, function, reference; control_function *law, *start; };
+/* Responses of controllers: who responds, at what time, to which references; c, kappa, states, rates and forces. */
+enum { CONTINUOUS, DUE, EVERYONE };
+#define N_SLOPES (1 + 2 * MOST_MOTIONS)
+struct response {
+    int who;
+    double time, kappa, references[AT_LEAST_ONE(N_CONTROLS)][2], forces[AT_LEAST_ONE(N_CONTROLS)];
+    double c[AT_LEAST_ONE(N_BESIDE)], z[AT_LEAST_ONE(N_BESIDE)], rates[AT_LEAST_ONE(N_BESIDE)];
+};
 /* A part of a measure: numbers of its nodes among those of the effects, -1 on the ground. */
 struct part { int a, b; double winding[R]; struct term term; };
 struct reading { int kind, axis, in_body; double origin; struct statement statement; };
@@ -52,10 +67,14 @@ extern const struct piece pieces[];
 extern const struct reading readings[];
 extern const struct action actions[];
 extern const struct part action_parts[];
+extern const struct control controls[];
+extern const int control_actions[];
+extern const double control_origins[];
 extern const struct statement coordinates[R];
 extern const struct term closure[];
 extern const struct spline_piece spline_pieces[];
-void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW], double *given);
+void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW], double *given,
+           double (*controls)[AT_LEAST_ONE(N_CONTROL)]);
 /* Makes outputs of readings and places of bases, each with rate and acceleration, the time and the parameters. */
 void combine(double time, const double *p, double (*bases)[3], double (*readings)[3], double outputs[]);
 
@@ -89,7 +108,12 @@ void evaluate_lagrangian(const struct terms *t, const double q[N], const double 
                          double gain_v, double gain_a, int fresh, double r[N], struct matrix *matrix);
 void add_actions(const struct pgmp_model *m, const struct stencil *stencil, const double strengths[],
                  const double q[N], const double v[N], double gain_v, int fresh, double about[], double depths[],
-                 double r[N], struct matrix *matrix);
+                 struct response *response, double r[N], struct matrix *matrix);
+void respond(const struct pgmp_model *m, double motions[][2], struct response *at, double given[][3]);
+void begin_response(const struct pgmp_model *m, double h, double time, struct response *at);
+void begin_sampling(const struct pgmp_model *m, int who, double time, struct response *at);
+void follow_response(struct pgmp_model *m, const struct response *at);
+int jumps(const struct pgmp_model *m);
 void eliminate(struct matrix *matrix);
 void solve(const struct matrix *matrix, double x[N]);
 

@@ -1,0 +1,154 @@
+/* Controllers: states z' = g and a force u = h of motions in the mechanics, within the steps of the mechanics.
+
+   At the end of a step z = c + kappa g(z, s, s'); what is solved here at given s and s' is a force with slopes by these.
+   One that is sampled holds its force, and goes on by Euler's implicit rule over its sample time.
+
+   written by pgmp_petsc */
+
+#include <math.h>
+#include <string.h>
+
+#include "tables.h"
+
+enum { MOST_RESPONSES = 30 };
+#define CLOSE 1e-14 /* of the states, where their iteration ends */
+
+static double *force_of(double beside[], const struct control *one) { return beside + one->column + 3 * one->n_states; }
+
+/* Eliminates n rows with pivoting; right becomes the solutions, of its first n_right columns. */
+static void solve_states(int n, int n_right, double matrix[][AT_LEAST_ONE(MOST_STATES)], double right[][N_SLOPES]) {
+    for (int k = 0; k < n; k++) {
+        int best = k;
+        for (int i = k + 1; i < n; i++)
+            if (fabs(matrix[i][k]) > fabs(matrix[best][k])) best = i;
+        for (int j = 0; j < n; j++) {
+            double kept = matrix[k][j];
+            matrix[k][j] = matrix[best][j], matrix[best][j] = kept;
+        }
+        for (int j = 0; j < n_right; j++) {
+            double kept = right[k][j];
+            right[k][j] = right[best][j], right[best][j] = kept;
+        }
+        for (int i = 0; i < n; i++) {
+            double factor = matrix[i][k] / matrix[k][k];
+            for (int j = k; i != k && j < n; j++) matrix[i][j] -= factor * matrix[k][j];
+            for (int j = 0; i != k && j < n_right; j++) right[i][j] -= factor * right[k][j];
+        }
+    }
+    for (int k = 0; k < n; k++)
+        for (int j = 0; j < n_right; j++) right[k][j] /= matrix[k][k];
+}
+
+/* Lets the states of a controller respond to what is given to its law, x. */
+static void solve_response(const struct control *one, const double p[], const double x[], double kappa,
+                           struct response *at, double found[N_SLOPES]) {
+    double matrix[AT_LEAST_ONE(MOST_STATES)][AT_LEAST_ONE(MOST_STATES)], right[AT_LEAST_ONE(MOST_STATES)][N_SLOPES];
+    double law[(1 + MOST_STATES) * (N_SLOPES + MOST_STATES)], *z = at->z + one->column;
+    const int n = one->n_states, n_slopes = 1 + 2 * one->n_motions, width = n_slopes + n;
+    int converged = 0;
+    for (int number = 0; number < MOST_RESPONSES && !converged; number++) {
+        double largest = 0.0, change = 0.0;
+        one->law(p, x, z, law);
+        for (int i = 0; i < n; i++) {
+            const double *row = law + width * (1 + i);
+            right[i][0] = at->c[one->column + i] + kappa * row[0] - z[i];
+            for (int k = 1; k < n_slopes; k++) right[i][k] = kappa * row[k];
+            for (int j = 0; j < n; j++) matrix[i][j] = (i == j) - kappa * row[n_slopes + j];
+        }
+        solve_states(n, n_slopes, matrix, right);
+        for (int i = 0; i < n; i++) {
+            z[i] += right[i][0];
+            largest = fmax(largest, fabs(z[i])), change = fmax(change, fabs(right[i][0]));
+        }
+        converged = change <= CLOSE * largest;
+    }
+    for (int k = 0; k < n_slopes; k++) {
+        found[k] = converged ? law[k] : NAN;
+        for (int i = 0; i < n; i++) found[k] += law[n_slopes + i] * right[i][k];
+    }
+    for (int i = 0; i < n; i++) at->rates[one->column + i] = law[width * (1 + i)];
+}
+
+/* Forces and slopes for the actions: of those that respond at the motions and rates given for every row, and of others
+   the force that they hold. */
+void respond(const struct pgmp_model *m, double motions[][2], struct response *at, double given[][3]) {
+    for (int k = 0; k < N_CONTROLS; k++) {
+        const struct control *one = controls + k;
+        double x[3 + N_SLOPES], found[N_SLOPES] = {0}, beside[AT_LEAST_ONE(N_BESIDE)];
+        int sampled = one->every > 0, due = sampled && m->number % one->every == 0;
+        memcpy(beside, m->beside, sizeof beside);
+        found[0] = *force_of(beside, one);
+        if (at && (at->who == EVERYONE || (at->who == DUE ? due : !sampled))) {
+            x[0] = at->time, x[1] = at->references[k][0], x[2] = at->references[k][1];
+            for (int i = 0; i < one->n_motions; i++)
+                for (int j = 0; j < 2; j++) x[3 + 2 * i + j] = motions[one->row + i][j];
+            if (at->who == EVERYONE) {
+                one->start(m->controls[k], x, x, at->c + one->column);
+                memcpy(at->z + one->column, at->c + one->column, one->n_states * sizeof(double));
+            }
+            solve_response(one, m->controls[k], x, at->who == DUE ? one->every * STEP : at->kappa, at, found);
+            at->forces[k] = found[0];
+        }
+        given[control_actions[one->row]][0] = found[0];
+        for (int i = 0; i < one->n_motions; i++)
+            for (int j = 0; j < 2; j++) given[control_actions[one->row + i]][1 + j] = -found[1 + 2 * i + j];
+    }
+}
+
+/* What laws are given at a time. */
+static void look(const struct pgmp_model *m, double time, struct response *at) {
+    double rates[2];
+    at->time = time;
+    for (int k = 0; k < N_CONTROLS; k++) {
+        const struct control *one = controls + k;
+        at->references[k][0] = m->controls[k][one->reference], at->references[k][1] = 0.0;
+        if (one->function < 0) continue;
+        at->references[k][0] = evaluate_piece(one->function, time, time, rates);
+        at->references[k][1] = rates[0];
+    }
+}
+
+/* Begins the iteration of a step of h, or of a part of one, to a time. */
+void begin_response(const struct pgmp_model *m, double h, double time, struct response *at) {
+    const double share = h * GAMMA / (1.0 - ALPHA_M);
+    at->who = CONTINUOUS;
+    at->kappa = GAMMA / (BETA * h) / ((1.0 - ALPHA_M) / ((1.0 - ALPHA_F) * BETA * (h * h)));
+    look(m, time, at);
+    for (int k = 0; k < N_CONTROLS; k++)
+        for (int i = controls[k].column, n = controls[k].n_states; i < controls[k].column + n; i++) {
+            const double *z = m->beside + i;
+            at->c[i] = z[0] + h * (1.0 - GAMMA) * z[2 * n] + share * (ALPHA_F * z[n] - ALPHA_M * z[2 * n]);
+            at->z[i] = at->c[i] + at->kappa * z[n];
+        }
+}
+
+/* Begins a response without a step: that of all at the start, or of those that are sampled now. */
+void begin_sampling(const struct pgmp_model *m, int who, double time, struct response *at) {
+    at->who = who, at->kappa = 0.0;
+    look(m, time, at);
+    memcpy(at->c, m->beside, sizeof m->beside), memcpy(at->z, m->beside, sizeof m->beside);
+}
+
+/* Takes what is beside to where the last response was. */
+void follow_response(struct pgmp_model *m, const struct response *at) {
+    for (int k = 0; k < N_CONTROLS; k++) {
+        const struct control *one = controls + k;
+        int sampled = one->every > 0, n = one->n_states;
+        if (at->who == DUE ? !(sampled && m->number % one->every == 0) : at->who == CONTINUOUS && sampled) continue;
+        for (int i = one->column; i < one->column + n; i++) {
+            double *z = m->beside + i, rate = at->rates[i];
+            double ahead = ((1.0 - ALPHA_F) * rate + ALPHA_F * z[n] - ALPHA_M * z[2 * n]) / (1.0 - ALPHA_M);
+            z[0] = at->z[i];
+            if (at->who == DUE) continue;
+            z[n] = rate, z[2 * n] = at->who == EVERYONE ? rate : ahead;
+        }
+        *force_of(m->beside, one) = at->forces[k];
+    }
+}
+
+/* Whether any force jumps at the beginning of the next step. */
+int jumps(const struct pgmp_model *m) {
+    for (int k = 0; k < N_CONTROLS; k++)
+        if (m->number > m->sampled && controls[k].every > 0 && m->number % controls[k].every == 0) return 1;
+    return 0;
+}
