@@ -22,6 +22,7 @@ from pgmp_petsc.scene.outputs import models_alone
 from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.status import Status
 
+STILL = 1e-6  # of the mechanism's size, or of 1 rad: what moves by less has no range
 OFF = 1e-9  # of the range of each coordinate
 KNOWN = 1e-3  # to which a start is known, as a rule
 
@@ -33,6 +34,7 @@ def growth_of(
     its start does not end, or nothing moves."""
     scene = model.scene
     smooth = [name for name in scene.outputs if not models_alone(scene, name) and not derivatives_read(scene, name)]
+    size = model.kinematics.size
     values = {name: np.array([value]) for name, value in model.scene.values.items()}
     system = model.batch(values, 1)
     start = system.start()
@@ -47,7 +49,7 @@ def growth_of(
     shares = [
         np.maximum.accumulate(np.abs(beside[name] - own)) / np.ptp(own)
         for name, own in outputs.items()
-        if name in smooth and np.ptp(own) > 0.0
+        if name in smooth and np.ptp(own) > STILL * (1.0 if model.outputs.units[name] == "rad" else size)
     ]
     return np.max(shares, axis=0) / OFF if shares else None
 
