@@ -215,6 +215,8 @@ def history(
     def record(step: int, time: float, state: State) -> None:
         if step % every == 0:
             times.append(time)
+            if reduced and model.outputs.beside:
+                state.forces = system.forces_beside(np.array([time]))[0]
             kept.append(state if reduced or alone else model.observed(system, state, time))
 
     observer = Called(record)
@@ -223,6 +225,7 @@ def history(
     if reduced:
         each = {name: np.tile(np.broadcast_to(value, n), len(times)) for name, value in system.values.items()}
         states = State(*(np.concatenate([getattr(state, name) for state in kept]) for name in "qva"), np.zeros(0))
+        states.forces = np.concatenate([state.forces for state in kept])
         observed = model.observed_of(np.repeat(times, n), states, each)
     elif alone:
         observed = model.observed_over(system, kept, system.frames_over(kept), times)

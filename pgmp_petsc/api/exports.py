@@ -78,7 +78,8 @@ def export_model(
         if target.suffix.lower() != FMU:
             return f"{target}: C99, {write_sources(constants, target) / 1e6:.1f} MB"
         version = fmi or VERSIONS[0]
-        platform, what = write_fmu(constants, target, version), f"FMI {version}.0, co-simulation and model exchange"
+        kinds = "co-simulation" if constants.controls else "co-simulation and model exchange"
+        platform, what = write_fmu(constants, target, version), f"FMI {version}.0, {kinds}"
         if platform:
             return f"{target}: {what}, sources and a library for {platform}"
         why = "no C compiler (cc, gcc), or no x86-64 Linux"

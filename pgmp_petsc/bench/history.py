@@ -124,7 +124,7 @@ def run_history(
 
 def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, values: Mapping[str, np.ndarray]) -> History:
     """Integrate a system and evaluate the outputs at the kept instants."""
-    every, kept, times, of_joints, n_samples = spacing(n_steps), [], [], [], system.n_samples
+    every, kept, times, forces, of_joints, n_samples = spacing(n_steps), [], [], [], [], system.n_samples
     reduced, kinematics = isinstance(model, ReducedModel), model.kinematics
     # what measures coordinates with a limited range; a reduced model watches its own itself
     limited = () if reduced else [c for c in kinematics.coordinates if not c.periodic]
@@ -137,6 +137,8 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, values
         times.append(time)
         if reduced:  # what is observed of reduced samples is cheap only for many at once
             kept.append(np.array([state.q, state.v, state.a]))
+            if model.outputs.beside:
+                forces.append(system.forces_beside(np.array([time]))[0])
             return
         frames = system.frames(state)
         kept.append(model.observed_over(system, [state], frames, [time]))
@@ -145,7 +147,7 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, values
     run = integrate(system, with_steps(model.scene, n_steps).simulation, observer=record)
     if reduced:
         every_time = {name: np.tile(value, len(kept)) for name, value in system.values.items()}
-        states = State(*np.concatenate(kept, axis=1), np.zeros(0))
+        states = State(*np.concatenate(kept, axis=1), np.zeros(0), forces=np.concatenate(forces or [np.zeros(0)]))
         observed = model.observed_of(np.repeat(times, n_samples), states, every_time)
         inside = np.ones(n_samples, dtype=bool)
     else:

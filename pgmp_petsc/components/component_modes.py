@@ -426,18 +426,21 @@ class SectionCoordinates:
         return self.constant + self.factor.at(values) * self.linear
 
 
-def in_floating_frame(component: Component, nominal: Mapping[str, float]) -> FloatingBody:
+def in_floating_frame(
+    component: Component, nominal: Mapping[str, float], basis: np.ndarray | None = None
+) -> FloatingBody:
     """Put a flexible condensed body into a floating frame, the mean axes at the nominal parameters.
 
-    It follows its foreshortening where that is known.
+    Its fields are all that it is condensed to, with which it follows its foreshortening where that is known, or those
+    that a basis (n, k) has beside the rigid motions, which are among its columns.
     """
-    d, modes = component.centres.shape[1], elastic_modes(component, nominal)
+    d, modes = component.centres.shape[1], elastic_modes(component, nominal, basis)
     rigid = component.fields @ rigid_motions(np.zeros(d))
     n_frames, n = len(component.frames), modes.shape[1]
     stiffness = {weight: modes.T @ matrix @ modes for weight, matrix in component.stiffness.items()}
     shapes, moments = modes[: component.n_frame_dofs].reshape(n_frames, -1, n), _moments_of(component, modes)
     bent, curved = np.zeros((n_frames, d, n, n)), {}
-    if component.foreshortening is not None:
+    if component.foreshortening is not None and basis is None:
         bent, curved = foreshortened(component.foreshortening, shapes, moments)
     kept = component.recovery and replace(component.recovery, shapes=component.recovery.shapes @ modes, curved=None)
     return FloatingBody(
@@ -449,16 +452,17 @@ def in_floating_frame(component: Component, nominal: Mapping[str, float]) -> Flo
         bent,
         curved,
         kept,
-        np.linalg.inv(np.hstack([rigid, modes])),
+        np.linalg.inv(np.hstack([rigid, modes])) if basis is None else None,
     )
 
 
-def elastic_modes(component: Component, nominal: Mapping[str, float]) -> np.ndarray:
+def elastic_modes(component: Component, nominal: Mapping[str, float], basis: np.ndarray | None = None) -> np.ndarray:
     """Return the elastic free modes of a condensed body at the nominal parameters, of a mean square displacement of 1
-    m2, shape (n, n - n_rigid)."""
+    m2, shape (n, n - n_rigid); of a basis (n, k) with the rigid motions (n, k - n_rigid)."""
     mass, stiffness = (weighted_sum_dense(terms, nominal) for terms in (component.mass, component.stiffness))
-    along = component.fields[:, 0]  # the unit displacement along x
-    return np.sqrt(along @ mass @ along) * free_modes(mass, stiffness, component.centres.shape[1])
+    along, basis = component.fields[:, 0], np.eye(len(mass)) if basis is None else basis  # unit displacement along x
+    own = free_modes(basis.T @ mass @ basis, basis.T @ stiffness @ basis, component.centres.shape[1])
+    return np.sqrt(along @ mass @ along) * (basis @ own)
 
 
 def foreshortened(

@@ -9,11 +9,11 @@ bodies of the same kind grow with their unknowns, a little faster for bulky ones
 
 Flexible bodies in floating frames: what is left of a mesh is moments, a stiffness and the shapes at its frames.
 
-A continuum body's fields are those that it is condensed to (`component_modes`): they answer its frames whatever these
-are joined to. A body of beams has its lowest free modes and what its frames' forces do beyond them
-statically. In both cases the fields are turned to free modes, which are orthogonal to the rigid motions in the mass at
-nominal parameters, and these are left out: the frame makes them (`bodies.floating`). Bodies that follow their
-foreshortening have fields that answer the inertia forces of rigid motion too.
+A body's fields are its lowest free modes and what its frames' forces do beyond them statically; a continuum body's are
+taken of those that it is condensed to (`component_modes`), which answer its frames whatever these are joined to. They
+are turned to free modes, which are orthogonal to the rigid motions in the mass at nominal parameters, and these are
+left out: the frame makes them (`bodies.floating`). Bodies that follow their foreshortening have fields that answer the
+inertia forces of rigid motion too, and those of cells have all that they are condensed to.
 """
 
 from __future__ import annotations
@@ -255,6 +255,7 @@ def try_largest(scene: Scene, shapes: Mapping[str, BodyShape], comm: Comm) -> Tr
 
 
 NOT_SLENDER = "leave geometric_stiffening out, or take pgmp simulate --full"
+OTHER = 1e-6  # of a field of norm 1 at other parameter values, the square of what is new
 DEPENDENT = 1e-9  # of a load, the part that deforms; of answers of norm 1, the square of what is new
 
 
@@ -308,7 +309,30 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
     )
     if scene.static_stiffening:
         component = with_second_order(component, meshed.solid, recovery, alone(), scene.nominal)
-    return in_floating_frame(component, scene.nominal)
+        return in_floating_frame(component, scene.nominal)  # what foreshortens it is of many fields
+    basis = _fewest(component, serving_points(scene, meshed), n_modes, stressed)
+    return in_floating_frame(component, scene.nominal, basis)
+
+
+def _fewest(component: Component, points: Sequence[Mapping[str, float]], n_modes: int, stressed: bool) -> np.ndarray:
+    """Return the fewest fields that serve a mechanism's n_modes modes: the rigid motions, as many of the body's lowest
+    at each of the parameter values, and what these miss of static answers there, shape (n, k)."""
+    d, basis, nominal = component.centres.shape[1], None, points[0]
+    inertia = weighted_sum_dense(component.mass, nominal)
+    for values in points:
+        mass, stiffness = (weighted_sum_dense(terms, values) for terms in (component.mass, component.stiffness))
+        loads = np.eye(len(mass))[:, : component.n_frame_dofs]
+        if stressed:  # inertia forces of rigid motion
+            loads = np.hstack([loads, mass @ component.fields])
+        here = _answering(*eigh(stiffness, mass), loads, d * (d + 1) // 2, n_modes, by_energy=stressed)
+        if basis is not None:
+            here = here / np.sqrt(np.einsum("ij,ik,kj->j", here, inertia, here))
+            here = here - basis @ (basis.T @ (inertia @ here))
+            squares, directions = eigh(here.T @ inertia @ here)
+            new = squares > OTHER
+            here = np.hstack([basis, here @ directions[:, new] / np.sqrt(squares[new])])
+        basis = here
+    return basis
 
 
 def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBody:

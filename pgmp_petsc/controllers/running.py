@@ -133,6 +133,8 @@ class Controls:
         Whether the iteration of a step has the forces, as it was given them, so that `forces` has none to add.
     jumps
         Whether forces jump between two steps.
+    keeps
+        Whether all is kept that is seen of several samples.
     """
 
     def __init__(
@@ -154,7 +156,7 @@ class Controls:
         rows = [slice(first - n_carried, first - n_carried + n) for first, n in zip(self.firsts, rows)]
         self._rows = rows[n_carried:]
         self._acting = np.zeros((rows[-1].stop, n_samples, 3))
-        self.iterates = self.jumps = False
+        self.iterates = self.jumps = self.keeps = False
         self._n_samples = n_samples
         #: forces at the last instant that was reached, (n_samples, 2, n_names), before and after they jump there,
         #: and at those that are seen, which increase
@@ -199,8 +201,8 @@ class Controls:
     def open(self, times: np.ndarray) -> np.ndarray:
         """Make room for the forces at times (n_t,) that are to be seen, (n_t, n_samples, 2, n_names); return it.
 
-        Of several samples, those that were seen before the last ones are forgotten."""
-        if self._n_samples > 1 and self._times:
+        Of several samples, those that were seen before the last ones are forgotten, unless it `keeps` them."""
+        if self._n_samples > 1 and self._times and not self.keeps:
             del self._times[: -max(self._n_last, 1)], self._seen[: -max(self._n_last, 1)]
         room = np.empty((times.size, *self.now.shape))
         room[:] = self.now[:, AFTER:]

@@ -308,7 +308,13 @@ class _OverTimeWatch(Observer):
         for first in range(0, looked_at.size, together):
             some = looked_at[first : first + together]
             self._n_waiting += some.size
-            self._waiting.append((numbers[some], times[some], trail[some]))
+            system = self._begun.system
+            forces = (
+                system.forces_beside(times[some])
+                if self._model.outputs.beside
+                else np.zeros((some.size, system.n_samples, 0))
+            )
+            self._waiting.append((numbers[some], times[some], trail[some], forces))
             if self._n_waiting >= together:
                 self._evaluate()
 
@@ -322,13 +328,13 @@ class _OverTimeWatch(Observer):
         """Evaluate the outputs in the states that wait."""
         if not self._waiting:
             return
-        numbers, times, states = (np.concatenate(parts) for parts in zip(*self._waiting))
+        numbers, times, states, forces = (np.concatenate(parts) for parts in zip(*self._waiting))
         self._waiting, self._n_waiting = [], 0
         n = states.shape[2]
         values = {name: np.tile(value, numbers.size) for name, value in self._begun.system.values.items()}
         with np.errstate(all="ignore"):  # as above
             q, v, a = np.moveaxis(states, 1, 0).reshape(3, numbers.size * n, -1)
-            state = State(q, v, a, np.zeros(0))
+            state = State(q, v, a, np.zeros(0), forces=forces.reshape(numbers.size * n, forces.shape[2]))
             found = self._model.outputs.evaluate(self._model.observed_of(np.repeat(times, n), state, values))
         self._take(numbers, times, {name: column.reshape(numbers.size, n) for name, column in found.items()})
 

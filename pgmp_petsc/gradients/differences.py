@@ -69,6 +69,7 @@ class Differences:
         found: dict[str, list[np.ndarray]] = {name: [] for name in model.outputs.functions}
         for run in range(self.n_runs):
             own = State(*(part[:, run] for part in (states.q, states.v, states.a)), np.zeros(0))
+            own.forces = states.forces[:, run] if states.forces.size else states.forces
             observed = model.observed_of(times, own, {name: value[run] for name, value in self.values.items()})
             for name, value in model.outputs.evaluate(observed).items():
                 found[name].append(value)

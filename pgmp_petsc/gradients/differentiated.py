@@ -44,6 +44,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import astuple, dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -108,27 +109,32 @@ def differentiate(
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
     beside = Differences.of(model.scene, values, names if model.scene.beside else ())
-    kept: list[tuple[Attempt, Run, StateRecord]] = []
+    kept: list[tuple[Attempt, Run, StateRecord, Any]] = []
 
     def once(attempt: Attempt) -> Run:
         system = model.batch(beside.values, beside.n_runs)
         system.precise = bool(model.scene.beside)
+        if model.outputs.beside:
+            system.beside.keeps = True
         if system.settled is not None:
             system.settled.require()
         trail = StateRecord(pulse)
         done = integrate(system, attempt.simulation, observer=trail)
         worst = [int(np.argmax(done.status != Status.FINE))]  # all runs with the same steps
         done = replace(done, status=done.status[worst], failure_time=done.failure_time[worst])
-        kept[:] = [(attempt, done, trail)]
+        kept[:] = [(attempt, done, trail, system)]
         return done
 
     integrate_with_smaller_steps(once, model.scene.simulation, np.ones(1, dtype=bool))
-    attempt, done, trail = kept[0]
+    attempt, done, trail, system = kept[0]
     status = Status(done.status[0])
     if status != Status.FINE:
         raise RunError(f"the run stopped at {done.failure_time[0]:.6g} s: {status.meaning}; {status.cure(model.name)}")
     if model.scene.beside:
-        return _compared(model, values, names, beside, *trail.of_batch(), attempt.divisor)
+        times, states = trail.of_batch()
+        if model.outputs.beside:
+            states.forces = system.forces_beside(times)
+        return _compared(model, values, names, beside, times, states, attempt.divisor)
     times, states = trail.states()
     linearisation = Linearisation(model, values, names)
     contacts = Contacts(model, values, linearisation, times, states)

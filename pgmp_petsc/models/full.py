@@ -16,6 +16,7 @@ from scipy.sparse.linalg import lsqr
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
+from pgmp_petsc.controllers.running import AFTER
 from pgmp_petsc.effects import Effect, effects_of, motions_of, springs_of_joints, start_of
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.full.problem import FullEquations
@@ -355,16 +356,21 @@ class FullModel:
         multipliers = None
         if self.outputs.forces:
             multipliers = np.concatenate([system.joint_multipliers(*one) for one in zip(times, states)], axis=1)
-        return self.observed_of(np.array(times), frames, system.values, q, v, a, multipliers)
+        beside = None
+        if self.outputs.beside:
+            beside = system.beside.forces(np.array(times), AFTER)[:, 0].T
+        return self.observed_of(np.array(times), frames, system.values, q, v, a, multipliers, beside)
 
     def observed_of(
         self, time: np.ndarray, frames: np.ndarray, values: Mapping[str, np.ndarray | float],
         q: np.ndarray | None, v: np.ndarray | None, a: np.ndarray | None, multipliers: np.ndarray | None = None,
+        beside: np.ndarray | None = None,
     ) -> np.ndarray:  # fmt: skip
         """Return what the outputs are made of, (n_observed, n), for the frames of all nodes (n_nodes, n_frame, n).
 
         Stresses alone need the unknowns (n_dofs, n), outputs that read rates or accelerations those, and forces in
-        joints their multipliers (`FullSystem.joint_multipliers`). Times and parameter values are numbers, or of shape
+        joints their multipliers (`FullSystem.joint_multipliers`), those of controllers all that is beside (n_names, n).
+        Times and parameter values are numbers, or of shape
         (n,).
         """
         stresses = np.empty((0, frames.shape[2])) if self._stresses is None else self._stresses.of(q, values)
@@ -372,6 +378,8 @@ class FullModel:
         moving = [frames[nodes], *(unknowns.frames(part)[nodes] for part in (v, a)[: self.outputs.order])]
         if self.outputs.forces:
             stresses = np.concatenate([stresses, self.outputs.forces_of(moving, multipliers, values)])
+        if self.outputs.beside:
+            stresses = np.concatenate([stresses, beside[list(self.outputs.beside.values())]])
         return self.outputs.observed(moving, stresses, time, values)
 
     def fields(self) -> FullFields:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.controllers.running import AFTER
 from pgmp_petsc.effects import actions_of, effects_of, motions_of, start_of
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.time_function import TimeFunction
@@ -156,6 +157,8 @@ class ReducedModel:
 
     def observed(self, system: ReducedSystem, state: State, time: float = 0.0) -> np.ndarray:
         """Return what the outputs are made of at a time (s), shape (n_observed, n_samples)."""
+        if self.outputs.beside:
+            state = replace(state, forces=system.beside.forces(np.array([time]), AFTER)[0])
         return self.observed_of(time, state, system.values)
 
     def observed_of(
@@ -164,6 +167,7 @@ class ReducedModel:
     ) -> np.ndarray:  # fmt: skip
         """Return what the outputs are made of, shape (n_observed, n), in states of reduced coordinates (n, n_eta).
 
+        Outputs of controllers take ``states.forces`` of all that is beside, (n, n_names), as of `Controls.forces`.
         Times (s) and parameter values are numbers, or of shape (n,). Where `cells_of` are other reduced coordinates
         (n, n_eta), next to these, tables are continued from their cells.
         """
@@ -179,6 +183,8 @@ class ReducedModel:
         if self.outputs.forces:
             multipliers = self.multipliers.of(time, states, values)
             stresses = np.concatenate([stresses, self.outputs.forces_of(frames, multipliers, values)])
+        if self.outputs.beside:
+            stresses = np.concatenate([stresses, states.forces.T[list(self.outputs.beside.values())]])
         return self.outputs.observed(frames, stresses, time, values)
 
     def fields(self, n_frames: int | None = None) -> ReducedFields:

@@ -10,7 +10,7 @@ it: frames, rates, accelerations, stresses, forces, the time, parameters.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -60,6 +60,13 @@ class OutputSet:
     parameters: tuple[str, ...] = ()  # that outputs read
     bases: tuple[Base, ...] = ()  # motions of the base, where outputs read them
     counted: tuple[str, ...] = ()  # outputs that are counted over a run
+    #: outputs of forces of controllers, and their numbers among all that is beside, which follow forces in this order
+    beside: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def n_forces(self) -> int:
+        """Number of outputs of forces, which are behind stresses."""
+        return len(self.forces) + len(self.beside)
 
     def observed(
         self,
@@ -140,12 +147,12 @@ class OutputSet:
     def _seen(self, observed: np.ndarray) -> Seen:
         n, n_nodes = observed.shape[1], len(self.nodes)
         sizes = [self.n_frame, *(self.n_pose for _ in range(self.order))]
-        ends = np.cumsum([*(n_nodes * size for size in sizes), len(self.stresses) + len(self.forces), self.reads_time])
+        ends = np.cumsum([*(n_nodes * size for size in sizes), len(self.stresses) + self.n_forces, self.reads_time])
         *moving, stresses, time, values = np.split(observed, ends)
         return Seen(
             tuple(dict(zip(self.nodes, part.reshape(n_nodes, size, n))) for part, size in zip(moving, sizes)),
             self.rigid,
-            of_model={one.name: row for one, row in zip((*self.stresses, *self.forces), stresses)},
+            of_model=dict(zip((*(one.name for one in (*self.stresses, *self.forces)), *self.beside), stresses)),
             time=time[0] if self.reads_time else None,
             values=dict(zip(self.parameters, values)),
             bases=self.bases,
@@ -166,7 +173,8 @@ class OutputSet:
         """
         if start is None:
             start = said_start(scene, kinematics)
-        functions, stresses, needs, order = {}, [], Needs(), 0
+        functions, stresses, needs, order, beside = {}, [], Needs(), 0, []
+        numbers = {name: k for k, name in enumerate((*scene.carried, *scene.controllers))}
         forces = _forces(scene, kinematics, start)
         for name in _in_order(scene):
             entry = scene.outputs[name]
@@ -179,6 +187,9 @@ class OutputSet:
                 functions[name] = ModelReading(
                     name, Needs(frozenset(force.nodes), multipliers=frozenset([name])), int(force.reads_rates)
                 )
+            elif "beside" in entry.reads:
+                functions[name] = ModelReading(name, Needs())
+                beside.append((name, entry.controller))
             elif "outputs" in entry.reads:
                 parts = {one: functions[one] for one in entry.made_in(scene)}
                 functions[name] = entry.combined(f"outputs.{name}", parts, scene)
@@ -203,6 +214,7 @@ class OutputSet:
             tuple(sorted(needs.nodes)), units, n_frame, mechanism.space.n_pose, functions, tuple(stresses), forces,
             reached, rigid, order, needs.time, tuple(sorted(needs.parameters | of_bases)), bases,
             tuple(name for name, entry in scene.outputs.items() if "history" in entry.reads),
+            {name: numbers[controller] for name, controller in beside},
         )  # fmt: skip
 
 

@@ -259,23 +259,6 @@ def petsc_solver(prefix: str, activity: str) -> Iterator[None]:
         raise RunError(f"{activity}: PETSc failed: {reason_of(error)}") from error
 
 
-@contextmanager
-def as_raised() -> Iterator[None]:
-    """Let through what Python functions raise that PETSc calls in a block.
-
-    PETSc 3.18 hands it on; 3.26 raises an error of its own, whose cause it is.
-    """
-    from petsc4py import PETSc
-
-    try:
-        yield
-    except PETSc.Error as error:
-        cause = error.__cause__
-        while isinstance(cause, PETSc.Error) and cause.__cause__ is not None:
-            cause = cause.__cause__
-        raise cause or error
-
-
 def reason_of(error: Exception) -> str:
     """Return the last line of what PETSc says, which tells what it got."""
     lines = [line.removeprefix("[0]").strip() for line in str(error).splitlines() if line.strip()]

@@ -128,6 +128,11 @@ class Clearance(Table):
     restitution_speed: Annotated[PositiveOrParameter | None, Unit("m/s")] = Field(
         None, description="speed of the impact that restitution is of (m/s), 1 m/s if not given; or a parameter's name"
     )
+    damping: Literal["hunt_crossley", "hysteresis"] = Field(
+        "hunt_crossley",
+        description="how impacts lose: by a damper that grows with the depth, with which faster ones lose more, or by "
+        "a hysteresis, with which those at restitution_speed and faster ones lose alike",
+    )
     friction: Annotated[NotNegativeOrParameter, Unit("1")] = Field(
         0.0, description="coefficient of Coulomb's friction in contact, or a parameter's name"
     )
@@ -148,7 +153,7 @@ class Clearance(Table):
     @property
     def structure(self) -> tuple[Any, ...]:
         """What a built model is made of: that there is a clearance, and whether it rubs."""
-        return ("clearance", bool(self.friction))
+        return ("clearance", bool(self.friction), self.damping)
 
     def problems(self, scene: AnyScene, entry: str) -> Iterator[str]:
         """Yield a line if exponent or restitution, or a value that a parameter of them has, is none that can be."""

@@ -32,7 +32,7 @@ STRESSES = {
     },
 }
 #: What outputs may read.
-READS = ("frames", "outputs", "time", "parameters", "stresses", "multipliers", "history")
+READS = ("frames", "outputs", "time", "parameters", "stresses", "multipliers", "beside", "history")
 #: Quantities of beams that need the shape of the section.
 OF_FIBRES = ("stress_max", "stress_min")
 
@@ -41,8 +41,9 @@ class OutputEntry(Table):
     """A table ``[outputs.NAME]``. An output is a subclass with ``type: Literal["..."]``, its entries, and `reads`."""
 
     #: What it reads of a motion, of `READS`: ``frames`` of nodes with their rates and accelerations, the ``time`` and
-    #: values of ``parameters``, of which it is what `reading` returns; or ``stresses`` or
-    #: ``multipliers`` of constraints, which models observe; or the ``history`` of others, which is counted.
+    #: values of ``parameters``, of which it is what `reading` returns; or ``stresses`` or ``multipliers`` of
+    #: constraints, or forces ``beside`` the mechanics, which models observe; or the ``history`` of others, which is
+    #: counted.
     reads: ClassVar[tuple[str, ...]]
     #: Motions of which the joint that it is of leaves one free: ``turning``, ``sliding``.
     joints: ClassVar[tuple[str, ...]] = ()
@@ -89,7 +90,7 @@ class OutputEntry(Table):
     @classmethod
     def of_frames(cls) -> bool:
         """Whether frames and their rates are all that it reads."""
-        return {"stresses", "multipliers", "history"}.isdisjoint(cls.reads)
+        return {"stresses", "multipliers", "beside", "history"}.isdisjoint(cls.reads)
 
     def unit_in(self, scene: AnyScene) -> str:
         """Return its unit, where that is not the same for all."""

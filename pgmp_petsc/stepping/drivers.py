@@ -17,7 +17,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.surroundings import Comm, has_petsc
-from pgmp_petsc.ranks.petsc import as_raised, options_of, petsc_solver
+from pgmp_petsc.ranks.petsc import options_of, petsc_solver
 from pgmp_petsc.stepping.second_order_system import State
 
 if TYPE_CHECKING:
@@ -110,11 +110,11 @@ def drive_by_petsc(integration: Integration, comm: Comm, prefix: str) -> None:
     instants, n_stops = integration.instants, len(integration.stops) - 1
     solution = PETSc.Vec().createMPI((integration.state.q.size, None), comm=comm)
     solution.setArray(integration.state.q.ravel())
-    ts = PETSc.TS().create(comm=comm)
+    ts, context = PETSc.TS().create(comm=comm), _Context(integration)
     try:
         ts.setOptionsPrefix(prefix)
         ts.setType(PETSc.TS.Type.PYTHON)
-        ts.setPythonContext(_Context(integration))
+        ts.setPythonContext(context)
         ts.setTime(0.0)
         ts.setTimeStep(float(instants[integration.stops[1]]))
         # the number of steps ends the run, not round-off in their sum
@@ -123,8 +123,9 @@ def drive_by_petsc(integration: Integration, comm: Comm, prefix: str) -> None:
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
         with petsc_solver(prefix, "time integration"):
             ts.setFromOptions()
-        with as_raised():
-            ts.solve(solution)
+        ts.solve(solution)
+        if context.failure is not None:
+            raise context.failure
         check_end(ts, n_stops, float(instants[-1]))
     finally:
         ts.destroy()
@@ -132,15 +133,25 @@ def drive_by_petsc(integration: Integration, comm: Comm, prefix: str) -> None:
 
 
 class _Context:
-    """Context of a TS of type python, which calls it."""
+    """Context of a TS of type python, which calls it.
+
+    What is raised in a step does not go through PETSc, whose own error after it may end the process: the TS stops, and
+    `failure` is raised behind it.
+    """
 
     def __init__(self, integration: Integration) -> None:
         self._integration = integration
+        self.failure: BaseException | None = None
 
     def solveStep(self, ts: PETSc.TS, end: float, u: PETSc.Vec) -> None:  # noqa: N802 (PETSc's name)
         """Do a step of the TS."""
         integration = self._integration
         begin = integration.n_done
-        integration.advance()
+        try:
+            integration.advance()
+        except BaseException as failure:
+            self.failure = failure
+            ts.setConvergedReason(ts.ConvergedReason.CONVERGED_USER)
+            return
         ts.setTimeStep(float(integration.instants[integration.n_done] - integration.instants[begin]))
         u.setArray(integration.state.q.ravel())

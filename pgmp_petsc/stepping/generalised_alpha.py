@@ -203,8 +203,9 @@ class GeneralisedAlpha:
             first = int(at[todo].min())
             together, ends = todo & (at == first), self.instants[first + 1 : last + 1]
             stretch = Stretch(
-                self._moment, first, ends, self._step, scheme, together, self._beyond, shown, trail, self.counted
-            )
+                self._moment, first, ends, self._step, scheme, together, self._beyond, shown, trail, self.counted,
+                last < self.instants.size - 1,
+            )  # fmt: skip
             outcome, n_steps = self._stepper.advance(stretch)
             at[together] += n_steps[together]
             # one that is through its step with care is not to be taken up with others that are stuck in the next one

@@ -30,6 +30,7 @@ from pgmp_petsc.estimates.own_error import (
     why_not_of_full_order,
 )
 from pgmp_petsc.estimates.sampled_load import jump_remarks
+from pgmp_petsc.estimates.start_spread import growth_of, spread_remarks
 from pgmp_petsc.estimates.validity import Validity, remarks_of
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.mechanism import words_of
@@ -276,6 +277,8 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
             done = integrate(system, simulation, observer=Together([*watches, record]))
         times, history = record.states()
         with timings.phase("projection"), np.errstate(all="ignore"):
+            if model.outputs.beside:
+                history.forces = system.forces_beside(times)[:, 0]
             outputs = model.observed_of(times, history, model.scene.values)
             energies = system.energies_of_run(times, history)
         part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
@@ -304,6 +307,10 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
         remarks += [*not_estimated(errors, model.scene), *few_steps(part.time.size - 1), *left_out_of_estimates(model)]
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
+    if status[0] == Status.FINE and any(joint.gives_way == "clearance" for joint in model.scene.joints.values()):
+        with timings.phase("a run from beside its start"):
+            grown = growth_of(model, part.attempt.simulation, eta, part.outputs)
+        remarks += spread_remarks(part.time, grown)
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
     balance, joule = balance_of(part.time, part.recorded["energies"]), model.scene.system.unit("J")
     described = _described(

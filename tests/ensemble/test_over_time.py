@@ -30,7 +30,8 @@ class Model:
         self.scene = SimpleNamespace(
             ensemble=Ensemble.model_validate(asked), simulation=Simulation(duration=STEP * N_STEPS, step=STEP)
         )
-        self.outputs = SimpleNamespace(functions={"y": None}, counts={}, evaluate=lambda observed: {"y": observed[0]})
+        read = {"functions": {"y": None}, "counts": {}, "beside": {}}
+        self.outputs = SimpleNamespace(**read, evaluate=lambda observed: {"y": observed[0]})
 
     def observed(self, system: object, state: State, time: float) -> np.ndarray:
         return state.q.reshape(1, -1)

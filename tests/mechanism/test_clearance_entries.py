@@ -20,6 +20,7 @@ joints.pin.clearance.restitution=0.0 -> joints.pin.clearance.restitution = 0.0: 
 joints.pin.clearance.restitution=1.1 -> joints.pin.clearance.restitution = 1.1: must be above 0 and at most 1
 joints.pin.clearance.restitution="K" -> parameters.K.nominal = 500000000.0: joints.pin.clearance.restitution: must be
 joints.pin.clearance.restitution_speed=0.0 -> joints.pin.clearance.restitution_speed = 0.0: a positive number
+joints.pin.clearance.damping="none" -> joints.pin.clearance.damping = "none"
 joints.pin.clearance.friction=-0.1 -> joints.pin.clearance.friction = -0.1: a number that is not negative
 joints.pin.clearance.friction=0.1 -> joints.pin.clearance.friction_speed: friction needs the speed up to which it
 joints.pin.clearance.friction_speed=0.1 -> joints.pin.clearance.friction_speed = 0.1: without effect, as there is no

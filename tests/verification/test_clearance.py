@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.effects.clearance import BACKLASH, CONTACT, RUBBING, restitution_at
+from pgmp_petsc.effects.clearance import BACKLASH, CONTACT, LAWS, RUBBING, hysteresis_at, restitution_at
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.joints import meeting
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -33,14 +33,17 @@ def _normal(p: list[float], x: np.ndarray, v: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 2.2])
 @pytest.mark.parametrize("restitution", [0.05, 0.3, 0.6, 0.9, 0.99, 1.0])
 @pytest.mark.parametrize("ratio", [0.1, 1.0, 10.0])
-def test_an_impact_has_the_restitution_that_was_asked_for(restitution, exponent, ratio):
+@pytest.mark.parametrize("damping", ["hunt_crossley", "hysteresis"])
+def test_an_impact_has_the_restitution_that_was_asked_for(restitution, exponent, ratio, damping):
     """To 1e-3, whatever mass, stiffness and exponent, and at other speeds that of the closed form; Lankarani and
-    Nikravesh's formula leaves 0.756 of 0.6."""
+    Nikravesh's formula leaves 0.756 of 0.6. Of a hysteresis the closed form is an integral, and faster impacts have
+    what was asked for."""
     speed, radius, mass = 0.3, 1e-3, 0.7
     p = [1e9 * 30.0 ** (exponent - 1.5), radius, exponent, restitution, speed]
 
     def rates(_, state):
-        return [state[1], _normal(p, np.array([state[0], 0.0]), np.array([state[1], 0.0]))[0] / mass]
+        found = LAWS[damping].touching.evaluate(p, state[0] ** 2, 2.0 * state[0] * state[1])
+        return [state[1], 2.0 * state[0] * found.force / mass]
 
     def left(_, state):
         return state[0] - radius * (1.0 - 1e-9)
@@ -48,7 +51,11 @@ def test_an_impact_has_the_restitution_that_was_asked_for(restitution, exponent,
     left.terminal, left.direction = True, -1.0
     run = solve_ivp(rates, (0.0, 1.0), [radius, ratio * speed], events=left, rtol=1e-9, atol=1e-13, max_step=1e-5)
     assert run.status == 1
-    expected = restitution if ratio == 1.0 else restitution_at(restitution, ratio)
+    if damping == "hysteresis":
+        expected = hysteresis_at(restitution, ratio)
+        assert ratio < 10.0 or expected == pytest.approx(restitution, abs=3e-3)
+    else:
+        expected = restitution if ratio == 1.0 else restitution_at(restitution, ratio)
     assert -run.y[1, -1] / (ratio * speed) == pytest.approx(expected, abs=1e-3)
 
 
@@ -290,6 +297,7 @@ def test_radius_and_stiffness_of_a_built_model_are_those_of_a_new_build():
         assert np.max(np.abs(changed[name] - own)) < 1e-7 * np.max(np.abs(own)), name
 
 
+HELD = "joints.pin.clearance.damping='hysteresis'", "joints.pin.clearance.restitution_speed=2.0"
 GUIDE = (
     "joints.guide.clearance={radius=1e-4,stiffness='K',restitution=0.9,restitution_speed=0.1,friction='mu',"
     "friction_speed=0.5}",
@@ -299,8 +307,8 @@ RUBS = "joints.pin.clearance.friction='mu'", "joints.pin.clearance.friction_spee
 
 @pytest.mark.parametrize(
     ("more", "share"),
-    [((), 1e-6), (IN_CRANK, 6e-4), (RUBS, 2e-5), ((*GUIDE, RUBS[2]), 2e-5)],
-    ids=["smooth", "forces", "rough", "guide"],
+    [((), 1e-6), (IN_CRANK, 6e-4), (RUBS, 2e-5), ((*GUIDE, RUBS[2]), 2e-5), (HELD, 2e-5)],
+    ids=["smooth", "forces", "rough", "guide", "hysteresis"],
 )
 def test_derivatives_are_central_differences(more, share, monkeypatch):
     """Of friction to what the run's own iteration leaves: its matrix has no part of how the normal force is damped, and
@@ -311,7 +319,9 @@ def test_derivatives_are_central_differences(more, share, monkeypatch):
 
 @exported.needs_compiler
 def test_c_code_runs_as_the_model(tmp_path):
-    exported.assert_same_in_c(reduced_model(worn(*RUBS, *GUIDE, "simulation.duration=0.01")), tmp_path, share=1e-8)
+    exported.assert_same_in_c(
+        reduced_model(worn(*RUBS, *GUIDE, *HELD, "simulation.duration=0.01")), tmp_path, share=1e-8
+    )
 
 
 def test_the_balance_of_energy_holds_at_second_order():

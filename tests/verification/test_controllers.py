@@ -275,6 +275,34 @@ def test_models_in_c(entries: tuple[str, ...], tmp_path: Path) -> None:
         assert_equal(outputs_of(program, "lead=20.0"), {name: values[:, 0] for name, values in wanted.items()})
 
 
+FORCES = (
+    'outputs.force={type="control_force",controller="place"}',
+    'outputs.torque={type="control_force",controller="hold"}',
+)
+
+
+def test_forces_of_controllers_are_outputs() -> None:
+    """A torque by its law, of the same run; held from a sample on; the same of all samples, in every model."""
+    times, found = run(
+        wheel("reference=1.0,gains={p=40.0,d=1.6}", 'outputs.u={type="control_force",controller="servo"}'), "full"
+    )
+    expected = 40.0 * (1.0 - found["angle"]) - 1.6 * found["speed"]
+    np.testing.assert_allclose(found["u"], expected, rtol=0, atol=1e-9 * 40.0)
+    for entries in (ARM, (*ARM, *SAMPLED)):
+        scene = cart(*entries, *FORCES, "simulation.duration=0.1")
+        (_, full), (_, reduced) = (run(scene, model) for model in ("full", "reduced"))
+        model = reduced_model(scene)
+        _, three = history(model, samples(scene, 3), 3)
+        for name in ("force", "torque"):
+            size = np.abs(full[name]).max()
+            np.testing.assert_allclose(reduced[name], full[name], rtol=0, atol=5e-3 * size, err_msg=name)
+            np.testing.assert_array_equal(three[name], reduced[name][:, None] * np.ones(3), err_msg=name)
+        assert model.outputs.units["force"] == "N" and model.outputs.units["torque"] == "N m"
+    changes = np.flatnonzero(np.diff(reduced["force"])) + 1
+    assert set(changes % 5) == {0}  # of steps of 1 ms
+    assert trajectory(model, scene).outputs["force"][-1] == reduced["force"][-1]
+
+
 @needs_compiler
 @pytest.mark.parametrize("version", VERSIONS)
 def test_units_for_others(tmp_path: Path, version: int) -> None:
@@ -445,8 +473,13 @@ measures="speed";gains={d=1.0} -> \
     controllers.servo.measures = "speed": outputs.speed reads speeds, and its rate accelerations, which hang on
 measures="acc" -> controllers.servo.measures = "acc": outputs.acc reads accelerations, which hang on
 measures="pin" -> controllers.servo.measures = "pin": outputs.pin reads stresses or forces, which hang on
+measures="own" -> controllers.servo.measures = "own": outputs.own reads stresses or forces, which hang on
 """
-ALSO = ('outputs.acc={type="rate",of="speed"}', 'outputs.pin={type="joint_force",joint="hinge",component="x"}')
+ALSO = (
+    'outputs.own={type="control_force",controller="servo"}',
+    'outputs.acc={type="rate",of="speed"}',
+    'outputs.pin={type="joint_force",joint="hinge",component="x"}',
+)
 
 
 def entries(asked: str) -> list[str]:
@@ -488,6 +521,8 @@ def test_what_is_no_formula_is_explained(asked: str, said: str) -> None:
 BESIDE = """
 initial.equilibrium=true -> initial.equilibrium = true: with controllers.servo: controllers begin with a run
 effects.servo={type="gravity"} -> controllers.servo: effects.servo has this name
+outputs.u={type="control_force",controller="serv"} -> \
+    outputs.u.controller = "serv": there is no such controller; did you mean 'servo'?
 controllers.servo.sample_time=2e-3&simulation={duration=0.4,tolerance=1e-3} -> \
     controllers.servo.sample_time = 0.002: needs simulation.step
 """

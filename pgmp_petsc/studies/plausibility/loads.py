@@ -279,7 +279,7 @@ def _outputs_at_start(
         if np.any(moving)
         else np.zeros_like(here)
     )
-    n = len(outputs.stresses) + len(outputs.forces)
+    n = len(outputs.stresses) + outputs.n_forces
     observed = outputs.observed([whole, rates, np.zeros_like(here)], np.zeros((n, 1)), 0.0, scene.values)
     with np.errstate(all="ignore"):
         found = outputs.evaluate(observed)
