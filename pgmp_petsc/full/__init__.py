@@ -5,5 +5,6 @@
 What comes in is a mechanism with its effects and parameter values; what goes out is a system for `stepping`. Begin with
 `systems`. `problem` and `parts` say what there is, `kernel` has the compiled equations with their elements, forces,
 damping, floating bodies and constraints (`node_constraints`), `steps` the compiled steps, `energy` the energies.
-`layout` orders the unknowns for `batched_ldl`; `rank_solver` solves with PETSc where ranks share a sample.
+`layout` orders the unknowns for `batched_ldl`; `distributed` is one sample on many ranks, and statics, which
+`rank_solver` solves with PETSc.
 """

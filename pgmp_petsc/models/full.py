@@ -19,9 +19,10 @@ from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.controllers.running import AFTER
 from pgmp_petsc.effects import Effect, effects_of, motions_of, springs_of_joints, start_of
 from pgmp_petsc.files.seal import identity
+from pgmp_petsc.full.distributed import FullDistributed, FullStatics
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.full.rank_solver import PREFIX
-from pgmp_petsc.full.systems import FullBatch, FullDistributed, FullStatics
+from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.mechanism.closure import LARGEST_GAP
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics

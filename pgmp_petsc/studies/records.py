@@ -13,7 +13,8 @@ import numpy as np
 from pgmp_petsc.base.errors import Remark, gathered, warning
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import loads_of
-from pgmp_petsc.full.systems import FullBatch, FullDistributed
+from pgmp_petsc.full.distributed import FullDistributed
+from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.mechanism.body_frames import rigid_positions, to_body
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import FullModel, ReducedModel

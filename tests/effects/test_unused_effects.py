@@ -11,7 +11,8 @@ from mpi4py import MPI
 from benchmarks import effect_cost
 from pgmp_petsc.effects import Effect, Motion, effects_of
 from pgmp_petsc.effects.loads import Weights
-from pgmp_petsc.full.systems import FullBatch, FullDistributed
+from pgmp_petsc.full.distributed import FullDistributed
+from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.edge_search import EventLocation
 

@@ -8,8 +8,8 @@ from petsc4py import PETSc
 
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.full.distributed import FullDistributed
 from pgmp_petsc.full.rank_solver import RankLayout, RankSolver
-from pgmp_petsc.full.systems import FullDistributed
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.stepping.status import Status
 from scenes import meshes_of, slider_crank

@@ -13,7 +13,7 @@ from refusals import cases, check_said
 from runs import PGMP, full_model, motion, overridden
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.full.systems import FullStatics
+from pgmp_petsc.full.distributed import FullStatics
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.simulate import simulate

@@ -166,7 +166,7 @@ def test_the_history_of_siconos_up_to_the_second_impact():
         (0.4, "hysteresis", 0.15, 0.04, 5.0),
     ],
 )
-def test_histories_of_moreaus_rule_over_five_revolutions(restitution, damping, most, mean, speed):
+def test_histories_of_moreaus_rule_over_three_revolutions(restitution, damping, most, mean, speed):
     """With a small restitution, whose rebounds nobody sees, heights are the same but for how deep contact is (0.02 of
     the room); with 0.4 rebounds of other speeds differ, by a part of their height, unless impacts of all speeds lose
     alike. The crank's speed is off by what a

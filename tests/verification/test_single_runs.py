@@ -7,7 +7,8 @@ import pytest
 from conftest import ROOT
 from mpi4py import MPI
 
-from pgmp_petsc.full.systems import FullBatch, FullDistributed
+from pgmp_petsc.full.distributed import FullDistributed
+from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results import Trajectory
