@@ -99,6 +99,9 @@ REFUSED = {
 
 #: Overrides of a scene, the entry that is named, and words of the reason; each gives a warning.
 WARNED = {
+    "overhauser beside springs": (SCENE, ['reduction.interpolation="overhauser"',
+        "joints.elbow.elastic={reference=[[1.0, 0.0]], stiffness=[1e7, 1e7], damping=[1.0, 1.0]}"],
+        "reduction.interpolation", "joints.elbow is elastic"),
     "rides freely": (CRANE, [FREELY, BEGUN], "joints.rear.type", "the slope of the bent beam drives it"),
     "motion beyond the range": (DRIVEN, ["coordinates.theta.range=[0.0, 6.0]", "coordinates.theta.periodic=false"],
                                 "effects.motor", "beyond coordinates.theta.range = [0, 6], where reduced runs end"),

@@ -197,6 +197,10 @@ def _without_effect(scene: Scene) -> Iterator[Finding]:
     if reduction.stretching == "static" and not reduction.second_order and not chosen:
         yield doubt("reduction.stretching", "without effect, as reduction.second_order is false", reduction.stretching)
     adds_angles = reduction.sampling_tolerance is not None or reduction.parameter_modes or stressed_bodies(scene)
+    if "interpolation" in reduction.model_fields_set and scene.interpolation != reduction.interpolation:
+        joint = next(name for name, one in scene.joints.items() if one.elastic is not None)
+        why = f"splines take its place, as joints.{joint} is elastic: rigid motion and what it carries share inertia"
+        yield doubt("reduction.interpolation", f'{why}; take "spline"', reduction.interpolation)
     if _is_set(reduction, "max_angles") and not adds_angles:
         why = "without effect, as there is no reduction.sampling_tolerance, no parameter_modes and no stress output"
         yield doubt("reduction.max_angles", why, reduction.max_angles)
