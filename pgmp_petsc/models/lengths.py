@@ -39,6 +39,11 @@ class EvaluatedOutputs:
         """The outputs' names: nothing is to be done for any."""
         return dict.fromkeys(self.units)
 
+    @property
+    def beside(self) -> dict[str, int]:
+        """Forces that states are to bring along: none, as what a model observes has them."""
+        return {}
+
     def evaluate(self, observed: np.ndarray) -> dict[str, np.ndarray]:
         """Return the outputs, each of shape (n,), for what a model observes, shape (n_outputs, n)."""
         return dict(zip(self.units, observed))
