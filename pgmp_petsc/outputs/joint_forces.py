@@ -275,7 +275,8 @@ class OfConnection(ForceOutput):
             name, rows, nodes, any(pull.reads_rates for pull in pulls), entry, mechanism.space, connection, pulls
         )
         along_ground = entry.frame == "ground" and entry.component not in ("axial", "radial")
-        if entry.turning or pulls or not along_ground or any(part.kind != MEET for part in statements):
+        meet = all(isinstance(part, Statement) and part.kind == MEET for part in statements)
+        if entry.turning or pulls or not along_ground or not meet:
             return made
         return replace(made, nodes=frozenset(), shares=made.of_units())
 
