@@ -128,7 +128,7 @@ class ReducedMultipliers:
 
     def in_steps(self, values: Mapping[str, np.ndarray], n_samples: int) -> MultipliersOf:
         """Return what finds the multipliers of samples as an iteration goes on; a sample that does not move keeps what
-        it had, so that it is the same whatever is beside it."""
+        it had, so that what is beside it changes no more than round-off."""
         every = {name: np.broadcast_to(one, n_samples) for name, one in values.items()}
         systems, n_own = self._systems(n_samples, every), self._terms.layout.n_eta
         kept: list[np.ndarray | None] = [np.full((n_samples, n_own), np.nan), None]
