@@ -259,7 +259,7 @@ class LoopClosure:
         turning = [k for k, part in enumerate(joint.statements) if not part.is_length]
         rows = np.delete(np.arange(self.n_constraints), joint.rows.start + np.array(turning, dtype=int))
         _, values, motions = np.linalg.svd(self.scaled(self.jacobian(poses)[:, rows])[0])
-        if len(turning) != 2 or values[rank - 1] < SINGULAR_TOLERANCE * values[0]:
+        if len(turning) != 2 or values.size < rank or values[rank - 1] < SINGULAR_TOLERANCE * values[0]:
             return ""
         spins, frames = [], []
         for side in joint.sides:
@@ -498,16 +498,18 @@ def solved(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def _inverse(matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the inverses of matrices (n, m, m), and which matrices are far from singular, (n,)."""
+    """Return the inverses of matrices (n, m, m) that are far from singular, zeros for others, and which are, (n,)."""
     try:
         inverses = np.linalg.inv(matrices)
     except np.linalg.LinAlgError:  # a pivot of one is zero
-        sizes = np.linalg.slogdet(matrices)[1]
-        regular = np.isfinite(sizes)
+        regular = np.isfinite(np.linalg.slogdet(matrices)[1])
         inverses = np.full(matrices.shape, np.inf)
         inverses[regular] = np.linalg.inv(matrices[regular])
-    sizes = np.linalg.norm(matrices, axis=(1, 2)) * np.linalg.norm(inverses, axis=(1, 2))
-    return inverses, sizes < FAR_FROM_SINGULAR
+    with np.errstate(over="ignore", invalid="ignore"):  # what is no number is not far
+        sizes = np.linalg.norm(matrices, axis=(1, 2)) * np.linalg.norm(inverses, axis=(1, 2))
+    far = sizes < FAR_FROM_SINGULAR
+    inverses[~far] = 0.0
+    return inverses, far
 
 
 def triangular_blocks(pattern: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:

@@ -97,6 +97,21 @@ def test_answers_hang_on_no_other_system() -> None:
     np.testing.assert_allclose(both[1], least, rtol=0, atol=1e-12)  # round-off of a few numbers of size 1
 
 
+@pytest.mark.filterwarnings("error")
+def test_blocks_that_are_singular_are_solved_as_a_whole() -> None:
+    closure = kinematics_of(slider_crank())._closure
+    assert len(closure._blocks) > 1
+    n = sum(columns.size for _, columns, _ in closure._blocks)
+    pattern = np.zeros((n, n), dtype=bool)
+    for rows, columns, before in closure._blocks:
+        pattern[np.ix_(rows, np.concatenate([columns, before]))] = True
+    jacobian = np.where(pattern, np.random.default_rng(3).normal(size=(3, n, n)), 0.0)
+    jacobian[1][np.ix_(*closure._blocks[0][:2])] = 0.0
+    right = np.random.default_rng(4).normal(size=(3, n, 1))
+    expected = [np.linalg.lstsq(one, other, rcond=1e-10)[0] for one, other in zip(jacobian, right)]
+    np.testing.assert_allclose(closure._solved(jacobian, right), expected, rtol=1e-9, atol=1e-9)
+
+
 def test_blocks_follow_from_those_before_them() -> None:
     # shuffled: a chain of blocks of 2, 3 and 1 columns, of which the last feels the first alone
     whole = np.zeros((6, 6), dtype=bool)
