@@ -298,10 +298,11 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
     if scene.static_stiffening:
         check_slender(scene, meshed, NOT_SLENDER)
     n_modes, stressed = scene.reduction.modes + scene.n_overconstrained, meshed.solid.name in stressed_bodies(scene)
+    points = serving_points(scene, meshed)
     component, recovery, _ = condense(
         meshed.solid,
         meshed.frames,
-        serving_points(scene, meshed),
+        points,
         n_modes,
         alone(),
         stressed=stressed,
@@ -310,8 +311,7 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
     if scene.static_stiffening:
         component = with_second_order(component, meshed.solid, recovery, alone(), scene.nominal)
         return in_floating_frame(component, scene.nominal)  # what foreshortens it is of many fields
-    basis = _fewest(component, serving_points(scene, meshed), n_modes, stressed)
-    return in_floating_frame(component, scene.nominal, basis)
+    return in_floating_frame(component, scene.nominal, _fewest(component, points, n_modes, stressed))
 
 
 def _fewest(component: Component, points: Sequence[Mapping[str, float]], n_modes: int, stressed: bool) -> np.ndarray:

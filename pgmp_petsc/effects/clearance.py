@@ -80,9 +80,8 @@ class OfSquare(Law):
         """It is finite everywhere from zero on, with a positive radius."""
 
 
-HYSTERESIS = (
-    20.0  # times restitution_speed is the width of the hysteresis' turn: from there on it is what was asked for
-)
+#: Restitution speed over the width of the hysteresis' turn: from that speed on it is what was asked for.
+HYSTERESIS = 20.0
 FACTORS = {
     "hunt_crossley": f"max(0, 1 + {SLOPE} * ({{rate}}))",
     "hysteresis": f"(1 + restitution**2 + (1 - restitution**2) * tanh({HYSTERESIS:g} * ({{rate}}) / speed)) / 2",

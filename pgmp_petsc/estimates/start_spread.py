@@ -30,8 +30,8 @@ KNOWN = 1e-3  # to which a start is known, as a rule
 def growth_of(
     model: ReducedModel, simulation: Simulation, eta: np.ndarray, outputs: Mapping[str, np.ndarray]
 ) -> np.ndarray | None:
-    """Return G , (n_t,), of a run with coordinates (n_t, n_eta) and outputs; None where a run from beside
-    its start does not end, or nothing moves."""
+    """Return G (n_t,) of a run with coordinates (n_t, n_eta) and outputs; None where a run from beside its start does
+    not end, or nothing moves."""
     scene = model.scene
     smooth = [name for name in scene.outputs if not models_alone(scene, name) and not derivatives_read(scene, name)]
     size = model.kinematics.size

@@ -169,8 +169,7 @@ def test_the_history_of_siconos_up_to_the_second_impact():
 def test_histories_of_moreaus_rule_over_three_revolutions(restitution, damping, most, mean, speed):
     """With a small restitution, whose rebounds nobody sees, heights are the same but for how deep contact is (0.02 of
     the room); with 0.4 rebounds of other speeds differ, by a part of their height, unless impacts of all speeds lose
-    alike. The crank's speed is off by what a
-    jump of some 0.1 ms is late, and by what rebounds lose."""
+    alike. The crank's speed is off by what a jump of some 0.1 ms is late, and by what rebounds lose."""
     exact = np.array(moreau(2e-6, 0.2, restitution, 0.01, 50)).T
     step = 5e-6 if damping == "hunt_crossley" else 2e-6  # of which the turn of a hysteresis at 0.2 m/s takes some
     held = [f"joints.{side}.clearance.damping='hysteresis'" for side in ("left", "right")]
