@@ -107,6 +107,14 @@ def test_commands_without_petsc(arm: Path, tmp_path: Path) -> None:
     assert "pgmp build scene.toml --components -o arm.h5" in page and "pgmp simulate arm.h5" in page
 
 
+def test_points_of_a_grid_and_samples_over_time(arm: Path) -> None:
+    model, many = interface.read(arm), interface.montecarlo(arm, 3, seed=1)
+    grid = interface.simulate(model, {"radius": [11e-3, 13e-3]})
+    np.testing.assert_array_equal(grid.deflection[1], interface.simulate(arm, {"radius": 13e-3}).outputs["deflection"])
+    again = interface.histories(model, many, [2])
+    np.testing.assert_array_equal(again.deflection[0, -1], many.outputs["deflection"][2])
+
+
 def test_a_component_model_is_a_better_model_of_a_reduced_one(tmp_path: Path) -> None:
     """Without meshes; and what is of another mechanism is refused."""
     scene, quick = SCENES / "slider_crank_solid2d.toml", overridden(SHORT, "reduction.angles=6", "reduction.modes=2")
