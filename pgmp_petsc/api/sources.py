@@ -271,8 +271,10 @@ def _check_model(source: object, kind: str | None, name: str | None) -> None:
     allowed, why = PURPOSES, f"of a scene there are {known}; for the reduced one give what pgmp.build(scene) returns"
     if kind is not None:
         allowed = (None, NAME_OF[kind])
-        what = f"the {TITLES[NAME_OF[kind]]} model" if isinstance(source, Rom) else f"'{source}'"
-        why = f"{what} is {named(kind)}; give its scene, such as SCENE.toml or model.scene, for another one"
+        why = f"'{source}' is {named(kind)}; give its scene, SCENE.toml, for another one"
+        if isinstance(source, Rom):
+            what = f"the {TITLES[NAME_OF[kind]]} model is built already"
+            why = f"{what}; give its scene, such as pgmp.simulate(model.scene, model='full'), for another one"
     elif isinstance(source, (str, PathLike)):
         allowed, why = (None, REDUCED, *PURPOSES), f"allowed are 'reduced' of the file of one, {known} of a scene's"
     if name not in allowed:

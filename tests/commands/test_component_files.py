@@ -144,7 +144,7 @@ AGAIN = "pgmp build SCENE --components makes a model for it, in place of '{arm}'
 POINT = 'outputs.z={type="position", point="upper:3", axis="z"}'
 AXIAL = 'outputs.s={type="stress", body="upper", quantity="axial_force", at=[0.0, 0.0, 0.0]}'
 REFUSED = {
-    "simulate {arm} --full": "model = 'full': '{arm}' is a component model; give its scene, such as SCENE.toml",
+    "simulate {arm} --full": "model = 'full': '{arm}' is a component model; give its scene, SCENE.toml",
     "montecarlo {arm} -n 8 --full": "model = 'full': '{arm}' is a component model",
     "simulate {arm} --override reduction.modes=3": f"--override reduction: '{{arm}}' {BUILT}",
     "simulate {arm} --override materials.aluminium.E=7e9": f"--override materials: '{{arm}}' {BUILT}",

@@ -411,5 +411,5 @@ def test_numbers_of_springs_may_be_changed_in_a_built_model(tmp_path):
         assert np.max(np.abs(found[name] - own)) < 1e-6 * np.max(np.abs(own)), name
     for other in ("[inf,'k']", "[0.0,'k']"):
         damping = "joints.two.elastic.damping=[0.0,'c']"
-        with pytest.raises(InputError, match="--override joints: the tables of 'rom.h5' were built from this entry"):
+        with pytest.raises(InputError, match="--override joints: 'rom.h5' was built from this entry"):
             scene_of_built(model.rom, tmp_path, [f"{entry}={other}", damping], [], "rom.h5")
