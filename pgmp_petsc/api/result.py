@@ -37,8 +37,8 @@ class Result:
     kind : str
         One of `files.claims.KINDS`.
     data
-        A dataclass of `pgmp_petsc.results`, or `studies.building.Built`: arrays of numpy in the scene's units. None on
-        a rank that was not given it.
+        A dataclass of `pgmp_petsc.results`, `studies.building.Built`, or `models.component_file.ComponentsFile`: arrays
+        of numpy in the scene's units. None on a rank that was not given it.
     comm : mpi4py.Comm
         The ranks that made it.
     directory : Path
@@ -169,17 +169,22 @@ class Result:
         return target
 
 
+#: Kinds of models that stand alone.
+MODELS = ("rom", "components")
+
+
 class Rom(Result):
-    """A reduced model; attributes of `reduction.rom.ReducedOrderModel` are its own."""
+    """A model that was built; attributes of `reduction.rom.ReducedOrderModel`, or of
+    `models.component_file.ComponentsFile`, are its own."""
 
     def _own(self) -> Any:
-        return super()._own().rom
+        return super()._own().rom if self.kind == "rom" else super()._own()
 
     def summary(self) -> dict[str, Any]:
         """Return its figures as plain data, those of ``pgmp build --json``."""
         from pgmp_petsc.results.summary import plain
 
-        return plain(self.data.figures())
+        return plain(self.data.figures() | origin_of(self.record))
 
 
 class StoppedRun(RunError):
