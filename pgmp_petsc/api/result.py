@@ -39,8 +39,8 @@ class Result:
     kind : str
         One of `files.claims.KINDS`.
     data
-        A dataclass of `pgmp_petsc.results`, or `studies.building.Built`: arrays of numpy in the scene's units. None on
-        a rank that was not given it.
+        A dataclass of `pgmp_petsc.results`, `studies.building.Built`, or `models.component_file.ComponentsFile`: arrays
+        of numpy in the scene's units. None on a rank that was not given it.
     comm : mpi4py.Comm
         The ranks that made it.
     directory : Path
@@ -243,25 +243,26 @@ FIGURES = ("outputs", "statistics", "probabilities")
 
 def _is_short(value: object) -> bool:
     """Return whether a figure has room in a cell: a number, a text, or an interval."""
-    return (
-        isinstance(value, (int, float, str))
-        and not isinstance(value, bool)
-        or isinstance(value, list)
-        and len(value) == 2
-    )
+    is_interval = isinstance(value, list) and len(value) == 2
+    return is_interval or isinstance(value, (int, float, str)) and not isinstance(value, bool)
+
+
+#: Kinds of models that stand alone.
+MODELS = ("rom", "components")
 
 
 class Rom(Result):
-    """A reduced model; attributes of `reduction.rom.ReducedOrderModel` are its own."""
+    """A model that was built; attributes of `reduction.rom.ReducedOrderModel`, or of
+    `models.component_file.ComponentsFile`, are its own."""
 
     def _own(self) -> Any:
-        return super()._own().rom
+        return super()._own().rom if self.kind == "rom" else super()._own()
 
     def summary(self) -> dict[str, Any]:
         """Return its figures as plain data, those of ``pgmp build --json``."""
         from pgmp_petsc.results.summary import plain
 
-        return plain(self.data.figures())
+        return plain(self.data.figures() | origin_of(self.record))
 
 
 class StoppedRun(RunError):

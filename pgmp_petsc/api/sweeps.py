@@ -32,7 +32,7 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.sample_file import of_columns
-from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.models import ComponentModel, Model, ReducedModel
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.rom import outside_of, refuse_beyond
@@ -195,7 +195,7 @@ def _prepared(origin: Origin, comm: Comm, changed: Callable[[Scene], Scene]) -> 
 def _file(model: Model, columns: Mapping[str, np.ndarray], what: str, place: str) -> SampleFile:
     """Return values as samples of a model; refuse those that it cannot run. By one process."""
     file = of_columns(columns, model.scene, what, place=place)
-    if isinstance(model, ReducedModel):
+    if isinstance(model, (ReducedModel, ComponentModel)):
         refuse_beyond(model.served, file.values, what)
         said = outside_of(model.served, file.values, what)
         file = replace(file, remarks=(*file.remarks, *said))

@@ -416,9 +416,9 @@ def test_samples_of_a_program(rom: pgmp.Rom, tmp_path: Path) -> None:
 
 
 WRONG = cases("""
-pgmp.simulate(3) -> source: int received; allowed is a reduced model
+pgmp.simulate(3) -> source: int received; allowed is a built model
 pgmp.simulate(scene) -> model = None: of a scene there are 'full' and 'components'
-pgmp.simulate(rom, model="full") -> model = 'full': a reduced model is given
+pgmp.simulate(rom, model="full") -> model = 'full': the reduced model is built already
 pgmp.simulate(rom, {"r7": 1}) -> parameters r7=1.0: the scene has no parameter 'r7'
 pgmp.simulate(rom, {"r1": "x"}) -> parameters r1=x: 'x' is not a finite number
 pgmp.simulate(rom, "r1=1") -> parameters = 'r1=1': allowed are a mapping
@@ -426,21 +426,21 @@ pgmp.simulate(rom, ["r1"]) -> parameters r1:
 pgmp.simulate("a", model="half") -> model = 'half': allowed are 'reduced'
 pgmp.simulate("nowhere.h5") -> nowhere.h5
 pgmp.simulate(rom, overrides="a=1") -> overrides = 'a=1': allowed are a mapping
-pgmp.simulate(rom, overrides={"reduction.modes": 5}) -> overrides reduction: the tables of 'the reduced model' were
+pgmp.simulate(rom, overrides={"reduction.modes": 5}) -> overrides reduction: 'the reduced model' was
 pgmp.montecarlo(rom, n=0) -> n = 0: allowed are whole numbers from 1
 pgmp.montecarlo(rom, n=1e3) -> n = 1000.0: allowed are whole numbers
 pgmp.montecarlo(rom, 2, seed=-1) -> seed = -1: allowed are whole numbers from 0
 pgmp.montecarlo(rom, 2, sampler="x") -> sampler = 'x': allowed are random, latin
 pgmp.montecarlo(rom, 2, parameters={"r1": 5e-3}) -> parameters r1=0.005: every sample
 pgmp.montecarlo(rom, 2, resume=True) -> resume: without output nothing is kept
-pgmp.sensitivities(scene) -> rom: Scene received; allowed is a reduced model
+pgmp.sensitivities(scene) -> rom: Scene received; allowed is a model that was built
 pgmp.sensitivities(rom, "r1") -> names = 'r1': allowed is a list
 pgmp.sensitivities(rom, ["r7"]) -> names r7: there is no such parameter
 pgmp.build(3) -> scene: int received; allowed is a scene
 pgmp.build(scene, resume=True) -> resume: without output nothing is kept
 pgmp.tradeoff(scene, resume=True) -> resume: without output nothing is kept
 pgmp.frequencies(scene, angles=1) -> angles = 1: allowed are whole numbers from 2
-pgmp.frequencies(scene, rom=3) -> rom: int received; allowed is a reduced
+pgmp.frequencies(scene, rom=3) -> rom: int received; allowed is a model that was built
 pgmp.tradeoff(rom) -> scene: Rom received; allowed is a scene
 pgmp.montecarlo(rom) -> n: missing; give the number of samples
 pgmp.montecarlo(rom, 2, shard="1/2") -> shard: str received; allowed is pgmp.Shard
