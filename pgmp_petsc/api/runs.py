@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import TYPE_CHECKING
 
 from pgmp_petsc.api.arguments import settings_of, wrong
 from pgmp_petsc.api.declared import DIFFERENTIABLE, OPTIONAL_OUTPUT, Argument, command, interface
@@ -13,7 +12,7 @@ from pgmp_petsc.api.result import Result, Rom, StoppedRun
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import SOURCE, AnySource, Origin, keeping
 from pgmp_petsc.api.sweeps import sweep
-from pgmp_petsc.api.tables import Points
+from pgmp_petsc.api.tables import Points, PointSet, ResultOrDataset
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.design.sensitivities import sensitivities as differentiated
@@ -22,9 +21,6 @@ from pgmp_petsc.results.trajectory import BodyField
 from pgmp_petsc.studies.simulate import simulate as simulated
 from pgmp_petsc.texts.models import report_of_run
 from pgmp_petsc.texts.studies import report_of_derivatives
-
-if TYPE_CHECKING:
-    import xarray
 
 
 @command(
@@ -45,7 +41,7 @@ def simulate(
     output: str | PathLike[str] | None = None,
     on_all_ranks: bool = True,
     comm: Comm | None = None,
-) -> Result | xarray.Dataset | None:
+) -> ResultOrDataset:
     """Run a model that was built, or with `model` the full-order or the component model of a scene.
 
     A run that stops before its end has exit status 1; what was computed is written.
@@ -55,7 +51,7 @@ def simulate(
     StoppedRun
         If the run stops before its end; it holds what was computed.
     """
-    comm, points = solving_ranks_of(comm), parameters if isinstance(parameters, Points) else None
+    comm, points = solving_ranks_of(comm), parameters if isinstance(parameters, PointSet) else None
     with agreed(comm, "looking at the arguments"):
         settings = parameters if points is None else settings_of(points.fixed)
         if points is not None and output is not None:
