@@ -128,7 +128,7 @@ WRITE_AGAIN, BUILD_AGAIN = "write it again", "build it again with pgmp build"
 #: Models that stand alone, by kind: what to do where the other one is needed.
 INSTEAD = {
     "rom": "; pgmp build SCENE --components -o FILE makes one",
-    "components": ", with tables over configurations; pgmp build SCENE -o ROM.h5 makes one, of two coordinates at most",
+    "components": ", with tables over configurations; pgmp build SCENE -o ROM.h5 makes one, of few coordinates",
 }
 _REQUIRED = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
 # that of HDF5 1.8 (2008): attributes beyond 64 kB, such as the probabilities of 10,000 quantiles
