@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.full.damping import add_modal_damping
-from pgmp_petsc.full.floating import add_floating
 from pgmp_petsc.full.elements import add_masses
+from pgmp_petsc.full.floating import add_floating
 from pgmp_petsc.full.forces import act, add_loads
 from pgmp_petsc.full.joint_map import Room, gather_forces, place
 from pgmp_petsc.full.joint_matrix import factorise_dense, fill_matrix, first_of, substitute_dense
@@ -60,7 +60,18 @@ def evaluate_in_joints(problem, joints, block, amplitudes, angles, residual, sta
         add_lumps(problem.lumps, width, problem.section, block, v, a, gains, False, x, joints.turn, entries, entries)
     if problem.masses.body.size:
         add_masses(
-            problem.masses, width, problem.rayleigh, block, v, a, gains, np.bool_(False), x, joints.turn, entries, entries
+            problem.masses,
+            width,
+            problem.rayleigh,
+            block,
+            v,
+            a,
+            gains,
+            np.bool_(False),
+            x,
+            joints.turn,
+            entries,
+            entries,
         )
     if problem.floating.body.size:
         add_floating(

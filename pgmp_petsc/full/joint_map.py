@@ -118,7 +118,6 @@ def _move(tree, k, d, y, y1, y2, e):
 def _deform(tree, face, d, n, x, x1, x2, first, ways, turned):
     """Fill how a face is displaced and turned in its body, amplitudes x (n,) from `first` on."""
     n_turns, m = 1 if d == 2 else 3, d * d
-    size = 3 * d + (d + n_turns) * n  # of the part of the face with most amplitudes
     own, to = ways[face], turned[face]
     at, bent = tree.at[face, 0], tree.at[face, 1]
     zero = x[first] * 0.0

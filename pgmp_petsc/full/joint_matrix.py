@@ -5,8 +5,8 @@
 is made along the tree from its ends inward. What a body carries is a rigid mass for whatever moves it. Motions and
 forces are those of the ground's frame, so that nothing is carried from frame to frame: a motion is the velocity of what
 moves where the origin is and its rotation, ``v(r) = b + omega x r``, a force its sum and its moment about the origin.
-Every coordinate has a motion of what is behind it, and a column, the force that its acceleration makes there; entries of
-A are ``motion . column`` (the composite rigid body algorithm in the coordinates of the base; Featherstone 2008, 6.2,
+Every coordinate has a motion of what is behind it, and a column, the force that its acceleration makes there; entries
+of A are ``motion . column`` (the composite rigid body algorithm in the coordinates of the base; Featherstone 2008, 6.2,
 here with the amplitudes of flexible bodies). With face 0 held, an amplitude moves the body's frame by ``-phi_0`` and
 what is on its face n by ``phi_n - phi_0``.
 
@@ -420,7 +420,7 @@ def fill_matrix(problem, tree, width, block, gains, room, matrix, n_all):
     """Fill the packed lower triangle of the matrix, (n, n_lanes), of n_all rows; frames, faces and packed tangents of
     floating bodies are in the room."""
     d = len(tree.axes)
-    n, m = d * (d + 1), (1 + d) * (1 + d)
+    m = (1 + d) * (1 + d)
     z, ways, turned, packed = (
         items(room.z, width), items(room.ways, width), items(room.turned, width), items(room.entries, width)
     )  # fmt: skip

@@ -68,7 +68,7 @@ class JointEquations:
     def __init__(self, equations: FullEquations, blocks: SampleBlocks) -> None:
         unknowns = self._unknowns = equations.unknowns
         self._equations, self._blocks = equations, blocks
-        mechanism, problem, d = unknowns.mechanism, equations.problem, unknowns.dimension
+        problem, d = equations.problem, unknowns.dimension
         q = equations.start()[0]
         self._motions = motions_of(unknowns)
         dofs = problem.masses.dofs[:, 0] // 12 if d == 3 else problem.lumps.dofs // 3
@@ -127,7 +127,7 @@ class JointEquations:
 
     def _joints_of(self, chosen: np.ndarray) -> tuple[FullProblem, Joints]:
         """Return the equations, and what is beside them, with chosen constraints."""
-        equations, blocks, tree, d = self._equations, self._blocks, self._tree, self._unknowns.dimension
+        equations, tree, d = self._equations, self._tree, self._unknowns.dimension
         problem, n_dofs, lanes = equations.problem, equations.n_dofs, self._blocks.n_lanes
         parts = ConstraintParts(self._set, chosen, equations.size)
         bound = parts.placed(_Slopes(), np.ones(chosen.size, dtype=bool))
@@ -253,7 +253,7 @@ class JointBatch(FullBatch):
 
     def __init__(self, full: FullBatch) -> None:
         vars(self).update(vars(full))
-        self._full = full
+        self.full = full
         own, blocks = JointEquations(self._equations, self._blocks), self._blocks
         self._own, self._reference, self._joints = own, Reference(own.problem), Reference(own.joints)
         self.n_dofs, self.n_constraints = own.n, own.n_left
@@ -266,12 +266,12 @@ class JointBatch(FullBatch):
     def under(self, effects: Sequence[Effect], motions: Mapping[int, Motion]) -> Self:
         """Return the batch under effects and motions that differ from its own over time alone; both share memory."""
         other = super().under(effects, motions)
-        other._full = self._full.under(effects, motions)
+        other.full = self.full.under(effects, motions)
         return other
 
     def control(self, controls: Controls) -> None:
         """Let controllers act on the only sample."""
-        self._full.control(controls)
+        self.full.control(controls)
         super().control(controls)
 
     def consistent(self, q: np.ndarray, v: np.ndarray, theta: np.ndarray) -> State:
@@ -288,7 +288,9 @@ class JointBatch(FullBatch):
         places, rates, more = self.unknowns(State(self.pack(q), self.pack(v), self.pack(np.zeros_like(q)), q))
         rows, (at, columns) = own.set.drift(places, rates, accelerations), own.set.jacobian_pattern
         np.add.at(rows, at, own.set.jacobian_values(places) * more[columns])
-        return own.left(rows, np.broadcast_to(-accelerations[own.driven[:, 1], None], (len(own.driven), places.shape[1])))
+        return own.left(
+            rows, np.broadcast_to(-accelerations[own.driven[:, 1], None], (len(own.driven), places.shape[1]))
+        )
 
     def _rates(self, time: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         own, speeds = self._own, driven(self._sources.motions, time).speed
@@ -298,14 +300,14 @@ class JointBatch(FullBatch):
 
     def _in_unknowns(self, state: State) -> State:
         """Return a state of the same samples in their unknowns, with the multipliers of driven angles alone."""
-        own, full = self._own, self._full
+        own, full = self._own, self.full
         forces = np.zeros((*state.q.shape[:-2], full.n_constraints, state.q.shape[-1]))
         forces[..., own.driven_rows(full.n_constraints), :] = state.multipliers[..., own.drives, :]
         return State(*own.mapped(state.q, state.v, state.a), forces, state.turns, state.beside)
 
     def joint_multipliers(self, time: float, state: State) -> np.ndarray:
         """Return the multipliers of joints and driven angles; see `FullSystem`."""
-        return self._full.joint_multipliers(time, self._in_unknowns(state))
+        return self.full.joint_multipliers(time, self._in_unknowns(state))
 
     def multipliers_of_joints(self, time: float, state: State) -> np.ndarray:
         """Return the multipliers of joints and driven angles: those of `joint_multipliers`."""
@@ -323,27 +325,27 @@ class JointBatch(FullBatch):
 
     def count_turns(self, state: State) -> None:
         """Take note of the angles at an instant that is kept."""
-        self._full.count_turns(self._in_unknowns(state))
+        self.full.count_turns(self._in_unknowns(state))
 
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
-        return self._full.depths(time, self._in_unknowns(state))
+        return self.full.depths(time, self._in_unknowns(state))
 
     def frames(self, state: State) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples)."""
-        return self._full.frames(self._in_unknowns(state))
+        return self.full.frames(self._in_unknowns(state))
 
     def frames_over(self, states: Sequence[State]) -> np.ndarray:
         """Return the frames of all nodes of the only sample in several states, shape (n_nodes, n_frame, n)."""
-        return self._full.frames_over(self._all_in_unknowns(states))
+        return self.full.frames_over(self._all_in_unknowns(states))
 
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, each of shape (n_samples,)."""
-        return self._full.energies(time, self._in_unknowns(state))
+        return self.full.energies(time, self._in_unknowns(state))
 
     def energies_over(self, times: Sequence[float], states: Sequence[State]) -> Energies:
         """Return energies and powers of the only sample at several instants, each of shape (n,)."""
-        return self._full.energies_over(times, self._all_in_unknowns(states))
+        return self.full.energies_over(times, self._all_in_unknowns(states))
 
     def _all_in_unknowns(self, states: Sequence[State]) -> list[State]:
         """Return states of the only sample in its unknowns."""

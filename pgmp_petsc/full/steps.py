@@ -20,8 +20,8 @@ from pgmp_petsc.stepping.alpha_step import FIRST_CONTRACTION, MAX_ITERATIONS, RE
 
 @njit(cache=True, entry=True, error_model="numpy")
 def take_steps(
-    problem, joints, factors, strengths, probed, scheme, typical_mass, step, reference, behind, before, samples, after, lost,
-    n_corrections,
+    problem, joints, factors, strengths, probed, scheme, typical_mass, step, reference, behind, before, samples, after,
+    lost, n_corrections,
 ):  # fmt: skip
     """Take equal steps of the samples of all blocks, up to one in which an iteration fails; return their number.
 

@@ -423,6 +423,10 @@ class ComponentModel(FullModel):
         super().__init__(scene, shapes, kinematics)
         self.n_ranks = n_ranks
 
+    def single(self, values: Mapping[str, float], comm: Comm) -> FullBatch | FullDistributed:
+        """Return one sample, which every rank has by itself; see `FullModel`."""
+        return super().single(values, alone())
+
     @property
     def _scaling(self) -> set[str | None]:
         """Offsets of joints: cross-sections that scale are weights of moments and stiffness as all parameters are."""

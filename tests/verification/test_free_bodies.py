@@ -91,7 +91,7 @@ def momenta(model: ComponentModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     d, linear, angular, spins = unknowns.dimension, [], [], []
 
     def observe(number: int, time: float, state) -> None:
-        q, v = system.unpack(state.q)[:, 0], system.unpack(state.v)[:, 0]
+        q, v, _ = (part[:, 0] for part in system.unknowns(state))
         total, turning = np.zeros(3), np.zeros(3)
         for body in unknowns.bodies:
             if not body.n_amplitudes:
