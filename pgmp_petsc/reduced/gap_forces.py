@@ -12,6 +12,7 @@ M[g,l]      ``Y^T M d_l rho``                a_l
 M[g,i]      ``Y^T M Psi``                    a_i                     v_k v_i + 1/2 a_k d_i
 I[kl,g]     ``(d_k d_l rho)^T M Y``          v_k v_l
 c[kl,g,i]   inertia of second order          v_k v_l d_i
+P[l,g,i]    momentum of prescribed ones      a_l d_i
 A[l,g,i]    gyroscopic                       -2 v_l v_i - a_l d_i    -v_k v_l d_i
 K[g,i]      ``Y^T K Psi``                    d_i
 V[g,ij]     cubic energy                     1/2 d_i d_j
@@ -56,7 +57,7 @@ class GapForces:
     #: monomials of the terms of mass, stiffness, loads and damping
     weights: tuple[tuple[Monomial, ...], ...]
     load_effects: tuple[str, ...]  # names, of the load terms
-    sizes: tuple[int, int, bool]  # r, m and whether there are entries of second order
+    sizes: tuple[int, int, bool, int]  # r, m, whether there are entries of second order, and coordinates k of P
     mass_damping: float  # factor of the damping proportional to the mass, 1/s
     quadratic: bool  # whether inertia forces quadratic in the velocities act
 
@@ -67,6 +68,7 @@ class GapForces:
         """Prepare the rows. `damping` is that of a basis that has the vectors of the gaps behind its own."""
         r, m, n, g = tables.n_coordinates, tables.n_modes, tables.samples.n, gaps.rows.size
         second = gaps.cubic is not None
+        driven = gaps.curved_mass.shape[2] if second else 0
         (k, h), (i, j) = np.tril_indices(r), np.tril_indices(m)
         parts, changing = [], []
         for t in range(len(tables.mass_weights)):
@@ -76,7 +78,8 @@ class GapForces:
             if second:
                 swing = np.swapaxes(gaps.curved_inertia[:, t] - gaps.spread[:, t], 1, 2)
                 along.append(np.swapaxes(gaps.gyroscopic[:, t], 1, 2).reshape(n, g, r * m))
-                parts += [swing.reshape(n, g, k.size * m), along[-1]]
+                pushed = np.swapaxes(gaps.curved_mass[:, t], 1, 2).reshape(n, g, driven * m)
+                parts += [swing.reshape(n, g, k.size * m), along[-1], pushed]
             changing += along
         for t in range(len(tables.stiffness_weights)):
             parts += [gaps.stiffness[:, t], *([gaps.cubic[:, t][:, :, i, j]] if second else [])]
@@ -88,7 +91,7 @@ class GapForces:
             interpolant(tables.samples, np.concatenate(parts, axis=2), scheme),
             interpolant(tables.samples, np.concatenate(changing, axis=2), scheme),
             (tables.mass_weights, tables.stiffness_weights, tables.load_weights, damped),
-            tables.load_effects, (r, m, second), 0.0 if damping is None else damping.mass, quadratic,
+            tables.load_effects, (r, m, second, driven), 0.0 if damping is None else damping.mass, quadratic,
         )  # fmt: skip
 
     def at(
@@ -116,15 +119,15 @@ class GapForces:
 def _fill(sizes, counts, mass_damping, quadratic, weights, q, rates, accelerations, axes, table, changing, found):
     """Fill the rows (g, n) of states (n, n_eta) with weights of the terms (n_terms, n), of the tables' rows (n_rows, g,
     n_entries) and (n_rows, g, n_changing)."""
-    (r, m, second), (n_mass, n_stiffness, n_load, n_damping) = sizes, counts
+    (r, m, second, driven), (n_mass, n_stiffness, n_load, n_damping) = sizes, counts
     pairs, n_rows = r * (r + 1) // 2, N_ROWS ** len(axes)
     n_changing = m + (r * m if second else 0)
     # what a term of each kind has, without its weight
-    inert, stiff = np.empty(r + 2 * m + pairs + pairs * m + r * m), np.empty(m + m * (m + 1) // 2)
+    inert, stiff = np.empty(r + 2 * m + pairs + pairs * m + 2 * r * m), np.empty(m + m * (m + 1) // 2)
     changed, worked, v = np.empty((r, n_changing)), np.empty(1 + m), np.empty(r + m)
     n_inert, n_stiff, n_worked = r + m + pairs, m, 1
     if second:
-        n_inert, n_stiff, n_worked = n_inert + pairs * m + r * m, m + m * (m + 1) // 2, 1 + m
+        n_inert, n_stiff, n_worked = n_inert + (pairs + r + driven) * m, m + m * (m + 1) // 2, 1 + m
     factors, slopes = np.empty(table.shape[2]), np.empty(changing.shape[2])
     one_axis, rows, of_rows = stencil_room(), np.empty(n_rows, dtype=np.int64), np.empty(n_rows)
     for s in range(q.shape[0]):
@@ -156,6 +159,10 @@ def _fill(sizes, counts, mass_damping, quadratic, weights, q, rates, acceleratio
                 for k in range(r):
                     for i in range(m):
                         changed[k, m + h * m + i] = -v[k] * v[h] * d[i]
+            for h in range(driven):
+                for i in range(m):
+                    inert[swing + i] = inert[h] * d[i]
+                swing += m
             for i in range(m):
                 for j in range(i):
                     stiff[bent + j] = d[i] * d[j]

@@ -190,7 +190,7 @@ class Matrices(Table):
     rows: str | None = Field(
         None,
         min_length=1,
-        description="file that says of which node and direction each row is, such as Ansys' .mapping",
+        description="file that says of which node and direction each row is: Ansys' .mapping, CalculiX' .dof",
     )
     units: FileUnits = Field(FileUnits(), description="units of the files: length, mass, time")
     faces: dict[Name, NodeSet] = Field(
@@ -283,7 +283,8 @@ class Material(Table):
 
 
 class StraightBeam(Table):
-    """A straight line of equal elements along the x axis of the body's frame, with points hinge and tip at its ends."""
+    """A straight line of equal elements along the x axis of the body's frame. It has the points hinge and tip at its ends,
+    middle where a node is there, and any node by its index from 0 on."""
 
     length: Annotated[PositiveOrParameter, Unit("m")] = Field(description=f"length (m), {NAMED}; see docs/method.md")
     elements: Annotated[Integer, at_most(MOST_ELEMENTS, "no straight beam needs more, and they fill memory")] = Field(

@@ -9,6 +9,7 @@ from typing import Any, Literal, Self
 from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 
 from pgmp_petsc.base.errors import Remark
+from pgmp_petsc.base.notebooks import Grid, card
 from pgmp_petsc.base.units import SAID, SI, UnitSystem, system_of
 from pgmp_petsc.declare.ideas import WHEN_GROWN
 from pgmp_petsc.scene.bodies import Body, Material
@@ -90,6 +91,20 @@ class Scene(Table):
     def remarks(self) -> tuple[Remark, ...]:
         """Doubts about the scene that its reader found; results keep them. No part of the TOML."""
         return self._remarks
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: what there is, and the parameters."""
+        kinds = {
+            table: ", ".join(f"{name} ({getattr(one, kind)})" for name, one in getattr(self, table).items())
+            for table, kind in {"bodies": "element", "joints": "type", "effects": "type", "outputs": "type"}.items()
+        }
+        ranges = {name: "periodic" if one.periodic else f"{one.range}" for name, one in self.coordinates.items()}
+        about = {"": self.scene.description, **kinds}
+        about["coordinates"] = ", ".join(f"{name} ({text})" for name, text in ranges.items())
+        drawn = {name: one.distribution.name if one.distribution else "" for name, one in self.parameters.items()}
+        rows = [(name, one.current, one.unit, drawn[name], one.description) for name, one in self.parameters.items()]
+        head = ("parameter", "value", "unit", "distribution", "")
+        return card(f"pgmp scene '{self.name}'", about, [Grid(head, rows)], self.remarks)
 
     def with_remarks(self, remarks: tuple[Remark, ...]) -> Self:
         """Return the scene with what is doubtful about it."""
