@@ -1,16 +1,17 @@
-"""A program of its own: files of Nastran and Ansys are read by pyNastran and ansys-mapdl-reader.
+"""A program of its own: files of Nastran, Ansys and robots are read by the libraries below.
 
     python -P read_by_library.py FORMAT KIND FILE OUT.npz
 
 It imports nothing of the package. FORMAT is a function below, KIND is ``stiffness`` or ``mass``, of files that may hold
 both, or ``nodes``. OUT.npz has the entries of a matrix (``row``, ``column``, ``value``, ``size``) with the node and
 direction of each row (``rows``) where the file says them, or ``nodes`` and ``labels``, sets ``set:NAME`` of labels and
-cells ``cells:TYPE`` of labels in meshio's order; or, of a file that is refused, the array ``refused`` alone. These
-libraries are large, print, and some end their process on a damaged file.
+cells ``cells:TYPE`` of labels in meshio's order; of a robot ``links`` and ``joints``, JSON; or, of a file that is
+refused, the array ``refused`` alone. These libraries are large, print, and some end their process on a damaged file.
 """
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 
@@ -24,6 +25,8 @@ LIBRARIES = {
     "deck": ("pyNastran", "pyNastran", "a Nastran deck"),
     "full": ("ansys.mapdl.reader", "ansys-mapdl-reader", "an Ansys .full"),
     "cdb": ("ansys.mapdl.reader", "ansys-mapdl-reader", "an Ansys .cdb"),
+    "urdf": ("yourdfpy", "yourdfpy", "a URDF"),
+    "mjcf": ("mujoco", "mujoco", "an MJCF"),
 }
 LETTERS = {"stiffness": "K", "mass": "M"}
 #: meshio's type of Nastran's and Ansys' elements by their number of nodes.
@@ -151,6 +154,88 @@ def cdb(path: str, kind: str) -> dict[str, np.ndarray]:
         kind = ANSYS.get(int(number), {}).get(len(nodes), OTHER) if alone else OTHER
         cells.setdefault(kind, []).append(nodes)
     return found | of_cells(cells)
+
+
+def urdf(path: str, kind: str) -> dict[str, np.ndarray]:
+    """Read links and joints of a robot."""
+    from xml.etree import ElementTree
+
+    from yourdfpy import URDF
+
+    ElementTree.parse(path)  # yourdfpy would leave out what is behind a mistake
+    robot = URDF.load(path, build_scene_graph=False, load_meshes=False, build_collision_scene_graph=False).robot
+    links, joints = [], []
+    for link in robot.links:
+        inertial, shapes = link.inertial, [*link.visuals, *link.collisions]
+        meshes = [shape.geometry.mesh.filename for shape in shapes if shape.geometry and shape.geometry.mesh]
+        own = {"name": link.name, "meshes": sorted(set(meshes)), "mass": 0.0}
+        if inertial is not None and inertial.mass:
+            place = np.eye(4) if inertial.origin is None else np.asarray(inertial.origin)
+            tensor = np.zeros((3, 3)) if inertial.inertia is None else np.asarray(inertial.inertia)
+            turn = place[:3, :3]
+            own |= {"mass": float(inertial.mass), "centre": place[:3, 3].tolist()}
+            own |= {"inertia": (turn @ tensor @ turn.T).tolist()}
+        links.append(own)
+    for joint in robot.joints:
+        place = np.eye(4) if joint.origin is None else np.asarray(joint.origin)
+        axis = [1.0, 0.0, 0.0] if joint.axis is None else np.asarray(joint.axis).tolist()
+        limit = None if joint.limit is None else (joint.limit.lower, joint.limit.upper)
+        own = {"name": joint.name, "type": joint.type, "parent": joint.parent, "child": joint.child, "axis": axis}
+        joints.append(own | {"place": place.tolist(), "limit": limit, "mimic": joint.mimic is not None})
+    return {"name": np.array(robot.name), "links": np.array(json.dumps(links)), "joints": np.array(json.dumps(joints))}
+
+
+def mjcf(path: str, kind: str) -> dict[str, np.ndarray]:
+    """Read links and joints of a robot; a link's frame is that of its body, moved to where its joint is."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(path)
+    of = {"body": mujoco.mjtObj.mjOBJ_BODY, "joint": mujoco.mjtObj.mjOBJ_JOINT}
+    names = [mujoco.mj_id2name(model, of["body"], k) or f"body{k}" for k in range(model.nbody)]
+    if model.neq:
+        cure = "leave them out and add them to the scene"
+        raise Refused(f"it has {model.neq} equality constraints, of loops or couplings; {cure}")
+    kinds = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic", "mjJNT_BALL": "ball", "mjJNT_FREE": "floating"}
+    kinds = {int(getattr(mujoco.mjtJoint, name)): kind for name, kind in kinds.items()}
+    shift, links, joints = np.zeros((model.nbody, 3)), [], []
+    for k, name in enumerate(names):
+        first, n = int(model.body_jntadr[k]), int(model.body_jntnum[k])
+        if n > 1:
+            raise Refused(f"the body {name} has {n} joints; give each a body of its own")
+        if n:
+            shift[k] = model.jnt_pos[first]
+        own = {"name": name, "meshes": [], "mass": float(model.body_mass[k])}
+        turn = matrix_of(model.body_iquat[k])
+        own |= {"centre": (model.body_ipos[k] - shift[k]).tolist()}
+        links.append(own | {"inertia": (turn @ np.diag(model.body_inertia[k]) @ turn.T).tolist()})
+        if k == 0:
+            continue
+        place, parent = np.eye(4), int(model.body_parentid[k])
+        place[:3, :3] = matrix_of(model.body_quat[k])
+        place[:3, 3] = model.body_pos[k] + place[:3, :3] @ shift[k] - shift[parent]
+        kind = kinds[int(model.jnt_type[first])] if n else "fixed"
+        limited = bool(n and model.jnt_limited[first])
+        if kind == "revolute" and not limited:
+            kind = "continuous"
+        joint = (n and mujoco.mj_id2name(model, of["joint"], first)) or f"joint_{name}"
+        axis = model.jnt_axis[first].tolist() if n else [1.0, 0.0, 0.0]
+        limit = model.jnt_range[first].tolist() if limited else None
+        own = {"name": joint, "type": kind, "parent": names[parent], "child": name, "axis": axis}
+        joints.append(own | {"place": place.tolist(), "limit": limit, "mimic": False})
+    found = {"name": names[1] if len(names) > 1 else "robot", "links": json.dumps(links), "joints": json.dumps(joints)}
+    return {name: np.array(text) for name, text in found.items()}
+
+
+def matrix_of(quaternion: np.ndarray) -> np.ndarray:
+    """Return the rotation of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def of_cells(cells: dict[str, list]) -> dict[str, np.ndarray]:

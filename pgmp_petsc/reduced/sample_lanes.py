@@ -58,7 +58,7 @@ class ReducedLanes:
         self.equations = Equations(
             terms.layout,
             terms.grid,
-            terms.polynomials,
+            terms.cells,
             Weights(
                 self.packed(self._term_weights),
                 self.packed(self.load_weights),
@@ -91,7 +91,7 @@ class ReducedLanes:
             KeptPlaces(
                 local_cells,
                 self.packed(self.place_weights)[:n_acting],
-                *(aligned_zeros((n_acting, table.shape[2], LANES)) for table in (local.rigid, local.shapes)),
+                *(aligned_zeros((n_acting, one.polynomials.shape[2], LANES)) for one in (local.rigid, local.shapes)),
             ),
             Acting.empty(n_acting, layout.n_eta),
             np.empty((self._blocks.n_samples, ABOUT + 1, n_actions)),
