@@ -100,9 +100,11 @@ def motions_of(unknowns: Unknowns) -> list[Motion]:
     while len(depth) <= len(mechanism.bodies):
         best = None
         for number, (connection, (kind, turns, slides)) in enumerate(zip(mechanism.connections, kinds)):
-            a, b = connection.held[0][1] if connection.held else connection.sides
+            if kind == FREE:
+                continue
+            a, b = connection.held[0][1]
             reached = a.body in depth, b.body in depth
-            if kind == FREE or reached[0] == reached[1]:
+            if reached[0] == reached[1]:
                 continue
             on, held = (a, b) if reached[0] else (b, a)
             price = kind, depth[on.body], number
