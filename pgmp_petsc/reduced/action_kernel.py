@@ -26,7 +26,7 @@ from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items
 from pgmp_petsc.lanes.vectors import LANES, N_POWERS, add, aligned_zeros, differing, load, spread, store
 from pgmp_petsc.mechanism.node_statements import is_itself, through_function
 from pgmp_petsc.mechanism.statements import evaluate
-from pgmp_petsc.reduced.action_frames import Frames, Places, place_nodes
+from pgmp_petsc.reduced.action_frames import Frames, Places, place_node, place_nodes, pull_displacements
 
 POWER, STORED, FORCE = range(3)  # what is known of an action
 UNBALANCED = 1e-7  # of a law's force: what a step may leave of it out of balance
@@ -336,6 +336,37 @@ def _project(work):
         if differing(slope, spread(0.0)) != 0:  # few are not
             for i in range(n_eta):
                 add(work.projected, i, slope * load(work.jacobian, c * n_eta + i))
+
+
+@njit(error_model="numpy", counted=False)
+def load_nodes(local, grid, q, forces, kept, work, pulls, loads):
+    """Fill what forces of the actions, vectors (n_actions, LANES), do to displacements and rotations of their nodes in
+    body frames, (n_nodes, n_dofs, LANES), for vectors q (n_eta, LANES): ``F g`` in these.
+
+    `pulls` has room for what frames feel, vectors (n_nodes, n_frame, LANES); `kept` and `work` are as of `act`.
+    """
+    places, actions, d = local.places, local.actions, local.actions.statements.axes.shape[2]
+    n_frame, nodes = d * (d + 1), local.all.nodes
+    gradients, felt = items(work.gradient, WIDE), items(pulls, WIDE)
+    for entry in range(places.n_nodes * n_frame):
+        store(pulls, entry, 0.0)
+    place_nodes(places, nodes, grid, d, q, kept, work.frames)
+    for action in range(actions.roles.size):
+        if actions.roles[action] == LEADS:
+            continue
+        for term in range(actions.firsts[action], actions.firsts[action + 1]):
+            _measure_term(local, term, len(grid), q, False, work)
+            for side in range(2):
+                node, arms = places.sides[term, side], actions.statements.arms[term, side]
+                for c in range(n_frame if node >= 0 else 0):
+                    pull = load(forces, action) * gradients[n_frame * side + c]
+                    felt[node, c] += pull
+                    for j in range(d if c < d else 0):  # a point at an arm moves with the directors
+                        felt[node, d + d * j + c] += arms[j] * pull
+    for number in range(nodes.size):
+        if d == 3:  # its rotation is needed again
+            place_node(places, nodes[number], grid, d, q, kept, work.frames)
+        pull_displacements(nodes[number], d, felt[nodes[number]], work.frames, items(loads, WIDE)[nodes[number]])
 
 
 @njit(error_model="numpy", counted=False)

@@ -13,6 +13,7 @@ import numpy as np
 
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import empty_lanes
 from pgmp_petsc.lanes.vectors import (
     EVERY_LANE,
     LANES,
@@ -31,7 +32,7 @@ from pgmp_petsc.lanes.vectors import (
     spread,
     store,
 )
-from pgmp_petsc.reduced.action_kernel import act, add_tangents, allocate_local
+from pgmp_petsc.reduced.action_kernel import act, add_tangents, allocate_local, load_nodes
 from pgmp_petsc.reduced.arrays import acting_of, allocate, layout_n_rigid, matrix_of, pair, places_of
 from pgmp_petsc.reduced.bordered import eliminate, solve
 from pgmp_petsc.reduced.cells import locate_all, refill
@@ -263,6 +264,22 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
                     for row in range(known.shape[2]):
                         for k in range(n_actions):
                             known[instant, samples[lane], row, k] = memory.known[samples[lane], row, k]
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def load_all(equations, memory, q, forces, loads):
+    """Fill what forces of the actions, vectors (n_blocks, n_actions, LANES), do to their nodes in positions (n_samples,
+    n_eta): vectors (n_blocks, n_nodes, n_dofs, LANES) as of `load_nodes`."""
+    equations, memory = loaded(equations), loaded(memory)
+    work, local = allocate(equations.layout), equations.local
+    own, d = allocate_local(local, len(equations.grid), equations.layout.n_eta), local.actions.statements.axes.shape[2]
+    n = local.places.n_nodes
+    pulls = empty_lanes(n * d * (d + 1), LANES).reshape((n, d * (d + 1), LANES))
+    for block in range(len(loads)):
+        gather(q, memory.samples[block], work.q)
+        load_nodes(
+            local, equations.grid, work.q, forces[block], places_of(memory, block), own, pulls, loads[block]
+        )  # fmt: skip
 
 
 @njit(cache=True, entry=True, error_model="numpy")

@@ -28,7 +28,7 @@ from pgmp_petsc.reduced.actions import ReducedActions, functions_of_time
 from pgmp_petsc.reduced.arrays import Equations, Matrix, Memory, Strengths, Weights
 from pgmp_petsc.reduced.control import LARGE, Control
 from pgmp_petsc.reduced.energy import damping_power, load_powers, reduced_energy
-from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices
+from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices, load_all
 from pgmp_petsc.reduced.steps import Progress, advance
 from pgmp_petsc.reduced.terms import ReducedTerms
 from pgmp_petsc.stepping.energies import Energies
@@ -454,11 +454,15 @@ class ReducedSystem(SecondOrderSystem):
         evaluate_residual(*self._passed, self._lanes.packed(strengths.loads.T), _parts(state), result)
         return result
 
-    def acting_at(self, times: np.ndarray, state: State) -> np.ndarray:
-        """Return what local effects add to the residuals, (n_samples, n_eta), likewise."""
-        everyone, amplitudes = np.ones(self.n_samples, dtype=bool), amplitudes_over(self._actions.actions, times)
-        self._known(times[:1], np.array([[state.q, state.v]]), everyone, amplitudes=amplitudes[None])
-        return self._lanes.unpacked(self._memory.acting.balance).T
+    def node_loads(self, times: np.ndarray, state: State) -> np.ndarray:
+        """Return what local effects do to displacements and rotations of their nodes in body frames, on samples that
+        are each at a time of its own, (n_samples, n_nodes * n_dofs)."""
+        amplitudes = amplitudes_over(self._actions.actions, times)
+        known = self._known(times[:1], np.array([[state.q, state.v]]), amplitudes=amplitudes[None])
+        forces, d = self._lanes.packed(known[0, :, FORCE].T), self._actions.dimension
+        loads = aligned((len(forces), self._actions.places.n_nodes, d * (d + 1) // 2, LANES))
+        load_all(*self._passed, state.q, forces, loads)
+        return self._lanes.unpacked(loads).reshape(-1, self.n_samples).T
 
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
