@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pgmp_petsc.api.ranks import ranks_of
+from pgmp_petsc.api.tables import columns_of, points_of
 from pgmp_petsc.base.errors import InputError, PgmpError, shortened
 from pgmp_petsc.ranks.agreement import agreed
 
@@ -263,20 +264,6 @@ def _mapping(value: object) -> object:
     return value if isinstance(value, Mapping) and all(isinstance(key, str) for key in value) else NotImplemented
 
 
-def _columns(value: object) -> object:
-    """Return a table as columns of numbers: of a mapping, a DataFrame, or a structured array of numpy."""
-    names = getattr(getattr(value, "dtype", None), "names", None) or getattr(value, "columns", None)
-    if isinstance(value, Mapping):
-        names = list(value)
-    if names is None or isinstance(value, (str, bytes)):
-        return NotImplemented
-    try:
-        found = {str(name): np.asarray(value[name], dtype=float) for name in names}
-    except (TypeError, ValueError, LookupError):
-        return NotImplemented
-    return found if found and all(column.ndim == 1 for column in found.values()) else NotImplemented
-
-
 def _either(*names: str) -> Callable[[object], object]:
     def taken(value: object) -> object:
         taken = (_KINDS[name][0](value) for name in names)
@@ -305,10 +292,12 @@ _KINDS: dict[str, tuple[Callable[[Any], Any], str]] = {
     ),
     "Overrides": (overrides_of, ""),
     "Parameters": (settings_of, ""),
-    "Columns": (_columns, "a DataFrame, or a mapping of parameters' names to columns of numbers"),
+    "Points": (points_of, ""),
+    "Columns": (columns_of, "a DataFrame, a Dataset, or a mapping of parameters' names to columns of numbers"),
     "Mapping[str, float]": (_mapping, "a mapping of names to numbers"),
     "Mapping[str, Any]": (_mapping, "a mapping of tables"),
     "Sequence[str]": (_list_of(_text), "a list of texts"),
+    "Sequence[int]": (_list_of(_whole), "a list of whole numbers"),
     "Sequence[float]": (_list_of(_finite), "a list of finite numbers"),
     "Sequence[Correction]": (_list_of(_instance("Correction")), "a list of pgmp.Correction(model, n)"),
     "Sequence[str | PathLike[str]]": (_list_of(_path), "a list of names of files"),

@@ -81,7 +81,7 @@ class Argument:
     def repeated(self) -> bool:
         """Whether it is given by several words."""
         kind = next((kind for kind in self.kinds if kind != "None"), "")
-        return kind.startswith(("Sequence", "Mapping")) or kind in ("Overrides", "Parameters")
+        return kind.startswith(("Sequence", "Mapping")) or kind in ("Overrides", "Parameters", "Points")
 
     def filled(self, name: str, annotation: str, default: object, by_place: bool) -> Argument:
         """Return the same with what follows from the function's signature."""

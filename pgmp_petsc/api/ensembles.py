@@ -509,8 +509,8 @@ def exit_status(found: Ensemble | ShardSamples | RareEvent) -> int:
     others=(retry_failed, rare_event), source=SOURCE, n=NUMBER, seed=SEED, sampler=SAMPLER, ranks_per_sample=PER_SAMPLE,
     samples=Argument(
         "Take the samples of a CSV or HDF5 file, columns named as parameters, in the scene's units; in a program also "
-        "of a DataFrame, or of a mapping of names to numbers.", word="TABLE",
-        allowed="a CSV or HDF5 file, a DataFrame, or a mapping of parameters' names to columns of numbers",
+        "of a DataFrame, a Dataset, or a mapping of names to numbers.", word="TABLE",
+        allowed="a CSV or HDF5 file, a DataFrame, a Dataset, or a mapping of parameters' names to columns of numbers",
     ),
     shard=Argument(
         "Integrate part I of K parts alone; pgmp merge joins their files to the whole.", word="I/K", read=read_part

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.ranks import ranks_of
+from pgmp_petsc.api.tables import needs_xarray
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, Remark, RunError
 from pgmp_petsc.base.surroundings import Comm
@@ -121,11 +122,7 @@ class Result:
         InputError
             If xarray is not installed, or results of this kind have no dataset.
         """
-        try:
-            import xarray
-        except ImportError as error:
-            why = "to_xarray: the package xarray is not installed (pip install 'xarray<2024.4' suits numpy before 2)"
-            raise InputError(f"{why}; the arrays themselves are attributes of the result ({error})") from error
+        xarray = needs_xarray("to_xarray")
         found = [*variables(self.data)] if isinstance(self.data, Record) else []
         if not found:
             raise InputError(f"to_xarray: there is no dataset of a {self.kind}; its arrays are attributes")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
+from typing import TYPE_CHECKING
 
 from pgmp_petsc.api.arguments import settings_of, wrong
 from pgmp_petsc.api.declared import OPTIONAL_OUTPUT, Argument, command, interface
@@ -11,6 +12,9 @@ from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.result import Result, Rom, StoppedRun
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import SOURCE, AnySource, Origin, keeping
+from pgmp_petsc.api.sweeps import sweep
+from pgmp_petsc.api.tables import Points
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.design.sensitivities import sensitivities as differentiated
 from pgmp_petsc.ranks.agreement import agreed, on_root
@@ -19,6 +23,9 @@ from pgmp_petsc.studies.simulate import simulate as simulated
 from pgmp_petsc.texts.models import report_of_run
 from pgmp_petsc.texts.studies import report_of_derivatives
 
+if TYPE_CHECKING:
+    import xarray
+
 
 @command(
     "simulate",
@@ -26,18 +33,19 @@ from pgmp_petsc.texts.studies import report_of_derivatives
     60,
     report=report_of_run,
     source=SOURCE,
-    gives="With the attributes of `results.Trajectory`.",
+    gives="With the attributes of `results.Trajectory`. Where `parameters` has arrays, or is a table (DataFrame, "
+    "Dataset), a Dataset of xarray over all its points and time, NaN where a run failed (`sample.status`).",
 )
 def simulate(
     source: AnySource,
-    parameters: Parameters | None = None,
+    parameters: Points | Parameters | None = None,
     *,
     model: str | None = None,
     overrides: Overrides = (),
     output: str | PathLike[str] | None = None,
     on_all_ranks: bool = True,
     comm: Comm | None = None,
-) -> Result:
+) -> Result | xarray.Dataset | None:
     """Run a reduced model, or with `model` the full-order or the component model of a scene.
 
     A run that stops before its end has exit status 1; what was computed is written.
@@ -47,9 +55,17 @@ def simulate(
     StoppedRun
         If the run stops before its end; it holds what was computed.
     """
-    comm = solving_ranks_of(comm)
+    comm, points = solving_ranks_of(comm), parameters if isinstance(parameters, Points) else None
     with agreed(comm, "looking at the arguments"):
-        origin = Origin.of(source, model, overrides, parameters)
+        settings = parameters if points is None else settings_of(points.fixed)
+        if points is not None and output is not None:
+            raise InputError(
+                "output: runs over arrays of parameters are a Dataset of xarray, which writes files of its own "
+                "(to_netcdf, to_zarr); leave it out"
+            )
+        origin = Origin.of(source, model, overrides, settings)
+    if points is not None:
+        return sweep(origin, points, comm, on_all_ranks)
     with keeping("trajectory", comm, output, on_all_ranks, (origin.path,)) as keeper:
         prepared = origin.settled(comm)
         data = simulated(prepared, comm)

@@ -36,6 +36,7 @@ from pgmp_petsc.controllers.measured import OfMotion, Seen, rate_of
 from pgmp_petsc.declare.expressions import Printed, check, check_names, kept, printed, symbolic
 from pgmp_petsc.effects.law import calling
 from pgmp_petsc.lanes.compiled import native_address, njit, text_mark
+from pgmp_petsc.lanes.lane_items import eliminate
 
 #: What expressions may name beside what is measured, the states and parameters: time, reference and its rate.
 GIVEN = ("t", "r", "reference_rate")
@@ -276,7 +277,7 @@ def respond(address, n, n_slopes, p, x, c, kappa, z, rates, force, room):
                 right[i, 1 + k] = kappa * found[row + 1 + k]
             for j in range(n):
                 matrix[i, j] = (i == j) - kappa * found[row + 1 + n_slopes + j]
-        _solve(n, 1 + n_slopes, matrix, right)
+        eliminate(n, 1 + n_slopes, matrix, right)
         for i in range(n):
             z[i] += right[i, 0]
             largest, change = max(largest, abs(z[i])), max(change, abs(right[i, 0]))
@@ -305,27 +306,3 @@ def respond_all(address, n, n_slopes, p, x, c, kappa, z, rates, force, room):
         respond(
             address, n, n_slopes, p[sample], x[sample], c[sample], kappa, z[sample], rates[sample], force[sample], room
         )  # fmt: skip
-
-
-@njit(error_model="numpy")
-def _solve(n, n_right, matrix, right):
-    """Eliminate n rows with pivoting, in place: `right` becomes the solutions, of its first columns."""
-    for k in range(n):
-        best = k
-        for i in range(k + 1, n):
-            if abs(matrix[i, k]) > abs(matrix[best, k]):
-                best = i
-        for j in range(n):
-            matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
-        for j in range(n_right):
-            right[k, j], right[best, j] = right[best, j], right[k, j]
-        for i in range(n):
-            if i != k:
-                factor = matrix[i, k] / matrix[k, k]
-                for j in range(k, n):
-                    matrix[i, j] -= factor * matrix[k, j]
-                for j in range(n_right):
-                    right[i, j] -= factor * right[k, j]
-    for k in range(n):
-        for j in range(n_right):
-            right[k, j] /= matrix[k, k]

@@ -40,12 +40,7 @@ def read_samples(path: Path | Columns, scene: Scene, n_samples: int | None) -> S
     where = called(path)
     if not isinstance(path, Path):
         columns = {name: np.asarray(path[name], dtype=float) for name in _used(where, list(path), scene)}
-        _check_lengths(columns, where)
-        content, lines = hashlib.sha256(), np.arange(len(next(iter(columns.values()))))
-        for name, values in columns.items():
-            content.update(name.encode() + b"\0" + values.tobytes())
-        others = [name for name in path if name not in columns]
-        return _checked(Path("samples"), columns, lines, others, content.hexdigest(), scene, n_samples, where, "sample")
+        return of_columns(columns, scene, where, n_samples, [name for name in path if name not in columns])
     import h5py
 
     try:
@@ -59,6 +54,32 @@ def read_samples(path: Path | Columns, scene: Scene, n_samples: int | None) -> S
         raise InputError(f"{where}: it cannot be read as CSV or HDF5: {error}") from error
     place = "sample" if is_hdf5 else "line"
     return _checked(path, columns, lines, others, content, scene, n_samples, where, place)
+
+
+def of_columns(
+    columns: Columns,
+    scene: Scene,
+    where: str,
+    n_samples: int | None = None,
+    others: Sequence[str] = (),
+    place: str = "sample",
+) -> SampleFile:
+    """Return columns of parameters of a scene as samples; raises `InputError` where one is wrong.
+
+    Parameters
+    ----------
+    where, place
+        What messages call the columns, and a row of them.
+    n_samples
+        Number of the first rows that are wanted, all if None.
+    others
+        Names of columns that have no part.
+    """
+    _check_lengths(columns, where)
+    content, lines = hashlib.sha256(), np.arange(len(next(iter(columns.values()))))
+    for name, values in columns.items():
+        content.update(name.encode() + b"\0" + values.tobytes())
+    return _checked(Path(where), columns, lines, others, content.hexdigest(), scene, n_samples, where, place)
 
 
 def _checked(

@@ -252,3 +252,58 @@ def sine_cosine(x):
     is_odd = beyond(turns - 2.0 * half, 0.5)
     sign = 1.0 - 2.0 * (half - 2.0 * floor(0.5 * half))
     return sign * select(is_odd, c, s), sign * select(is_odd, -s, c)
+
+
+@njit(error_model="numpy")
+def eliminate(n, n_right, matrix, right):
+    """Solve n equations by elimination with pivots, in place: items of a matrix (n, n) and of right sides (n, n_right),
+    which become the solutions."""
+    for k in range(n):
+        for i in range(k + 1, n):
+            lanes = beyond(absolute(matrix[i, k]), absolute(matrix[k, k]))
+            if lanes:
+                for j in range(k, n):
+                    above, below = matrix[k, j], matrix[i, j]
+                    matrix[k, j], matrix[i, j] = select(lanes, below, above), select(lanes, above, below)
+                for j in range(n_right):
+                    above, below = right[k, j], right[i, j]
+                    right[k, j], right[i, j] = select(lanes, below, above), select(lanes, above, below)
+        inverse = 1.0 / matrix[k, k]
+        for i in range(k + 1, n):
+            factor = -(matrix[i, k] * inverse)
+            for j in range(k + 1, n):
+                matrix[i, j] = fused(factor, matrix[k, j], matrix[i, j])
+            for j in range(n_right):
+                right[i, j] = fused(factor, right[k, j], right[i, j])
+        matrix[k, k] = inverse
+    for k in range(n - 1, -1, -1):
+        for j in range(n_right):
+            right[k, j] = right[k, j] * matrix[k, k]
+        for i in range(k):
+            for j in range(n_right):
+                right[i, j] = fused(-matrix[i, k], right[k, j], right[i, j])
+
+
+def solutions(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return the solutions (k, n) of systems of equations (k, n, n) with right sides (k, n); they are no numbers where
+    what is given has none, or a matrix is singular."""
+    found, (n, width) = np.empty_like(right), (right.shape[1], width_of(LANES))
+    _fill_solutions(matrices, right, aligned((n, n, LANES)), aligned((n, 1, LANES)), width, found)
+    return found
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def _fill_solutions(matrices, right, matrix, x, width, found):
+    n = right.shape[1]
+    for first in range(0, len(right), LANES):
+        behind = min(first + LANES, len(right))
+        for lane in range(LANES):  # places that are left over have the last system once more
+            k = min(first + lane, behind - 1)
+            for i in range(n):
+                x[i, 0, lane] = right[k, i]
+                for j in range(n):
+                    matrix[i, j, lane] = matrices[k, i, j]
+        eliminate(n, 1, items(matrix, width), items(x, width))
+        for k in range(first, behind):
+            for i in range(n):
+                found[k, i] = x[i, 0, k - first]

@@ -30,6 +30,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
 from pgmp_petsc.declare.records import Record, array
+from pgmp_petsc.lanes.lane_items import solutions
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.tables import WEIGHT_FREE, ReducedTables, Weights, beside_rigid, weights_of
@@ -95,8 +96,9 @@ class Missed:
     def __init__(self, found: MissedAnswers, tables: ReducedTables, scheme: str) -> None:
         self._weights, self._stiffness_weights = found.weights, tables.stiffness_weights
         self._n_theta = tables.n_coordinates
-        self._forces = interpolant(tables.samples, found.forces, scheme)
-        self._stiffness = interpolant(tables.samples, tables.stiffness, scheme)
+        n, n_w, self._n_loads, _ = found.forces.shape
+        self._forces = interpolant(tables.samples, found.forces.reshape(n, n_w, -1), scheme)
+        self._stiffness = interpolant(tables.samples, tables.stiffness.reshape(n, -1, tables.n_modes), scheme)
         self._answers = interpolant(tables.samples, found.answers, scheme)
 
     def of(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
@@ -106,18 +108,11 @@ class Missed:
             np.broadcast_to(evaluate_weights(weights, values).T, (n, len(weights)))
             for weights in (self._weights, self._stiffness_weights)
         )
-        balance = np.einsum("nt,ntij->nij", loads, self._forces(theta))
-        q, m = balance.shape[1], delta.shape[1]
-        elastic = np.zeros((n, q))
-        elastic[:, q - m :] = np.einsum("nt,ntij,nj->ni", stiffness, self._stiffness(theta), delta, optimize=True)
-        known = np.isfinite(balance).all(axis=(1, 2)) & np.isfinite(elastic).all(axis=1)
-        shares = np.full((n, q), np.nan)
-        # rigid and flexible vectors have other units
-        scales = 1.0 / np.linalg.norm(balance[known], axis=1)
-        scaled = np.linalg.solve(balance[known] * scales[:, None], elastic[known][..., None])
-        shares[known] = scales * scaled[..., 0]
-        factors = (loads[:, :, None] * shares[:, None], -stiffness[:, :, None] * delta[:, None])
-        return self._answers.product(theta, np.hstack([part.reshape(n, -1) for part in factors])).T
+        bent = (stiffness[:, :, None] * delta[:, None]).reshape(n, -1)
+        balance = self._forces.product(theta, loads).reshape(n, self._n_loads, self._n_loads)
+        elastic = np.pad(self._stiffness.product(theta, bent), ((0, 0), (self._n_loads - delta.shape[1], 0)))
+        answered = (loads[:, :, None] * solutions(balance, elastic)[:, None]).reshape(n, -1)
+        return self._answers.product(theta, np.hstack([answered, -bent])).T
 
 
 def missed_answers_at(

@@ -429,7 +429,9 @@ pgmp.optimize(rom, "minimise r1", subject_to=3) -> subject_to: int received; all
 pgmp.simulate(rom, output=3) -> output: int received; allowed is the name of a file
 pgmp.simulate(rom, output="") -> output = '': allowed is the name of a file
 pgmp.simulate(rom, on_all_ranks="yes") -> on_all_ranks = 'yes': allowed are True
-pgmp.montecarlo(rom, samples={"r1": ["a", "b"]}) -> samples: dict received; allowed is a CSV or HDF5 file, a DataFrame
+pgmp.montecarlo(rom, samples={"r1": ["a", "b"]}) -> samples: r1, entry 0: str 'a' received; a number is needed
+pgmp.montecarlo(rom, samples={"r1": [[5e-3]]}) -> samples: column 'r1' has shape .1, 1.; numbers of shape .N,. are
+pgmp.montecarlo(rom, samples=3) -> samples: int received; allowed is a CSV or HDF5 file, a DataFrame
 pgmp.montecarlo(rom, samples={"r1": []}) -> samples: columns are empty: r1 0
 pgmp.montecarlo(rom, samples={"r2": [1.0]}) -> samples: there is no column 'r1'
 pgmp.montecarlo(rom, samples={"r1": [5e-3, -1.0]}) -> samples: sample 1: r1 = -1; must
