@@ -80,6 +80,7 @@ class LocalWork(NamedTuple):
     #: of each law that `rubs` asks for what its rate follows from, measure, rate, force, damping and the rate of the
     #: action that leads, (n, n_eta + 5)
     rubbing: np.ndarray
+    felt: np.ndarray  # by the nodes' frames, (n_nodes, n_frame)
 
 
 #: Rows of `LocalWork.measured`: the measure that the law is of and its rate, the force and its derivatives, and the
@@ -118,6 +119,7 @@ def allocate_local(local, r, n_eta):
         empty_lanes(n_eta, LANES),
         empty_lanes(LEADING + 1, LANES),
         empty_lanes(n_rubbing * (n_eta + 5), LANES).reshape((n_rubbing, n_eta + 5, LANES)),
+        empty_lanes(n_nodes * n_frame, LANES).reshape((n_nodes, n_frame, LANES)),
     )
 
 
@@ -339,27 +341,25 @@ def _project(work):
 
 
 @njit(error_model="numpy", counted=False)
-def load_nodes(local, grid, q, forces, kept, work, pulls, loads):
-    """Fill what forces of the actions, vectors (n_actions, LANES), do to displacements and rotations of their nodes in
-    body frames, (n_nodes, n_dofs, LANES), for vectors q (n_eta, LANES): ``F g`` in these.
-
-    `pulls` has room for what frames feel, vectors (n_nodes, n_frame, LANES); `kept` and `work` are as of `act`.
-    """
+def load_nodes(local, grid, q, known, samples, kept, work, loads):
+    """Fill what the actions do to displacements and rotations of their nodes in body frames, (n_nodes, n_dofs, LANES),
+    with the forces that are `known` since `act`, whose arguments the others are: ``F g`` in these."""
     places, actions, d = local.places, local.actions, local.actions.statements.axes.shape[2]
-    n_frame, nodes = d * (d + 1), local.all.nodes
-    gradients, felt = items(work.gradient, WIDE), items(pulls, WIDE)
+    n_frame, nodes, force = d * (d + 1), local.all.nodes, work.measured[STRENGTH]
+    gradients, felt = items(work.gradient, WIDE), items(work.felt, WIDE)
     for entry in range(places.n_nodes * n_frame):
-        store(pulls, entry, 0.0)
-    place_nodes(places, nodes, grid, d, q, kept, work.frames)
+        store(work.felt, entry, 0.0)
     for action in range(actions.roles.size):
         if actions.roles[action] == LEADS:
             continue
+        for lane in range(LANES):
+            force[lane] = known[samples[lane], FORCE, action]
         for term in range(actions.firsts[action], actions.firsts[action + 1]):
             _measure_term(local, term, len(grid), q, False, work)
             for side in range(2):
                 node, arms = places.sides[term, side], actions.statements.arms[term, side]
                 for c in range(n_frame if node >= 0 else 0):
-                    pull = load(forces, action) * gradients[n_frame * side + c]
+                    pull = load(work.measured, STRENGTH) * gradients[n_frame * side + c]
                     felt[node, c] += pull
                     for j in range(d if c < d else 0):  # a point at an arm moves with the directors
                         felt[node, d + d * j + c] += arms[j] * pull

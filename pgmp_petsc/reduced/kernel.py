@@ -13,7 +13,6 @@ import numpy as np
 
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import empty_lanes
 from pgmp_petsc.lanes.vectors import (
     EVERY_LANE,
     LANES,
@@ -226,7 +225,7 @@ def correct(equations, memory, strengths, state, gains, active, fresh, size):
 
 
 @njit(cache=True, entry=True, error_model="numpy")
-def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, known):
+def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, known, loads):
     """Evaluate the local effects on some samples at several instants, the last of which stays in the memory.
 
     Parameters
@@ -243,6 +242,9 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
         Whether tangents are wanted.
     known
         Result: as of `act`, shape (n_t, n_samples, 3, n_actions).
+    loads
+        Result: as of `load_nodes` at the last instant, vectors (n_blocks, n_nodes, n_dofs, LANES); without blocks
+        where they are not wanted.
     """
     equations, memory = loaded(equations), loaded(memory)
     work, n_actions = allocate(equations.layout), amplitudes.shape[2]
@@ -264,22 +266,11 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
                     for row in range(known.shape[2]):
                         for k in range(n_actions):
                             known[instant, samples[lane], row, k] = memory.known[samples[lane], row, k]
-
-
-@njit(cache=True, entry=True, error_model="numpy")
-def load_all(equations, memory, q, forces, loads):
-    """Fill what forces of the actions, vectors (n_blocks, n_actions, LANES), do to their nodes in positions (n_samples,
-    n_eta): vectors (n_blocks, n_nodes, n_dofs, LANES) as of `load_nodes`."""
-    equations, memory = loaded(equations), loaded(memory)
-    work, local = allocate(equations.layout), equations.local
-    own, d = allocate_local(local, len(equations.grid), equations.layout.n_eta), local.actions.statements.axes.shape[2]
-    n = local.places.n_nodes
-    pulls = empty_lanes(n * d * (d + 1), LANES).reshape((n, d * (d + 1), LANES))
-    for block in range(len(loads)):
-        gather(q, memory.samples[block], work.q)
-        load_nodes(
-            local, equations.grid, work.q, forces[block], places_of(memory, block), own, pulls, loads[block]
-        )  # fmt: skip
+        if loads.shape[0] > 0:
+            load_nodes(
+                equations.local, equations.grid, work.q, memory.known, samples, places_of(memory, block), local,
+                loads[block],
+            )  # fmt: skip
 
 
 @njit(cache=True, entry=True, error_model="numpy")
