@@ -47,6 +47,7 @@ class Argument:
     parts: Mapping[str, Argument] = field(default_factory=dict)
     listed: Callable[[], Mapping[str, str]] | None = None  # returns names that it may be, with a line about each
     empty: str | None = None  # value of the option where it is given without one
+    by_last_place: bool = False  # whether it is given by its place although it may be left out
     #: needs, why: another argument without which this one has no part, and the reason
     needs: str = ""
     why: str = ""
@@ -94,7 +95,7 @@ class Argument:
             for item, part in self.parts.items()
         }
         word = self.word or name.rpartition(".")[2].upper()
-        required = self.required or by_place
+        required = self.required or by_place and not self.by_last_place
         return replace(
             self, name=name, option=option, kinds=kinds_of(annotation), default=default, parts=parts, word=word,
             required=required,
@@ -237,7 +238,7 @@ def interface(gives: str = "", /, **arguments: Argument) -> Callable[[Function],
             raise TypeError(f"{function.__name__}: {', '.join(strange)}: no argument, or one of which nothing is said")
         declared = {}
         for name, entry in signature.items():
-            by_place = entry.default is entry.empty and not said[name].option
+            by_place = (entry.default is entry.empty or said[name].by_last_place) and not said[name].option
             declared[name] = said[name].filled(name, str(entry.annotation), entry.default, by_place)
         names = dict(pair for argument in declared.values() for pair in _names_of(argument))
         call = checked(function, declared, names)

@@ -17,7 +17,14 @@ from pgmp_petsc.declare.ideas import take
 from pgmp_petsc.files.claims import check_output, replacing
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
-from pgmp_petsc.scene.loading import describe_template, template_names, write_template
+from pgmp_petsc.scene.loading import (
+    ENDING,
+    check_scene_file,
+    describe_template,
+    template_names,
+    write_files,
+    write_template,
+)
 
 Overrides = Mapping[str, object] | Sequence[str] | None
 Parameters = Mapping[str, float] | Sequence[str]
@@ -81,22 +88,58 @@ def _templates() -> dict[str, str]:
 
 @command(
     "new", "Write a commented scene that runs, to begin with.", 10, petsc=False,
-    template=Argument("Name of the scene to begin with.", listed=_templates),
-    file=Argument("The scene's file.", word="FILE.toml"),
+    template=Argument("Name of the scene to begin with; with `source` the scene's file.", listed=_templates),
+    file=Argument("The scene's file.", word="FILE.toml", by_last_place=True),
+    source=Argument("Make the scene of this part of CAD.", "--from", "PART.step"),
     force=Argument("Replace files that exist."),
     gives="What was written.",
 )  # fmt: skip
-def new(template: str, file: str | PathLike[str], *, force: bool = False, comm: Comm | None = None) -> list[Path]:
+def new(
+    template: str,
+    file: str | PathLike[str] | None = None,
+    *,
+    source: str | PathLike[str] | None = None,
+    force: bool = False,
+    comm: Comm | None = None,
+) -> list[Path]:
     """Write the commented scene `template` to `file`, and its mesh beside it where it has one.
 
-    It runs as it is: pgmp run `file`
+    With `source` it is made of another program's file: of a part of CAD (STEP) held at its widest bore and loaded at
+    the farthest one; bores and mass properties are said, and FILE.png shows them. It runs as it is: pgmp run FILE.toml
     """
     comm = ranks_of(comm)
-    written = on_root(comm, write_template, template, Path(file), force)
+    if source is not None:
+        if file is not None:
+            raise InputError(f"'{template}' '{file}': with --from one name is needed, that of the scene's file")
+        target = Path(template)
+        target = target if target.suffix else target.with_suffix(ENDING)
+        written, lines = on_root(comm, _write_made, Path(source), target, force)
+        for line in lines:
+            tell(comm, line)
+    elif file is None:
+        raise InputError(f"FILE.toml: missing; the name of the file that '{template}' is written to is needed")
+    else:
+        written = on_root(comm, write_template, template, Path(file), force)
     for path in written:
         tell(comm, str(path))
-    tell(comm, f"try: pgmp run {file}")
+    tell(comm, f"try: pgmp run {written[0]}")
     return written
+
+
+def _write_made(source: Path, file: Path, force: bool) -> tuple[list[Path], list[str]]:
+    """Write the scene of a file of another program, and its picture; return what was written and what to say."""
+    from pgmp_petsc.figures.part import part_picture  # few scenes are made so
+    from pgmp_petsc.figures.style import save
+    from pgmp_petsc.studies.new_scene import scene_of_part
+
+    check_scene_file(file)
+    made, picture = scene_of_part(source, file), file.with_suffix(".png")
+    if not force and picture.exists():
+        raise InputError(f"file '{picture}' exists; give another name, or replace it with --force")
+    write_files({file: made.text.encode()}, file, force)
+    places = {one.name: one.centre for one in made.part.cylinders}
+    save(part_picture(made.part.mesh, places, f"{file.stem}: whole cylinders of {source.name}", "mm"), picture)
+    return [file, picture], made.lines
 
 
 def _shown(text: str, path: Path | None, said: object) -> str:

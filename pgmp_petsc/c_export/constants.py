@@ -251,11 +251,18 @@ def _gaps_of(model: ReducedModel, what: str) -> tuple[GapForces | None, dict[str
 
 def _sizes_of_gaps(gaps: GapForces | None, tables: Mapping[str, np.ndarray]) -> dict[str, int]:
     mass, stiffness, loads, damping = (0, 0, 0, 0) if gaps is None else map(len, gaps.weights)
-    names = ("N_GAPS", "N_GAP_ENTRIES", "N_GAP_CHANGES", "GAPS_CURVED", "GAP_MASS", "GAP_STIFFNESS", "GAP_DAMPING")
+    names = (
+        "N_GAPS",
+        "N_GAP_ENTRIES",
+        "N_GAP_CHANGES",
+        "GAPS_CURVED",
+        "GAPS_DRIVEN",
+        "GAP_MASS",
+        "GAP_STIFFNESS",
+        "GAP_DAMPING",
+    )
     sizes = (
-        (0, 0, 0, 0)
-        if gaps is None
-        else (*tables["gap_table"].shape[1:], tables["gap_changes"].shape[2], gaps.sizes[2])
+        (0,) * 5 if gaps is None else (*tables["gap_table"].shape[1:], tables["gap_changes"].shape[2], *gaps.sizes[2:])
     )
     counts = zip((*names, "N_GAP_TERMS"), (*sizes, mass, stiffness, damping, mass + stiffness + loads + damping))
     return {name: int(count) for name, count in counts}
@@ -395,6 +402,7 @@ def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, i
         "BALANCED": int(starts_balanced(model)),
         "D": model.kinematics.mechanism.space.dimension,
         "SECOND_ORDER": int(layout.second_order),
+        "DRIVEN_CURVATURE": int(layout.driven < layout.damping),
         "STRUCTURAL_DAMPING": int(layout.damping < layout.end),
         "QUADRATIC": int(layout.quadratic),
         "N_ROWS": len(tables["terms_table"]),

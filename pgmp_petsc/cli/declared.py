@@ -246,7 +246,9 @@ def _parameters(argument: Argument, command: Command) -> Iterator[click.Paramete
         n = -1 if argument.repeated else 1
         complete = None if argument.listed is None else _completing(argument.listed)
         metavar = argument.word + "..." * argument.repeated
-        yield click.Argument([name], metavar=metavar, nargs=n, required=True, type=kind, shell_complete=complete)
+        metavar = metavar if argument.required else f"[{metavar}]"
+        required = argument.required
+        yield click.Argument([name], metavar=metavar, nargs=n, required=required, type=kind, shell_complete=complete)
         return
     text = command.spelled(argument.meaning) + " Repeatable." * argument.repeated
     options = [name, *argument.options]

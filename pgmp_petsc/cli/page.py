@@ -32,7 +32,9 @@ def commands_page() -> str:
 
 def _section(command: Command) -> Iterator[str]:
     arguments = sorted(command.arguments.values(), key=lambda one: not one.by_place)
-    words = " ".join(one.word + "..." * one.repeated for one in arguments if one.by_place)
+    words = " ".join(
+        (one.word if one.required else f"[{one.word}]") + "..." * one.repeated for one in arguments if one.by_place
+    )
     needed = " ".join(f"{one.options[0]} {one.word}" for one in arguments if one.options and one.required)
     yield from (f"## pgmp {command.name}", "")
     yield f"`pgmp {' '.join(filter(None, (command.name, words, needed)))}`"

@@ -318,7 +318,7 @@ def _beyond(scene: Scene) -> dict[str, str]:
             f"beyond it (-1), where geometric_stiffening, of first order in these forces, does not hold; {full}"
         )
         return texts
-    cure = f"name it in [effects] and build again, or {full}"
+    cure = f"name it in [effects], with mode_inertia, and build again, or {full}"
     what = "the effect geometric_stiffening, which the model leaves out, changes the stiffness of a mode by {} of it"
     texts["stiffness_gained"] = f"{what}: {cure}"
     texts["stiffness_lost"] = f"{what} (-1 is buckling): {cure}"

@@ -21,9 +21,9 @@ class Layout(NamedTuple):
     """Where the parts of a table row begin.
 
     Packed mass; couplings b_kl, k >= l, one after the other; packed stiffness; with terms of second order packed V,
-    c_kl, k >= l, and A_k; packed structural damping, if there is any; and the end. A load row has n_eta entries, and
-    with terms of second order packed B after them. Symmetric matrices are packed as lower triangles row by row, skew
-    ones as strict lower triangles, V over ``i >= j >= k``, k fastest.
+    c_kl, k >= l, A_k and, where coordinates are prescribed, P_k; packed structural damping, if there is any; and the
+    end. A load row has n_eta entries, and with terms of second order packed B after them. Symmetric matrices are packed
+    as lower triangles row by row, skew ones as strict lower triangles, V over ``i >= j >= k``, k fastest.
     """
 
     rigid: tuple[int, ...]  # numbers of the rigid coordinates: a tuple, so that the compiler knows how many there are
@@ -33,6 +33,7 @@ class Layout(NamedTuple):
     cubic: int
     swing: int
     gyroscopic: int
+    driven: int
     damping: int
     end: int
     load_end: int

@@ -12,6 +12,7 @@ M[g,l]      ``Y^T M d_l rho``                a_l
 M[g,i]      ``Y^T M Psi``                    a_i                     v_k v_i + 1/2 a_k d_i
 I[kl,g]     ``(d_k d_l rho)^T M Y``          v_k v_l
 c[kl,g,i]   inertia of second order          v_k v_l d_i
+P[l,g,i]    momentum of prescribed ones      a_l d_i
 A[l,g,i]    gyroscopic                       -2 v_l v_i - a_l d_i    -v_k v_l d_i
 K[g,i]      ``Y^T K Psi``                    d_i
 V[g,ij]     cubic energy                     1/2 d_i d_j
@@ -68,7 +69,7 @@ class GapForces:
     #: monomials of the terms of mass, stiffness, loads and damping
     weights: tuple[tuple[Monomial, ...], ...]
     load_effects: tuple[str, ...]  # names, of the load terms
-    sizes: tuple[int, int, bool]  # r, m and whether there are entries of second order
+    sizes: tuple[int, int, bool, int]  # r, m, whether there are entries of second order, and coordinates k of P
     mass_damping: float  # factor of the damping proportional to the mass, 1/s
     quadratic: bool  # whether inertia forces quadratic in the velocities act
 
@@ -81,6 +82,7 @@ class GapForces:
         act on the nodes with the unknowns `loaded`, (n_dofs,) each."""
         r, m, n, g = tables.n_coordinates, tables.n_modes, tables.samples.n, gaps.rows.size
         second = gaps.cubic is not None
+        driven = gaps.curved_mass.shape[2] if second else 0
         (k, h), (i, j) = np.tril_indices(r), np.tril_indices(m)
         parts, changing = [], []
         for t in range(len(tables.mass_weights)):
@@ -90,7 +92,8 @@ class GapForces:
             if second:
                 swing = np.swapaxes(gaps.curved_inertia[:, t] - gaps.spread[:, t], 1, 2)
                 along.append(np.swapaxes(gaps.gyroscopic[:, t], 1, 2).reshape(n, g, r * m))
-                parts += [swing.reshape(n, g, k.size * m), along[-1]]
+                pushed = np.swapaxes(gaps.curved_mass[:, t], 1, 2).reshape(n, g, driven * m)
+                parts += [swing.reshape(n, g, k.size * m), along[-1], pushed]
             changing += along
         for t in range(len(tables.stiffness_weights)):
             parts += [gaps.stiffness[:, t], *([gaps.cubic[:, t][:, :, i, j]] if second else [])]
@@ -107,7 +110,7 @@ class GapForces:
             interpolant(tables.samples, np.concatenate(changing, axis=2), scheme),
             interpolant(tables.samples, np.swapaxes(moved, 2, 3).reshape(n, -1, g), scheme),
             (tables.mass_weights, tables.stiffness_weights, tables.load_weights, damped),
-            tables.load_effects, (r, m, second), 0.0 if damping is None else damping.mass, quadratic,
+            tables.load_effects, (r, m, second, driven), 0.0 if damping is None else damping.mass, quadratic,
         )  # fmt: skip
 
     def at(
@@ -122,11 +125,11 @@ class GapForces:
             row[:] = weight.evaluate(values)
         for row, name in zip(weights[counts[0] + counts[1] :], self.load_effects):
             row *= by_name[name].amplitude(times)
-        (g, n_factors), (r, m, _), n_changing = self.table.shape, self.sizes, self.changing.shape[1]
+        (g, n_factors), (r, m, _, driven), n_changing = self.table.shape, self.sizes, self.changing.shape[1]
         found, n_bent = np.empty((g, n)), m * (m + 1) // 2
         rows = (N_ROWS**r, N_ROWS, r + m, r + m, len(weights), n_factors, r * n_changing)
         pairs = r * (r + 1) // 2
-        most = max(r + m + pairs + (pairs + r) * m, 1 + m, m + n_bent)
+        most = max(r + m + pairs + (pairs + r + driven) * m, 1 + m, m + n_bent)
         work = tuple(aligned_zeros((size, LANES)) for size in (*rows, most, g))
         theta = np.ascontiguousarray(states.q[:, :r])
         tables = (part.rows.reshape(-1, *part.shape) for part in (self.table, self.changing))
@@ -138,7 +141,7 @@ class GapForces:
 
     def work_of(self, loads: np.ndarray, states: State) -> np.ndarray:
         """Return the work of forces on the unknowns that local effects act on, (n, n_dofs), in the gaps, (g, n)."""
-        r, _, second = self.sizes
+        r, _, second, _ = self.sizes
         if second:
             loads = np.concatenate([loads[..., None], loads[..., None] * states.q[:, None, r:]], axis=2)
         return self.moved.product(states.q[:, :r], loads.reshape(len(loads), -1)).T
@@ -152,7 +155,7 @@ def _fill(sizes, counts, mass_damping, quadratic, weights, states, axes, table, 
     `work` has room for weights of rows and those along an axis, q, v, weights of terms, factors, slopes, monomials of a
     kind of terms, and rows, all of them vectors.
     """
-    (theta, q, rates, accelerations), (r, _, _) = states, sizes
+    (theta, q, rates, accelerations), r = states, sizes[0]
     of_rows, along, at, rate, of_terms, factors, slopes, monomials, sums = work
     one_axis, n_rows = stencil_room(), N_ROWS ** len(axes)
     rows, spare, first, n_slopes = np.empty(n_rows, dtype=np.int64), np.empty(n_rows), 0, changing.shape[2]
@@ -182,7 +185,7 @@ def _fill(sizes, counts, mass_damping, quadratic, weights, states, axes, table, 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def _fill_factors(sizes, counts, mass_damping, quadratic, weights, q, rate, own, factors, slopes):
     """Fill the factors F of `_fill` and, coordinate after coordinate, G; `own` has the accelerations, and room."""
-    (r, m, second), (n_mass, n_stiffness, n_load, n_damping) = sizes, counts
+    (r, m, second, driven), (n_mass, n_stiffness, n_load, n_damping) = sizes, counts
     n, moving = r + m, 1.0 if quadratic else 0.0
     n_changing = m + (r * m if second else 0)
     for x in range(n):
@@ -210,6 +213,10 @@ def _fill_factors(sizes, counts, mass_damping, quadratic, weights, q, rate, own,
             v, a = moving * load(rate, h), load(own, h)
             for i in range(m):
                 store(own, e, -2.0 * v * (moving * load(rate, r + i)) - a * load(q, r + i))
+                e += 1
+        for h in range(driven):
+            for i in range(m):
+                store(own, e, load(own, h) * load(q, r + i))
                 e += 1
     into = _weigh_all(own, e, weights, 0, n_mass, 0, factors)
     for i in range(m):

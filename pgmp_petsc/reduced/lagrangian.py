@@ -3,7 +3,7 @@
 For any number of rigid coordinates theta_k and flexible ones delta, eta = [theta, delta]::
 
     T = 1/2 eta'^T Mass eta'      Mass_kl = M_kl + 2 b_kl.delta - delta^T c_kl delta
-                                  Mass_kd = M_kd + A_k^T delta,    Mass_dd = M_dd
+                                  Mass_kd = M_kd + (A_k^T + P_k) delta,    Mass_dd = M_dd
     U = 1/2 delta^T K delta + 1/6 V delta delta delta - a(t) (Q.eta + 1/2 delta^T B delta)
 
 with tables that depend on theta, one index d for the flexible coordinates, and a(t) the amplitudes of the loads (Naets
@@ -20,11 +20,14 @@ Of second order in delta, where a scene asks for them (a quadratic manifold as o
 derivatives chi of Wu and Tiso 2016)::
 
     V = third derivative of the strain energy,  B = f^T chi
-    c_kl = (d_k d_l rho)^T M chi - sym(D_k^T M D_l),   A_k = skew part of D_k^T M Psi,   D_k = d_k (R Psi)
+    c_kl = (d_k d_l rho)^T M chi - sym(D_k^T M D_l) - sym(d_l P_k),   P_k = (d_k rho)^T M chi,
+    A_k = skew part of D_k^T M Psi,   D_k = d_k (R Psi)
 
 B and the first part of c are the work of loads and inertia forces on the second-order displacement, which is called
-geometric stiffness; the rest is the kinetic energy of modes that change with theta, their gyroscopic terms. Left out is
-what vanishes at the nominal parameters, where chi is M-orthogonal to the basis and Psi is M-orthonormal.
+geometric stiffness. So is what P_k does, of prescribed coordinates alone: with its part of c it is the kinetic energy
+``theta_k' d/dt (1/2 delta^T P_k delta)``, whose forces are ``theta_k'' P_k delta``. The rest is the kinetic energy of
+modes that change with theta, their gyroscopic terms. Left out is what vanishes at the nominal parameters, where chi is
+M-orthogonal to the basis and to what is free to move, and Psi is M-orthonormal.
 
 Structural damping adds ``D eta'``. Damping proportional to the mass, ``alpha dT/d eta'``, needs no term of its own:
 because T is quadratic in eta', it is what ``alpha eta'`` added to eta'' makes of the inertia forces.
@@ -231,6 +234,41 @@ def add_gyroscopic(layout, kept, place, velocity, gain_v, gain_a, fresh, work, m
         add_to_rows(balance, 0, 1, changing, v_k)  # theta_k' delta'.(d A_k) delta
 
 
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
+def add_driven(layout, kept, place, velocity, fresh, work, matrix):
+    """Add the terms ``sum_k theta_k' (P_k delta').delta`` of prescribed coordinates, P_k symmetric; no corrections of
+    these, so that they have no part in the border of the iteration matrix."""
+    q, v, a, balance = work.q, work.v, work.a, work.balance
+    r, n = len(place), layout.n_eta
+    m = n - r
+    at = layout.driven
+    for k in range(r):
+        v_k, a_k = load(v, k), load(a, k)
+        held, changing = spread(0.0), zeros(place)  # delta''.P delta + delta'.(P delta)', delta'.(d P_k) delta
+        entry = 0
+        for i in range(m):
+            q_i, v_i, a_i = load(q, r + i), load(v, r + i), load(a, r + i)
+            for j in range(i + 1):
+                value, slopes = polynomial(kept, at, place)
+                q_j, v_j = load(q, r + j), load(v, r + j)
+                change = dot(slopes, velocity)
+                pushed = a_k * value + v_k * change
+                moved, pulled = v_i * q_j, a_i * q_j + v_i * v_j
+                add(balance, r + i, pushed * q_j)  # theta_k'' P delta + theta_k' P' delta
+                if j < i:
+                    add(balance, r + j, pushed * q_i)
+                    moved += v_j * q_i
+                    pulled += load(a, r + j) * q_i + v_i * v_j
+                held += value * pulled + change * moved
+                changing = add_product(changing, slopes, moved)
+                if fresh:
+                    add(matrix.factor, entry, pushed)
+                at += 1
+                entry += 1
+        add(balance, k, held)
+        add_to_rows(balance, 0, 1, changing, -v_k)  # - theta_k' delta'.(d P_k) delta
+
+
 @njit(inline="always")
 def inertia_of(layout, kept, entry, place):
     """Return an entry of the inertia, with its derivatives where inertia forces quadratic in the velocities act."""
@@ -268,6 +306,8 @@ def evaluate(layout, kept, place, gain_v, gain_a, fresh, loaded, work, matrix):
             add_bent_loads(layout, place, fresh, work, matrix)
         add_swing(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix)
         add_gyroscopic(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix)
+    if layout.driven < layout.damping:
+        add_driven(layout, kept, place, velocity, fresh, work, matrix)
     if layout.damping < layout.end:
         _add_damping(layout, kept, place, gain_v, fresh, work, matrix)
 

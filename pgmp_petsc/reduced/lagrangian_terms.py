@@ -42,7 +42,7 @@ def packed(letter: str) -> str:
 _CUBIC = f"layout.cubic + i * (i + 1) * (i + 2) // 6 + {packed('j')} + h"
 _PAIR = f"({packed('k')} + l)"
 _MATRIX = f"{packed('i')} + j"
-_SECOND, _DAMPED = "second order", "structural damping"
+_SECOND, _DRIVEN, _DAMPED = "second order", "prescribed motions of second order", "structural damping"
 #: Letters k and l are of theta, i, j and h of delta. The parts of M, Q and D have different tables or rules.
 TERMS = (
     Term("1/2 M[kl] v_k v_l", _PAIR, "rigid", "kinetic"),
@@ -57,6 +57,7 @@ TERMS = (
          "kinetic", _SECOND),
     Term("A[k,i^j] v_k q_i v_j", "layout.gyroscopic + k * (m * (m - 1) // 2) + i * (i - 1) // 2 + j", "terms",
          "kinetic", _SECOND),
+    Term("P[k,ij] v_k q_i v_j", f"layout.driven + k * (m * (m + 1) // 2) + {_MATRIX}", "terms", "kinetic", _DRIVEN),
     Term("1/2 B[ij] q_i q_j", f"n + {_MATRIX}", "load", "load", "loads of second order"),
     Term("1/2 D[kl] u_k u_l", f"layout.damping + {_PAIR}", "terms", "dissipation", _DAMPED),
     Term("D[i,k] u_i u_k", f"layout.damping + {packed('(r + i)')} + k", "terms", "dissipation", _DAMPED),
@@ -65,6 +66,7 @@ TERMS = (
 CONDITIONS = {
     "loads": "loaded",
     _SECOND: "layout.cubic < layout.damping",
+    _DRIVEN: "layout.driven < layout.damping",
     "loads of second order": "loaded and layout.cubic < layout.damping",
     _DAMPED: "layout.damping < layout.end",
 }

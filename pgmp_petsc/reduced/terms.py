@@ -165,13 +165,14 @@ class ReducedTerms:
         if tables.second_order is not None:
             bent, changes = tables.second_order, tables.changes
             parts.append(_spread(pack_cubic(bent.cubic), tables.stiffness_weights, weights))
-            swing, gyroscopic = pack(bent.curved_inertia - changes.spread), pack_skew(changes.gyroscopic)
-            for part in (swing, gyroscopic):  # pairs of rigid coordinates, or these, one after the other
+            swing, gyroscopic = pack(swing_of(tables, scheme)), pack_skew(changes.gyroscopic)
+            # pairs of rigid coordinates, or these, one after the other
+            for part in (swing, gyroscopic, pack(bent.curved_mass)):
                 side_by_side = part.reshape(*part.shape[:2], math.prod(part.shape[2:]))
                 parts.append(_spread(side_by_side, tables.mass_weights, weights))
             load = np.concatenate([load, pack(bent.curved_load)], axis=2)
         else:
-            parts += [np.zeros((*parts[0].shape[:2], 0))] * 3
+            parts += [np.zeros((*parts[0].shape[:2], 0))] * 4
         if damping is not None:
             parts.append(_spread(pack(damping.table), damping.weights, weights))
         ends = [int(end) for end in np.cumsum([part.shape[2] for part in parts])]
@@ -184,7 +185,7 @@ class ReducedTerms:
             weights=weights,
             rigid=interpolant(fine_grid(samples), _spread(rigid, tables.mass_weights, weights), "spline"),
             terms=interpolant(samples, np.concatenate(parts, axis=2), scheme),
-            layout=Layout(tuple(range(r)), n_eta, *ends[:6], ends[-1], load.shape[2], quadratic),
+            layout=Layout(tuple(range(r)), n_eta, *ends[:7], ends[-1], load.shape[2], quadratic),
             load=interpolant(samples, load, scheme),
             scale=np.concatenate([1.0 / scales, displacement_scale(nodal, kinematics.size, space.dimension)]),
             damping=damping,
@@ -265,6 +266,22 @@ def coupling_of(tables: ReducedTables, scheme: str) -> np.ndarray:
         for j in range(k + 1)
     ]
     return np.concatenate(pairs, axis=2)
+
+
+def swing_of(tables: ReducedTables, scheme: str) -> np.ndarray:
+    """Return c_kl at the samples, pairs k >= l, shape (n, n_mass_terms, n_pairs, n_delta, n_delta).
+
+    The momentum P_k of the curvature along a prescribed coordinate is that of ``v_k d/dt (1/2 P_k delta delta)``, of
+    which ``1/2 v_k v_l (d_l P_k) delta delta`` is here, by the product rule with slopes of the interpolant.
+    """
+    bent, r, at = tables.second_order, tables.n_coordinates, tables.samples.theta
+    swing = bent.curved_inertia - tables.changes.spread
+    if bent.curved_mass.shape[2]:
+        momenta = interpolant(tables.samples, bent.curved_mass, scheme)
+        slopes = [momenta.slope(at, k) for k in range(r)]
+        for pair, (k, j) in enumerate(zip(*np.tril_indices(r))):
+            swing[:, :, pair] -= 0.5 * (slopes[j][:, :, k] + slopes[k][:, :, j])
+    return swing
 
 
 def _spread(table: np.ndarray, own: tuple[Monomial, ...], weights: tuple[Monomial, ...]) -> np.ndarray:

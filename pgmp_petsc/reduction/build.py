@@ -574,15 +574,24 @@ class Manifold:
         k, j = np.tril_indices(modes.rigid.shape[1])
         accelerations = modes.rigid_curvature[:, k, j]
         inertia = np.array([problem.inner(accelerations, term @ everywhere) for term in mass])
-        fields = problem.kinematics.motion(theta).accelerations[:, :, k, j]
+        motion = problem.kinematics.motion(theta)
         vectors, pairs = problem.all_rows(shape), np.tril_indices(shape.shape[1])
+        # chi has no momentum along coordinates that are free, at the nominal parameters
+        given = np.setdiff1d(np.arange(modes.rigid.shape[1]), modes.free)
+        momenta = np.zeros((len(mass), modes.rigid.shape[1] if given.size else 0, pairs[0].size))
+        if given.size:
+            momenta[:, given] = [problem.inner(modes.rigid[:, given], term @ everywhere) for term in mass]
         lost = problem.lost_inertia(theta)
-        for term, weight in zip(inertia, problem.mechanism.mass_weights):
-            term += self._curvature.rotary.work(fields, vectors, pairs, weight)
+        for t, weight in enumerate(problem.mechanism.mass_weights):
+            inertia[t] += self._curvature.rotary.work(motion.accelerations[:, :, k, j], vectors, pairs, weight)
             if weight in lost:
-                term += problem.inner(lost[weight][:, k, j], curvature.chi)
+                inertia[t] += problem.inner(lost[weight][:, k, j], curvature.chi)
+            if given.size:
+                fields = motion.velocities[..., given]
+                momenta[t, given] += self._curvature.rotary.work(fields, vectors, pairs, weight)
         return curvature.chi, SecondOrderTables(
             cubic=symmetric(3.0 * unpacked(np.array(thirds)))[None],
             curved_load=unpacked(problem.inner(self._loads.at(theta), curvature.chi))[None],
             curved_inertia=unpacked(inertia)[None],
+            curved_mass=unpacked(momenta)[None],
         )

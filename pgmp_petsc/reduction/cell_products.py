@@ -14,9 +14,11 @@ in body frames (`modes.curvature`). With K3_t, the third derivative of a term of
     cubic_t[i, j, k] = K3_t[psi_i, psi_j, psi_k] + psi_i.K_t chi_jk + psi_j.K_t chi_ik + psi_k.K_t chi_ij
     curved_load_l[i, j] = f_l.chi_ij
     curved_inertia_t[kl, i, j] = (d2 rho/d theta_k d theta_l).M_t chi_ij,     pairs k >= l of rigid coordinates
+    curved_mass_t[k, i, j] = (d rho/d theta_k).M_t chi_ij,     where coordinates are prescribed
 
-are the strain energy of third order, ``1/6 cubic delta delta delta``, and what loads and the acceleration of the rigid
-motion do along the manifold's curvature.
+are the strain energy of third order, ``1/6 cubic delta delta delta``, and what loads, acceleration and velocity of the
+rigid motion do along the manifold's curvature. At the nominal parameters chi is M-orthogonal to the velocities of
+coordinates that are free, and where all are the last table is empty.
 
 Pairs (i, j) of coordinates are packed as ``np.tril_indices`` orders them, each once: ``1/2 chi delta delta`` is the sum
 over the packed pairs of ``chi_ij delta_i delta_j``, halved where i = j.
@@ -193,7 +195,7 @@ def _multiply(rows, table, weights, factors, products):
                 store(products, j, total + x_2 * row_2[i, j] + x_3 * row_3[i, j])
 
 
-CURVED = ("cubic", "curved_load", "curved_inertia")  # the fields of `SecondOrderTables`
+CURVED = ("cubic", "curved_load", "curved_inertia", "curved_mass")  # the fields of `SecondOrderTables`
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,6 +205,8 @@ class SecondOrderTables:
     cubic: np.ndarray  # shape (n, n_stiffness_terms, n_delta, n_delta, n_delta)
     curved_load: np.ndarray  # shape (n, n_load_terms, n_delta, n_delta)
     curved_inertia: np.ndarray  # shape (n, n_mass_terms, n_theta (n_theta + 1) / 2, n_delta, n_delta)
+    #: shape (n, n_mass_terms, n_theta or 0, n_delta, n_delta), zero for coordinates that are free
+    curved_mass: np.ndarray
 
     def at(self, rows: np.ndarray) -> SecondOrderTables:
         """Return the tables at some of the samples, given by their numbers."""
@@ -211,9 +215,7 @@ class SecondOrderTables:
     def turned(self, rotations: np.ndarray) -> SecondOrderTables:
         """Express the flexible coordinates in another basis, ``Psi_new = Psi Q``, Q of shape (n, n_delta, n_delta)."""
         cubic = np.einsum("nia,njb,nkc,ntijk->ntabc", rotations, rotations, rotations, self.cubic, optimize=True)
-        return SecondOrderTables(
-            symmetric(cubic), congruent(rotations, self.curved_load), congruent(rotations, self.curved_inertia)
-        )
+        return SecondOrderTables(symmetric(cubic), *(congruent(rotations, getattr(self, name)) for name in CURVED[1:]))
 
     def over_two_turns(self, samples: SampleGrid, axis: int, signs: np.ndarray) -> SecondOrderTables:
         """Append a second revolution along an axis with other signs of the flexible coordinates, shape (n_delta,)."""

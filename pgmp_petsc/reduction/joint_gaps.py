@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 
 #: Arrays of second order with one index of the basis.
-CURVED = ("curved_load", "curved_inertia", "curvature")
+CURVED = ("curved_load", "curved_inertia", "curved_mass", "curvature")
 
 
 def rows_of(outputs: Iterable[ForceOutput], n_held: int) -> np.ndarray:
@@ -68,11 +68,13 @@ class JointGaps:
     load: np.ndarray  # ``Y^T f_j``, shape (n, n_load_terms, g)
     shapes: np.ndarray  # Y in body frames, shape (n, n_dofs, g)
     # of second order, where the model is: cubic energy, shape (n, n_stiffness_terms, g, m, m); work of loads and of
-    # inertia on the curvature, (n, n_load_terms, g, m) and (n, n_mass_terms, r (r + 1) / 2, g, m); the curvature in
-    # body frames, (n, n_dofs, g, m); and what changes as the vectors do, (n, n_mass_terms, r, g, m) and as of inertia
+    # inertia on the curvature, (n, n_load_terms, g, m) and (n, n_mass_terms, r (r + 1) / 2, g, m), and its momentum
+    # along prescribed coordinates, (n, n_mass_terms, r or 0, g, m); the curvature in body frames, (n, n_dofs, g, m);
+    # and what changes as the vectors do, (n, n_mass_terms, r, g, m) and as of inertia
     cubic: np.ndarray | None = None
     curved_load: np.ndarray | None = None
     curved_inertia: np.ndarray | None = None
+    curved_mass: np.ndarray | None = None
     curvature: np.ndarray | None = None
     gyroscopic: np.ndarray | None = None
     spread: np.ndarray | None = None
@@ -106,8 +108,8 @@ class JointGaps:
 
     def of_rows(self, rows: np.ndarray) -> JointGaps:
         """Return those of some of the constraints, given by their numbers."""
-        chosen, axes = np.searchsorted(self.rows, rows), {"inertia": 4, "shapes": 2, "load": 2}
-        axes |= {"cubic": 2, "curved_load": 2, "curved_inertia": 3, "curvature": 2, "gyroscopic": 3, "spread": 3}
+        chosen = np.searchsorted(self.rows, rows)
+        axes = {"inertia": 4, "curved_inertia": 3, "curved_mass": 3, "gyroscopic": 3, "spread": 3}
         arrays = {name: one for name, one in vars(self).items() if name != "rows" and one is not None}
         return JointGaps(rows, **{name: one.take(chosen, axes.get(name, 2)) for name, one in arrays.items()})
 
@@ -162,7 +164,7 @@ def gap_answers_at(
         np.swapaxes(problem.inner(shape, np.array(stiffness)), 1, 2),
         problem.inner(loads.at(theta), found),
         *(
-            (None,) * 4
+            (None,) * 5
             if curved is None
             else _of_second_order(problem, *curved(theta, sample, combination, found), shape)
         ),
@@ -181,5 +183,6 @@ def _of_second_order(
         tables.cubic[0][..., m:, :m, :m],
         tables.curved_load[0][..., m:, :m],
         tables.curved_inertia[0][..., m:, :m],
+        tables.curved_mass[0][..., m:, :m],
         curvature,
     )

@@ -301,6 +301,10 @@ class SecondOrderFile(Record):
         "configuration", "mass term", "pair of coordinates", "mode", "mode", unit=WEIGHT_FREE,
         about="(d2 rho/d theta_k d theta_l)^T M_i chi, k >= l",
     )  # fmt: skip
+    curved_mass: np.ndarray = array(
+        "configuration", "mass term", "coordinate where any is prescribed", "mode", "mode", unit=WEIGHT_FREE,
+        about="(d rho/d theta_k)^T M_i chi of prescribed coordinates",
+    )  # fmt: skip
     gyroscopic: np.ndarray = array(
         "configuration", "mass term", "coordinate", "mode", "mode", unit=WEIGHT_FREE,
         about="skew part of D_k^T M_i Psi",
@@ -309,7 +313,7 @@ class SecondOrderFile(Record):
         "configuration", "mass term", "pair of coordinates", "mode", "mode", unit=WEIGHT_FREE,
         about="D_k^T M_i D_l, k >= l, D_k = d(R Psi)/d theta_k",
     )  # fmt: skip
-    mass_weights: Weights = weights_of("curved_inertia", "mass term", also=("gyroscopic", "spread"))
+    mass_weights: Weights = weights_of("curved_inertia", "mass term", also=("curved_mass", "gyroscopic", "spread"))
     stiffness_weights: Weights = weights_of("cubic", "stiffness term")
     load_weights: Weights = weights_of("curved_load", "load term")
 
@@ -341,6 +345,10 @@ class GapsFile(Record):
     curved_inertia: np.ndarray | None = array(
         "configuration", "mass term", "pair of coordinates", "gap", "mode", unit=WEIGHT_FREE, absent=None,
         about="inertia of the curvature",
+    )  # fmt: skip
+    curved_mass: np.ndarray | None = array(
+        "configuration", "mass term", "coordinate where any is prescribed", "gap", "mode", unit=WEIGHT_FREE,
+        absent=None, about="momentum of the curvature along prescribed coordinates",
     )  # fmt: skip
     curvature: np.ndarray | None = array(
         "configuration", "unknown", "gap", "mode", unit=CURVATURE_UNITS, absent=None,
@@ -399,6 +407,10 @@ class ModelFile(Record):
     projection: np.ndarray = array(
         "configuration", "unknown", "mode", unit=NODE_UNITS, about="flexible modes in body frames"
     )
+    curved_mass: np.ndarray | None = array(
+        "configuration", "mass term", "coordinate where any is prescribed", "gap", "mode", unit=WEIGHT_FREE,
+        absent=None, about="momentum of the curvature along prescribed coordinates",
+    )  # fmt: skip
     curvature: np.ndarray | None = array(
         "configuration", "unknown", "pair of modes", unit=CURVATURE_UNITS, absent=None,
         about="their second derivatives chi, pairs of modes i >= j, each once",

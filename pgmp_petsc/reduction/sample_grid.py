@@ -247,7 +247,7 @@ class LengthGrid:
         for _ in self.names:
             inverse = np.kron(inverse, self._inverse)
         found = np.moveaxis(np.tensordot(inverse, np.stack(tables), 1), 0, 2)
-        return np.ascontiguousarray(found).reshape(found.shape[0], -1, *found.shape[3:])
+        return np.ascontiguousarray(found).reshape(found.shape[0], found.shape[1] * found.shape[2], *found.shape[3:])
 
     @property
     def _inverse(self) -> np.ndarray:

@@ -55,7 +55,7 @@ from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
 from pgmp_petsc.bodies.matrices import inertia_moments
 from pgmp_petsc.declare.records import Record, array, attribute
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.reduction.cell_products import SecondOrderTables, congruent
+from pgmp_petsc.reduction.cell_products import CURVED, SecondOrderTables, congruent
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 
@@ -270,7 +270,7 @@ class ReducedTables:
             if given is not None:
                 stiffness = stiffness + bent.cubic[..., own, own, -self.n_given :] @ given
             bent = SecondOrderTables(
-                bent.cubic[..., own, own, own], bent.curved_load[..., own, own], bent.curved_inertia[..., own, own]
+                bent.cubic[..., own, own, own], *(getattr(bent, name)[..., own, own] for name in CURVED[1:])
             )
         return replace(
             self, mass=self.mass[..., own, own], inertia=self.inertia[..., own], stiffness=stiffness,

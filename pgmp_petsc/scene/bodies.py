@@ -122,6 +122,14 @@ NodeSet = Annotated[
         lambda value: value if isinstance(value, str) else _is_full_list(value, lambda number: type(number) is int),
     ),
 ]
+#: A group of faces by its name, or several.
+Groups = Annotated[
+    str | tuple[str, ...],
+    needed(
+        "the name of a group of faces, or several in brackets, is needed",
+        lambda value: value if isinstance(value, str) else _is_full_list(value, lambda name: isinstance(name, str)),
+    ),
+]
 Numbers = Annotated[
     tuple[float, ...], needed("finite numbers in brackets are needed", lambda value: _is_full_list(value, is_number))
 ]
@@ -275,7 +283,8 @@ class Material(Table):
 
 
 class StraightBeam(Table):
-    """A straight line of equal elements along the x axis of the body's frame, with points hinge and tip at its ends."""
+    """A straight line of equal elements along the x axis of the body's frame. It has the points hinge and tip at its ends,
+    middle where a node is there, and any node by its index from 0 on."""
 
     length: Annotated[PositiveOrParameter, Unit("m")] = Field(description=f"length (m), {NAMED}; see docs/method.md")
     elements: Annotated[Integer, at_most(MOST_ELEMENTS, "no straight beam needs more, and they fill memory")] = Field(
@@ -299,10 +308,22 @@ class Placement(Table):
         return np.array((*self.origin, 0.0)[:dimension])
 
 
+CAD = (".step", ".stp")  # endings of files with parts of CAD
+OF_MESHES = ("mesh_size", "faces")  # entries of meshed solids
+
+
 class Body(Table):
     """A body: flexible, or rigid with the same mass."""
 
-    mesh: str | None = Field(None, min_length=1, description="mesh file, relative to the scene's directory")
+    mesh: str | None = Field(
+        None, min_length=1, description="mesh file, or STEP file of one solid, relative to the scene's directory"
+    )
+    mesh_size: Annotated[PositiveNumber, Unit("m")] | None = Field(
+        None, description="of a STEP file, the largest size of a cell (m); by the thickness of its walls if left out"
+    )
+    faces: dict[Name, Groups] = Field(
+        {}, description="further points of a meshed solid: a group of faces of its mesh, or several in brackets"
+    )
     line: StraightBeam | None = Field(
         None, description="instead of a mesh file, a straight line { length = 0.3, elements = 5 }"
     )
@@ -350,7 +371,8 @@ class Body(Table):
     def _consistent(self) -> Self:
         exactly_one(self, "mesh", "line", "matrices", "rigid")
         if self.rigid is not None:
-            for key in ("element", "material", "section", "orientation", "thickness", "section_scale", "regions"):
+            own = ("element", "material", "section", "orientation", "thickness", "section_scale", "regions", *OF_MESHES)
+            for key in own:
                 if getattr(self, key):
                     raise refusal("rigid says all mass properties; leave it out", key)
             if self.flexible:
@@ -361,12 +383,20 @@ class Body(Table):
         if self.matrices is not None:
             if not self.continuum:
                 raise refusal("for solid2d and solid3d only", "matrices")
+            for key in OF_MESHES:
+                if getattr(self, key):
+                    raise refusal("for solids from a mesh only; matrices have their own faces", key)
             for key in ("material", "thickness", "section", "orientation", "section_scale", "regions"):
                 if getattr(self, key):
                     cure = "matrices.stiffness_scale and matrices.mass_scale multiply these"
                     raise refusal(f"is in the matrices already; {cure}", key)
             return self
         return self._consistent_solid() if self.continuum else self._consistent_beam()
+
+    @property
+    def of_cad(self) -> bool:
+        """Whether the body is a part of CAD, which is meshed here."""
+        return self.mesh is not None and self.mesh.lower().endswith(CAD)
 
     @property
     def continuum(self) -> bool:
@@ -390,6 +420,10 @@ class Body(Table):
                 raise refusal(f"{self.element} takes its shape from a mesh; {key} is for {beam}", key)
         if self.material is None:
             raise refusal("missing; needed: name of a material", "material")
+        if self.mesh_size is not None and not self.of_cad:
+            raise refusal('for a part of CAD, mesh = "PART.step"; a mesh file has its cells already', "mesh_size")
+        if self.of_cad and self.element != "solid3d":
+            raise refusal('a part of CAD is a solid: element = "solid3d" is needed', "element")
         if self.element == "solid2d" and self.thickness is None:
             raise refusal("missing; needed: thickness of the body (m), a number or a parameter's name", "thickness")
         if self.element == "solid3d" and self.thickness is not None:
@@ -399,9 +433,11 @@ class Body(Table):
         return self
 
     def _consistent_beam(self) -> Self:
-        for key in ("thickness", "section_scale", "regions"):
+        for key in ("thickness", "section_scale", "regions", *OF_MESHES):
             if getattr(self, key):
                 raise refusal("for solid2d and solid3d only", key)
+        if self.of_cad:
+            raise refusal('a part of CAD is a solid: element = "solid3d" is needed', "element")
         if self.section is None:
             raise refusal('missing; needed: a cross-section, such as { shape = "circle", radius = 0.01 }', "section")
         section = self.section

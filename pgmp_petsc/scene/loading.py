@@ -401,23 +401,33 @@ def write_template(name: str, path: Path, force: bool = False) -> list[Path]:
         close = nearest_name(name, known)
         close = "" if "known" in close else close
         raise InputError(f"template '{name}': there is none{close}; known: {', '.join(known)}")
+    check_scene_file(path)
+    text = _text(name)
+    contents = {path: text.replace(f"{name}{ENDING}", path.name).encode()}
+    for body in parse(text, name)["bodies"].values():
+        if "mesh" in body:
+            contents[path.parent / body["mesh"]] = (_FOLDER / body["mesh"]).read_bytes()
+    write_files(contents, path, force)
+    return list(contents)
+
+
+def check_scene_file(path: Path) -> None:
+    """Refuse a name that no scene can be written to."""
     if path.is_dir():
         raise InputError(f"scene file '{path}' is a directory; give the name of a file in it, FILE{ENDING}")
     if path.suffix.lower() != ENDING:
         raise InputError(f"scene file '{path}': scenes are TOML; name it '{path.with_suffix(ENDING)}'")
     if not path.parent.is_dir():
         raise InputError(f"scene file '{path}': directory '{path.parent}' does not exist; create it first")
-    text = _text(name)
-    contents = {path: text.replace(f"{name}{ENDING}", path.name).encode()}
-    for body in parse(text, name)["bodies"].values():
-        if "mesh" in body:
-            contents[path.parent / body["mesh"]] = (_FOLDER / body["mesh"]).read_bytes()
+
+
+def write_files(contents: Mapping[Path, bytes], path: Path, force: bool) -> None:
+    """Write files, of which that at `path` is a scene; none where one cannot be written. Raises as `write_template`."""
     for target, content in contents.items():
         _check_free(target, content, force)
     for target, content in contents.items():
         with replacing(target, "scene file" if target == path else "mesh") as partial:
             partial.write_bytes(content)
-    return list(contents)
 
 
 def _check_free(target: Path, content: bytes, force: bool) -> None:

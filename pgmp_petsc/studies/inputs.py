@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from os import PathLike
 
+from pgmp_petsc.base.errors import shortened
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.random_fields import field_remarks
 from pgmp_petsc.bodies.shape import BodyShape, shape_in_scene
@@ -58,7 +59,13 @@ def _mesh_of(scene: Scene, name: str) -> BodyShape:
     path, entry = scene.path_of(body.mesh), f"bodies.{name}.mesh"
     if not body.continuum:
         return read_line_mesh(path, entry, body.dimension)
-    # takes a noticeable time, and only runs with continuum bodies need it
+    # take a noticeable time, and only runs with continuum bodies need them
+    from pgmp_petsc.mesh.cad_part import read_part, with_groups
     from pgmp_petsc.mesh.solid_mesh_reading import read_solid_mesh
 
-    return read_solid_mesh(path, body.dimension, entry)
+    if body.of_cad:
+        length = scene.system.size((0, 1, 0))
+        mesh = read_part(path, shortened(f'{entry} = "{path}"'), length, body.mesh_size).mesh
+    else:
+        mesh = read_solid_mesh(path, body.dimension, entry)
+    return with_groups(mesh, body.faces, f"bodies.{name}.faces")

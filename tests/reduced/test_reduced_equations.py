@@ -53,16 +53,23 @@ def made_up(theta: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def of_second_order(theta: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return V, c_kl (k >= l), A_k and B at configurations, one term each."""
+    """Return V, c_kl (k >= l), A_k, P_k and B at configurations, one term each."""
     cubic = wave(theta, (1, N_DELTA, N_DELTA, N_DELTA), 5)
     cubic = sum(cubic.transpose(0, 1, *(2 + np.array(order))) for order in itertools.permutations(range(3)))
     swing = symmetric(wave(theta, (1, 3, N_DELTA, N_DELTA), 6))
     skew = wave(theta, (1, 2, N_DELTA, N_DELTA), 7)
-    return cubic, swing, skew - np.swapaxes(skew, -1, -2), symmetric(wave(theta, (1, N_DELTA, N_DELTA), 8))
+    driven = symmetric(wave(theta, (1, 2, N_DELTA, N_DELTA), 9))
+    bent = symmetric(wave(theta, (1, N_DELTA, N_DELTA), 8))
+    return cubic, swing, skew - np.swapaxes(skew, -1, -2), driven, bent
 
 
 def terms_of(
-    grid: SampleGrid = GRID, quadratic: bool = True, damping: float = 0.0, mass: float = 0.0, second: bool = False
+    grid: SampleGrid = GRID,
+    quadratic: bool = True,
+    damping: float = 0.0,
+    mass: float = 0.0,
+    second: bool = False,
+    driven: float = 1.0,
 ) -> ReducedTerms:
     """Return interpolated terms; the rigid inertia is the table's own, on its grid."""
     found = made_up(grid.theta)
@@ -71,11 +78,12 @@ def terms_of(
     n, load = grid.n, tables.load
     parts = [pack(tables.mass), coupling, pack(tables.stiffness)]
     if second:
-        cubic, swing, skew, bent = of_second_order(grid.theta)
-        parts += [pack_cubic(cubic), pack(swing).reshape(n, 1, -1), pack_skew(skew).reshape(n, 1, -1)]
+        cubic, swing, skew, momenta, bent = of_second_order(grid.theta)
+        across = pack(swing), pack_skew(skew), pack(driven * momenta)
+        parts += [pack_cubic(cubic), *(part.reshape(n, 1, -1) for part in across)]
         load = np.concatenate([load, pack(bent)], axis=2)
     else:
-        parts += [np.zeros((n, 1, 0))] * 3
+        parts += [np.zeros((n, 1, 0))] * 4
     ends = [int(end) for end in np.cumsum([part.shape[2] for part in parts])]
     if damping:
         parts.append(damping * parts[0])
@@ -103,18 +111,19 @@ class Lagrangian:
         self._terms = terms
 
     def parts(self, theta: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Return mass, b (2, 2, n_delta), stiffness, load, and V, c (2, 2, ...), A (2, ...) and B at one theta."""
+        """Return mass, b (2, 2, n_delta), stiffness, load, and V, c (2, 2, ...), A + P (2, ...) and B at one theta."""
         layout, m = self._terms.layout, N_DELTA
         entries = self._terms.terms(theta[None])[0, 0].copy()
         entries[: layout.n_rigid] = self._terms.rigid(theta[None])[0, 0]
-        mass, coupling, stiffness, cubic, swing, skew, _ = np.split(entries, layout[2:8])
+        mass, coupling, stiffness, cubic, swing, skew, driven, _ = np.split(entries, layout[2:9])
         pairs = np.array([[0, 1], [1, 2]])
         load, bent = np.split(1.3 * self._terms.load(theta[None])[0, 0], [N_ETA])
         if not layout.second_order:
             second = np.zeros((m, m, m)), np.zeros((2, 2, m, m)), np.zeros((2, m, m)), np.zeros((m, m))
         else:
             c = np.array([whole(part) for part in swing.reshape(3, -1)])[pairs]
-            second = whole_cubic(cubic), c, np.array([whole_skew(a) for a in skew.reshape(2, -1)]), whole(bent)
+            across = [whole_skew(a) + whole(p) for a, p in zip(skew.reshape(2, -1), driven.reshape(2, -1))]
+            second = whole_cubic(cubic), c, np.array(across), whole(bent)
         return whole(mass), coupling.reshape(3, m)[pairs], whole(stiffness), load, *second
 
     def inertia(self, q: np.ndarray) -> np.ndarray:
@@ -207,14 +216,15 @@ def test_damping_takes_its_share_of_the_momentum() -> None:
 
 @pytest.mark.parametrize(
     "settings",
-    [{}, {"damping": 0.01, "mass": 0.3}, {"quadratic": False}, {"second": True}],
+    [{}, {"damping": 0.01, "mass": 0.3}, {"quadratic": False}, {"second": True, "driven": 0.0}],
     ids=["all", "structural damping", "slow", "second order"],
 )
 def test_newton_converges_at_once(settings: dict) -> None:
     """The correction's own residual falls by what the matrix leaves out: second derivatives, of order step squared.
 
     Of second order that is what one refinement leaves of the gyroscopic part too: the square of 2 %, its size beside
-    gain_v here. Deformations are then so small that their cubic energy is beside the point.
+    gain_v here. The matrix has no border by P_k, as the rows of
+    prescribed coordinates are not solved. Deformations are then so small that their cubic energy is beside the point.
     """
     first, then = (1e-3, 1e-6) if "second" in settings else (1e-4, 1e-8)
     terms = terms_of(**settings)

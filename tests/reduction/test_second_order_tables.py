@@ -18,7 +18,8 @@ def tables() -> ReducedTables:
     """Return the tables of a small build."""
     from mpi4py import MPI
 
-    more = ("reduction.second_order=true", 'effects.weight={type="gravity"}')
+    moved = 'effects.motor={type="prescribed_motion",coordinate="theta",constant_speed={speed=1.0}}'
+    more = ("reduction.second_order=true", 'effects.weight={type="gravity"}', moved)
     scene = slider_crank(f"reduction.modes={M}", f"reduction.angles={N}", *more)
     return build_rom(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1)).tables
 
@@ -30,25 +31,26 @@ def turn() -> np.ndarray:
 
 
 def forms(tables: SecondOrderTables, delta: np.ndarray) -> list[np.ndarray]:
-    """Return the values of the three forms for delta of shape (N, M)."""
+    """Return the values of the forms for delta of shape (N, M)."""
     return [
         np.einsum("ntijk,ni,nj,nk->nt", tables.cubic, delta, delta, delta),
         np.einsum("ntij,ni,nj->nt", tables.curved_load, delta, delta),
-        np.einsum("ntpij,ni,nj->ntp", tables.curved_inertia, delta, delta),
+        *(np.einsum("ntpij,ni,nj->ntp", part, delta, delta) for part in (tables.curved_inertia, tables.curved_mass)),
     ]
 
 
 def arrays(tables: SecondOrderTables) -> tuple[np.ndarray, ...]:
-    """Return the three tables."""
-    return tables.cubic, tables.curved_load, tables.curved_inertia
+    """Return all tables."""
+    return tables.cubic, tables.curved_load, tables.curved_inertia, tables.curved_mass
 
 
 def test_shapes_and_exact_symmetry(tables: ReducedTables) -> None:
-    cubic, load, inertia = arrays(tables.second_order)
-    assert (cubic.shape, load.shape, inertia.shape) == ((N, 3, M, M, M), (N, 3, M, M), (N, 3, 1, M, M))
+    cubic, load, inertia, mass = arrays(tables.second_order)
+    assert (cubic.shape, load.shape) == ((N, 3, M, M, M), (N, 2, M, M))
+    assert inertia.shape == mass.shape == (N, 3, 1, M, M)
     for order in ((0, 1, 3, 2, 4), (0, 1, 4, 3, 2), (0, 1, 3, 4, 2)):
         np.testing.assert_array_equal(cubic, cubic.transpose(order))
-    for table in (load, inertia):
+    for table in (load, inertia, mass):
         np.testing.assert_array_equal(table, np.swapaxes(table, -1, -2))
 
 

@@ -8,11 +8,13 @@ import pytest
 from exported import assert_same_in_c, needs_compiler
 from machine_scenes import MODELS, RAIL_MASS, cart, rail, run
 from refusals import cases, check_said, refusal
-from runs import assert_close, reduced_model
+from runs import assert_close, reduced_model, trajectory
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from pgmp_petsc.effects.base_motion import GIVEN, BaseMotion, acceleration_of, displacement_of
+from pgmp_petsc.scene import scene_from_toml
+from scenes import HEADER, tables
 
 WAVE = "harmonic={amplitude=0.05,frequency_hz=3.0}"
 BASE = 'effects.base={{type="base_motion",direction=[1.0,0.0],of="displacement",{}}}'
@@ -49,6 +51,47 @@ def test_an_oscillator_on_a_base_that_is_accelerated(model: str) -> None:
     times, found = run(scene, model)
     exact = -1.5 * RAIL_MASS / 400.0 * (1.0 - np.cos(np.sqrt(400.0 / RAIL_MASS) * times))
     np.testing.assert_allclose(found["x"], exact, rtol=0, atol=3e-4 * np.abs(exact).max())
+
+
+ALONG_A_SLIDE = HEADER + tables("""
+bodies.arm: line = { length = 0.5, elements = 8 }; element = "beam2d"; material = "steel";
+    section = { shape = "rectangle", width = 0.02, height = 0.004 }
+joints.rail: type = "prismatic"; connect = ["ground:origin", "arm:hinge"]; axis = [1.0, 0.0]
+coordinates.x: joint = "rail"; range = [-0.2, 0.2]
+effects.weight: type = "gravity"
+reduction: modes = 3; angles = 12; static_modes = true; inertia_modes = true; second_order = true;
+    stretching = "static"
+simulation: duration = 0.2; step = 2e-4
+outputs.tip: type = "deformation"; point = "arm:tip"; axis = "y"
+outputs.torque: type = "joint_torque"; joint = "rail"
+""")
+SHAKE = 'effects.shake={{type="{}",harmonic={{amplitude=0.005,frequency_hz=23.7}}}}'
+SHAKEN = {
+    "slide": (SHAKE.format('prescribed_motion",coordinate="x'),),
+    "base": (
+        SHAKE.format('base_motion",direction=[1.0,0.0],of="displacement'),
+        'effects.held={type="prescribed_motion",coordinate="x",table=[[0.0,0.0],[1.0,0.0]]}',
+    ),
+}
+
+
+@pytest.mark.parametrize("way", SHAKEN)
+def test_an_arm_along_a_slide_that_is_shaken(way: str, tmp_path: Path) -> None:
+    """Its weight bends it, and 11 g along it change its stiffness by a twelfth: a motion that is prescribed and a base
+    that moves do the same."""
+    expected = trajectory("full", scene_from_toml(ALONG_A_SLIDE, ".", SHAKEN[way])).outputs
+    model = reduced_model(scene_from_toml(ALONG_A_SLIDE, ".", SHAKEN[way]))
+    found = trajectory(model)
+    for name, share in (("tip", 5e-4), ("torque", 0.012)):  # the weight sets in at once, which few modes follow
+        assert np.abs(found.outputs[name] - expected[name]).max() < share * np.abs(expected[name]).max(), name
+    energy, work = found.balance.kinetic + found.balance.strain, sum(found.balance.work.values())
+    assert np.abs(energy - energy[0] - work).max() < 1e-3 * energy.max()
+    without = ("reduction.second_order=false", 'reduction.stretching="dynamic"')
+    first = trajectory("reduced", scene_from_toml(ALONG_A_SLIDE, ".", [*SHAKEN[way], *without]))
+    off = np.abs(first.outputs["tip"] - expected["tip"]).max()
+    assert off > 0.05 * np.abs(expected["tip"]).max() and off / 3.0 < first.errors.maximum("tip") < 3.0 * off
+    if way == "slide":
+        assert_same_in_c(model, tmp_path)
 
 
 ALONG = np.array([0.6, 0.8, 0.0])

@@ -200,8 +200,12 @@ def sampled(scene: Scene, theta: float) -> OnManifold:
         return OnManifold(sample, *Manifold(problem, loads, static_loads).at(theta, sample, own))
 
 
-def test_loads_and_inertia_forces_work_along_the_curvature() -> None:
-    scene, theta = slider_crank(GRAVITY, STATIC), 2.0
+@pytest.mark.parametrize("given", [False, True])
+def test_loads_and_inertia_forces_work_along_the_curvature(given: bool) -> None:
+    driven = (
+        ('effects.motor={type="prescribed_motion",coordinate="theta",constant_speed={speed=1.0}}',) if given else ()
+    )
+    scene, theta = slider_crank(GRAVITY, STATIC, *driven), 2.0
     sample, kinematics = sampled(scene, theta), kinematics_of(scene)
     mechanism = kinematics.mechanism
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
@@ -212,11 +216,15 @@ def test_loads_and_inertia_forces_work_along_the_curvature() -> None:
     step = 1e-3
     places = mechanism.place(kinematics.poses(theta + step * np.arange(-1, 2)))
     acceleration = (places[:, 0] - 2 * places[:, 1] + places[:, 2]) / step**2
-    for weight, table in zip(mechanism.mass_weights, sample.second_order.curved_inertia[0, :, 0]):
-        expected = np.tensordot(acceleration @ matrices.mass[weight], chi, axes=1)
-        # differences of second order, and poses solved to 1e-12 over the square of the step
-        size = np.abs(matrices.mass[weight].data).max() * np.abs(chi).max()
-        np.testing.assert_allclose(table, expected, rtol=0, atol=1e-5 * size)
+    velocity = (places[:, 2] - places[:, 0]) / (2 * step)
+    # those that are free have none, in the sum of all terms
+    assert sample.second_order.curved_mass.shape[2] == (1 if given else 0)
+    for name, moved in (("curved_inertia", acceleration), ("curved_mass", velocity))[: 2 if given else 1]:
+        for weight, table in zip(mechanism.mass_weights, getattr(sample.second_order, name)[0, :, 0]):
+            expected = np.tensordot(moved @ matrices.mass[weight], chi, axes=1)
+            # differences of second order, and poses solved to 1e-12 over the square of the step
+            size = np.abs(matrices.mass[weight].data).max() * np.abs(chi).max()
+            np.testing.assert_allclose(table, expected, rtol=0, atol=1e-5 * size)
 
 
 def test_a_bent_beam_is_foreshortened() -> None:

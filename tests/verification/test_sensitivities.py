@@ -60,6 +60,7 @@ SCENES = {
     "bushing that pulls at the start": slider_crank(*MODES, *OUTPUTS, *MOVING, *BUSHING),
     "following force": slider_crank(*MODES, *OUTPUTS, *MOVING, *PUSH),
     "driven": slider_crank(*MODES, *OUTPUTS, *DRIVE),
+    "driven, of second order": slider_crank(*MODES, "reduction.second_order=true", *OUTPUTS, *DRIVE),
     "shaken": slider_crank(
         *MODES, *OUTPUTS, *MOVING, "parameters.a={nominal=0.5}", "parameters.b={nominal=2.0}",
         'effects.base={type="base_motion",direction=[3.0,4.0],of="displacement",harmonic={amplitude="a",mean="b",frequency_hz=4.0}}',

@@ -26,7 +26,7 @@ static double *weigh_factors(const double *entries, int n, const double *weights
 
 static void find_multipliers(const struct pgmp_model *m, const double strengths[], double multipliers[]) {
     double weights[AT_LEAST_ONE(N_GAP_TERMS)], factors[AT_LEAST_ONE(N_GAP_ENTRIES)];
-    double slopes[R][AT_LEAST_ONE(N_GAP_CHANGES)], inert[N + PACKED(R) * (1 + M) + R * M], stiff[M + PACKED(M)];
+    double slopes[R][AT_LEAST_ONE(N_GAP_CHANGES)], inert[N + PACKED(R) * (1 + M) + 2 * R * M], stiff[M + PACKED(M)];
     double worked[1 + M], changed[R][M + R * M], v[N];
     const double *d = m->q + R, *own = weights;
     int swing = N + PACKED(R), bent = M;
@@ -47,6 +47,8 @@ static void find_multipliers(const struct pgmp_model *m, const double strengths[
             inert[swing++] = -2.0 * v[h] * v[R + i] - inert[h] * d[i];
             for (int k = 0; k < R; k++) changed[k][M + h * M + i] = -v[k] * v[h] * d[i];
         }
+    for (int h = 0; h < GAPS_DRIVEN; h++)
+        for (int i = 0; i < M; i++) inert[swing++] = inert[h] * d[i];
     worked[0] = -1.0;
     for (int i = 0; i < M; i++) {
         stiff[i] = d[i], worked[1 + i] = -d[i];
