@@ -8,6 +8,7 @@ from pathlib import Path
 from pgmp_petsc.declare.records import Record
 from pgmp_petsc.declare.views import Row, described
 from pgmp_petsc.files.claims import KINDS
+from pgmp_petsc.models.component_file import ComponentsFile
 from pgmp_petsc.reduction.rom_file import RomFile
 from pgmp_petsc.results import READERS, EffectSizes, Selection
 from pgmp_petsc.results.ensemble import ShardSamples
@@ -15,8 +16,8 @@ from pgmp_petsc.results.ensemble import ShardSamples
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "files.md"
 HEADING = "## What is in them\n"
 OPENING = """
-Made by `python tests/file_tables.py` from the declarations in `pgmp_petsc/results/` and
-`pgmp_petsc/reduction/rom_file.py`. Sizes have names; equal names in
+Made by `python tests/file_tables.py` from the declarations in `pgmp_petsc/results/`, `pgmp_petsc/reduction/rom_file.py`
+and `pgmp_petsc/models/component_file.py`. Sizes have names; equal names in
 a table are equal sizes, `?` is an axis that is not there where its size is 1, `...` is any shape. `<name>` is the name
 of an output, a parameter, an effect, a body or an event, `<frame>` a number (`00000`), `<unit>` the unit of what is
 named. `path@key` is an attribute. Numbers of a row with a `*` may be missing (NaN). Every dataset has attributes `unit`
@@ -28,7 +29,7 @@ PARTS = {"the part of a reduced model on its tolerances": Selection, "the part o
 
 def tables() -> str:
     """Return the section of the page."""
-    readers = {RomFile.kind: RomFile, **READERS}
+    readers = {RomFile.kind: RomFile, ComponentsFile.kind: ComponentsFile, **READERS}
     kinds: dict[str, type[Record]] = {KINDS[kind].capitalize(): reader for kind, reader in readers.items()}
     kinds |= {KINDS["shard"].capitalize(): ShardSamples, **{name.capitalize(): kind for name, kind in PARTS.items()}}
     return "\n".join([HEADING + OPENING, *(_table(name, kind) for name, kind in kinds.items())])

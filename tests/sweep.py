@@ -29,7 +29,7 @@ SCENES = sorted((ROOT / "scenes").glob("*.toml"))
 # what makes a run short: as many steps, angles and samples as every path needs
 STEPS = 5
 ANGLES = 12  # along the only coordinate; with two, modes cannot be followed over fewer than the scene's
-MOST_COORDINATES = 2  # of reduced models
+MOST_COORDINATES = 3  # of reduced models
 TRACE = ("Traceback", "Warning:", "Segmentation", "PETSC ERROR")
 OUTPUT = re.compile(r"estimated errors over the run|errors? (was|were|is|are) not estimated|not estimated")
 

@@ -38,7 +38,7 @@ NEEDS = {
     "outputs": {"declare", "scene", "mesh", "bodies", "mechanism", "effects"},
     "figures": {"mesh", "results"},
     "report": {"declare", "results", "figures"},
-    "texts": {"results", "reduction", "studies"},  # the latter two for types
+    "texts": {"results", "reduction", "models", "studies"},  # the latter three for types
 }
 WITHOUT_PETSC = ("scene", "mesh", "figures", "report", "results", "declare", "texts")
 

@@ -88,6 +88,7 @@ def fit(
     with agreed(comm, "looking at the arguments"):
         deviations = _deviations(noise or {})
         origin = Origin.of(rom, None, overrides, parameters)
+        origin.require_reduced("its derivatives are not known; take the reduced model of two coordinates at most")
     with keeping("fit", comm, output, on_all_ranks, (origin.path, measured), plot) as keeper:
         model = origin.settled(comm)
         history = on_root(comm, read_history, Path(measured), model.outputs, model.scene.simulation.duration)
@@ -154,6 +155,7 @@ def optimize(
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
         origin = Origin.of(rom, None, overrides, parameters)
+        origin.require_reduced("its derivatives are not known; take the reduced model of two coordinates at most")
     with keeping("design", comm, output, on_all_ranks, (origin.path,), plot) as keeper:
         model = origin.settled(comm)
         with agreed(comm, "reading the goal"):

@@ -20,7 +20,7 @@ from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.result import Result
 from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import PURPOSES, REDUCED, SOURCE, AnySource, Keeper, Origin, keeping, mesh_model
+from pgmp_petsc.api.sources import PURPOSES, REDUCED, SOURCE, AnySource, Keeper, Origin, keeping, kind_of, mesh_model
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.progress import announce
 from pgmp_petsc.base.surroundings import Comm
@@ -34,13 +34,14 @@ from pgmp_petsc.ensemble.sampling import refuse_drawn
 from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.mechanism.capabilities import check_capabilities
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
+from pgmp_petsc.models.component_file import ComponentsFile
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, RankGroup
 from pgmp_petsc.reduction.rom import outside_of, refuse_beyond
 from pgmp_petsc.results.ensemble import Ensemble, ShardSamples, read_shard
 from pgmp_petsc.results.statistics import RareEvent
-from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene, with_meshes
 from pgmp_petsc.texts.ensemble_table import report as report_of_ensemble
 from pgmp_petsc.texts.ensemble_table import report_of_rare_event, report_of_shard
@@ -133,7 +134,7 @@ def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> l
     return found
 
 
-def better_models(wanted: Sequence[Correction], own: Model, source: object, comm: Comm) -> list[Better]:
+def better_models(wanted: Sequence[Correction], own: Model, origin: Origin, comm: Comm) -> list[Better]:
     """Return the models that are asked for. Collective on `comm`.
 
     Raises `InputError` if meshes are not at hand, or a model cannot have what the scene has.
@@ -142,22 +143,29 @@ def better_models(wanted: Sequence[Correction], own: Model, source: object, comm
     ----------
     own
         The ensemble's own model.
-    source
-        What messages call that which it is from.
+    origin
+        Where it is from.
     """
     if not wanted:
         return []
     from pgmp_petsc.ensemble.correction import Better  # as above
 
-    return [Better(one.name, _model(one, own, source, comm), one.n) for one in wanted]
+    return [Better(one.name, _model(one, own, origin, comm), one.n) for one in wanted]
 
 
-def _model(one: Correction, own: Model, source: object, comm: Comm) -> Model:
+def _model(one: Correction, own: Model, origin: Origin, comm: Comm) -> Model:
     scene = _scene_of(own.scene, one.divisor)
-    if one.model == "reduced":
-        with agreed(comm, "preparing the reduced model"):
-            return ReducedModel(scene, own.rom, own.kinematics)
-    meshes = _meshes(one, own, source, comm)
+    if one.model == own.name and one.scene is None:
+        with agreed(comm, f"preparing the {own.title} model"):
+            return own.in_scene(scene)
+    if one.model == "components" and kind_of(one.scene or "") == one.model:
+        built = on_root(comm, ComponentsFile.read, Path(one.scene))
+        with agreed(comm, f"preparing {one.name}"):
+            origin_of_bodies = scene_from_toml(built.record.scene_toml, Path(one.scene).parent)
+            _check_same(one, origin_of_bodies, own.scene, origin.name)
+            built.check_bodies(origin_of_bodies, scene, one.scene)
+            return built.model(scene)
+    meshes = _meshes(one, own, origin, comm)
     from pgmp_petsc.outputs.stress import check_stresses  # as above
 
     with agreed(comm, f"preparing {one.name}"):
@@ -173,24 +181,30 @@ def _scene_of(scene: Scene, divisor: int) -> Scene:
     return scene.model_copy(update={"simulation": simulation, "ensemble": ensemble})
 
 
-def _meshes(one: Correction, own: Model, source: object, comm: Comm) -> Mapping[str, BodyShape]:
+def _check_same(one: Correction, scene: Scene, own: Scene, source: object) -> None:
+    """Refuse a scene that gives bodies of another mechanism than an ensemble's own."""
+    for table in OF_MESHES:
+        if getattr(scene, table) != getattr(own, table):
+            what = f"[{table}] of '{one.scene}' differs from that of '{source}'"
+            raise InputError(f"--correct {one.text}: {what}; give the scene that it was built from")
+
+
+def _meshes(one: Correction, own: Model, origin: Origin, comm: Comm) -> Mapping[str, BodyShape]:
     """Return the meshes of a model: those of its scene, or that the ensemble's model came with."""
     purpose = PURPOSES[one.model]
     if one.scene is not None:
         scene, meshes = read_scene(Path(one.scene), (), (), comm, purpose)
-        for table in OF_MESHES:
-            if getattr(scene, table) != getattr(own.scene, table):
-                what = f"[{table}] of '{one.scene}' differs from that of '{source}'"
-                raise InputError(f"--correct {one.text}: {what}; give the scene that it was built from")
+        _check_same(one, scene, own.scene, origin.name)
         return meshes
-    if not isinstance(own, ReducedModel):
+    if not origin.is_built:
         return on_root(comm, with_meshes, own.scene, purpose)[1]
-    condensed = [name for name, mesh in own.rom.meshes.items() if not isinstance(mesh, LineMesh)]
+    shapes = own.rom.meshes if origin.model == REDUCED else own.meshes
+    condensed = [name for name, mesh in shapes.items() if not isinstance(mesh, LineMesh)]
     if condensed:
-        what = f"'{source}' has no mesh of {', '.join(condensed)}, only what was condensed of it"
+        what = f"'{origin.name}' has no mesh of {', '.join(condensed)}, only what was condensed of it"
         cure = f"give the scene too, --correct SCENE.toml:{one.text}"
         raise InputError(f"--correct {one.text}: {what}; {cure}")
-    return own.rom.meshes
+    return shapes
 
 
 FEW = 4  # samples of a better model to each Sobol sequence
@@ -285,7 +299,7 @@ class Request:
             if name in file.values:
                 why = f"every sample takes '{name}' from {called(self.samples)}"
                 raise InputError(f"--set {setting}: {why}; leave one of them out")
-        if isinstance(model, ReducedModel):
+        if isinstance(model, (ReducedModel, ComponentModel)):
             refuse_beyond(model.served, file.values, called(self.samples))
             said = outside_of(model.served, file.values, called(self.samples))
             file = replace(file, remarks=(*file.remarks, *said))
@@ -401,8 +415,8 @@ def retry_failed(
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        _check_sharing(ranks_per_sample, model or REDUCED)
         origin = Origin.of(source, model, (*overrides, *drawn_by(sampler)), parameters)
+        _check_sharing(ranks_per_sample, origin.model)
 
     def check(scene: Scene) -> None:
         refuse_drawn(scene, origin.settings)
@@ -562,9 +576,9 @@ def montecarlo(
     start, comm = time.monotonic(), solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
         table = Path(samples) if isinstance(samples, (str, PathLike)) else samples
-        asked = Request(n, seed, sampler, table, shard, correct, stopping or Stopping(), model or REDUCED).checked()
-        _check_sharing(ranks_per_sample, asked.model)
         origin = Origin.of(source, model, (*overrides, *drawn_by(sampler)), parameters)
+        asked = Request(n, seed, sampler, table, shard, correct, stopping or Stopping(), origin.model).checked()
+        _check_sharing(ranks_per_sample, asked.model)
 
     def check(scene: Scene) -> None:
         refuse_drawn(scene, origin.settings)
@@ -582,7 +596,7 @@ def montecarlo(
             plan = asked.plan(place, resume, file)
             asked.check_design(prepared.scene, file)
             stop = asked.stopping.stop(prepared.scene, start)
-        better = better_models(asked.correct, prepared, origin.name, comm)
+        better = better_models(asked.correct, prepared, origin, comm)
         found = run_ensemble(prepared, plan, group, stop, better)
         return _kept(keeper, found, plan, origin, prepared.scene)
 

@@ -11,7 +11,7 @@ from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.files import stopped_runs
 from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
-from pgmp_petsc.api.result import Result, Rom, file_of
+from pgmp_petsc.api.result import MODELS, Result, Rom, file_of
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import Origin
 from pgmp_petsc.base.errors import InputError
@@ -64,6 +64,7 @@ def export_model(
     with agreed(comm, "looking at the arguments"):
         _check(output, fmi)
         origin = Origin.of(rom, None, overrides, parameters)
+        origin.require_reduced("models in C are reduced ones, of two coordinates at most; pgmp build SCENE makes one")
     target = Path(output)
     notes: list[str] = []
 
@@ -116,7 +117,7 @@ def _chosen(given: Mapping[str, Any], comm: Comm) -> Callable[..., Path]:
     """Return which of the two functions writes; refuse options of the other. Collective on `comm`."""
     output = given["output"]
     suffix = output.suffix.lower()
-    if suffix == FMU or (suffix not in XDMF and not is_table(output) and on_root(comm, _is_rom, given["result"])):
+    if suffix == FMU or (suffix not in XDMF and not is_table(output) and on_root(comm, _is_model, given["result"])):
         return export_model
     if "fmi" in given:
         raise InputError(f"--fmi {given['fmi']} is for FMUs of reduced models, and '{output}' is none; leave it out")
@@ -125,9 +126,9 @@ def _chosen(given: Mapping[str, Any], comm: Comm) -> Callable[..., Path]:
     return export_result
 
 
-def _is_rom(file: Path) -> bool:
+def _is_model(file: Path) -> bool:
     try:
-        return seal_of(file).kind == "rom"
+        return seal_of(file).kind in MODELS
     except (OSError, BrokenSeal):
         return False  # the reader of trajectories says what is wrong with it
 

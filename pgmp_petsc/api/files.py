@@ -19,7 +19,7 @@ import numpy as np
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of
-from pgmp_petsc.api.result import Result, Rom, in_memory
+from pgmp_petsc.api.result import MODELS, Result, Rom, in_memory
 from pgmp_petsc.base.errors import InputError, counted
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
@@ -36,11 +36,11 @@ def read(path: str | PathLike[str], *, comm: Comm | None = None) -> Result:
     """Read a result file: a `Rom`, or a `Result`; raises `InputError` if it is no whole result of this program."""
     comm, path = ranks_of(comm), Path(path)
     kind = on_root(comm, _kind_of, path)
-    if kind == "rom":
+    if kind in MODELS:
         # its modules need PETSc, which all ranks start together
         solving_ranks_of(comm)
     data = on_root(comm, _read, path, kind)
-    return (Rom if kind == "rom" else Result)(kind, data, comm, path.parent, path)
+    return (Rom if kind in MODELS else Result)(kind, data, comm, path.parent, path)
 
 
 def stopped_runs(*paths: Path) -> list[str]:
@@ -56,15 +56,19 @@ def stopped_runs(*paths: Path) -> list[str]:
 def _kind_of(path: Path) -> str:
     from pgmp_petsc.results import READERS  # all kinds of results
 
-    with open_file(path, ("rom", *READERS)) as file:
+    with open_file(path, (*MODELS, *READERS)) as file:
         return str(file.attrs["kind"])
 
 
 def _read(path: Path, kind: str) -> Any:
-    if kind != "rom":
+    if kind not in MODELS:
         from pgmp_petsc.results import READERS
 
         return in_memory(READERS[kind].read(path))
+    if kind == "components":
+        from pgmp_petsc.models.component_file import ComponentsFile
+
+        return ComponentsFile.read(path)
     from pgmp_petsc.studies.building import Built
 
     return Built.read(path)

@@ -100,8 +100,11 @@ def _check(file: Path, output: Path, mode: int | None, at: Mapping[str, float]) 
     if output.suffix.lower() not in ENDINGS:
         raise InputError(f"output file '{output}': a film is named .mp4 or .gif")
     check_output(output, "film", (file,))
-    with open_file(file, ("trajectory", "rom", "modes")) as opened:
+    with open_file(file, ("trajectory", "rom", "components", "modes")) as opened:
         kind = str(opened.attrs["kind"])
+    if kind == "components":
+        cure = "simulate it first, and animate the run"
+        raise InputError(f"file '{file}' is a component model, which has no modes of the mechanism; {cure}")
     if kind == "modes":
         cure = "the shapes are in a reduced model: pgmp build SCENE -o rom.h5, then pgmp animate rom.h5 --mode K"
         raise InputError(f"file '{file}': a table of modes holds frequencies alone; {cure}")

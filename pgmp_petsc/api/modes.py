@@ -18,9 +18,11 @@ from pgmp_petsc.bench.finished import Finished
 from pgmp_petsc.bench.tradeoff import measure_tradeoff
 from pgmp_petsc.ensemble.plan import MOST_SAMPLES
 from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.building import build as build_model
+from pgmp_petsc.studies.building import build_components
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.modes_table import tabulate_modes
 from pgmp_petsc.texts.models import report_of_build, report_of_modes
@@ -58,16 +60,14 @@ def frequencies(
 
 
 @command(
-    "build",
-    "Build the reduced model of a scene (offline).",
-    40,
-    report=report_of_build,
-    scene=SCENE,
-    gives="With the attributes of `reduction.rom.ReducedOrderModel`.",
-)
+    "build", "Build the reduced or the component model of a scene (offline).", 40, report=report_of_build, scene=SCENE,
+    components=Argument("Condense the bodies to a component model, of any number of coordinates."),
+    gives="With the attributes of `reduction.rom.ReducedOrderModel`, or of `models.component_file.ComponentsFile`.",
+)  # fmt: skip
 def build(
     scene: Scene | str | PathLike[str],
     *,
+    components: bool = False,
     parameters: Parameters | None = None,
     overrides: Overrides = (),
     ranks_per_angle: int = 1,
@@ -76,21 +76,32 @@ def build(
     on_all_ranks: bool = True,
     comm: Comm | None = None,
 ) -> Rom:
-    """Compute modes at the sampled configurations of `scene` and write the reduced model (ROM.h5).
+    """Make a model of `scene` that stands alone: it runs without meshes and without PETSc.
 
-    With reduction.tolerance, or simulation.tolerance, what `scene` does not give is chosen so that no output has a
-    larger error; all that was tried is kept in the file. With reduction.effects = "auto" effects too small to matter
-    are left out, and terms of the reduced model that do are added; the estimate is printed and kept too. Otherwise what
-    `scene` leaves out although it matters is said, as in pgmp check --effects.
+    A reduced model has modes at the sampled configurations and tables (ROM.h5). With reduction.tolerance, or
+    simulation.tolerance, what `scene` does not give is chosen so that no output has a larger error; all that was tried
+    is kept in the file. With reduction.effects = "auto" effects too small to matter are left out, and terms of the
+    reduced model that do are added; the estimate is printed and kept too. Otherwise what `scene` leaves out although it
+    matters is said, as in pgmp check --effects.
 
     Finished bodies and configurations are kept in ROM.h5.partial until the file is written; `resume` takes them up,
     with any number of ranks. With a tolerance it is the runs that errors are measured against.
+
+    A component model (`components`) has the condensed bodies alone. Each is condensed by one rank.
     """
     comm = solving_ranks_of(comm)
     inputs = () if isinstance(scene, Scene) else (fspath(scene),)
-    with keeping("rom", comm, output, on_all_ranks, inputs) as keeper:
-        loaded, meshes = read_scene(scene, overrides, parameters, comm, Purpose.BUILD)
+    with agreed(comm, "looking at the arguments"):
+        for option, is_given in (("--resume", resume), ("--ranks-per-angle", ranks_per_angle > 1)):
+            if components and is_given:
+                why = "bodies are condensed one a rank, over no angles, and nothing is kept on the way"
+                raise InputError(f"{option} with --components: {why}; leave it out")
+    purpose = Purpose.COMPONENTS if components else Purpose.BUILD
+    with keeping("components" if components else "rom", comm, output, on_all_ranks, inputs) as keeper:
+        loaded, meshes = read_scene(scene, overrides, parameters, comm, purpose)
         tell_remarks(comm, loaded.remarks)
+        if components:
+            return keeper.result(build_components(loaded, meshes, comm), directory_of(scene), loaded.remarks)
         with RankGroup.split(comm, ranks_per_angle) as group:
             built = build_model(loaded, meshes, group, lambda text: tell(comm, text), keeper.output, resume)
         made = keeper.result(replace(built, checkpoint=None), directory_of(scene), loaded.remarks)

@@ -15,16 +15,18 @@ from pgmp_petsc.api.ranks import ranks_of
 from pgmp_petsc.api.tables import needs_xarray
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, Remark, RunError
+from pgmp_petsc.base.notebooks import Grid, card
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.declare.records import Record
-from pgmp_petsc.declare.views import variables
+from pgmp_petsc.declare.views import Variable, variables
 from pgmp_petsc.files.claims import claimed, form_of, is_table, named
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.ranks.agreement import on_root
-from pgmp_petsc.results.summary import origin_of
+from pgmp_petsc.results.summary import origin_of, units_of_parameters
 
 if TYPE_CHECKING:
     import xarray
+    from matplotlib.figure import Figure
 
     from pgmp_petsc.scene import Scene
 
@@ -37,8 +39,8 @@ class Result:
     kind : str
         One of `files.claims.KINDS`.
     data
-        A dataclass of `pgmp_petsc.results`, or `studies.building.Built`: arrays of numpy in the scene's units. None on
-        a rank that was not given it.
+        A dataclass of `pgmp_petsc.results`, `studies.building.Built`, or `models.component_file.ComponentsFile`: arrays
+        of numpy in the scene's units. None on a rank that was not given it.
     comm : mpi4py.Comm
         The ranks that made it.
     directory : Path
@@ -65,6 +67,9 @@ class Result:
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         return type(self)(self.kind, deepcopy(self._in_memory(), memo), self.comm, self.directory, self.path)
 
+    def _variables(self) -> list[tuple[str, Variable]]:
+        return [*variables(self.data)] if isinstance(self.data, Record) else []
+
     def _in_memory(self) -> Any:
         return None if self.data is None else in_memory(self.data)
 
@@ -87,6 +92,24 @@ class Result:
             return f"<pgmp {self.kind} on the first rank alone>"
         said = "".join(f"\n  {remark}" for remark in self.remarks)
         return f"<pgmp {self.kind} of scene '{origin_of(self.record)['scene']}'>{said}"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: figures, parameters, remarks and, folded, the dataset."""
+        if self.data is None:
+            return card(repr(self)[1:-1], {})
+        found, units = self.summary(), units_of_parameters(self.record)
+        about = {
+            key: value for key, value in found.items() if isinstance(value, (str, float, int)) and key not in HIDDEN
+        }
+        grids = [
+            Grid(("parameter", "value", "unit"), [(k, v, units.get(k)) for k, v in self.record.parameters.items()])
+        ]
+        for key in FIGURES:
+            rows = {name: row for name, row in (found.get(key) or {}).items() if isinstance(row, dict)}
+            columns = list(dict.fromkeys(name for row in rows.values() for name in row if _is_short(row[name])))
+            grids.append(Grid(("", *columns), [(name, *map(row.get, columns)) for name, row in rows.items()]))
+        dataset = {"dataset": self.to_xarray()._repr_html_()} if self._variables() else {}
+        return card(f"pgmp {self.kind} of scene '{found['scene']}'", about, grids, self.remarks, dataset)
 
     @property
     def record(self) -> RunRecord:
@@ -123,7 +146,7 @@ class Result:
             If xarray is not installed, or results of this kind have no dataset.
         """
         xarray = needs_xarray("to_xarray")
-        found = [*variables(self.data)] if isinstance(self.data, Record) else []
+        found = self._variables()
         if not found:
             raise InputError(f"to_xarray: there is no dataset of a {self.kind}; its arrays are attributes")
         axes = {axis for _, one in found for axis in one.axes} | {name for name, one in found if one.is_axis}
@@ -142,6 +165,50 @@ class Result:
             for is_axis in (False, True)
         }
         return xarray.Dataset(arrays[False], arrays[True], about)
+
+    def to_groups(self) -> Mapping[str, Any]:
+        """Return the arrays of `to_xarray` in groups, so that names have no dots: ``groups["error"]["crank_angle"]``.
+
+        A DataTree where the installed xarray has it, else a mapping of datasets; outputs are in the group ``output``.
+        Raises as `to_xarray`.
+        """
+        data = self.to_xarray()
+        groups: dict[str, Any] = {}
+        own_names: dict[str, dict[str, str]] = {}
+        for name in map(str, data.data_vars):
+            path, _, own = name.rpartition(".")
+            own_names.setdefault(path.replace(".", "/") or "output", {})[name] = own
+        for path, names in own_names.items():
+            part = data[[*names]]
+            # so have coordinates of all groups, theta.phi, where they are not the names of others then
+            free = {str(name): str(name).rpartition(".")[2] for name in part.coords if "." in str(name)}
+            taken = {*part.variables, *part.dims, *names.values()}
+            groups[path] = part.rename(names | {name: own for name, own in free.items() if own not in taken})
+        tree = getattr(needs_xarray("to_groups"), "DataTree", None)
+        return groups if tree is None else tree.from_dict(groups, name=self.kind)
+
+    @checked
+    def plot(self, picture: str | None = None, *, exaggerate: float = 1.0, at: float | None = None) -> Figure:
+        """Return a picture that ``pgmp plot`` draws of it, as a figure of matplotlib.
+
+        Raises `InputError` where there is no picture of this name, or of results of this kind, or nothing to draw.
+
+        Parameters
+        ----------
+        picture
+            Name of the picture, without .png; by default the first of them, such as ``trajectories``.
+        exaggerate, at
+            As of `pgmp.plot`.
+        """
+        from pgmp_petsc.figures.collection import pictures_of  # matplotlib takes a noticeable time
+
+        pictures = pictures_of(self._own(), self.path or Path(self.kind), exaggerate, at)
+        if not pictures:
+            raise InputError(f"plot: there is no picture of {named(self.kind)}")
+        name = next(iter(pictures)) if picture is None else picture
+        if name not in pictures:
+            raise InputError(f"picture = {name!r}: of this {self.kind} there are {', '.join(pictures)}")
+        return pictures[name]()
 
     @checked
     def write(self, path: str | PathLike[str]) -> Path:
@@ -169,17 +236,33 @@ class Result:
         return target
 
 
+#: Entries of summaries that a notebook does not show, and those that it shows as tables.
+HIDDEN = ("kind", "scene", "ranks")
+FIGURES = ("outputs", "statistics", "probabilities")
+
+
+def _is_short(value: object) -> bool:
+    """Return whether a figure has room in a cell: a number, a text, or an interval."""
+    is_interval = isinstance(value, list) and len(value) == 2
+    return is_interval or isinstance(value, (int, float, str)) and not isinstance(value, bool)
+
+
+#: Kinds of models that stand alone.
+MODELS = ("rom", "components")
+
+
 class Rom(Result):
-    """A reduced model; attributes of `reduction.rom.ReducedOrderModel` are its own."""
+    """A model that was built; attributes of `reduction.rom.ReducedOrderModel`, or of
+    `models.component_file.ComponentsFile`, are its own."""
 
     def _own(self) -> Any:
-        return super()._own().rom
+        return super()._own().rom if self.kind == "rom" else super()._own()
 
     def summary(self) -> dict[str, Any]:
         """Return its figures as plain data, those of ``pgmp build --json``."""
         from pgmp_petsc.results.summary import plain
 
-        return plain(self.data.figures())
+        return plain(self.data.figures() | origin_of(self.record))
 
 
 class StoppedRun(RunError):

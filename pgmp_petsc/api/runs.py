@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import TYPE_CHECKING
 
 from pgmp_petsc.api.arguments import settings_of, wrong
 from pgmp_petsc.api.declared import OPTIONAL_OUTPUT, Argument, command, interface
@@ -13,7 +12,7 @@ from pgmp_petsc.api.result import Result, Rom, StoppedRun
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import SOURCE, AnySource, Origin, keeping
 from pgmp_petsc.api.sweeps import sweep
-from pgmp_petsc.api.tables import Points
+from pgmp_petsc.api.tables import Points, PointSet, ResultOrDataset
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.design.sensitivities import sensitivities as differentiated
@@ -23,13 +22,10 @@ from pgmp_petsc.studies.simulate import simulate as simulated
 from pgmp_petsc.texts.models import report_of_run
 from pgmp_petsc.texts.studies import report_of_derivatives
 
-if TYPE_CHECKING:
-    import xarray
-
 
 @command(
     "simulate",
-    "One run over time, reduced or full-order.",
+    "One run over time, of any model.",
     60,
     report=report_of_run,
     source=SOURCE,
@@ -45,8 +41,8 @@ def simulate(
     output: str | PathLike[str] | None = None,
     on_all_ranks: bool = True,
     comm: Comm | None = None,
-) -> Result | xarray.Dataset | None:
-    """Run a reduced model, or with `model` the full-order or the component model of a scene.
+) -> ResultOrDataset:
+    """Run a model that was built, or with `model` the full-order or the component model of a scene.
 
     A run that stops before its end has exit status 1; what was computed is written.
 
@@ -55,7 +51,7 @@ def simulate(
     StoppedRun
         If the run stops before its end; it holds what was computed.
     """
-    comm, points = solving_ranks_of(comm), parameters if isinstance(parameters, Points) else None
+    comm, points = solving_ranks_of(comm), parameters if isinstance(parameters, PointSet) else None
     with agreed(comm, "looking at the arguments"):
         settings = parameters if points is None else settings_of(points.fixed)
         if points is not None and output is not None:
@@ -107,6 +103,7 @@ def sensitivities(
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
         origin = Origin.of(rom, None, overrides, parameters)
+        origin.require_reduced("its derivatives are not known; take the reduced model of two coordinates at most")
     with keeping("sensitivities", comm, output, on_all_ranks, (origin.path,), plot) as keeper:
         model = origin.settled(comm)
         return keeper.result(differentiated(model, tuple(names), comm), origin.directory, model.scene.remarks)
@@ -130,17 +127,19 @@ def fields(rom: Rom, run: Result, times: Sequence[float], *, comm: Comm | None =
         If the run is not of this model, an instant is outside the run, or no mesh of a body is known.
     """
     comm = solving_ranks_of(comm)
-    from pgmp_petsc.api.sources import scene_of_rom
+    from pgmp_petsc.api.sources import scene_of_built
     from pgmp_petsc.models import ReducedModel
     from pgmp_petsc.studies.field_frames import fields_at
 
     with agreed(comm, "looking at the arguments"):
+        if rom.kind != "rom":
+            raise wrong("rom", rom, "a reduced model: states of component runs are not kept")
         if run.kind != "trajectory":
             raise wrong("run", run, "a run, as from pgmp.simulate or pgmp.read")
 
     def finding_the_fields() -> dict[str, BodyField]:
         settings = settings_of(run.record.parameters)
-        scene = scene_of_rom(rom.data.rom, rom.directory, (), settings, "the reduced model")
+        scene = scene_of_built(rom.data.rom, rom.directory, (), settings, "the reduced model")
         return fields_at(ReducedModel(scene, rom.data.rom), run.data, times)
 
     return on_root(comm, finding_the_fields)

@@ -90,7 +90,7 @@ def _templates() -> dict[str, str]:
     "new", "Write a commented scene that runs, to begin with.", 10, petsc=False,
     template=Argument("Name of the scene to begin with; with `source` the scene's file.", listed=_templates),
     file=Argument("The scene's file.", word="FILE.toml", by_last_place=True),
-    source=Argument("Make the scene of this part of CAD.", "--from", "PART.step"),
+    source=Argument("Make the scene of this part of CAD, or robot.", "--from", "PART.step|ROBOT.urdf"),
     force=Argument("Replace files that exist."),
     gives="What was written.",
 )  # fmt: skip
@@ -105,15 +105,16 @@ def new(
     """Write the commented scene `template` to `file`, and its mesh beside it where it has one.
 
     With `source` it is made of another program's file: of a part of CAD (STEP) held at its widest bore and loaded at
-    the farthest one; bores and mass properties are said, and FILE.png shows them. It runs as it is: pgmp run FILE.toml
+    the farthest one, with FILE.png that shows its bores; or of a robot (URDF, MJCF), whose links are rigid bodies.
+    It runs as it is: pgmp run FILE.toml
     """
-    comm = ranks_of(comm)
+    comm, attempt = ranks_of(comm), "run {}"
     if source is not None:
         if file is not None:
             raise InputError(f"'{template}' '{file}': with --from one name is needed, that of the scene's file")
         target = Path(template)
         target = target if target.suffix else target.with_suffix(ENDING)
-        written, lines = on_root(comm, _write_made, Path(source), target, force)
+        written, lines, attempt = on_root(comm, _write_made, Path(source), target, force)
         for line in lines:
             tell(comm, line)
     elif file is None:
@@ -122,24 +123,29 @@ def new(
         written = on_root(comm, write_template, template, Path(file), force)
     for path in written:
         tell(comm, str(path))
-    tell(comm, f"try: pgmp run {written[0]}")
+    tell(comm, f"try: pgmp {attempt.format(written[0])}")
     return written
 
 
-def _write_made(source: Path, file: Path, force: bool) -> tuple[list[Path], list[str]]:
-    """Write the scene of a file of another program, and its picture; return what was written and what to say."""
+def _write_made(source: Path, file: Path, force: bool) -> tuple[list[Path], list[str], str]:
+    """Write the scene of a file of another program; return what was written, what to say, and what to try."""
     from pgmp_petsc.figures.part import part_picture  # few scenes are made so
     from pgmp_petsc.figures.style import save
     from pgmp_petsc.studies.new_scene import scene_of_part
+    from pgmp_petsc.studies.robot_scene import ROBOT, scene_of_robot
 
     check_scene_file(file)
+    if source.suffix.lower() in ROBOT:
+        text, lines = scene_of_robot(source, file)
+        write_files({file: text.encode()}, file, force)
+        return [file], lines, "simulate {} --full -o run.h5"
     made, picture = scene_of_part(source, file), file.with_suffix(".png")
     if not force and picture.exists():
         raise InputError(f"file '{picture}' exists; give another name, or replace it with --force")
     write_files({file: made.text.encode()}, file, force)
     places = {one.name: one.centre for one in made.part.cylinders}
     save(part_picture(made.part.mesh, places, f"{file.stem}: whole cylinders of {source.name}", "mm"), picture)
-    return [file, picture], made.lines
+    return [file, picture], made.lines, "run {}"
 
 
 def _shown(text: str, path: Path | None, said: object) -> str:

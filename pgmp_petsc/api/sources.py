@@ -1,4 +1,4 @@
-"""Sources of a call: a reduced model or a scene that a program holds, or the file of one, and models of these.
+"""Sources of a call: a built model or a scene that a program holds, or the file of one, and models of these.
 
 The file of a result, which is claimed before long work and written after it, and the ranks that get the result.
 """
@@ -14,13 +14,15 @@ from typing import Any, TypeVar
 
 from pgmp_petsc.api.declared import Argument
 from pgmp_petsc.api.ranks import RESULT, tell, tell_remarks
-from pgmp_petsc.api.result import Result, Rom, in_memory
+from pgmp_petsc.api.result import MODELS, Result, Rom, in_memory
 from pgmp_petsc.base.errors import InputError, Remark
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.files.claims import check_folder, claimed, form_of, is_table
+from pgmp_petsc.files.claims import check_folder, claimed, form_of, is_table, named
+from pgmp_petsc.files.seal import BrokenSeal, seal_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
+from pgmp_petsc.models.component_file import ComponentsFile
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.reduction.rom import ReducedOrderModel, check_served, served_ranges
 from pgmp_petsc.scene import Scene, scene_from_toml
@@ -31,12 +33,17 @@ from pgmp_petsc.studies.plausibility import plausibility
 Named = str | PathLike[str]
 AnySource = Rom | Scene | str | PathLike[str]
 REDUCED = "reduced"
-SOURCE = Argument("Reduced model, or its file; with `model` a scene, or its file.", word="ROM.h5|SCENE")
+SOURCE = Argument(
+    "Reduced or component model that was built, or its file; with `model` a scene, or its file.", word="MODEL.h5|SCENE"
+)
+#: Names of models by the kinds of their files.
+NAME_OF = {"rom": REDUCED, "components": "components"}
 
-# what a ROM's tables depend on; all else may be changed when it is used
+# what tables and condensed bodies depend on; all else may be changed when they are used
 BUILT = ("ground", "materials", "bodies", "fields", "joints", "coordinates", "reduction")
 #: What a scene is read for, by the name of the model.
 PURPOSES = {"full": Purpose.FULL, "components": Purpose.COMPONENTS}
+TITLES = {model.name: model.title for model in (ReducedModel, ComponentModel, FullModel)}
 AnyModel = TypeVar("AnyModel", bound=Model)
 
 
@@ -44,17 +51,25 @@ AnyModel = TypeVar("AnyModel", bound=Model)
 class Origin:
     """Where a model comes from."""
 
-    source: AnySource  # a reduced model, a scene, or the file of one
+    source: AnySource  # a built model, a scene, or the file of one
     model: str  # ``reduced``, ``full`` or ``components``
     #: overrides, settings: changes of the scene, as a command takes them
     overrides: tuple[str, ...]
     settings: tuple[str, ...]
+    is_built: bool  # whether the source is a model that stands alone, not a scene
 
     @classmethod
     def of(cls, source: AnySource, model: str | None, overrides: Sequence[str], settings: Sequence[str]) -> Origin:
         """Return what the arguments of a call say. Raises `InputError`; by every rank alike."""
-        _check_model(source, model)
-        return cls(source, model or REDUCED, overrides, settings)
+        kind = kind_of(source)
+        _check_model(source, kind, model)
+        is_built = kind is not None or model in (None, REDUCED)
+        return cls(source, NAME_OF.get(kind) or model or REDUCED, overrides, settings, is_built)
+
+    def require_reduced(self, what: str) -> None:
+        """Refuse component models where what is asked for takes a reduced one; raises `InputError`."""
+        if self.model == "components":
+            raise InputError(f"'{self.name}' is a component model: {what}")
 
     @property
     def path(self) -> Path | None:
@@ -66,7 +81,7 @@ class Origin:
         """Name of the source in messages."""
         if isinstance(self.source, (str, PathLike)):
             return str(self.source)
-        return "the reduced model" if isinstance(self.source, Rom) else "the scene"
+        return f"the {TITLES[self.model]} model" if isinstance(self.source, Rom) else "the scene"
 
     @property
     def directory(self) -> Path:
@@ -82,26 +97,50 @@ class Origin:
         it may return another scene to take. Raises `InputError` if it cannot be read, or has what its kind of model
         cannot have.
         """
-        if self.model == REDUCED and isinstance(self.source, Rom):
-            rom = self.source.data.rom
-            scene = on_root(comm, scene_of_rom, rom, self.directory, self.overrides, self.settings, self.name)
-        elif self.model == REDUCED:
-            scene, rom = read_rom(Path(self.source), self.overrides, self.settings, comm)
+        if self.is_built:
+            scene, built = on_root(comm, self._read)
         else:
             scene, meshes = read_scene(self.source, self.overrides, self.settings, comm, PURPOSES[self.model])
         with agreed(comm, "looking at the scene"):
             scene = check(scene) or scene
         tell_remarks(comm, scene.remarks if told else ())
-        if self.model != REDUCED:
+        if not self.is_built:
             return mesh_model(scene, meshes, self.model, comm)
-        with agreed(comm, "preparing the reduced model"):
-            return ReducedModel(scene, rom)
+        with agreed(comm, f"preparing the {TITLES[self.model]} model"):
+            return ReducedModel(scene, built) if self.model == REDUCED else built.model(scene)
+
+    def _read(self) -> tuple[Scene, ReducedOrderModel | ComponentsFile]:
+        """Return a built model and its scene with the changes; by one process."""
+        if not isinstance(self.source, Rom):
+            built = read_built(Path(self.source), self.model)
+        else:
+            built = self.source.data.rom if self.model == REDUCED else self.source.data
+        return scene_of_built(built, self.directory, self.overrides, self.settings, self.name), built
 
     def settled(self, comm: Comm, check: Callable[[Scene], None] = lambda scene: None, many: bool = False) -> Model:
         """Return the model with the step that its tolerance asks for, of one run or of many. Collective on `comm`."""
         model, remark = settled(self.prepared(comm, check), comm, many)
         tell(comm, remark)
         return model
+
+
+def kind_of(source: AnySource) -> str | None:
+    """Return the kind of a built model, or of the file of one; None of others. What is wrong with a file is said where
+    it is read."""
+    if isinstance(source, Rom):
+        return source.kind
+    if isinstance(source, Scene):
+        return None
+    try:
+        kind = seal_of(Path(source)).kind
+    except (OSError, BrokenSeal):
+        return None
+    return kind if kind in NAME_OF else None
+
+
+def read_built(path: Path, model: str) -> ReducedOrderModel | ComponentsFile:
+    """Read the file of a built model; raises `InputError` if it is not a whole one. By one process."""
+    return ReducedOrderModel.read(path) if model == REDUCED else ComponentsFile.read(path)
 
 
 def read_rom(
@@ -114,23 +153,31 @@ def read_rom(
 
     def read() -> tuple[Scene, ReducedOrderModel]:
         rom = ReducedOrderModel.read(path)
-        return scene_of_rom(rom, path.parent, overrides, settings, path), rom
+        return scene_of_built(rom, path.parent, overrides, settings, path), rom
 
     return on_root(comm, read)
 
 
-def scene_of_rom(
-    rom: ReducedOrderModel, directory: Path, overrides: Sequence[str], settings: Sequence[str], name: object
+def scene_of_built(
+    made: ReducedOrderModel | ComponentsFile,
+    directory: Path,
+    overrides: Sequence[str],
+    settings: Sequence[str],
+    name: object,
 ) -> Scene:
-    """Return the scene of a ROM, changed where a change leaves the tables valid, with its remarks; by one process.
+    """Return the scene of a built model, changed where a change leaves it valid, with its remarks; by one process.
 
-    Paths are relative to `directory`; `name` is what messages call the ROM. Raises as `read_rom`.
+    Paths are relative to `directory`; `name` is what messages call the model. Raises as `read_rom`.
     """
-    built = scene_from_toml(rom.record.scene_toml, directory)
-    scene = scene_from_toml(rom.record.scene_toml, directory, overrides, settings)
+    built = scene_from_toml(made.record.scene_toml, directory)
+    scene = scene_from_toml(made.record.scene_toml, directory, overrides, settings)
     _check_tables_hold(built, scene, name)
-    check_capabilities(scene, Purpose.REDUCED)
-    said = check_served(served_ranges(built, rom), scene)
+    if isinstance(made, ComponentsFile):
+        check_capabilities(scene, Purpose.COMPONENTS)
+        said = made.check_bodies(built, scene, name)
+    else:
+        check_capabilities(scene, Purpose.REDUCED)
+        said = check_served(served_ranges(built, made), scene)
     return _step_left_open(built, scene).with_remarks((*plausibility(scene), *said))
 
 
@@ -179,8 +226,8 @@ def _same_joints(built: Scene, scene: Scene) -> bool:
 
 def _refuse(entry: str, name: object) -> None:
     raise InputError(
-        f"--override {entry}: the tables of '{name}' were built from this entry; override it in pgmp build instead. "
-        "With a reduced model, simulation, initial, ensemble, outputs, distributions and bounds of parameters, their "
+        f"--override {entry}: '{name}' was built from this entry; override it in pgmp build instead. "
+        "With a built model, simulation, initial, ensemble, outputs, distributions and bounds of parameters, their "
         "correlation, the numbers of loads, joints' forces, elastic joints and motions, and controllers but for their "
         "joints may be changed"
     )
@@ -218,14 +265,17 @@ def directory_of(source: AnySource) -> Path:
     return source.directory if isinstance(source, (Rom, Scene)) else Path(source).parent
 
 
-def _check_model(source: object, name: str | None) -> None:
+def _check_model(source: object, kind: str | None, name: str | None) -> None:
     """Refuse models that a source does not have."""
-    known, is_file = " and ".join(f"'{model}'" for model in PURPOSES), isinstance(source, (str, PathLike))
+    known = " and ".join(f"'{model}'" for model in PURPOSES)
     allowed, why = PURPOSES, f"of a scene there are {known}; for the reduced one give what pgmp.build(scene) returns"
-    if isinstance(source, Rom):
-        allowed = (None, REDUCED)
-        why = "a reduced model is given; give its scene, such as pgmp.simulate(rom.scene, model='full')"
-    elif is_file:
+    if kind is not None:
+        allowed = (None, NAME_OF[kind])
+        why = f"'{source}' is {named(kind)}; give its scene, SCENE.toml, for another one"
+        if isinstance(source, Rom):
+            what = f"the {TITLES[NAME_OF[kind]]} model is built already"
+            why = f"{what}; give its scene, such as pgmp.simulate(model.scene, model='full'), for another one"
+    elif isinstance(source, (str, PathLike)):
         allowed, why = (None, REDUCED, *PURPOSES), f"allowed are 'reduced' of the file of one, {known} of a scene's"
     if name not in allowed:
         raise InputError(f"model = {name!r}: {why}")
@@ -273,7 +323,7 @@ class Keeper:
             data = None
         # of a table nothing can be read again
         path = None if self.target is None or is_table(self.target) else self.target
-        found = (Rom if self.kind == "rom" else Result)(self.kind, data, self.comm, directory, path)
+        found = (Rom if self.kind in MODELS else Result)(self.kind, data, self.comm, directory, path)
         if data is not None:
             tell_remarks(self.comm, (remark for remark in found.remarks if remark not in said), RESULT)
         return found

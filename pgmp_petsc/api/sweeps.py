@@ -24,7 +24,7 @@ from pgmp_petsc.api.declared import Argument, interface
 from pgmp_petsc.api.ranks import RESULT, solving_ranks_of, tell_remarks
 from pgmp_petsc.api.result import Result, in_memory
 from pgmp_petsc.api.sources import BUILT, SOURCE, AnySource, Origin
-from pgmp_petsc.api.tables import Points, needs_xarray
+from pgmp_petsc.api.tables import PointSet, needs_xarray
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, warning
 from pgmp_petsc.base.resources import free_memory
@@ -32,7 +32,7 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.sample_file import of_columns
-from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.models import ComponentModel, Model, ReducedModel
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.rom import outside_of, refuse_beyond
@@ -69,11 +69,11 @@ OF_SAMPLES: dict[str, tuple[str, dict[str, str]]] = {
 }
 
 
-def sweep(origin: Origin, points: Points, comm: Comm, on_all_ranks: bool) -> xarray.Dataset | None:
+def sweep(origin: Origin, points: PointSet, comm: Comm, on_all_ranks: bool) -> xarray.Dataset | None:
     """Run a model at points of a grid or table; see `api.runs.simulate`. Collective on `comm`."""
     with _prepared(origin, comm, _keeping_outputs) as (model, place):
 
-        def looking_at_the_points() -> tuple[Points, SampleFile]:
+        def looking_at_the_points() -> tuple[PointSet, SampleFile]:
             scene = model.scene
             for name in points.arrays:
                 if name not in scene.parameters:
@@ -110,7 +110,7 @@ def histories(
     model: str | None = None,
     on_all_ranks: bool = True,
     comm: Comm | None = None,
-) -> xarray.Dataset | None:
+) -> xarray.Dataset | Any:
     """Run samples of an ensemble again, with what the ensemble was asked for, and return their outputs over time.
 
     Samples that failed are not a number. A warning says so where the model does not repeat the ensemble's numbers.
@@ -195,7 +195,7 @@ def _prepared(origin: Origin, comm: Comm, changed: Callable[[Scene], Scene]) -> 
 def _file(model: Model, columns: Mapping[str, np.ndarray], what: str, place: str) -> SampleFile:
     """Return values as samples of a model; refuse those that it cannot run. By one process."""
     file = of_columns(columns, model.scene, what, place=place)
-    if isinstance(model, ReducedModel):
+    if isinstance(model, (ReducedModel, ComponentModel)):
         refuse_beyond(model.served, file.values, what)
         said = outside_of(model.served, file.values, what)
         file = replace(file, remarks=(*file.remarks, *said))

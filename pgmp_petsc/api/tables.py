@@ -24,6 +24,9 @@ ALLOWED = (
     "a number, a list of numbers (a dimension of its own), ('point', numbers) along a dimension that others share, or "
     "a DataArray"
 )
+#: Points, ResultOrDataset: for checkers of types, which cannot tell a mapping with arrays from one of numbers
+Points = Any
+ResultOrDataset = Any
 OF_RESULTS = "parameter."  # of the parameters in datasets of results
 
 
@@ -38,7 +41,7 @@ def needs_xarray(what: str) -> Any:
 
 
 @dataclass(frozen=True)
-class Points:
+class PointSet:
     """Values of parameters at points: arrays of xarray by parameter, along any dimensions."""
 
     arrays: Mapping[str, xarray.DataArray]
@@ -51,7 +54,7 @@ class Points:
         """Number of points along each dimension, in the order in which parameters name them."""
         return {str(name): size for one in self.arrays.values() for name, size in one.sizes.items()}
 
-    def of(self, parameters: Iterable[str]) -> Points:
+    def of(self, parameters: Iterable[str]) -> PointSet:
         """Return the points with those coordinates that are parameters.
 
         Raises `InputError` if dimensions of the same name differ in length or labels, or there are no points.
@@ -86,13 +89,13 @@ def points_of(value: object) -> object:
         value = xarray.Dataset(given, {} if getattr(index, "nlevels", 1) > 1 else {name: np.asarray(index)})
     if hasattr(value, "data_vars"):
         data = _of_dataset(value, "parameters")
-        return Points(dict(data.data_vars), dict(data.coords), {})
+        return PointSet(dict(data.data_vars), dict(data.coords), {})
     if not isinstance(value, Mapping) or all(map(_is_one, value.values())):
         return NotImplemented
     xarray, fixed = needs_xarray("parameters"), {name: one for name, one in value.items() if _is_one(one)}
     arrays = {name: _array(xarray, name, value[name]) for name in _names(value) if name not in fixed}
     places = {key: one for array in arrays.values() for key, one in array.coords.items()}
-    return Points(arrays, places, fixed)
+    return PointSet(arrays, places, fixed)
 
 
 def columns_of(value: object) -> object:

@@ -137,10 +137,14 @@ MIDDLE = 7  # flexible coordinates to begin with
 PARAMETER_MODES = 2  # of an extended basis
 MOST_CONDENSED = 22  # modes that continuum bodies are condensed for: their fields grow with it, and every eigenproblem
 # along each coordinate, and where the search begins, by the number of coordinates: of two it is their square that costs
-ANGLES = {1: (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768), 2: (6, 8, 10, 12, 16, 20, 24, 32, 48, 64, 96)}
-FIRST_ANGLES = {1: 48, 2: 12}
-# the spectral scheme of two coordinates keeps a fine grid of tables, however few samples it has
-SCHEMES = {1: ("spectral", "spline"), 2: ("spline",)}
+ANGLES = {
+    1: (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768),
+    2: (6, 8, 10, 12, 16, 20, 24, 32, 48, 64, 96),
+    3: (5, 6, 8, 10, 12, 14, 16, 20, 24),
+}
+FIRST_ANGLES = {1: 48, 2: 12, 3: 6}
+# the spectral scheme of several coordinates keeps a fine grid of tables, however few samples it has
+SCHEMES = {1: ("spectral", "spline"), 2: ("spline",), 3: ("spline",)}
 
 
 @dataclass(frozen=True)
@@ -294,7 +298,8 @@ def first_passing(
 
 AS_GOOD = 1.5  # how far above the smallest error a setting is still as good, if it is cheaper
 GOOD_ENOUGH = 0.01  # an error for which the cheapest setting is a second best one
-ALONG_EACH = 0.7  # power of the angles of one coordinate that are taken along each of several: 48 become 15
+# power of the angles of one coordinate that are taken along each of several: 48 become 15 of two, 8 of three
+ALONG_EACH = {2: 0.7, 3: 0.55}
 
 
 @dataclass(frozen=True)
@@ -324,11 +329,10 @@ class Sweep:
         """Return the sweep for a number of coordinates: of several, angles along each of them and fewer."""
         if n_coordinates == 1:
             return self
-        few, own = (
-            tuple(dict.fromkeys(round(n**ALONG_EACH) for n in angles)) for angles in (self.angles, self.own_angles)
-        )
+        along = ALONG_EACH[n_coordinates]
+        few, own = (tuple(dict.fromkeys(round(n**along) for n in angles)) for angles in (self.angles, self.own_angles))
         schemes = tuple(scheme for scheme in self.schemes if scheme != "spectral")
-        tensor = round(self.tensor_angles**ALONG_EACH)
+        tensor = round(self.tensor_angles**along)
         return replace(self, angles=few, own_angles=own, tensor_angles=tensor, schemes=schemes)
 
 

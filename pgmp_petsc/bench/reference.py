@@ -42,6 +42,7 @@ from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
+from pgmp_petsc.models.component_file import ModelBodyFile, bodies_of, model_of
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
@@ -114,6 +115,20 @@ class Reference:
         return {"model": self.model.name, "predicted_seconds": price, "why": self.why, "from_mesh": apart}
 
 
+def condensed_bodies(
+    scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm, n_modes: int | None = None
+) -> dict[str, ModelBodyFile]:
+    """Return the bodies of a scene as component models have them. Collective on `comm`; parameters and errors as of
+    `component_model`."""
+    modes = scene.reduction.model_copy(update={} if n_modes is None else {"modes": n_modes})
+    serving = scene.model_copy(update={"reduction": modes})
+    with agreed(comm, "preparing the component model"):
+        bodies = Mechanism.from_scene(scene, meshes).bodies
+    shapes = floating_shapes(serving, meshes, bodies, comm)
+    with agreed(comm, "preparing the component model"):
+        return bodies_of(scene, shapes)
+
+
 def component_model(
     scene: Scene,
     meshes: Mapping[str, BodyShape],
@@ -132,13 +147,9 @@ def component_model(
     kinematics
         Of the same mechanism, where they are at hand.
     """
-    modes = scene.reduction.model_copy(update={} if n_modes is None else {"modes": n_modes})
-    serving = scene.model_copy(update={"reduction": modes})
+    bodies = condensed_bodies(scene, meshes, comm, n_modes)
     with agreed(comm, "preparing the component model"):
-        bodies = Mechanism.from_scene(scene, meshes).bodies
-    shapes = floating_shapes(serving, meshes, bodies, comm)
-    with agreed(comm, "preparing the component model"):
-        return ComponentModel(scene, shapes, kinematics, comm.size)
+        return model_of(scene, bodies, kinematics, comm.size)
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,7 @@ def read_assembled(scene: Scene, name: str) -> Assembled:
     length, mass, time = given.units.factors(system)
     nodes, found = length * file.nodes, {}
     for kind, unit in (("stiffness", mass / time**2), ("mass", mass)):
-        read = read_matrix(scene.path_of(getattr(given, kind)), received[kind])
+        read = read_matrix(scene.path_of(getattr(given, kind)), received[kind], kind)
         matrix = in_order_of_nodes(read, rows, file, received[kind], received["nodes"])
         matrix.data = unit * np.asarray(matrix.data, dtype=float)
         check_diagonal(matrix, kind, file.labels, d, received[kind], unit)

@@ -28,6 +28,7 @@ from pgmp_petsc.bodies.linear_fields import TURNS, directors, linear_fields, rig
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene.bodies import MOMENTS, Rigid
 
 if TYPE_CHECKING:
@@ -139,8 +140,13 @@ def rigid_component(meshed: FramedSolid) -> Component:
     component = _component(frames, centres, weight, second, solid.n_dofs)
     if not isinstance(solid, Solid):  # matrices have no cells to be drawn
         return component
-    shapes = linear_fields(solid.mesh.nodes) @ rigid_motions(component.centre_of_mass)
-    return replace(component, recovery=Recovery(solid.mesh, shapes))
+    return on_cells(component, solid.mesh)
+
+
+def on_cells(component: Component, mesh: SolidMesh) -> Component:
+    """Return a rigid component with the mesh that moves with it."""
+    shapes = linear_fields(mesh.nodes) @ rigid_motions(component.centre_of_mass)
+    return replace(component, recovery=Recovery(mesh, shapes))
 
 
 def rigid_line(mesh: LineMesh, terms: Mapping[Monomial, tuple[float, ...]], axes: np.ndarray) -> Component:

@@ -77,11 +77,12 @@ AnyShape = TypeVar("AnyShape")
 def at_lengths(scene: Scene, meshes: Mapping[str, AnyShape]) -> dict[str, AnyShape]:
     """Return the meshes of a scene's bodies with the lengths of its run (``scene.values``); as many cells, all equal.
 
-    Bodies whose length is a number keep their mesh, whatever it is.
+    Bodies whose length is a number keep their mesh, whatever it is, and those in floating frames are what they are.
     """
     found = dict(meshes)
     for name, body in scene.bodies.items():
-        if body.line is not None and isinstance(body.line.length, str):
+        is_line = body.line is not None and not isinstance(meshes[name], FloatingBody)
+        if is_line and isinstance(body.line.length, str):
             length, n_cells = scene.number(body.line.length), len(meshes[name].cells)
             found[name] = straight_beam(length, n_cells, body.line.start, body.dimension)
     return found

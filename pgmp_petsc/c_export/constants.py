@@ -36,7 +36,6 @@ from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.mechanism.continuation import PoseBranch
-from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.outputs.joint_forces import InJoint, OfConnection, OfDrive, OfMotion
 from pgmp_petsc.reduced import steps as reduced_steps
@@ -333,12 +332,12 @@ def _tables(model: ReducedModel, nodes: Sequence[int], places: Interpolant | Non
     shapes = np.concatenate([of_outputs.displacements.rows, turned], axis=-1)
     points = np.concatenate([body.mesh.nodes for body in mechanism.bodies])
     return {
-        "rigid_table": terms.polynomials.rigid,
+        "rigid_table": terms.cells.rigid.polynomials,
         "terms_table": _flat(terms.terms.rows, 2),
         "loads_table": np.swapaxes(_flat(terms.load.rows, 2), 0, 1),
         "shapes_table": _flat(shapes, 2),
         "branch_table": _branch(model.rom.branch, len(mechanism.bodies)),
-        "actions_table": np.zeros((0, 0)) if places is None else _flat(places.rows, 1),
+        "actions_table": np.zeros((0, 0)) if places is None else _flat(places.rows, 2)[:, 0],
         "scale": terms.scale,
         "winding": model.rom.branch.winding,
         "node_points": points[list(nodes)].reshape(-1, d),
@@ -493,8 +492,6 @@ def left_out(scene: Scene) -> str:
 
 
 def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:
-    if len(scene.coordinates) > MOST_COORDINATES:
-        yield "coordinates", f"a model in C has one or two rigid coordinates, not {len(scene.coordinates)}"
     for name, one in scene.controllers.items():
         for output in measured_by(scene, one).motions:
             if not has_motion(scene, output):

@@ -615,6 +615,14 @@ def check_known(group: h5py.Group, place: str, data: np.ndarray) -> np.ndarray:
     return data
 
 
+def check_finite(record: Record) -> None:
+    """Raise `ValueError` where a number of a record is missing or not finite that may not be."""
+    for leaf in leaves(record):
+        is_array = isinstance(leaf.value, np.ndarray) and leaf.value.dtype.kind == "f"
+        if is_array and not leaf.one.entry.gaps and not np.isfinite(leaf.value).all():
+            raise ValueError(f"{leaf.place} holds numbers that are not finite")
+
+
 class Stored(Mapping[str, np.ndarray]):
     """Arrays of a group, read when they are asked for."""
 

@@ -29,7 +29,7 @@ from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.lanes.vectors import LANES
-from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, of_samples
+from pgmp_petsc.models import REDUCED, ComponentModel, FullModel, LengthLanes, Model, ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.reduction.rom import outside_of
 from pgmp_petsc.results.statistics import MostLikely, RareEvent
@@ -224,7 +224,7 @@ def _result(
     if stepping:
         what = f"values of {', '.join(stepping)} step, so that the event has no design point, and none was looked for"
         said += (note(what),)
-    if isinstance(model, ReducedModel):
+    if isinstance(model, (ReducedModel, ComponentModel)):
         said += outside_of(model.served, parameters, "--rare")
     if isinstance(model, REDUCED):
         said += _of_own_error(model, event, found, runs.names, parameters, value)

@@ -242,7 +242,7 @@ def why_not_of_full_order(model: FullModel | SeparateLengths) -> tuple[Remark, .
                 f"{comparing(scene)}"
             ),
             note(_left_out(scene)),
-            *_condensed_alone(model),
+            *condensed_alone(model),
         )
     if is_separate:
         return (note("errors of the mesh were not estimated: each sample has a mechanism of its own"),)
@@ -269,7 +269,7 @@ def _left_out(scene: Scene) -> str:
 
 
 @gathered
-def _condensed_alone(model: ComponentModel) -> Iterator[Remark]:
+def condensed_alone(model: ComponentModel) -> Iterator[Remark]:
     """Return that ranks did not share bodies, where there were several ranks."""
     n_bodies = len(model.n_amplitudes)
     if model.n_ranks == 1:

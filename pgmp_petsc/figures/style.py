@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import io
 import os
 import textwrap
 import tomllib
@@ -35,6 +36,7 @@ QUIET = "#6B6B6B"
 CROSSES = {"linestyle": "none", "marker": "x", "markersize": 4.5, "markeredgewidth": 1.1, "clip_on": False}
 MODELS = {"full": "full order", "components": "component modes", "reduced": "reduced"}
 RESOLUTION = 150
+SHOWN = 75  # in notebooks
 PROGRAM = f"pgmp_petsc {__version__}"
 
 _SETTINGS = {
@@ -80,9 +82,18 @@ def styled(draw: Callable[Arguments, Figure]) -> Callable[Arguments, Figure]:
     return wrapped
 
 
+class Picture(Figure):
+    """A figure that notebooks show without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        with matplotlib.rc_context(_SETTINGS), io.BytesIO() as stream:
+            self.savefig(stream, format="png", dpi=SHOWN)
+            return stream.getvalue()
+
+
 def new_figure(width: float, height: float) -> Figure:
     """Return an empty figure of the given size (inches), drawn by Agg, with constrained layout."""
-    figure = Figure(figsize=(width, height), dpi=RESOLUTION, layout="constrained")
+    figure = Picture(figsize=(width, height), dpi=RESOLUTION, layout="constrained")
     FigureCanvasAgg(figure)
     figure.get_layout_engine().set(w_pad=0.1, h_pad=0.08, wspace=0.04, hspace=0.04)
     return figure

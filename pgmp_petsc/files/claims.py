@@ -131,6 +131,7 @@ def _owner(path: Path) -> str:
 
 KINDS = {
     "rom": "reduced model",
+    "components": "component model",
     "trajectory": "trajectory",
     "ensemble": "ensemble",
     "shard": "shard of an ensemble",

@@ -10,8 +10,8 @@ attribute             meaning
 ===================== ==========================================================================
 ``format_version``    integer, :func:`version_of` the kind
 ``program_version``   version of pgmp_petsc that wrote it
-``kind``              ``rom``, ``trajectory``, ``ensemble``, ``shard``, ``rare_event``, ``modes``, ``tradeoff``,
-                      ``sensitivities``, ``fit`` or ``design``
+``kind``              ``rom``, ``components``, ``trajectory``, ``ensemble``, ``shard``, ``rare_event``, ``modes``,
+                      ``tradeoff``, ``sensitivities``, ``fit`` or ``design``
 ``scene``             the resolved scene as TOML
 ``parameters``        parameter values as a JSON object, in the scene's units
 ``seed``              seed of the random streams; an empty (null) attribute where there is none
@@ -125,6 +125,11 @@ class GuardedStream:
 FORMAT_VERSION = 2
 VERSIONS = {"rom": 5, "ensemble": 3, "trajectory": 3, "design": 3}  # of kinds that have changed since
 WRITE_AGAIN, BUILD_AGAIN = "write it again", "build it again with pgmp build"
+#: Models that stand alone, by kind: what to do where the other one is needed.
+INSTEAD = {
+    "rom": "; pgmp build SCENE --components -o FILE makes one",
+    "components": ", with tables over configurations; pgmp build SCENE -o ROM.h5 makes one, of two coordinates at most",
+}
 _REQUIRED = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
 # that of HDF5 1.8 (2008): attributes beyond 64 kB, such as the probabilities of 10,000 quantiles
 _LIBRARIES = ("v108", "v110")
@@ -151,6 +156,12 @@ class RunRecord:
             return SAID.get(tomllib.loads(header).get("units"), SI)
         except (ValueError, TypeError):
             return SI
+
+    def check_bodies(self, found: Collection[str], group: str) -> None:
+        """Raise `LookupError` where a group of a model's file lacks a body of the scene."""
+        for name in tomllib.loads(self.scene_toml).get("bodies", {}):
+            if name not in found:
+                raise LookupError(f"it has no {group}/{name}, a body of its scene")
 
     def write(self, file: h5py.File) -> None:
         """Write the record into the root attributes and ``/timings`` of an open file."""
@@ -329,10 +340,11 @@ def _check_sealed(path: Path, kinds: tuple[str, ...]) -> None:
     except OSError as error:
         raise InputError(f"file '{path}' cannot be read: {first_line(error)}; needed: {_names(kinds)}") from error
     if found.kind not in kinds:
-        raise InputError(f"file '{path}' holds {named(found.kind)}; needed: {_names(kinds)}")
+        cure = INSTEAD.get(found.kind, "") if kinds in (("rom",), ("components",)) else ""
+        raise InputError(f"file '{path}' holds {named(found.kind)}; needed: {_names(kinds)}{cure}")
     if found.format != (own := version_of(found.kind)):
         reads = f"this pgmp {__version__} reads version {own}"
-        cure = BUILD_AGAIN if found.kind == "rom" else WRITE_AGAIN
+        cure = BUILD_AGAIN if found.kind in INSTEAD else WRITE_AGAIN
         raise InputError(f"file '{path}' has format version {found.format}; {reads}; {cure}")
 
 
@@ -344,7 +356,7 @@ def _unsealed(path: Path, broken: BrokenSeal, kinds: tuple[str, ...]) -> str:
         who = f"was not written by this pgmp {__version__}: an older one wrote it, or another program"
         return f"file '{path}' {who}; needed: {_names(kinds)}; write it again"
     if head.startswith(MAGIC) or head[SIZE:] == SIGNATURE:
-        return f"file '{path}' is damaged: {broken}; {BUILD_AGAIN if kinds == ('rom',) else WRITE_AGAIN}"
+        return f"file '{path}' is damaged: {broken}; {BUILD_AGAIN if set(kinds) <= INSTEAD.keys() else WRITE_AGAIN}"
     cure = ""
     if path.suffix.lower() == ".toml" and "rom" in kinds:
         cure = f": make it of the scene with 'pgmp build {path} -o ROM.h5', or run the full-order model with --full"

@@ -27,7 +27,7 @@ from pgmp_petsc.lanes.lane_items import WIDE, aligned, items
 from pgmp_petsc.lanes.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, spread
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.reduced.arrays import Layout
-from pgmp_petsc.reduced.cells import Grid
+from pgmp_petsc.reduced.cells import Grid, place_of
 from pgmp_petsc.reduced.lagrangian_terms import fill_residual, fill_tangents
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 
@@ -98,7 +98,7 @@ class Linearisation:
             self._local.add(times, states, result.by_q, result.by_v, result.by_parameters, result.residual)
         damping, gains = self._terms.damping, (0.0, 0.0) if scheme is None else (scheme.gain_v, scheme.gain_a)
         _linearise(
-            self._terms.layout, self._terms.polynomials, weights, np.ascontiguousarray(loads),
+            self._terms.layout, self._terms.cells, weights, np.ascontiguousarray(loads),
             0.0 if damping is None else damping.mass, self._prescribed, gains,
             (np.argsort(cells, kind="stable"), cells, places), own, self._local.present, self._room,
             (result.by_q, result.by_v, result.by_a, result.by_parameters, result.residual),
@@ -208,16 +208,19 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
     state, moment = items(room.state, WIDE), items(room.moment, WIDE)
     balance, matrix = items(room.balance, WIDE), items(room.matrix, WIDE)
     by_q, by_v, by_a = items(room.by_q, WIDE), items(room.by_v, WIDE), items(room.by_a, WIDE)
-    loaded, first, last = loads.shape[2] > 0, 0, -1
+    loaded, first, last, at_load = loads.shape[2] > 0, 0, -1, 0
     while first < n_t:
         cell, count = cells[turns[first]], 1
         while count < LANES and first + count < n_t and cells[turns[first + count]] == cell:
             count += 1
         if cell != last:
+            of_cell = tables.rigid.polynomials[place_of(tables.rigid, cell)]
             for s in range(n_sets):
-                weigh(tables.rigid[cell], weights[s], of_rigid[s])
-                weigh(tables.terms[cell], weights[s], of_terms[s])
-            last = cell
+                weigh(of_cell, weights[s], of_rigid[s])
+            of_cell = tables.terms.polynomials[place_of(tables.terms, cell)]
+            for s in range(n_sets):
+                weigh(of_cell, weights[s], of_terms[s])
+            last, at_load = cell, place_of(tables.loads, cell)
         for lane in range(LANES):
             # lanes that are left have the last instant again
             t = at[lane] = turns[first + min(lane, count - 1)]
@@ -232,7 +235,7 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
             for lane in range(LANES):
                 for l in range(loads.shape[2]):
                     room.amplitudes[l, lane] = loads[at[lane], 0, l]
-            weigh(tables.loads[cell], amplitudes, of_loads)
+            weigh(tables.loads.polynomials[at_load], amplitudes, of_loads)
             fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, True, room.load_jets)
         _take_up(layout, state, mass_damping, moment)
         fill_residual(layout, room.jets, room.load_jets, 0, 1, layout.rigid, loaded, room.moment, room.balance)
@@ -290,7 +293,7 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
                 for lane in range(LANES):
                     for l in range(loads.shape[2]):
                         room.amplitudes[l, lane] = loads[at[lane], s, l]
-                weigh(tables.loads[cell], amplitudes, of_loads)
+                weigh(tables.loads.polynomials[at_load], amplitudes, of_loads)
                 fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, False, room.load_jets)
             fill_residual(layout, room.jets, room.load_jets, 0, 1, layout.rigid, loaded, room.moment, room.balance)
             for lane in range(count):

@@ -185,8 +185,8 @@ def _places_kept(local, weights):
     """Return room for the polynomials of places, of no cell yet."""
     places = local.places
     kept = KeptPlaces(
-        empty_lanes(2, LANES), weights, empty_lanes(places.rigid.shape[2], LANES),
-        empty_lanes(places.shapes.shape[2], LANES),
+        empty_lanes(2, LANES), weights, empty_lanes(places.rigid.polynomials.shape[2], LANES),
+        empty_lanes(places.shapes.polynomials.shape[2], LANES),
     )  # fmt: skip
     kept.cells[:] = -1.0
     return kept

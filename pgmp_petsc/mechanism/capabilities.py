@@ -15,7 +15,7 @@ from enum import Enum
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
+from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, MOST_FOLLOWED
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_uses
@@ -23,6 +23,7 @@ from pgmp_petsc.scene.uses import length_uses
 BYTES = 8
 # of an eigenproblem with 15 modes on one core, measured from 36 to 3006 unknowns
 SECONDS, SECONDS_PER_UNKNOWN = 6e-3, 1.6e-5
+MOST_HOURS, MOST_BYTES = 10.0, 16e9  # of the build over a grid of three coordinates
 
 
 class Purpose(Enum):
@@ -143,6 +144,11 @@ def _controllers(scene: Scene) -> Iterator[str]:
 def _beside(scene: Scene) -> Iterator[str]:
     yield from _controllers(scene)
     yield from _carried(scene)
+
+
+def _beyond_two(scene: Scene) -> Iterator[str]:
+    if len(scene.coordinates) > MOST_FOLLOWED:
+        yield f"coordinates: {', '.join(scene.coordinates)}"
 
 
 def _carried(scene: Scene) -> Iterator[str]:
@@ -270,6 +276,13 @@ FEATURES = (
         cure="take pgmp simulate for this model",
     ),
     Feature(
+        "models in C and FMUs over three coordinates",
+        _beyond_two,
+        frozenset({Purpose.EXPORT}),
+        why_not="a model in C has one or two, as over three its tables would have 64 numbers an entry and cell",
+        cure="take pgmp simulate for this model",
+    ),
+    Feature(
         "static equilibrium beside clearance",
         _with(_loose, _at_rest),
         EVERYWHERE - {Purpose.MODES},
@@ -340,8 +353,10 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
             f"pgmp check --effects: {n} independent coordinates were given, {names}; at most {MOST_COORDINATES} are "
             "taken; take pgmp check without --effects"
         )
-    if n > MOST_COORDINATES and purpose in OVER_CONFIGURATIONS and meshes is not None:
-        _refuse_count(scene, meshes)
+    if n > MOST_FOLLOWED and purpose in OVER_CONFIGURATIONS and meshes is not None:
+        refused = why_no_grid(scene, Mechanism.from_scene(scene, meshes))
+        if refused:
+            raise InputError(refused)
     flexible = any(body.flexible for body in scene.bodies.values())
     if not flexible and purpose in (Purpose.BUILD, Purpose.MODES, Purpose.REDUCED, Purpose.TRADEOFF):
         raise InputError("bodies: all are rigid, so there is nothing to reduce; run pgmp simulate SCENE --full instead")
@@ -422,18 +437,34 @@ def _check_single(scene: Scene, what: str, cure: str) -> None:
         raise InputError(f"{what}: for one rigid coordinate only, but the scene has {n}: {names}; {cure}")
 
 
-def _refuse_count(scene: Scene, meshes: Mapping[str, BodyShape]) -> None:
-    """Refuse more coordinates than can be sampled, with what the configurations of all of them would take."""
-    mechanism = Mechanism.from_scene(scene, meshes)
-    n, names = len(scene.coordinates), ", ".join(scene.coordinates)
-    angles, n_modes = scene.reduction.angles, scene.reduction.modes
-    count, n_eta = float(angles) ** n, n + n_modes
+def grid_price(scene: Scene, mechanism: Mechanism) -> tuple[float, float, float]:
+    """Return the number of configurations on the grid of all coordinates, and what they would take: hours of
+    eigenproblems on one rank, and bytes of tables and modes."""
+    n, n_modes = len(scene.coordinates), scene.reduction.modes
+    count, n_eta = float(scene.reduction.angles) ** n, n + n_modes
     tables = len(mechanism.mass_weights) * (n_eta**2 + n * n * n_modes) + len(mechanism.stiffness_weights) * n_modes**2
     n_bytes = count * (tables + mechanism.n_dofs * n_modes) * BYTES
-    hours = count * (SECONDS + SECONDS_PER_UNKNOWN * mechanism.n_dofs) / 3600
-    raise InputError(
-        f"coordinates: {names}: {n} independent coordinates were given; at most {MOST_COORDINATES} are taken. "
+    return count, count * (SECONDS + SECONDS_PER_UNKNOWN * mechanism.n_dofs) / 3600, n_bytes
+
+
+def why_no_grid(scene: Scene, mechanism: Mechanism) -> str:
+    """Return why the coordinates of a scene are not sampled on a grid, with the price and the cure; empty where they
+    can be."""
+    n, names, angles = len(scene.coordinates), ", ".join(scene.coordinates), scene.reduction.angles
+    count, hours, n_bytes = grid_price(scene, mechanism)
+    dear = (
         f"reduction.angles = {angles} along each would make {angles}^{n} = {count:.3g} configurations: about "
-        f"{hours:.3g} hours of eigenproblems on one rank, and {n_bytes / 1e9:.3g} GB of tables and modes. Take pgmp "
-        "simulate SCENE --components or --full, or join bodies until two coordinates are left"
+        f"{hours:.3g} hours of eigenproblems on one rank, and {n_bytes / 1e9:.3g} GB of tables and modes"
     )
+    cure = "pgmp simulate SCENE --components or --full"
+    if n > MOST_COORDINATES:
+        return (
+            f"coordinates: {names}: {n} independent coordinates were given; at most {MOST_COORDINATES} are taken. "
+            f"{dear}. Take {cure}, or join bodies until {MOST_COORDINATES} coordinates are left"
+        )
+    if n > MOST_FOLLOWED and (hours > MOST_HOURS or n_bytes > MOST_BYTES):
+        return (
+            f"coordinates: {names}: {dear}; {MOST_HOURS:g} hours and {MOST_BYTES / 1e9:g} GB are the most for a grid. "
+            f"Take fewer reduction.angles or reduction.modes, or {cure}"
+        )
+    return ""

@@ -20,9 +20,9 @@ it. Of two, and where steps cannot be small enough, it is where Newton's method 
 
 Poses of a rigid mechanism with many coordinates: Newton's method along straight lines from where it is assembled.
 
-A grid over three coordinates or more would have too many configurations to follow the assembly branch on; a run visits
-only a line of them. Each configuration is reached over places of a lattice on its line, which are kept. A place follows
-from its numbers alone, so that no other configuration has a part in the digits of one.
+A grid over four coordinates or more would have too many configurations to follow the assembly branch on, and one over
+three has many: a run visits only a line of them. Each configuration is reached over places of a lattice on its line,
+which are kept. A place follows from its numbers alone, so that no other configuration has a part in the digits of one.
 """
 
 from __future__ import annotations

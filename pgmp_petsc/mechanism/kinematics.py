@@ -37,9 +37,10 @@ from pgmp_petsc.scene.joints import MEASURED
 
 # rad, or of the mechanism's size; Newton's method converges from a linear prediction over far larger steps
 FINE_STEP = 0.02
-COARSE_STEP = 0.1  # where a tensor grid is to be followed
+STEPS = (FINE_STEP, 0.1, 0.2)  # by the number of coordinates: of a tensor grid in wider ones
 LEAST_STEPS, MOST_STEPS = 8, 5000
-MOST_COORDINATES = 2
+MOST_COORDINATES = len(STEPS)  # whose range can be covered by a grid
+MOST_FOLLOWED = 2  # coordinates that are followed over their range whatever the model
 FURTHEST = 1e6  # rad that a coordinate turns; beyond, round-off shows in where it stands, and runs have run away
 MOST_KEPT = 16  # branches that were followed
 REACH = 0.05  # rad, or of the mechanism's size, beyond a limited range: the bending of a joint's node at its end
@@ -67,7 +68,8 @@ class RigidKinematics:
     """Rigid motion of a mechanism over the range of its independent coordinates.
 
     Configurations theta have the shape (n, n_theta); (n,) will do for one coordinate. The branch of one or two
-    coordinates is followed over their whole range; with more, configurations are reached from the first one (`Walk`).
+    coordinates, and of three where a model is built on their grid, is followed over their whole range; otherwise
+    configurations are reached from the first one (`Walk`).
 
     Parameters
     ----------
@@ -77,6 +79,8 @@ class RigidKinematics:
         where the bodies meet next to the first guess.
     branch
         Its assembly branch where it is known, as a reduced model keeps it; followed anew otherwise.
+    over_range
+        Whether that of three coordinates is to be followed, too.
 
     Attributes
     ----------
@@ -89,7 +93,7 @@ class RigidKinematics:
     n_redundant
         Number of constraints that follow from the others.
     branch
-        The assembly branch; None with more than two coordinates.
+        The assembly branch; None where it was not followed.
 
     Raises
     ------
@@ -98,13 +102,13 @@ class RigidKinematics:
         degrees of freedom, or if the coordinates lose control of it (singular J).
     """
 
-    def __init__(self, mechanism: Mechanism, branch: PoseBranch | None = None) -> None:
+    def __init__(self, mechanism: Mechanism, branch: PoseBranch | None = None, over_range: bool = False) -> None:
         self.mechanism = mechanism
         self.coordinates = mechanism.coordinates
         self.coordinate = mechanism.coordinates[0]
         self.size = size_of(mechanism)
         self.branch, self._walk = branch, None
-        if branch is None and self.n_coordinates <= MOST_COORDINATES:
+        if branch is None and (over_range or self.n_coordinates <= MOST_FOLLOWED):
             self.branch = self._continued()
         if self.branch is None:
             self._walk, self.n_redundant = self._started()
@@ -351,7 +355,7 @@ class RigidKinematics:
         return self._closure.residual(poses, self.configurations(theta))
 
     def _axis(self, coordinate: Coordinate) -> np.ndarray:
-        step = (FINE_STEP if self.n_coordinates == 1 else COARSE_STEP) * coordinate.scale(self.size)
+        step = STEPS[self.n_coordinates - 1] * coordinate.scale(self.size)
         n = max(LEAST_STEPS, int(np.ceil((coordinate.upper - coordinate.lower) / step)))
         # an angle's range is looked at with the scene; a rail may be long, and on it little changes
         n = n if coordinate.turns else min(n, MOST_STEPS)
@@ -511,8 +515,7 @@ class JointTurns:
     def of(cls, connection: Connection, kinematics: RigidKinematics, start: np.ndarray) -> JointTurns:
         """Return that of a joint, whose angle is in (-pi, pi] where the mechanism starts, theta (n_theta,).
 
-        With more than two coordinates, over which no branch is followed, the angle of a joint that is none of them
-        stays in (-pi, pi].
+        Where no branch was followed, the angle of a joint that is no coordinate stays in (-pi, pi].
         """
         n = kinematics.n_coordinates
         for k, coordinate in enumerate(kinematics.coordinates):

@@ -8,8 +8,6 @@ states to the scene's. A part that has been meshed is kept in memory until the p
 
 from __future__ import annotations
 
-import sys
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -20,10 +18,9 @@ import meshio
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.mesh.reading import MAX_REASON, check_file
+from pgmp_petsc.mesh.reading import check_file, made_by
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
-from pgmp_petsc.ranks.ending import TIME_IS_OVER, run_child
 
 PROGRAM = Path(__file__).with_name("part_by_gmsh.py")
 LONGEST = 900.0  # s that gmsh may take
@@ -90,18 +87,7 @@ def read_part(path: Path, received: str, unit: float, size: float | None = None)
 @lru_cache(maxsize=KEPT)
 def _by_gmsh(content: str, path: Path, size: float) -> dict[str, np.ndarray] | str:
     """Return what gmsh makes of a file with a digest, or why there is nothing; `size` in mm."""
-    with tempfile.TemporaryDirectory(prefix="pgmp_part_") as folder:
-        output = Path(folder) / "mesh.npz"
-        words = (sys.executable, "-P", PROGRAM, path.resolve(), repr(size), output)
-        done = run_child(words, LONGEST)
-        if done.returncode == TIME_IS_OVER:
-            return f"gmsh had not ended after {LONGEST:g} s; repair the part in CAD, or give a larger mesh_size"
-        if done.returncode or not output.exists():
-            reason = " ".join(done.stderr.decode(errors="replace").split())[-MAX_REASON:]
-            return f"gmsh ended with {done.returncode} ({reason}); repair the part in CAD, or give another mesh_size"
-        with np.load(output, allow_pickle=False) as file:
-            found = {name: file[name] for name in file.files}
-    return str(found["refused"]) if "refused" in found else found
+    return made_by(PROGRAM, (path.resolve(), size), LONGEST)
 
 
 def _part(found: dict[str, np.ndarray], received: str, scale: float) -> CadPart:

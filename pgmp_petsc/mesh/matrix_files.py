@@ -6,8 +6,10 @@ format             told by
 Matrix Market      ``%%MatrixMarket`` in its first line
 SciPy's npz        it is a zip file
 Harwell-Boeing     its third line, such as ``RSA   300   300   4500   0``
-Abaqus             lines of five numbers (row's node, direction, column's node, direction, value), formats MATRIX INPUT
-                   and LABELS, or of three (row, column, value), format COORDINATE
+Nastran            DMIG cards (.pch and others), or a file ending in .op4, by pyNastran
+Ansys              a file ending in .full, by ansys-mapdl-reader
+Abaqus, CalculiX   lines of five numbers (row's node, direction, column's node, direction, value), formats MATRIX INPUT
+                   and LABELS, or of three (row, column, value), format COORDINATE or CalculiX' .sti and .mas
 ================== ==================================================================================
 
 Harwell-Boeing files of real, assembled matrices, as Ansys' HBMAT writes them.
@@ -33,17 +35,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import meshio
 import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError, shortened
-from pgmp_petsc.mesh.reading import MAX_REASON, check_file, coordinates, read_mesh, usable
+from pgmp_petsc.mesh.reading import MAX_REASON, check_file, coordinates, made_by, read_mesh, usable
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.solid_mesh_reading import KINDS, complete_physical_groups, numbered_as_filed, read_abaqus_nodes
 
 ZIP, MATRIX_MARKET, NASTRAN = b"PK\x03\x04", b"%%matrixmarket", "DMIG"
 COMMENTS = ("**", "%", "#")
-FORMATS = "Matrix Market, npz of SciPy, Harwell-Boeing, and Abaqus' formats MATRIX INPUT, LABELS and COORDINATE"
+FORMATS = (
+    "Matrix Market, npz of SciPy, Harwell-Boeing, Abaqus' formats MATRIX INPUT, LABELS and COORDINATE, CalculiX' .sti "
+    "and .mas, Nastran's DMIG and .op4, and Ansys' .full"
+)
+PROGRAM = Path(__file__).with_name("read_by_library.py")
+LONGEST = 600.0  # s that a library may take
+#: Formats that libraries read, by the endings of files of matrices and of nodes.
+OF_ENDING = {".op4": "op4", ".full": "full"}
+DECKS = {".bdf": "deck", ".nas": "deck", ".fem": "deck", ".cdb": "cdb"}
 SPARSEST = 1000  # rows to an entry; a stiffness has several entries to a row
 HEAD = 4096  # bytes that tell the format
 
@@ -57,15 +68,16 @@ class MatrixFile:
     rows: np.ndarray | None = None
 
 
-def read_matrix(path: Path, received: str) -> MatrixFile:
-    """Read a matrix; messages begin with `received`, the scene's entry and its value.
+def read_matrix(path: Path, received: str, kind: str = "stiffness") -> MatrixFile:
+    """Read a matrix; messages begin with `received`, the scene's entry and its value. Of a file that holds several it
+    is that of `kind`, ``"stiffness"`` or ``"mass"``.
 
     Raises `InputError` if there is no such file, it is of another format, damaged, not square, or has entries that are
     not finite.
     """
     check_file(path, received, f"a matrix is needed ({FORMATS}; paths are relative to the scene's directory)")
     try:
-        found = _read(path, received)
+        found = _read(path, received, kind)
     except InputError:
         raise
     except NotTaken as error:
@@ -87,7 +99,12 @@ def read_matrix(path: Path, received: str) -> MatrixFile:
     return found
 
 
-def _read(path: Path, received: str) -> MatrixFile:
+def _read(path: Path, received: str, kind: str) -> MatrixFile:
+    ending = path.suffix.lower()
+    if ending in OF_ENDING:
+        return _by_library(OF_ENDING[ending], kind, path)
+    if ending == ".op2":
+        raise NotTaken("a Nastran .op2, whose matrices have no names of rows; write them as DMIG (.pch) or .op4")
     with path.open("rb") as file:
         head = file.read(HEAD)
     if head.startswith(ZIP):
@@ -99,11 +116,17 @@ def _read(path: Path, received: str) -> MatrixFile:
         return MatrixFile(_whole(read_harwell_boeing(lines)))
     data = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
     if any(line.lstrip().upper().startswith(NASTRAN) for line in data[:20]):
-        raise InputError(
-            f"{received}: a Nastran file, for which there is no reader here; write its matrices as Matrix Market files "
-            f"(pyNastran reads DMIG and OP4). Taken are {FORMATS}"
-        )
+        return _by_library("dmig", kind, path)
     return _from_abaqus([line for line in data if not line.lstrip().startswith("*")], received)
+
+
+def _by_library(form: str, kind: str, path: Path) -> MatrixFile:
+    """Read what a library reads, in a process of its own."""
+    found = made_by(PROGRAM, (form, kind, path.resolve()), LONGEST)
+    if isinstance(found, str):
+        raise NotTaken(found)
+    entries = sp.coo_matrix((found["value"], (found["row"], found["column"])), shape=tuple(found["size"]))
+    return MatrixFile(_whole(entries), found.get("rows"))
 
 
 def _from_npz(path: Path, received: str) -> sp.csr_matrix:
@@ -222,6 +245,7 @@ def _fields(lines: Sequence[str], width: int) -> list[str]:
     return [line[at : at + width] for line in lines for at in range(0, len(line.rstrip()), width)]
 
 
+NODE_AND_DIRECTION = re.compile(r"\d+\.[1-6]")  # a line of CalculiX' list of rows
 DIRECTIONS = {"UX": 1, "UY": 2, "UZ": 3, "ROTX": 4, "ROTY": 5, "ROTZ": 6}
 SHOWN = 3
 TURNING = (
@@ -232,7 +256,8 @@ TURNING = (
 
 def read_rows(path: Path, received: str) -> np.ndarray:
     """Read lines of a row's number from 1, its node and its direction (1, 2, 3 or UX, UY, UZ), such as those of Ansys'
-    ``.mapping``; lines that do not begin with a number are passed over.
+    ``.mapping``, or of node and direction as ``12.3`` alone, row after row, as CalculiX' ``.dof``; lines that do not
+    begin with a number are passed over.
 
     Raises `InputError` if there is no such file, a line is none of the kind, or rows are missing or there twice.
 
@@ -242,8 +267,10 @@ def read_rows(path: Path, received: str) -> np.ndarray:
         Node and direction of every row.
     """
     check_file(path, received, "a list of rows is needed (row, node, direction)")
-    found = {}
-    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
+    found, lines = {}, path.read_text(encoding="utf-8", errors="replace").splitlines()
+    if any(NODE_AND_DIRECTION.fullmatch(line.strip()) for line in lines[:HEAD]):
+        lines = [f"{n} {line.replace('.', ' ')}" for n, line in enumerate(filter(None, map(str.strip, lines)), 1)]
+    for number, line in enumerate(lines, 1):
         words = line.replace(",", " ").split()
         if not words or not words[0].isdecimal():
             continue
@@ -274,6 +301,12 @@ def in_order_of_nodes(
     entries, d = file.matrix.tocoo(), nodes.nodes.shape[1]
     size, wanted = entries.shape[0], d * len(nodes.nodes)
     rows = file.rows if file.rows is not None else rows
+    if rows is None and d == 3 and size == 2 * wanted:  # Nastran's, six to a node; those of solids have no rotations
+        turning = np.arange(size) % 6 > 2
+        if not (turning[entries.row] & (entries.data != 0.0)).any():
+            keep = ~(turning[entries.row] | turning[entries.col])
+            row, column = (3 * (at // 6) + at % 6 for at in (entries.row[keep], entries.col[keep]))
+            return sp.coo_matrix((entries.data[keep], (row, column)), shape=(wanted, wanted))
     if rows is None:
         if size != wanted:
             raise InputError(_wrong_size(size, len(nodes.nodes), d, received, of_nodes))
@@ -398,7 +431,9 @@ def _of_arrays(path: Path, received: str) -> tuple[np.ndarray, np.ndarray, dict]
 
 def _of_mesh(path: Path, dimension: int, received: str) -> NodeFile:
     check_file(path, received, NEEDED)
-    if path.suffix.lower() == ".inp":
+    if path.suffix.lower() in DECKS:
+        mesh, labels = _of_deck(path, received)
+    elif path.suffix.lower() == ".inp":
         with usable(received):
             mesh, labels = read_abaqus_nodes(path, received)
     else:
@@ -414,3 +449,20 @@ def _of_mesh(path: Path, dimension: int, received: str) -> NodeFile:
             solid = numbered_as_filed(mesh, dimension, received)
             return NodeFile(solid.nodes, labels, sets, solid)
         return NodeFile(coordinates(mesh.points, dimension, received), labels, sets)
+
+
+def _of_deck(path: Path, received: str) -> tuple[meshio.Mesh, np.ndarray]:
+    """Return nodes, sets and cells of a deck that a library reads, and the numbers of the nodes."""
+    found = made_by(PROGRAM, (DECKS[path.suffix.lower()], "nodes", path.resolve()), LONGEST)
+    if isinstance(found, str):
+        raise InputError(f"{received}: {found}")
+    labels = found["labels"].astype(np.int64)
+    nodes = NodeFile(found["nodes"], labels, {})
+    places = {name: nodes.places_of(own) for name, own in found.items() if name.startswith(("set:", "cells:"))}
+    lost = [name for name, own in places.items() if (own < 0).any()]
+    if lost:
+        kind, _, name = lost[0].partition(":")
+        raise InputError(f"{received}: the {kind.rstrip('s')} {name} has a node that the file does not hold")
+    cells = [(name[6:], own) for name, own in places.items() if name.startswith("cells:")]
+    sets = {name[4:]: own for name, own in places.items() if name.startswith("set:")}
+    return meshio.Mesh(nodes.nodes, cells, point_sets=sets), labels

@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import pickle
 import sys
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -88,6 +89,24 @@ def _read_apart(path: Path, received: str) -> meshio.Mesh:
     if isinstance(found, str):
         raise _unreadable(received, found)
     return found
+
+
+def made_by(program: Path, words: Sequence[object], seconds: float) -> dict[str, np.ndarray] | str:
+    """Return the arrays that a program of this room writes to the npz file that is its last word, or why there are
+    none; its libraries may print, crash and loop."""
+    from pgmp_petsc.ranks.ending import TIME_IS_OVER, run_child  # see above
+
+    with tempfile.TemporaryDirectory(prefix="pgmp_reading_") as folder:
+        output = Path(folder) / "found.npz"
+        done = run_child([sys.executable, "-P", program, *map(str, words), output], seconds)
+        if done.returncode == TIME_IS_OVER:
+            return f"its reader had not ended after {seconds:g} s"
+        if done.returncode or not output.exists():
+            reason = " ".join(done.stderr.decode(errors="replace").split())[-MAX_REASON:]
+            return f"its reader ended with {done.returncode} ({reason}); it may be damaged: write it anew"
+        with np.load(output, allow_pickle=False) as file:
+            found = {name: file[name] for name in file.files}
+    return str(found["refused"]) if "refused" in found else found
 
 
 def _unreadable(received: str, reason: str) -> InputError:

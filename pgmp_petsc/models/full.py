@@ -34,6 +34,7 @@ from pgmp_petsc.models.measures import Measures
 from pgmp_petsc.models.model import require_lengths, search_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.ranks.petsc import has_options
+from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
@@ -79,6 +80,10 @@ class FullModel:
             from pgmp_petsc.models.stresses import FullStresses  # few scenes have them
 
             self._stresses = FullStresses(self.outputs, Unknowns(mechanism))
+
+    def in_scene(self, scene: Scene) -> Self:
+        """Return the model of a scene that differs in what is no part of its bodies."""
+        return type(self)(scene, self.meshes, self.kinematics)
 
     def at_lengths(self, scene: Scene) -> Self:
         """Return the model of a scene that differs in the lengths of its run alone."""
@@ -406,6 +411,8 @@ class ComponentModel(FullModel):
         Of the same mechanism, where they are at hand.
     n_ranks
         Ranks that condensed the bodies, each on one.
+    served
+        Ranges of the parameters that the bodies were condensed for, where they are not of all values alike.
     """
 
     name = "components"
@@ -417,9 +424,13 @@ class ComponentModel(FullModel):
         shapes: Mapping[str, BodyShape],
         kinematics: RigidKinematics | None = None,
         n_ranks: int = 1,
+        served: Mapping[str, Served] | None = None,
     ) -> None:
         super().__init__(scene, shapes, kinematics)
-        self.n_ranks = n_ranks
+        self.n_ranks, self.served = n_ranks, served or {}
+
+    def in_scene(self, scene: Scene) -> Self:
+        return type(self)(scene, self.meshes, self.kinematics, self.n_ranks, self.served)
 
     @property
     def _scaling(self) -> set[str | None]:

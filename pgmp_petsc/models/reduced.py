@@ -122,6 +122,10 @@ class ReducedModel:
         """The ranges of parameters that the reduced model was built for."""
         return served_ranges(scene_from_toml(self.rom.record.scene_toml, self.scene.directory), self.rom)
 
+    def in_scene(self, scene: Scene) -> Self:
+        """Return the model of a scene that differs in what is no part of its tables."""
+        return type(self)(scene, self.rom, self.kinematics)
+
     def at_lengths(self, scene: Scene) -> Self:
         """Return the model of a scene that differs in the lengths of its run alone."""
         return type(self)(scene, self.rom)

@@ -39,7 +39,7 @@ from pgmp_petsc.lanes.vectors import (
     store,
     zeros,
 )
-from pgmp_petsc.reduced.cells import Grid, locate_all, refill
+from pgmp_petsc.reduced.cells import Cells, Grid, locate_all, place_of, refill
 
 SMALL = 1e-2  # of t^2, below which the first terms of the series are exact to round-off
 
@@ -86,10 +86,10 @@ class Places(NamedTuple):
     """Where actions hold."""
 
     fine: tuple[Grid, ...]  # cells of `rigid` along every coordinate
-    #: polynomials on this grid: the nodes' frames on the rigid mechanism, and the angles that actions measure less
-    #: their winding, 0 for what is no angle, shape (n_cells, n_terms, (n_nodes * n_frame + n_parts) * 4**n_theta)
-    rigid: np.ndarray
-    shapes: np.ndarray  # polynomials of Psi and chi, shape (n_cells, n_terms, n_nodes * n_dofs * n_shapes * 4**n_theta)
+    #: on this grid: the nodes' frames on the rigid mechanism, and the angles that actions measure less their winding, 0
+    #: for what is no angle, n_nodes * n_frame + n_parts entries
+    rigid: Cells
+    shapes: Cells  # of Psi and chi, n_nodes * n_dofs * n_shapes entries
     together: np.ndarray  # as many zeros as there are terms: all of them add to one polynomial
     #: what these angles turn with each coordinate on the whole, shape (n_parts, n_theta)
     winding: np.ndarray
@@ -170,7 +170,8 @@ def _come_to_cells(table, together, grid, q, row, kept, into, place):
         number = kept.cells[row, first_lane(moved)]
         entering = moved & equal(numbers, spread(number))
         moved &= ~entering
-        refill(table, int(number), kept.weights, together, 0, table.shape[2], entering, into)
+        whole, cell = table.polynomials, place_of(table, int(number))
+        refill(whole, cell, kept.weights, together, 0, whole.shape[2], entering, into)
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)

@@ -93,7 +93,7 @@ def allocate_local(local, r, n_eta):
     """Return work arrays."""
     d, n_nodes = local.actions.statements.axes.shape[2], local.places.n_nodes
     n_frame, n_dofs = d * (d + 1), d * (d + 1) // 2
-    n_rigid = local.places.rigid.shape[2] // N_POWERS**r
+    n_rigid = local.places.rigid.polynomials.shape[2] // N_POWERS**r
     n, n_rubbing = 2 * n_frame, np.sum(local.actions.laws.taken_up)
     frames = Frames(
         empty_lanes(r, LANES),

@@ -20,8 +20,8 @@ from pgmp_petsc.mechanism.statements import ANGLE, Statement
 from pgmp_petsc.reduced.action_frames import Places
 from pgmp_petsc.reduced.action_kernel import Chosen, LocalEffects
 from pgmp_petsc.reduced.arrays import Strengths
-from pgmp_petsc.reduced.cells import Grid
-from pgmp_petsc.reduced.terms import grid_of, in_radians
+from pgmp_petsc.reduced.cells import Cells, Grid
+from pgmp_petsc.reduced.terms import grid_of
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import LengthGrid, SampleGrid
@@ -69,11 +69,11 @@ class ReducedActions:
         if rom.curvature is not None:
             shapes = np.concatenate([shapes, rom.curvature[:, rows]], axis=2)
         rigid, winding = rigid_places(actions, kinematics, fine_grid(rom.tables.samples), start)
-        bent = interpolant(rom.tables.samples, shapes.reshape(len(shapes), -1), scheme)
+        bent = interpolant(rom.tables.samples, shapes.reshape(len(shapes), 1, -1), scheme)
         places = Places(
             fine=grid_of(rigid),
-            rigid=_rows(rigid, 1),
-            shapes=_rows(bent, parts),
+            rigid=Cells.of(rigid, grid_of(rigid)),
+            shapes=Cells.of(bent, grid_of(bent, parts)),
             together=np.zeros(1, dtype=np.int64),
             winding=winding,
             sides=np.array([-1 if s.on_ground else nodes.index(s.node) for s in sides], dtype=np.int64).reshape(-1, 2),
@@ -89,8 +89,8 @@ class ReducedActions:
             return first
         rigid, shapes = ([getattr(member.places, name) for member in members] for name in ("rigid", "shapes"))
         places = first.places._replace(
-            rigid=grid.coefficients([_same_turns(one, rigid[0], first.places.winding) for one in rigid]),
-            shapes=grid.coefficients(shapes),
+            rigid=_joined(grid, [_same_turns(one, rigid[0], first.places.winding) for one in rigid]),
+            shapes=_joined(grid, shapes),
             together=np.zeros(len(members), dtype=np.int64),
         )
         return cls(first.actions, places, first.dimension, None, grid.weights(first.weights))
@@ -98,8 +98,8 @@ class ReducedActions:
     @classmethod
     def none(cls, n_theta: int) -> ReducedActions:
         """Return no actions."""
-        empty, nowhere, whole = np.zeros((1, 1, 0)), (Grid(0.0, 1.0, 1, False),) * n_theta, np.zeros(1, dtype=np.int64)
-        sides = np.zeros((0, 2), dtype=np.int64)
+        nowhere, whole = (Grid(0.0, 1.0, 1, False),) * n_theta, np.zeros(1, dtype=np.int64)
+        empty, sides = Cells.of_polynomials(np.zeros((1, 1, 0))), np.zeros((0, 2), dtype=np.int64)
         return cls((), Places(nowhere, empty, empty, whole, np.zeros((0, n_theta)), sides, 0))
 
     def of_joints(self, mechanism: Mechanism) -> ReducedActions:
@@ -131,6 +131,14 @@ class ReducedActions:
         return Chosen(np.array(numbers, dtype=np.int64), np.array(nodes, dtype=np.int64))
 
 
+def _joined(grid: LengthGrid, members: Sequence[Cells]) -> Cells:
+    """Return those of any lengths from those at the points of a grid."""
+    first = members[0]
+    if not first.rows.size:
+        return Cells.of_polynomials(grid.coefficients([one.polynomials for one in members]))
+    return Cells.of_rows(grid.coefficients([one.rows for one in members]), first.counts, first.stencils, first.matrices)
+
+
 def nodes_of(actions: Sequence[Action]) -> list[int]:
     """Return the nodes that actions hold at, increasing."""
     return sorted({side.node for action in actions for side in action.sides if not side.on_ground})
@@ -150,7 +158,7 @@ def rigid_places(
         for (part, _), *sides, at in zip(action.statement.terms, action.sides[::2], action.sides[1::2], near):
             found.append(_counted(part, sides, kinematics, poses, fine, start, at))
     angles, winding = map(np.array, zip(*found))
-    return interpolant(fine, np.concatenate([*frames, angles.T], axis=1), "spline"), winding
+    return interpolant(fine, np.concatenate([*frames, angles.T], axis=1)[:, None], "spline"), winding
 
 
 def functions_of_time(
@@ -166,19 +174,18 @@ def functions_of_time(
     )
 
 
-def _rows(part: Interpolant, parts: int) -> np.ndarray:
-    """Return the polynomials of every cell in a row, of places in rad, shape (n_cells, 1, n_entries * 4**n_theta)."""
-    return in_radians(part.polynomials(parts)[:, :, None], grid_of(part, parts))
-
-
-def _same_turns(rigid: np.ndarray, other: np.ndarray, winding: np.ndarray) -> np.ndarray:
-    """Return polynomials of `Places.rigid` with the turns of their angles, the last entries, counted as of others."""
-    found, (n_parts, n_theta) = rigid.copy(), winding.shape
-    n_powers = N_POWERS**n_theta
-    angles = slice(found.shape[2] - n_parts * n_powers, None, n_powers)  # the constant terms
-    away = found[0, 0, angles] - other[0, 0, angles]
+def _same_turns(rigid: Cells, other: Cells, winding: np.ndarray) -> Cells:
+    """Return `Places.rigid` with the turns of their angles, the last entries, counted as of others."""
+    n_parts, n_theta = winding.shape
+    if rigid.rows.size:
+        angles, name = slice(rigid.rows.shape[2] - n_parts, None), "rows"
+    else:
+        n_powers = N_POWERS**n_theta
+        angles, name = slice(rigid.polynomials.shape[2] - n_parts * n_powers, None, n_powers), "polynomials"
+    found = getattr(rigid, name).copy()  # a constant is in every row, and the first of the coefficients
+    away = found[0, 0, angles] - getattr(other, name)[0, 0, angles]
     found[:, 0, angles] -= 2 * np.pi * np.rint(away / (2 * np.pi))
-    return found
+    return rigid._replace(**{name: found})
 
 
 def _counted(

@@ -14,7 +14,7 @@ from pgmp_petsc.lanes.lane_items import empty_lanes
 from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.reduced.action_frames import KeptPlaces
 from pgmp_petsc.reduced.action_kernel import Acting, LocalEffects
-from pgmp_petsc.reduced.cells import Grid
+from pgmp_petsc.reduced.cells import Cells, Grid
 
 
 class Layout(NamedTuple):
@@ -106,14 +106,11 @@ def layout_n_rigid(r):
 
 
 class Tables(NamedTuple):
-    """Polynomials of the rigid inertia, of all other terms and of the loads, (n_cells, n_terms, n_entries * n_powers).
+    """Polynomials: of degree 7 in each coordinate for the rigid inertia, cubic for all other terms and the loads."""
 
-    In radians from the lower end of a cell: of degree 7 in each coordinate for the rigid inertia, cubic for the others.
-    """
-
-    rigid: np.ndarray
-    terms: np.ndarray
-    loads: np.ndarray
+    rigid: Cells
+    terms: Cells
+    loads: Cells
 
 
 class Weights(NamedTuple):

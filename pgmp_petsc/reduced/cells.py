@@ -3,11 +3,24 @@
 A sample stays in one cell of a table for many steps. Its polynomial there, cubic in each rigid coordinate, all terms
 already weighted with the sample's own parameters, is kept until it leaves the cell. The number of coordinates is the
 length of a grid, which the compiler knows.
+
+The coefficients of a cell follow from the rows of an interpolant (`reduction.interpolation`) that reach into it, one
+coordinate after the other,
+
+    c_ij.. = sum_a B1_ia sum_b B2_jb ... rows_ab..,
+
+with the matrix B of the cell along each coordinate. Over one and two coordinates they are worked out before the first
+step, 4 and 16 numbers for each of the table; over three they would be 64, so that the rows are kept, and the
+polynomials of a cell are made when a sample enters it. Those of the last few cells stay, for the samples beside it.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
+
+import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.vectors import (
@@ -22,8 +35,12 @@ from pgmp_petsc.lanes.vectors import (
     spread,
     store,
 )
+from pgmp_petsc.reduction.interpolation import Interpolant
+from pgmp_petsc.reduction.stencil import N_ROWS, Axis, count_rows, stencil
 
 FURTHEST = 1e9  # rad
+MOST_WORKED_OUT = 2  # coordinates over which the polynomials of all cells are
+N_HELD = 16  # cells whose polynomials stay where they are made on the way
 
 
 class Grid(NamedTuple):
@@ -33,6 +50,152 @@ class Grid(NamedTuple):
     step: float
     n_cells: int
     periodic: bool
+
+
+class Cells(NamedTuple):
+    """Polynomials in the cells of a table, of places in rad from their lower ends, or what they are made from."""
+
+    #: coefficients one after the other, shape (n_cells, n_terms, n_entries * n_powers**n_theta), those of the last
+    #: coordinate fastest; where they are made on the way of `N_HELD` cells alone
+    polynomials: np.ndarray
+    #: rows of the table, the last coordinate fastest, shape (n_rows, n_terms, n_entries); none where the polynomials of
+    #: all cells are there
+    rows: np.ndarray
+    counts: np.ndarray  # of cells and of rows along each coordinate, shape (n_theta, 2)
+    #: stencils, matrices: numbers of the rows that reach into a cell along a coordinate, shape (n_theta, n_cells,
+    #: n_reach), and coefficients from these, (n_theta, n_cells, n_powers, n_reach); of other coordinates' cells zero
+    stencils: np.ndarray
+    matrices: np.ndarray
+    held: np.ndarray  # numbers of the cells that polynomials are of, -1 for none, and where the next ones go
+    room: np.ndarray  # for sums over some of the coordinates, shape (2, n)
+
+    @classmethod
+    def of_polynomials(cls, polynomials: np.ndarray) -> Cells:
+        """Return those of known polynomials."""
+        counts, stencils, held = (np.zeros((0,) * n_axes, dtype=np.int64) for n_axes in (2, 3, 1))
+        return cls(polynomials, np.zeros((0, 0, 0)), counts, stencils, np.zeros((0, 0, 0, 0)), held, np.zeros((0, 0)))
+
+    @classmethod
+    def of_rows(cls, rows: np.ndarray, counts: np.ndarray, stencils: np.ndarray, matrices: np.ndarray) -> Cells:
+        """Return those that are made on the way."""
+        (_, n_terms, n_entries), (n_theta, _, n_powers, n_reach) = rows.shape, matrices.shape
+        return cls(
+            np.zeros((N_HELD, n_terms, n_entries * n_powers**n_theta)), rows, counts, stencils, matrices,
+            np.append(np.full(N_HELD, -1), 0), np.empty((2, n_terms * n_entries * max(n_powers, n_reach) ** n_theta)),
+        )  # fmt: skip
+
+    @classmethod
+    def of(cls, part: Interpolant, grid: Sequence[Grid], n_powers: int = N_POWERS) -> Cells:
+        """Return polynomials through an interpolant of tables (n_terms, n_entries), in cells of a grid over its range.
+
+        They go through it at the Chebyshev points of a cell along every coordinate: cubic ones in cells within those of
+        the interpolant are the interpolant itself.
+        """
+        found = [_along(axis, cells, n_powers) for axis, cells in zip(part.axes, grid)]
+        counts = np.array([(cells.n_cells, count_rows(axis)) for axis, cells in zip(part.axes, grid)])
+        if len(grid) > MOST_WORKED_OUT:
+            n_cells, n_reach = counts[:, 0].max(), max(stencils.shape[1] for stencils, _ in found)
+            all_stencils = np.zeros((len(grid), n_cells, n_reach), dtype=np.int64)
+            all_matrices = np.zeros((len(grid), n_cells, n_powers, n_reach))
+            for k, (stencils, matrices) in enumerate(found):
+                all_stencils[k, : len(stencils), : stencils.shape[1]] = stencils
+                all_matrices[k, : len(stencils), :, : stencils.shape[1]] = matrices
+            return cls.of_rows(part.rows.reshape(-1, *part.shape), counts, all_stencils, all_matrices)
+        result, r = part.rows, len(grid)
+        for k, (stencils, matrices) in enumerate(found):
+            rows = np.moveaxis(result, 2 * k, 0)
+            made = np.empty((len(stencils), n_powers, *rows.shape[1:]))
+            for cell, (chosen, matrix) in enumerate(zip(stencils, matrices)):
+                made[cell] = np.tensordot(matrix, rows[chosen], 1)
+            # cells and powers of the coordinates before, rows of the next ones: two axes take the place of one
+            result = np.moveaxis(made, (0, 1), (2 * k, 2 * k + 1))
+        order = [*range(0, 2 * r, 2), 2 * r, 2 * r + 1, *range(1, 2 * r, 2)]
+        result = np.ascontiguousarray(result.transpose(order))
+        n_coefficients = part.shape[1] * n_powers**r
+        return cls.of_polynomials(result.reshape(math.prod(counts[:, 0]), part.shape[0], n_coefficients))
+
+
+def _along(axis: Axis, cells: Grid, n_powers: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows (n_cells, n_reach) that reach into cells along an axis, and the coefficients that they make,
+    (n_cells, n_powers, n_reach)."""
+    places = 0.5 - 0.5 * np.cos(np.pi * (np.arange(n_powers) + 0.5) / n_powers)
+    rows = np.empty((cells.n_cells, n_powers, N_ROWS), dtype=np.int64)
+    weights, n_rows = np.empty(rows.shape), count_rows(axis)
+    _fill_stencils(axis, cells.lower, cells.step, places, rows, weights)
+    ahead = rows[:, :, 0] - rows[:, :1, 0]
+    ahead = ahead % n_rows if axis.periodic else ahead
+    n_more = int(ahead.max())
+    further = rows[:, 0, -1:] + 1 + np.arange(n_more)
+    further = further % n_rows if axis.periodic else np.minimum(further, n_rows - 1)
+    values = np.zeros((cells.n_cells, n_powers, N_ROWS + n_more))
+    number = np.arange(cells.n_cells)[:, None]
+    for j in range(N_ROWS):
+        values[number, np.arange(n_powers), ahead + j] += weights[:, :, j]
+    through = np.linalg.inv(np.vander(places, increasing=True)) / cells.step ** np.arange(n_powers)[:, None]
+    return np.concatenate([rows[:, 0], further], axis=1), through @ values
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def _fill_stencils(axis, lower, step, places, rows, weights):
+    """Fill rows and weights (n_cells, n, 4) of an axis at n places, from 0 to 1, in cells from a lower end on."""
+    slopes = np.empty(N_ROWS)
+    for cell in range(rows.shape[0]):
+        for k in range(places.size):
+            stencil(lower + (cell + places[k]) * step, axis, rows[cell, k], weights[cell, k], slopes)
+
+
+@njit(cache=True, apart=True, error_model="numpy", fastmath={"contract"})
+def _make(rows, counts, stencils, matrices, cell, room, made):
+    """Fill the polynomials (n_terms, n_coefficients) of a cell; see `Cells`."""
+    r, n_powers, n_reach = matrices.shape[0], matrices.shape[2], matrices.shape[3]
+    n_entries, size = rows.shape[2], rows.shape[1] * rows.shape[2]
+    number = np.empty(r, dtype=np.int64)
+    for k in range(r - 1, -1, -1):
+        number[k] = cell % counts[k, 0]
+        cell //= counts[k, 0]
+    before, behind = room[0], room[1]
+    for place in range(n_reach**r):
+        row, left, scale = 0, place, n_reach ** (r - 1)
+        for k in range(r):
+            row = row * counts[k, 1] + stencils[k, number[k], left // scale]
+            left, scale = left % scale, max(scale // n_reach, 1)
+        for t in range(rows.shape[1]):
+            for e in range(n_entries):
+                before[place * size + t * n_entries + e] = rows[row, t, e]
+    n_left, n_right = n_reach ** (r - 1), size
+    for k in range(r - 1, -1, -1):
+        matrix = matrices[k, number[k]]
+        for left in range(n_left):
+            for power in range(n_powers):
+                to = (left * n_powers + power) * n_right
+                for i in range(n_right):
+                    behind[to + i] = 0.0
+                for j in range(n_reach):
+                    factor, of = matrix[power, j], (left * n_reach + j) * n_right
+                    for i in range(n_right):
+                        behind[to + i] += factor * before[of + i]
+        n_left, n_right = n_left // n_reach, n_right * n_powers
+        before, behind = behind, before
+    n_all = n_powers**r
+    for power in range(n_all):
+        for t in range(rows.shape[1]):
+            for e in range(n_entries):
+                made[t, e * n_all + power] = before[power * size + t * n_entries + e]
+
+
+@njit(error_model="numpy", counted=False)
+def place_of(cells, cell):
+    """Return where among the polynomials those of a cell are; made where they are not there."""
+    if cells.rows.shape[0] == 0:
+        return cell
+    for place in range(N_HELD):
+        if cells.held[place] == cell:
+            return place
+    place = cells.held[N_HELD]
+    cells.held[N_HELD] = (place + 1) % N_HELD
+    cells.held[place] = cell
+    _make(cells.rows, cells.counts, cells.stencils, cells.matrices, cell, cells.room, cells.polynomials[place])
+    return place
 
 
 @njit(inline="always")
@@ -72,8 +235,8 @@ def refill(table, cell, weights, slots, first, end, lanes, kept):
 
     Parameters
     ----------
-    table
-        Coefficients one after the other, shape (n_cells, n_terms, n_coefficients).
+    table, cell
+        See `Cells.polynomials`, and the place there.
     weights
         Of the terms, vectors (n_terms, LANES).
     slots

@@ -34,7 +34,7 @@ from pgmp_petsc.lanes.vectors import (
 from pgmp_petsc.reduced.action_kernel import act, add_tangents, allocate_local, load_nodes
 from pgmp_petsc.reduced.arrays import acting_of, allocate, layout_n_rigid, matrix_of, pair, places_of
 from pgmp_petsc.reduced.bordered import eliminate, solve
-from pgmp_petsc.reduced.cells import locate_all, refill
+from pgmp_petsc.reduced.cells import locate_all, place_of, refill
 from pgmp_petsc.reduced.lagrangian import evaluate
 
 
@@ -52,10 +52,13 @@ def interpolate(equations, memory, block, amplitudes, work):
         number = memory.cells[block, first_lane(moved)]
         entering, cell, own = moved & equal(cells, spread(number)), int(number), weights.terms[block]
         moved &= ~entering
-        refill(tables.rigid, cell, own, weights.together, 0, tables.rigid.shape[2], entering, memory.rigid[block])
-        refill(tables.terms, cell, own, weights.together, first, end, entering, memory.terms[block])
+        table, place = tables.rigid.polynomials, place_of(tables.rigid, cell)
+        refill(table, place, own, weights.together, 0, table.shape[2], entering, memory.rigid[block])
+        place = place_of(tables.terms, cell)
+        refill(tables.terms.polynomials, place, own, weights.together, first, end, entering, memory.terms[block])
         if amplitudes.size > 0:
-            refill(tables.loads, cell, weights.loads[block], weights.effects, 0, tables.loads.shape[2], entering, loads)
+            table, place = tables.loads.polynomials, place_of(tables.loads, cell)
+            refill(table, place, weights.loads[block], weights.effects, 0, table.shape[2], entering, loads)
     place = load_rows(work.place, 0, 1, layout.rigid)
     for entry in range(n_rigid):
         value, slopes = rigid_polynomial(memory.rigid[block], entry, place)

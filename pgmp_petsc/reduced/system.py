@@ -1,8 +1,6 @@
 """The reduced model as a second-order system for the integrator; a batch of samples with their own parameters.
 
 What acts on reduced models over time: amplitudes of loads and of local effects, and prescribed motions.
-
-The samples of a reduced batch as they lie in lanes, with all that the compiled equations take and keep of them.
 """
 
 from __future__ import annotations
@@ -14,182 +12,27 @@ from typing import Any
 import numpy as np
 
 from pgmp_petsc.base.surroundings import alone
-from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.controllers.acting import NOTED, given_to
 from pgmp_petsc.controllers.running import AFTER, MOST_STARTS, Controls
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
 from pgmp_petsc.full.part_reference import Reference
-from pgmp_petsc.lanes.lane_items import aligned
-from pgmp_petsc.lanes.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, aligned_zeros, same_in_all_lanes
-from pgmp_petsc.reduced.action_frames import KeptPlaces
-from pgmp_petsc.reduced.action_kernel import ABOUT, FORCE, POWER, STORED, Acting
+from pgmp_petsc.lanes.vectors import same_in_all_lanes
+from pgmp_petsc.reduced.action_kernel import ABOUT, FORCE, POWER, STORED
 from pgmp_petsc.reduced.actions import ReducedActions, functions_of_time
-from pgmp_petsc.reduced.arrays import Equations, Matrix, Memory, Strengths, Weights
+from pgmp_petsc.reduced.arrays import Strengths
 from pgmp_petsc.reduced.control import LARGE, Control
 from pgmp_petsc.reduced.energy import damping_power, load_powers, reduced_energy
 from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices
+from pgmp_petsc.reduced.sample_lanes import ReducedLanes
 from pgmp_petsc.reduced.steps import Progress, advance
 from pgmp_petsc.reduced.terms import ReducedTerms
 from pgmp_petsc.stepping.energies import Energies
-from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 from pgmp_petsc.stepping.second_order_system import Observer, Scheme, SecondOrderSystem, Settled, State, Stretch
 from pgmp_petsc.stepping.status import Status
 
-
-class ReducedLanes:
-    """Samples in blocks of LANES, in an order that may change; no sample's numbers depend on its lane.
-
-    Parameters
-    ----------
-    terms, actions
-        Interpolated terms of the equations of motion, and local effects.
-    effects
-        Names of the effects with loads, each once.
-    values
-        Parameter values of the samples, each of shape (n_samples,).
-    prescribed
-        Whether a coordinate's motion is given, shape (n_eta,).
-    n_samples
-        Number of samples.
-
-    Attributes
-    ----------
-    equations, memory
-        What the kernels take, and what they keep of every block.
-    load_weights, place_weights
-        Weights of the load terms, shape (n_load_terms, n_samples), and of the terms of the places of actions.
-    """
-
-    def __init__(
-        self,
-        terms: ReducedTerms,
-        actions: ReducedActions,
-        effects: Sequence[str],
-        values: Mapping[str, np.ndarray],
-        prescribed: np.ndarray,
-        n_samples: int,
-    ) -> None:
-        self._blocks = SampleBlocks(n_samples, LANES, -(-n_samples // LANES))
-        self._term_weights, self.load_weights, self.place_weights = (
-            np.broadcast_to(evaluate_weights(w, values).T, (n_samples, len(w))).T
-            for w in (terms.weights, terms.tables.load_weights, actions.weights)
-        )
-        self.equations = Equations(
-            terms.layout,
-            terms.grid,
-            terms.polynomials,
-            Weights(
-                self.packed(self._term_weights),
-                self.packed(self.load_weights),
-                np.array([effects.index(name) for name in terms.tables.load_effects], dtype=np.int64),
-                np.zeros(len(terms.weights), dtype=np.int64),
-            ),
-            actions.of_samples(values, n_samples),
-            0.0 if terms.damping is None else terms.damping.mass,
-            prescribed,
-            terms.scale,
-        )
-        self.memory = self._allocate(len(effects), len(actions.actions), len(actions.edges))
-
-    def _allocate(self, n_effects: int, n_actions: int, n_edges: int) -> Memory:
-        """Return what is kept of every block, empty."""
-        layout, n_blocks = self.equations.layout, self._blocks.n_blocks
-        r, m = len(layout.rigid), layout.n_eta - len(layout.rigid)
-        n_powers = N_POWERS**r
-        shapes = (m * (m + 1) // 2, r * r, r * m, r * m, m * (m + 1) // 2 if layout.second_order else 0)
-        local, n_acting = self.equations.local.places, n_blocks if n_actions else 0
-        cells, local_cells = aligned_zeros((n_blocks, LANES)), aligned_zeros((n_acting, 2, LANES))
-        cells[:] = local_cells[:] = -1.0
-        return Memory(
-            self._blocks.samples,
-            cells,
-            aligned_zeros((n_blocks, layout.n_rigid * N_POWERS_OF_RIGID**r, LANES)),
-            aligned_zeros((n_blocks, layout.end * n_powers, LANES)),
-            aligned_zeros((n_blocks, n_effects * layout.load_end * n_powers, LANES)),
-            Matrix(*(aligned_zeros((n_blocks, n, LANES)) for n in shapes)),
-            KeptPlaces(
-                local_cells,
-                self.packed(self.place_weights)[:n_acting],
-                *(aligned_zeros((n_acting, table.shape[2], LANES)) for table in (local.rigid, local.shapes)),
-            ),
-            Acting.empty(n_acting, layout.n_eta),
-            np.empty((self._blocks.n_samples, ABOUT + 1, n_actions)),
-            np.empty((self._blocks.n_samples, n_edges)),
-        )
-
-    def nothing_acting(self) -> Acting:
-        """Return what local effects add where there are none."""
-        return Acting.empty(self._blocks.n_blocks, self.equations.layout.n_eta)
-
-    def zeros(self, dtype: type = float) -> np.ndarray:
-        """Return a zero for every lane, aligned, shape (n_blocks, LANES)."""
-        return aligned_zeros((self._blocks.n_blocks, LANES)).view(dtype)
-
-    def packed(self, rows: np.ndarray) -> np.ndarray:
-        """Return rows (n, n_samples) as vectors, aligned, (n_blocks, n, LANES)."""
-        blocks = aligned_zeros((self._blocks.n_blocks, len(rows), LANES))
-        blocks[:] = self._blocks.pack(rows)
-        return blocks
-
-    def packed_over(self, rows: np.ndarray) -> np.ndarray:
-        """Return rows at several instants, of all samples together or of each, (n_t, 1 or n_samples, n), as vectors,
-        aligned, (n_t, n_blocks, n, LANES)."""
-        found, by_rows = aligned((len(rows), self._blocks.n_blocks, rows.shape[2], LANES)), np.swapaxes(rows, 1, 2)
-        found[:] = by_rows[:, None] if rows.shape[1] == 1 else self._blocks.pack(by_rows, 1)
-        return found
-
-    def unpacked(self, vectors: np.ndarray) -> np.ndarray:
-        """Return vectors (n_blocks, ..., LANES) by samples, shape (..., n_samples)."""
-        return self._blocks.unpack(vectors)
-
-    def sets(self, samples: np.ndarray) -> np.ndarray:
-        """Return some samples, a mask, as sets of lanes, shape (n_blocks,)."""
-        return self._blocks.mask(samples) @ (1 << np.arange(LANES))
-
-    def regroup(self, q: np.ndarray, samples: np.ndarray) -> None:
-        """Put samples that are near each other in the tables side by side, and those that are not to advance last.
-
-        Lanes that enter a cell together are filled at once.
-
-        Parameters
-        ----------
-        q
-            Coordinates of all samples, shape (n_samples, n_eta).
-        samples
-            Mask of those to advance.
-        """
-        if self._blocks.n_blocks == 1:
-            return
-        number = np.zeros(len(q))
-        with np.errstate(invalid="ignore"):
-            for theta, axis in zip(q.T, self.equations.grid):
-                place = (theta - axis.lower) / axis.step
-                number = np.floor(number) * axis.n_cells + (place % axis.n_cells if axis.periodic else place)
-        blocks = self._blocks.ordered(np.argsort(np.where(samples, number, np.inf), kind="stable"))
-        memory, weights, of_lanes = self.memory, self.equations.weights, blocks.samples
-        moved = of_lanes != memory.samples
-        if moved.any():
-            self._blocks = blocks
-            memory.samples[:], memory.cells[moved] = of_lanes, -1.0
-            np.moveaxis(memory.places.cells, 1, -1)[moved[: len(memory.places.cells)]] = -1.0
-            weights.terms[:], weights.loads[:] = blocks.pack(self._term_weights), blocks.pack(self.load_weights)
-            memory.places.weights[:] = blocks.pack(self.place_weights)[: len(memory.places.weights)]
-
-    def matrices(self) -> np.ndarray:
-        """Return the iteration matrices without their skew part, shape (n_samples, n_eta, n_eta)."""
-        r, n = len(self.equations.layout.rigid), self.equations.layout.n_eta
-        factor, corner, column, row = (self.unpacked(part).T for part in self.memory.matrix[:4])
-        result = np.empty((len(factor), n, n))
-        rows, columns = np.tril_indices(n - r)
-        result[:, r + rows, r + columns] = result[:, r + columns, r + rows] = factor
-        result[:, :r, :r] = corner.reshape(-1, r, r)
-        result[:, r:, :r] = np.swapaxes(column.reshape(-1, r, n - r), 1, 2)
-        result[:, :r, r:] = row.reshape(-1, r, n - r)
-        return result
-
-
 LARGEST = 2**19  # numbers that are written down, of all samples and steps
+RESIDUALS = 2**9  # samples, at all instants, whose residuals are evaluated together
 FURTHEST = 2**21  # numbers of all samples and steps: in more of them samples that began side by side drift apart
 NO_LOADS = aligned((0, 0, 0, LANES))
 STARTING_CORRECTIONS = 4  # one where stiffness does not change with the deformation
@@ -245,7 +88,7 @@ class ReducedSystem(SecondOrderSystem):
         self.tables = tables
         self.comm, self.n_samples = alone(), n_samples
         self._initial = initial
-        self._terms, self._motions = terms, motions
+        self._terms, self._effects, self._motions = terms, effects, motions
         self.values = values
         by_name = {effect.name: effect for effect in effects}
         self._load_effects = [by_name[name] for name in dict.fromkeys(tables.load_effects)]
@@ -493,9 +336,22 @@ class ReducedSystem(SecondOrderSystem):
 
     def _residuals(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:
         """Return the residuals at times (n_t,), shape (n_t, n_samples, n_eta); zeros if no coordinate is prescribed."""
-        found = np.zeros_like(trail[:, 0])
-        for k, time in enumerate(times if self._motions else ()):
-            found[k] = self.residual(float(time), State(*trail[k], np.zeros(0)))
+        found, n = np.zeros_like(trail[:, 0]), self.n_samples
+        if not self._motions:
+            return found
+        together, own = max(1, RESIDUALS // n), self._equations.local.actions.parameters[self.controlled]
+        for first in range(0, times.size, together):
+            some = slice(first, first + together)
+            k = times[some].size
+            if first == 0 or k < together:  # a batch that has every sample k times
+                values = {name: np.tile(value, k) for name, value in self.values.items()}
+                given = None if self.built_in is None else np.tile(self.built_in, k)
+                many = ReducedSystem(
+                    self._terms, self._effects, values, self._initial, k * n, self._motions, self._actions, given
+                )
+                many.put_forces(np.tile(own, (k, 1)))
+            state = State(*np.moveaxis(trail[some], 1, 0).reshape(3, k * n, -1), np.zeros(0))
+            found[some] = many.residuals_at(np.repeat(times[some], n), state).reshape(k, n, -1)
         return found
 
     def _energies(

@@ -31,7 +31,7 @@ from pgmp_petsc.lanes.vectors import N_POWERS_OF_RIGID
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduced.arrays import Layout, Tables
-from pgmp_petsc.reduced.cells import Grid
+from pgmp_petsc.reduced.cells import Cells, Grid
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.tables import ReducedTables, fine_grid
@@ -203,52 +203,18 @@ class ReducedTerms:
         return int(np.ceil(axes[0].step * self.scale[0] / WIDEST - 1e-9)) if len(axes) == 1 else 1
 
     @cached_property
-    def polynomials(self) -> Tables:
+    def cells(self) -> Tables:
         """All terms as the kernel takes them."""
         grid = self.grid
         # one after the other: those of a part are let go before the next one's are made
         return Tables(
-            in_radians(fitted(self.rigid, grid, N_POWERS_OF_RIGID), grid),
-            in_radians(self.terms.polynomials(self.parts), grid),
-            in_radians(self.load.polynomials(self.parts), grid),
+            Cells.of(self.rigid, grid, N_POWERS_OF_RIGID), Cells.of(self.terms, grid), Cells.of(self.load, grid)
         )
 
 
 def grid_of(part: Interpolant, parts: int = 1) -> tuple[Grid, ...]:
     """Return the cells of an interpolant along every coordinate, each of them in some parts."""
     return tuple(Grid(axis.lower, axis.step / parts, axis.n_cells * parts, axis.periodic) for axis in part.axes)
-
-
-def fitted(part: Interpolant, grid: Sequence[Grid], n_powers: int) -> np.ndarray:
-    """Return polynomials in other cells, through an interpolant at the Chebyshev points of each.
-
-    In the order of `Interpolant.polynomials`, shape (n_cells, n_powers**n_theta, ...).
-    """
-    r = len(grid)
-    places = 0.5 - 0.5 * np.cos(np.pi * (np.arange(n_powers) + 0.5) / n_powers)
-    lines = [axis.lower + axis.step * np.add.outer(np.arange(axis.n_cells), places) for axis in grid]
-    theta = np.stack(np.meshgrid(*(line.ravel() for line in lines), indexing="ij"), axis=-1).reshape(-1, r)
-    # axes (cells, points) of every coordinate in turn, then those of a value
-    result = part(theta).reshape(*(n for line in lines for n in line.shape), *part.shape)
-    through = np.linalg.inv(np.vander(places, increasing=True))
-    for k in range(r):
-        result = np.moveaxis(np.tensordot(through, result, (1, 2 * k + 1)), 0, 2 * k + 1)
-    result = np.moveaxis(result, [*range(0, 2 * r, 2), *range(1, 2 * r, 2)], range(2 * r))
-    return result.reshape(math.prod(axis.n_cells for axis in grid), n_powers**r, *part.shape)
-
-
-def in_radians(polynomials: np.ndarray, grid: Sequence[Grid]) -> np.ndarray:
-    """Return polynomials (n_cells, n_powers, n_terms, n_entries) of places from 0 to 1 as those of places in rad.
-
-    Their shape becomes (n_cells, n_terms, n_entries * n_powers).
-    """
-    scale, along = np.ones(1), np.arange(round(polynomials.shape[1] ** (1.0 / len(grid))))
-    for axis in grid:
-        scale = np.multiply.outer(scale, axis.step ** -along.astype(float)).ravel()
-    n_cells, n_powers, n_terms, n_entries = polynomials.shape
-    moved = np.empty((n_cells, n_terms, n_entries, n_powers))  # without a copy between: tables may be large
-    np.multiply(np.moveaxis(polynomials, 1, -1), scale, out=moved)
-    return moved.reshape(n_cells, n_terms, n_entries * n_powers)
 
 
 def coupling_of(tables: ReducedTables, scheme: str) -> np.ndarray:

@@ -27,13 +27,11 @@ from scipy.linalg import solve_banded
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.reduction.cell_products import products_of, stencil_room, tensor_stencil
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
-from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, Axis, cell_stencil
+from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, Axis
 
-# coefficients of s^0 to s^3 from value and slope at s = 0, value and slope at s = 1
-_HERMITE = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [-3.0, -2.0, 3.0, -1.0], [2.0, 1.0, -2.0, 1.0]])
 FINE = 1024  # points over the range of interpolants that are not splines of their own samples
-# the same along each axis of several: an error of (2 pi / 96)^4 / 384 = 5e-8 of the fourth derivative
-FINE_OF_MORE = 96
+# the same along each axis of two: an error of (2 pi / 96)^4 / 384 = 5e-8 of the fourth derivative, and of three, 4e-6
+FINE_OF_MORE, FINE_OF_THREE = 96, 32
 COLUMNS = 4096  # of a table that are fitted together
 
 
@@ -58,23 +56,6 @@ class Interpolant:
     def n_cells(self) -> int:
         """Number of cells of the grid."""
         return int(np.prod([axis.n_cells for axis in self.axes]))
-
-    def polynomials(self, parts: int = 1) -> np.ndarray:
-        """Return the coefficients of ``s_1^i s_2^j ...`` in each cell, s from 0 to 1, shape (n_cells, 4**n_theta, ...).
-
-        Of cells and of powers, those of the last coordinate run fastest. Cells may be divided into equal parts along
-        every coordinate, which then count as cells.
-        """
-        result = self.rows
-        for k, axis in enumerate(self.axes):
-            # (cells and coefficients of the axes before, rows of this one, ...): two axes take the place of one
-            result = np.moveaxis(
-                _cell_polynomials(axis, np.moveaxis(result, 2 * k, 0), parts), (0, 1), (2 * k, 2 * k + 1)
-            )
-        order = [*range(0, 2 * self.n_theta, 2), *range(1, 2 * self.n_theta, 2)]
-        result = np.moveaxis(result, order, range(2 * self.n_theta))
-        n_cells = self.n_cells * parts**self.n_theta
-        return np.ascontiguousarray(result).reshape(n_cells, N_ROWS**self.n_theta, *self.shape)
 
     def __call__(self, theta: np.ndarray) -> np.ndarray:
         """Return the values at theta of shape (k, n_theta), or (k,) for one coordinate; shape (k, ...)."""
@@ -107,20 +88,6 @@ def _contiguous(array: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(array, dtype=float)
 
 
-def _cell_polynomials(axis: Axis, table: np.ndarray, parts: int) -> np.ndarray:
-    """Return the coefficients of ``s^0`` to ``s^3`` in each part of the cells of an axis, shape (n_parts, 4, ...)."""
-    rows, matrix = np.empty(N_ROWS, dtype=np.int64), np.empty((4, N_ROWS))
-    result = np.empty((axis.n_cells * parts, N_ROWS, *table.shape[1:]))
-    for number in range(len(result)):
-        cell, part = divmod(number, parts)
-        for end in (0, 1):
-            value, slope = matrix[2 * end], matrix[2 * end + 1]
-            cell_stencil(cell, (part + end) / parts, axis, rows, value, slope)
-            slope *= axis.step / parts
-        result[number] = np.tensordot(_HERMITE @ matrix, table[rows], axes=1)
-    return result
-
-
 @njit(cache=True, error_model="numpy")
 def _add_rows(theta, axes, derivative, table, result):
     """Add the interpolated rows of a table (n_rows, size), or a derivative of them, to result (k, size)."""
@@ -143,7 +110,7 @@ def interpolant(samples: SampleGrid | Samples, table: np.ndarray, scheme: str) -
     """
     grid = samples if isinstance(samples, SampleGrid) else SampleGrid((samples,))
     rows = table.reshape(*grid.shape, *table.shape[1:])
-    fine = FINE if grid.n_coordinates == 1 else FINE_OF_MORE
+    fine = (FINE, FINE_OF_MORE, FINE_OF_THREE)[grid.n_coordinates - 1]
     axes = []
     for k, along in enumerate(grid.axes):
         axis, fitted = _fit(along, np.moveaxis(rows, k, 0), scheme, fine)

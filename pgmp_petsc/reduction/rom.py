@@ -14,8 +14,7 @@ What tables do not depend on, loads and local effects, may be anything.
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -28,6 +27,7 @@ from pgmp_petsc.base.errors import InputError, Remark, gathered, warning
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.bodies.shape import at_lengths
+from pgmp_petsc.declare.records import check_finite
 from pgmp_petsc.files.hdf5 import BUILD_AGAIN, RunRecord, open_file, shapes_of
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mechanism.continuation import PoseBranch
@@ -167,11 +167,8 @@ class ReducedOrderModel:
         """
         with open_file(path, "rom") as file, shapes_of(file, BUILD_AGAIN):
             found = RomFile.take(file)
-            found.check_finite()
-            bodies = tomllib.loads(found.record.scene_toml).get("bodies", {})
-            missing = [name for name in bodies if name not in found.mesh]
-            if missing:
-                raise InputError(f"file '{path}' has no mesh/{missing[0]}, a body of its scene; build it again")
+            check_finite(found)
+            found.record.check_bodies(found.mesh, "mesh")
             rom, lengths = cls._of(found, found.record), found.lengths
             return rom if lengths is None else replace(rom, family=cls._family(lengths, found.record))
 
@@ -380,8 +377,17 @@ def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
         The scene that it was built from.
     """
     weights = (*rom.tables.mass_weights, *rom.tables.stiffness_weights)
+    found = ranges_of(built, {name for weight in weights for name, _ in weight.powers})
+    if rom.family is not None:
+        grid = rom.family.grid
+        found |= {name: Served(low, high, low, high) for name, (low, high) in zip(grid.names, grid.ranges)}
+    return found
+
+
+def ranges_of(built: Scene, names: Collection[str]) -> dict[str, Served]:
+    """Return the ranges of some parameters that a model serves, from the scene that it was built from."""
     found = {}
-    for name in sorted({name for weight in weights for name, _ in weight.powers}):
+    for name in sorted(names):
         parameter = built.parameters[name]
         nominal = parameter.nominal
         low, high = (nominal - UNSAID * abs(nominal), nominal + UNSAID * abs(nominal))
@@ -390,9 +396,6 @@ def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
             low, high = float(tried.min()), float(tried.max())
         ends = [nominal + factor * (end - nominal) for factor in (WIDER, FARTHEST) for end in (low, high)]
         found[name] = Served(*ends)
-    if rom.family is not None:
-        grid = rom.family.grid
-        found |= {name: Served(low, high, low, high) for name, (low, high) in zip(grid.names, grid.ranges)}
     return found
 
 
@@ -414,7 +417,7 @@ def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray]
         if beyond.any():
             first = int(np.argmax(beyond))
             raise InputError(
-                f"{where}: {int(beyond.sum())} of {beyond.size} samples are beyond what the reduced model serves, "
+                f"{where}: {int(beyond.sum())} of {beyond.size} samples are beyond what the model serves, "
                 f"number {first} with {name} = {values[name][first]:.6g}, which must be within [{served.least:.6g}, "
                 f"{served.most:.6g}]; {CURE}"
             )
@@ -441,7 +444,7 @@ def outside_of(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], w
     n = int(np.any(list(outside.values()), axis=0).sum())
     count = len(next(iter(outside.values())))
     yield warning(
-        f"{where}: {n} of {count} samples are outside the range that the reduced model was built for, "
+        f"{where}: {n} of {count} samples are outside the range that the model was built for, "
         f"{', '.join(lines)}; look at their estimated errors, or {CURE}"
     )
 
@@ -451,12 +454,12 @@ def _of_parameter(name: str, served: Served, scene: Scene) -> Iterator[str]:
     entry = f"parameters.{name}.value"
     if served.beyond(value):
         raise InputError(
-            f"{entry} = {value:.6g}: beyond what the reduced model serves, [{served.least:.6g}, {served.most:.6g}]; "
+            f"{entry} = {value:.6g}: beyond what the model serves, [{served.least:.6g}, {served.most:.6g}]; "
             f"{CURE}, or take pgmp simulate SCENE --full"
         )
     if served.outside(value):
         yield (
-            f"{entry} = {value:.6g}: outside [{served.low:.6g}, {served.high:.6g}], the range that the reduced model "
+            f"{entry} = {value:.6g}: outside [{served.low:.6g}, {served.high:.6g}], the range that the model "
             f"was built for; look at the estimated errors, or {CURE}"
         )
     if parameter.distribution is None:
@@ -468,14 +471,14 @@ def _of_parameter(name: str, served: Served, scene: Scene) -> Iterator[str]:
         f"parameters.{name}.distribution: {100 * share:.2g} % of it lie outside [{served.low:.6g}, {served.high:.6g}]"
     )
     if served.is_sharp and beyond > ROUND_OFF:
-        raise InputError(f"{what}, beyond which the reduced model serves no length, place or ratio; {CURE}")
+        raise InputError(f"{what}, beyond which the model serves no length, place or ratio; {CURE}")
     if beyond > 0.5:
         raise InputError(
-            f"{what}, the range that the reduced model was built for, and the greater part beyond what it serves, "
+            f"{what}, the range that the model was built for, and the greater part beyond what it serves, "
             f"[{served.least:.6g}, {served.most:.6g}]; {CURE}"
         )
     if share > NOTICED:
-        yield f"{what}, the range that the reduced model was built for; look at the estimated errors, or {CURE}"
+        yield f"{what}, the range that the model was built for; look at the estimated errors, or {CURE}"
 
 
 def _share(parameter: Parameter, low: float, high: float) -> float:

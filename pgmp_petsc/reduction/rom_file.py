@@ -17,7 +17,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.recovery import Recovery
-from pgmp_petsc.declare.records import Record, Result, array, attribute, leaves, run_record
+from pgmp_petsc.declare.records import Record, Result, array, attribute, run_record
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -47,20 +47,73 @@ def _terms(table: np.ndarray, weights: Weights) -> Terms:
 
 
 @dataclass(frozen=True)
-class RecoveryFile(Record):
-    """The mesh of a condensed body, and its nodes' displacements per unit of the body's unknowns."""
+class MeshFile(Record):
+    """A mesh of cells."""
 
     kind: str = attribute("@kind", about="meshio's name of the cells")
-    answered: bool = attribute("@answered", about="whether the shapes answer the body's own inertia forces")
     nodes: np.ndarray = array("node", "dimension", unit="m", about="coordinates in the body's frame")
     cells: np.ndarray = array("cell", "corner", about="nodes of the cells")
-    shapes: np.ndarray = array(
-        "displacement of a node", "own unknown", unit="m, 1", about=f"displacements per unit of {UNKNOWNS}"
-    )
     group_names: tuple[str, ...] = attribute("groups@names", "group", about="names of the groups of faces")
     groups: dict[str, np.ndarray] = array("...", about="nodes of the faces", ordered=True)
     region_names: tuple[str, ...] = attribute("regions@names", "region", about="names of the regions")
     regions: dict[str, np.ndarray] = array("...", about="numbers of the cells", ordered=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.cells.size and not 0 <= self.cells.min() <= self.cells.max() < len(self.nodes):
+            raise ValueError("cells have nodes beyond those of the mesh")
+        if any(one.ndim != 2 for one in self.groups.values()) or any(one.ndim != 1 for one in self.regions.values()):
+            raise ValueError("faces of groups have two axes, cells of regions one")
+
+    @classmethod
+    def of_mesh(cls, mesh: SolidMesh, **more: Any) -> Self:
+        """Return a mesh as a file has it, with what else there is."""
+        numbered = ({f"of_{k}": part for k, part in enumerate(one.values())} for one in (mesh.groups, mesh.regions))
+        groups, regions = numbered
+        names = tuple(mesh.groups), tuple(mesh.regions)
+        return cls(mesh.kind, mesh.nodes, mesh.cells, names[0], groups, names[1], regions, **more)
+
+    @property
+    def mesh(self) -> SolidMesh:
+        """The mesh."""
+        groups = {name: self.groups[f"of_{k}"] for k, name in enumerate(self.group_names)}
+        regions = {name: self.regions[f"of_{k}"] for k, name in enumerate(self.region_names)}
+        return SolidMesh(self.kind, self.nodes, self.cells, groups=groups, regions=regions)
+
+
+@dataclass(frozen=True)
+class CellsFile(MeshFile):
+    """The mesh of a body of cells, and its nodes' displacements per unit of the amplitudes."""
+
+    answered: bool = attribute("@answered", about="whether the shapes answer the body's own inertia forces")
+    shapes: np.ndarray = array(
+        "displacement of a node", "amplitude", unit="m", about=f"displacements per unit of {AMPLITUDES}"
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.shapes) != self.nodes.size:
+            raise ValueError(f"recovery has shapes {self.shapes.shape}, not of {self.nodes.size} rows")
+
+    @classmethod
+    def of(cls, recovery: Recovery) -> Self:
+        """Return it as a file has it."""
+        shapes = np.ascontiguousarray(recovery.shapes)
+        return cls.of_mesh(recovery.carrier, answered=recovery.answered, shapes=shapes)
+
+    @property
+    def recovery(self) -> Recovery:
+        """Its origin."""
+        return Recovery(self.mesh, self.shapes, self.answered)
+
+
+@dataclass(frozen=True)
+class RecoveryFile(CellsFile):
+    """The mesh of a condensed body, and its nodes' displacements per unit of the body's unknowns."""
+
+    shapes: np.ndarray = array(
+        "displacement of a node", "own unknown", unit="m, 1", about=f"displacements per unit of {UNKNOWNS}"
+    )
     curved: np.ndarray | None = array(
         "pair of unknowns", "own unknown", unit="SI", absent=None,
         about=f"what stands for strains of second order of pairs i >= j of the unknowns: {UNKNOWNS}",
@@ -68,44 +121,23 @@ class RecoveryFile(Record):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        n_nodes, wanted, n = len(self.nodes), self.nodes.size, self.shapes.shape[1]
+        n = self.shapes.shape[1]
         if self.curved is not None and len(self.curved) != n * (n + 1) // 2:
             raise ValueError(f"recovery/curved has shape {self.curved.shape}, not of {n * (n + 1) // 2} rows")
-        if len(self.shapes) != wanted or self.cells.size and not 0 <= self.cells.min() <= self.cells.max() < n_nodes:
-            raise ValueError(
-                f"recovery has shapes {self.shapes.shape}, not of {wanted} rows, or cells beyond its nodes"
-            )
-        if any(one.ndim != 2 for one in self.groups.values()) or any(one.ndim != 1 for one in self.regions.values()):
-            raise ValueError("recovery: faces of groups have two axes, cells of regions one")
 
     @classmethod
     def of(cls, recovery: Recovery) -> Self:
-        """Return it as a file has it."""
-        mesh = recovery.carrier
-        numbered = ({f"of_{k}": part for k, part in enumerate(one.values())} for one in (mesh.groups, mesh.regions))
-        groups, regions = numbered
-        return cls(
-            mesh.kind, recovery.answered, mesh.nodes, mesh.cells, recovery.shapes, tuple(mesh.groups), groups,
-            tuple(mesh.regions), regions, recovery.curved,
-        )  # fmt: skip
+        return replace(super().of(recovery), curved=recovery.curved)
 
     @property
     def recovery(self) -> Recovery:
-        """Its origin."""
-        groups = {name: self.groups[f"of_{k}"] for k, name in enumerate(self.group_names)}
-        regions = {name: self.regions[f"of_{k}"] for k, name in enumerate(self.region_names)}
-        mesh = SolidMesh(self.kind, self.nodes, self.cells, groups=groups, regions=regions)
-        return Recovery(mesh, self.shapes, self.answered, self.curved)
+        return replace(super().recovery, curved=self.curved)
 
 
 @dataclass(frozen=True)
 class FloatingFile(Record):
-    """A condensed body in a floating frame, besides its frames."""
+    """A body in a floating frame, besides its frames."""
 
-    parts: np.ndarray = array(
-        "own unknown", "own unknown", unit="m, 1",
-        about=f"motion of the frame, then {AMPLITUDES}, of a unit of each unknown: {UNKNOWNS}",
-    )  # fmt: skip
     shapes: np.ndarray = array(
         "frame", "component", "amplitude", unit="m, 1", about=f"displacements and rotations of the frames: {AMPLITUDES}"
     )
@@ -126,31 +158,48 @@ class FloatingFile(Record):
     curved_weights: Weights = weights_of("curved", "term of curved")
 
     @classmethod
-    def of(cls, floating: FloatingBody) -> Self:
+    def of(cls, floating: FloatingBody, **more: np.ndarray) -> Self:
         """Return it as a file has it."""
         d, n = floating.centres.shape[1], floating.n
         m = 1 + d + d * n
         return cls(
-            floating.parts, floating.shapes, floating.bent, *_stacked(floating.stiffness, n, n),
-            *_stacked(floating.moments, m, m), *_stacked(floating.curved, d, d, n, n),
+            np.ascontiguousarray(floating.shapes), np.ascontiguousarray(floating.bent),
+            *_stacked(floating.stiffness, n, n), *_stacked(floating.moments, m, m),
+            *_stacked(floating.curved, d, d, n, n), **more,
         )  # fmt: skip
+
+    def body(
+        self, frames: dict[str, int], centres: np.ndarray, recovery: Recovery | None, parts: np.ndarray | None = None
+    ) -> FloatingBody:
+        """Return the body with its frames and what brings it back to its mesh."""
+        return FloatingBody(
+            frames=frames,
+            centres=centres,
+            shapes=self.shapes,
+            moments=_terms(self.moments, self.moments_weights),
+            stiffness=_terms(self.stiffness, self.stiffness_weights),
+            bent=self.bent,
+            curved=_terms(self.curved, self.curved_weights),
+            recovery=recovery,
+            parts=parts,
+        )
+
+
+@dataclass(frozen=True)
+class FloatingComponentFile(FloatingFile):
+    """A condensed body in a floating frame, besides its frames."""
+
+    parts: np.ndarray = array(
+        "own unknown", "own unknown", unit="m, 1",
+        about=f"motion of the frame, then {AMPLITUDES}, of a unit of each unknown: {UNKNOWNS}",
+    )  # fmt: skip
 
     def floating(self, component: Component) -> FloatingBody:
         """Return the floating body of a component."""
         kept = component.recovery
         if kept is not None:
             kept = replace(kept, shapes=kept.shapes @ np.linalg.inv(self.parts)[:, -self.shapes.shape[2] :])
-        return FloatingBody(
-            frames=component.frames,
-            centres=component.centres,
-            shapes=self.shapes,
-            moments=_terms(self.moments, self.moments_weights),
-            stiffness=_terms(self.stiffness, self.stiffness_weights),
-            bent=self.bent,
-            curved=_terms(self.curved, self.curved_weights),
-            recovery=kept,
-            parts=self.parts,
-        )
+        return self.body(component.frames, component.centres, kept, self.parts)
 
 
 @dataclass(frozen=True)
@@ -181,7 +230,7 @@ class ComponentFile(Record):
     error: float = attribute("@error", about="estimated relative error of what the interface answers")
     centre_of_mass: np.ndarray | None = array("dimension", unit="m", about="of a rigid body, in its frame", absent=None)
     recovery: RecoveryFile | None = array(absent=None)
-    floating: FloatingFile | None = array(absent=None)
+    floating: FloatingComponentFile | None = array(absent=None)
     moments: np.ndarray | None = array(
         "term of moments", "dimension", "dimension", "own unknown", "own unknown", absent=None
     )
@@ -197,7 +246,7 @@ class ComponentFile(Record):
             component.centres, *_stacked(component.mass, n, n), *_stacked(component.stiffness, n, n), component.fields,
             component.probes, component.n_mesh_dofs, component.error, component.centre_of_mass,
             None if recovery is None else RecoveryFile.of(recovery),
-            None if floating is None else FloatingFile.of(floating),
+            None if floating is None else FloatingComponentFile.of(floating, parts=floating.parts),
         )  # fmt: skip
 
     @classmethod
@@ -260,8 +309,18 @@ class BodyFile(Record):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.line is None and self.component is None:
+        if all(source is None for source in self._sources):
             raise ValueError("'nodes' or 'centres' of a body is missing")
+
+    @property
+    def _sources(self) -> tuple[Record | None, ...]:
+        """What a body may be made of, of which it has one."""
+        return self.line, self.component
+
+    @property
+    def named(self) -> dict[str, int]:
+        """Its points by name."""
+        return {name: int(number) for name, number in zip(self.points, self.numbers)}
 
     @classmethod
     def of(cls, shape: LineMesh | Component) -> Self:
@@ -282,10 +341,9 @@ class BodyFile(Record):
     @property
     def shape(self) -> LineMesh | Component:
         """The mesh, or the component."""
-        points = {name: int(number) for name, number in zip(self.points, self.numbers)}
         if self.component is not None:
-            return self.component.component(points)
-        return LineMesh(self.line.nodes, self.line.cells, points)
+            return self.component.component(self.named)
+        return LineMesh(self.line.nodes, self.line.cells, self.named)
 
 
 @dataclass(frozen=True)
@@ -447,13 +505,6 @@ class ModelFile(Record):
         for name, (found, wanted) in sizes.items():
             if found != wanted:
                 raise ValueError(f"{name} has shape {found}; needed: {wanted}")
-
-    def check_finite(self) -> None:
-        """Raise `ValueError` where a number is missing or not finite that may not be."""
-        for leaf in leaves(self):
-            is_array = isinstance(leaf.value, np.ndarray) and leaf.value.dtype.kind == "f"
-            if is_array and not leaf.one.entry.gaps and not np.isfinite(leaf.value).all():
-                raise ValueError(f"{leaf.place} holds numbers that are not finite")
 
     @property
     def samples(self) -> SampleGrid:

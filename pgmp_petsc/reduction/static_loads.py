@@ -27,7 +27,7 @@ from pgmp_petsc.scene.uses import offset_values
 
 ROUND_OFF = 1e-24  # a square: of inertia forces, beside those of the largest velocity of the rigid motion
 # shares of the ranges at which loads are compared, far from every symmetry
-PLACES = np.array([[0.236, 0.414], [0.618, 0.732], [0.854, 0.142]])
+PLACES = np.array([[0.236, 0.414, 0.327], [0.618, 0.732, 0.871], [0.854, 0.142, 0.563]])
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,14 +26,13 @@ from pgmp_petsc.base.errors import InputError, counted, visible
 from pgmp_petsc.figures.loads import OF_JOINTS, outputs_of
 from pgmp_petsc.figures.style import MODELS, axis_unit, quantity, scene_of
 from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired
-from pgmp_petsc.files.claims import check_output, replacing
+from pgmp_petsc.files.claims import check_output, named, replacing
 from pgmp_petsc.files.hdf5 import KINDS
 from pgmp_petsc.report import charts
 from pgmp_petsc.report.budget import Line, error_budget, model_error, verdict
 from pgmp_petsc.report.charts import Chart, Curve
 from pgmp_petsc.report.film import Film, film_of
 from pgmp_petsc.report.sources import (
-    READERS,
     Build,
     Datum,
     Interval,
@@ -432,10 +431,9 @@ def _cost(sources: Sequence[Source]) -> Table:
 
 def _origins(sources: Sequence[Source]) -> Table:
     """Return what each file is and which program wrote it."""
-    names = {reader: kind for kind, reader in READERS.items()}
     rows = []
     for source in sources:
-        kind, model = KINDS[names[type(source.result)]], getattr(source.result, "model", "")
+        kind, model = KINDS[source.result.kind], getattr(source.result, "model", "")
         seed, of = source.record.seed, f", {MODELS[model]}" if model else ""
         told = source.name, f"{kind}{of}", f"pgmp {source.program}", str(source.record.ranks), seed
         rows.append([["" if text is None else str(text)] for text in told])
@@ -445,11 +443,14 @@ def _origins(sources: Sequence[Source]) -> Table:
 def _commands(sources: Sequence[Source]) -> list[str]:
     """Return commands that repeat the results, from the scene that they carry."""
     any_reduced = any(getattr(source.result, "model", "") == "reduced" for source in sources)
-    builds = [shlex.quote(source.name) for source in of_kind(sources, Build)]
-    rom = builds[0] if builds else "rom.h5"
+    builds = {source.result.kind: shlex.quote(source.name) for source in of_kind(sources, Build)}
+    rom = builds.get("rom", "rom.h5")
     found = [f"pgmp info {shlex.quote(str(sources[0].path))} --scene > scene.toml"]
-    if builds or any_reduced:
+    if "rom" in builds or any_reduced:
         found.append(f"pgmp build scene.toml -o {rom}")
+    components = builds.get("components", "scene.toml --components")
+    if "components" in builds:
+        found.append(f"pgmp build scene.toml --components -o {components}")
     for source in sources:
         result, target = source.result, shlex.quote(source.name)
         if isinstance(result, Build):
@@ -458,7 +459,7 @@ def _commands(sources: Sequence[Source]) -> list[str]:
             quick = " --quick" if result.quick else ""
             found.append(f"pgmp tradeoff scene.toml{quick} -n {result.samples} -o {target}")
             continue
-        model = {"full": "scene.toml --full", "components": "scene.toml --components"}.get(result.model, rom)
+        model = {"full": "scene.toml --full", "components": components}.get(result.model, rom)
         if isinstance(result, Ensemble):
             seed = "" if result.record.seed is None else f" --seed {result.record.seed}"
             found.append(f"pgmp montecarlo {model} -n {len(result.status)}{seed} -o {target}")
@@ -538,7 +539,7 @@ def write_report(files: Sequence[Path], output: Path) -> list[str]:
     """Write the page of result files, and return lines on what it is and on files given twice; by one process only.
 
     Files of different scenes get sections of their own, with the scenes' names. Raises `InputError` if a file is
-    damaged or none that a page shows, if nothing but reduced models is given, or if the output cannot be written, is
+    damaged or none that a page shows, if nothing but models is given, or if the output cannot be written, is
     one of the files, or is another file than a page of this program; `RunError` if the system fails to write.
     """
     check_output(output, "report", files)
@@ -546,8 +547,8 @@ def write_report(files: Sequence[Path], output: Path) -> list[str]:
     bare = [sources[0] for sources in scenes if all(hasattr(source.result, "selection") for source in sources)]
     if bare:
         raise InputError(
-            f"file '{bare[0].path}' holds a reduced model, and no results of its scene are here: add a trajectory or "
-            "an ensemble of it"
+            f"file '{bare[0].path}' holds {named(bare[0].result.kind)}, and no results of its scene are here: add a "
+            "trajectory or an ensemble of it"
         )
     text = page_of(scenes, lines)
     with replacing(output, "report") as partial:

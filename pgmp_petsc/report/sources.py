@@ -26,20 +26,22 @@ from pgmp_petsc.results.statistics import RareEvent
 
 @dataclass(frozen=True)
 class Build:
-    """Build of a reduced model, as recorded in its file."""
+    """Build of a model, as recorded in its file."""
 
+    kind: str  # ``rom`` or ``components``
     record: RunRecord  # where it comes from
     selection: Selection | None  # what was chosen for tolerances, None where nothing was
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Build:
-        """Read a file; raises `InputError` where it is no whole reduced model."""
-        with open_file(path, "rom") as file:
-            return cls(RunRecord.read(file), Selection.found_in(file))
+        """Read a file; raises `InputError` where it is no whole model."""
+        with open_file(path, ("rom", "components")) as file:
+            return cls(str(file.attrs["kind"]), RunRecord.read(file), Selection.found_in(file))
 
 
 READERS = {
-    "trajectory": Trajectory, "ensemble": Ensemble, "tradeoff": Tradeoff, "rare_event": RareEvent, "rom": Build
+    "trajectory": Trajectory, "ensemble": Ensemble, "tradeoff": Tradeoff, "rare_event": RareEvent, "rom": Build,
+    "components": Build,
 }  # fmt: skip
 Result = Trajectory | Ensemble | Tradeoff | RareEvent | Build
 

@@ -99,6 +99,12 @@ def origin_of(record: RunRecord) -> dict[str, Any]:
     return {"scene": scene, **own, "remarks": remarks, "timings": record.timings}
 
 
+def units_of_parameters(record: RunRecord) -> dict[str, str]:
+    """Return the units of the parameters of the scene that a result is of."""
+    given = tomllib.loads(record.scene_toml).get("parameters", {})
+    return {name: one.get("unit", "") for name, one in given.items()}
+
+
 def _parts(of: object, *names: str) -> dict[str, Any]:
     return {name: getattr(of, name) for name in names}
 

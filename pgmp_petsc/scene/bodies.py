@@ -190,7 +190,7 @@ class Matrices(Table):
     rows: str | None = Field(
         None,
         min_length=1,
-        description="file that says of which node and direction each row is, such as Ansys' .mapping",
+        description="file that says of which node and direction each row is: Ansys' .mapping, CalculiX' .dof",
     )
     units: FileUnits = Field(FileUnits(), description="units of the files: length, mass, time")
     faces: dict[Name, NodeSet] = Field(

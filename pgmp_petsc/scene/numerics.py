@@ -55,7 +55,7 @@ class Reduction(Table):
     )
     modes: Vectors = Field(15, ge=1, description="number of flexible modes kept at every configuration")
     angles: Angles = Field(
-        629, ge=4, description="number of sampled configurations along each coordinate; 24 with several"
+        629, ge=4, description="number of sampled configurations along each coordinate; 24 with two, 16 with three"
     )
     length_points: Annotated[Integer, at_most(8, "polynomials of degree 7 are as good as the eigensolvers")] = Field(
         5,
@@ -109,8 +109,8 @@ class Reduction(Table):
     interpolation: Literal["overhauser", "spline", "spectral"] = Field(
         "overhauser",
         description="interpolation between samples: cubic Hermite with central-difference tangents (the paper's; where "
-        "joints are elastic, a spline), cubic spline, or trigonometric (periodic) and Chebyshev "
-        "(limited range)",
+        "joints are elastic, and by default over three coordinates, a spline), cubic spline, or trigonometric "
+        "(periodic) and Chebyshev (limited range)",
     )
 
     @model_validator(mode="after")

@@ -9,6 +9,7 @@ from typing import Any, Literal, Self
 from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 
 from pgmp_petsc.base.errors import Remark
+from pgmp_petsc.base.notebooks import Grid, card
 from pgmp_petsc.base.units import SAID, SI, UnitSystem, system_of
 from pgmp_petsc.declare.ideas import WHEN_GROWN
 from pgmp_petsc.scene.bodies import Body, Material
@@ -32,7 +33,7 @@ from pgmp_petsc.scene.references import part_problems, parts_of, reference_probl
 from pgmp_petsc.scene.units import text_problems, unit_problems
 from pgmp_petsc.scene.uses import Sign, length_problems, uses_of
 
-ANGLES_OF_SEVERAL = 24  # along each of several coordinates, where a scene does not say
+ANGLES_OF_SEVERAL = {2: 24, 3: 16}  # along each of several coordinates, where a scene does not say
 
 
 class Header(Table):
@@ -90,6 +91,20 @@ class Scene(Table):
     def remarks(self) -> tuple[Remark, ...]:
         """Doubts about the scene that its reader found; results keep them. No part of the TOML."""
         return self._remarks
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: what there is, and the parameters."""
+        kinds = {
+            table: ", ".join(f"{name} ({getattr(one, kind)})" for name, one in getattr(self, table).items())
+            for table, kind in {"bodies": "element", "joints": "type", "effects": "type", "outputs": "type"}.items()
+        }
+        ranges = {name: "periodic" if one.periodic else f"{one.range}" for name, one in self.coordinates.items()}
+        about = {"": self.scene.description, **kinds}
+        about["coordinates"] = ", ".join(f"{name} ({text})" for name, text in ranges.items())
+        drawn = {name: one.distribution.name if one.distribution else "" for name, one in self.parameters.items()}
+        rows = [(name, one.current, one.unit, drawn[name], one.description) for name, one in self.parameters.items()]
+        head = ("parameter", "value", "unit", "distribution", "")
+        return card(f"pgmp scene '{self.name}'", about, [Grid(head, rows)], self.remarks)
 
     def with_remarks(self, remarks: tuple[Remark, ...]) -> Self:
         """Return the scene with what is doubtful about it."""
@@ -153,10 +168,12 @@ class Scene(Table):
     @property
     def interpolation(self) -> str:
         """The interpolation of reduced tables between samples. Where joints are elastic, splines take the place of
-        Overhauser's tangents: rigid motion and what these joints carry along share inertia, whose slopes are forces."""
+        Overhauser's tangents: rigid motion and what these joints carry along share inertia, whose slopes are forces.
+        So they do over three coordinates, where samples are far apart, unless a scene asks for these tangents."""
         scheme = self.reduction.interpolation
         elastic = any(joint.elastic is not None for joint in self.joints.values())
-        return "spline" if elastic and scheme == "overhauser" else scheme
+        few = len(self.coordinates) > 2 and "interpolation" not in self.reduction.model_fields_set
+        return "spline" if (elastic or few) and scheme == "overhauser" else scheme
 
     @property
     def gyroscopic(self) -> bool:
@@ -233,9 +250,9 @@ class Scene(Table):
         automatic = data.get("effects") == "auto"
         if automatic:
             reduction["effects"] = "auto"
-        several = isinstance(data.get("coordinates"), dict) and len(data["coordinates"]) > 1
-        if several and reduction.get("tolerance") is None:  # which leaves angles that are not given to the choice
-            reduction.setdefault("angles", ANGLES_OF_SEVERAL)
+        n = len(data["coordinates"]) if isinstance(data.get("coordinates"), dict) else 1
+        if n > 1 and reduction.get("tolerance") is None:  # which leaves angles that are not given to the choice
+            reduction.setdefault("angles", ANGLES_OF_SEVERAL[min(n, max(ANGLES_OF_SEVERAL))])
         changed = {**data, "reduction": reduction} if reduction else data
         return {**changed, "effects": {}} if automatic else changed
 

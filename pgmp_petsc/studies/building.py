@@ -5,27 +5,30 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
+from typing import ClassVar, Self
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.resources import Timings
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.choice import choose_over_lengths, leaves_open
 from pgmp_petsc.bench.finished import Finished
+from pgmp_petsc.bench.reference import condensed_bodies
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.effects import start_of
-from pgmp_petsc.files.hdf5 import BUILD_AGAIN, open_file, shapes_of
+from pgmp_petsc.estimates.own_error import condensed_alone
+from pgmp_petsc.files.hdf5 import BUILD_AGAIN, RunRecord, open_file, shapes_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.models.component_file import ComponentsFile, model_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import BuildCheckpoint, build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import EffectSizes, Selection
-from pgmp_petsc.results.summary import origin_of
-from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.uses import extremes, length_names
 from pgmp_petsc.stepping.static_equilibrium import require_balance
 from pgmp_petsc.studies.effect_sizes import choose_effects, remarks_on_sizes
@@ -37,6 +40,7 @@ Said = Callable[[str], None]
 class Built:
     """A reduced model and what its file keeps beside it."""
 
+    kind: ClassVar[str] = "rom"
     rom: ReducedOrderModel | None  # on the first rank, None elsewhere
     selection: Selection | None = None  # what was chosen for tolerances; None where nothing was
     sizes: EffectSizes | None = None  # of effects, where they were chosen by size
@@ -70,7 +74,6 @@ class Built:
             "frequencies_hz": {"min": frequencies.min(axis=0), "max": frequencies.max(axis=0)},
             "terms": terms,
             "least_cosine": rom.cosines.min(),
-            **origin_of(rom.record),
             "chosen": None if self.selection is None else self.selection.chosen,
         }
 
@@ -131,6 +134,23 @@ def build(
             # with a tolerance for the step it is the chosen scene that runs
             rom = _with_remarks(rom, scene if choice is None else choice.scene, meshes)
     return Built(rom, None if choice is None else choice.selection, sizes, checkpoint)
+
+
+def build_components(scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm) -> ComponentsFile | None:
+    """Condense the bodies of a scene to its component model: on the first rank, None elsewhere. Collective on `comm`.
+
+    Raises `InputError`, `RunError`; on all ranks, whichever rank met it.
+    """
+    timings = Timings()
+    with timings.phase("components"):
+        bodies = condensed_bodies(scene, meshes, comm)
+    with agreed(comm, "preparing the component model"), timings.phase("assembly"):
+        model = model_of(scene, bodies, n_ranks=comm.size)  # refuses what no run of it could have
+        model.require_taken()
+        remarks = (*condensed_alone(model), *model.kinematics.remarks, *scene.remarks)
+    timings = timings.maximum(comm)
+    record = RunRecord(scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict(), remarks)
+    return ComponentsFile(bodies=bodies, record=record) if comm.rank == 0 else None
 
 
 def _check_ahead(scene: Scene, meshes: Mapping[str, BodyShape]) -> None:

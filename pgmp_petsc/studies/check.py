@@ -20,10 +20,10 @@ from pgmp_petsc.bodies.shape import BodyShape, given_properties
 from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of, start_of
 from pgmp_petsc.effects.clearance import impacts
 from pgmp_petsc.effects.springs import spring_force
-from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, foretold
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, foretold, why_no_grid
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
-from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
+from pgmp_petsc.mechanism.kinematics import MOST_FOLLOWED, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.outputs.outputs import OutputSet
@@ -67,8 +67,10 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     released = kinematics.motion([coordinate.lower for coordinate in coordinates]).released.shape[-1]
     n_flexible = null.independent.size - (len(coordinates) - len(clamped)) - released
     left_open = scene.reduction.tolerance is not None and "modes" not in scene.reduction.model_fields_set
-    flexible_bodies, few = any(body.flexible for body in mechanism.bodies), len(coordinates) <= MOST_COORDINATES
-    reducible = flexible_bodies and few
+    flexible_bodies, no_grid = any(body.flexible for body in mechanism.bodies), ""
+    if flexible_bodies and len(coordinates) > MOST_FOLLOWED:
+        no_grid = why_no_grid(scene, mechanism)
+    reducible = flexible_bodies and not no_grid
     if reducible and scene.reduction.modes > n_flexible and not left_open:
         why = f"reduction.modes = {scene.reduction.modes}: the mesh has only {n_flexible} flexible modes"
         raise InputError(f"{why}; take fewer modes or a finer mesh")
@@ -89,7 +91,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
         reduced = f"reduced as reduction.tolerance = {scene.reduction.tolerance:g} needs them (pgmp build)"
     if not flexible_bodies:
         reduced = "nothing to reduce: all bodies are rigid (pgmp simulate --full)"
-    elif not few:
+    elif no_grid:
         reduced = f"not to be reduced over {len(coordinates)} coordinates (pgmp simulate --components or --full)"
     lines.append(f"  unknowns      {mechanism.n_dofs} nodal, {null.independent.size} without constraints, {reduced}")
     if len(flexible) > 1 and not left_open and reducible:
@@ -98,6 +100,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     lines += _effects(scene, effects, loads)
     lines += [f"  clearance     {name}: {words}" for name, words in impacts(scene, mechanism)]
     lines += [f"  refused       {text}" for text in foretold(scene)]
+    if no_grid:
+        lines.append(f"  refused       pgmp build: {no_grid}")
     lines += [f"  {remark}" for remark in kinematics.remarks]
     lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")
     if large:

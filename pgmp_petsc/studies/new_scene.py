@@ -20,6 +20,7 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene.bodies import CAD
 from pgmp_petsc.scene.loading import scene_from_toml
 from pgmp_petsc.studies.plausibility.bodies import sizes_of
+from pgmp_petsc.studies.robot_scene import ROBOT
 
 MILLIMETRE = 1e-3
 STEEL = {"E": 210e3, "nu": 0.3, "rho": 7.85e-9, "yields": 250.0}  # in mm, t, s
@@ -49,7 +50,8 @@ def scene_of_part(source: Path, file: Path) -> PartScene:
     """Return the scene of a STEP file; `file` is where the scene will be. Raises `InputError` as `read_part`."""
     if source.suffix.lower() not in CAD:
         raise InputError(
-            f"--from {source}: a scene is made of a part of CAD as STEP ({', '.join(CAD)}); export it so from CAD"
+            f"--from {source}: a scene is made of a part of CAD as STEP ({', '.join(CAD)}; export it so from CAD), or "
+            f"of a robot ({', '.join(ROBOT)})"
         )
     part = read_part(source, shortened(f"--from {source}"), MILLIMETRE)
     name = _name(source.stem)

@@ -18,6 +18,7 @@ from pgmp_petsc.results.numbers import ROUND_OFF, axis_unit, plain, share_text, 
 if TYPE_CHECKING:
     from pgmp_petsc.base.errors import Remark
     from pgmp_petsc.files.hdf5 import RunRecord
+    from pgmp_petsc.models.component_file import ComponentsFile
     from pgmp_petsc.reduction.rom import ReducedOrderModel
     from pgmp_petsc.results import Ensemble, EstimatedErrors, ModesTable, Trajectory
     from pgmp_petsc.studies.building import Built
@@ -65,8 +66,11 @@ def report_of_modes(table: ModesTable, path: Path, said: Sequence[Remark] = ()) 
     return "\n".join([*lines, *closing(table.record, said)])
 
 
-def report_of_build(made: Built, path: Path, said: Sequence[Remark] = ()) -> str:
+def report_of_build(made: Built | ComponentsFile, path: Path, said: Sequence[Remark] = ()) -> str:
     """Say what was built, what is doubtful about it, and what was chosen for tolerances."""
+    if made.kind == "components":
+        counts = ", ".join(f"{name} {n}" for name, n in made.n_amplitudes.items())
+        return "\n".join([f"{path}: component model; amplitudes: {counts or 'none'}", *closing(made.record, said)])
     chosen = [] if made.selection is None else made.selection.lines(attempts=False)
     return "\n".join([report(made.rom, path, said), *chosen])
 

@@ -13,6 +13,7 @@ from refusals import refusal
 from runs import IN_TURN, PAPER_SCENE, SMALL, full_model, overridden, paper_scene, pgmp, refused, rom_of
 
 from pgmp_petsc.api.ensembles import Correction, better_models, exit_status, in_order
+from pgmp_petsc.api.sources import Origin
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.ensemble import integration, joined
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
@@ -57,7 +58,7 @@ def rom(folder: Path, scene: Scene) -> Path:
 
 def better(model: ReducedModel, *texts: str, n: int | None = N) -> list[Better]:
     """Return the models that the command would make."""
-    return better_models(wanted(texts, "reduced", n), model, "rom.h5", MPI.COMM_SELF)
+    return better_models(wanted(texts, "reduced", n), model, Origin("rom.h5", "reduced", (), (), True), MPI.COMM_SELF)
 
 
 def wanted(texts: Sequence[str], own: str, n: int | None) -> list[Correction]:

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import matplotlib.image
 import numpy as np
 import pandas
 import pytest
@@ -23,6 +24,7 @@ from runs import PAPER_SCENE
 import pgmp_petsc as pgmp
 from pgmp_petsc.api import ranks
 from pgmp_petsc.ensemble import integration
+from pgmp_petsc.figures.style import save
 from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
 
 SCENES = sorted((ROOT / "scenes").glob("*.toml"))
@@ -280,6 +282,67 @@ def test_without_xarray(run: pgmp.Result, monkeypatch: pytest.MonkeyPatch) -> No
         run.to_xarray()
 
 
+def test_groups_have_names_without_dots(rom: pgmp.Rom, run: pgmp.Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The arrays of datasets, in a DataTree where the installed xarray has it."""
+    ensemble = pgmp.montecarlo(rom, 4, overrides={"ensemble.extremes": True})
+    table = pgmp.frequencies(rom.scene, angles=3)
+    for result in (run, ensemble, table, pgmp.sensitivities(rom)):
+        data, groups, n = result.to_xarray(), result.to_groups(), 0
+        for path in groups if isinstance(groups, dict) else [one.path for one in groups.subtree]:
+            for name, values in groups[path].data_vars.items():
+                kind = "" if path.strip("/") == "output" else path.strip("/").replace("/", ".") + "."
+                assert "." not in name and np.array_equal(values, data[f"{kind}{name}"], equal_nan=True)
+                n += 1
+        assert n == len(data.data_vars)
+    assert "theta" in table.to_groups()["frequency"].coords and run.to_groups()["output"]["crank_angle"].dims == (
+        "time",
+    )
+    xarray = pytest.importorskip("xarray")
+    made = type("DataTree", (), {"from_dict": staticmethod(lambda groups, name: (name, sorted(groups)))})
+    monkeypatch.setattr(xarray, "DataTree", made, raising=False)
+    assert table.to_groups() == ("modes", ["frequency"])
+
+
+def test_notebooks_show_what_there_is(scene: Scene, rom: pgmp.Rom, run: pgmp.Result) -> None:
+    """A title, parameters with values and units, figures, remarks, and datasets as xarray shows them, folded."""
+    shown = {"scene": scene._repr_html_(), "rom": rom._repr_html_(), "run": run._repr_html_()}
+    assert "crank (beam2d), rod (beam2d)" in shown["scene"] and "theta (periodic)" in shown["scene"]
+    assert "<td" in shown["rom"] and "pgmp rom of scene" in shown["rom"] and "dataset" not in shown["rom"]
+    assert all(">r1</td>" in one and ">m</td>" in one for one in shown.values()) and ">0.005</td>" in shown["run"]
+    assert f">{run.outputs['crank_angle'][-1]:.6g}</td>" in shown["run"] and "<details>" in shown["run"]
+    assert "xr-wrap" in shown["run"] and len(shown["scene"]) < 4000
+    ensemble = pgmp.montecarlo(rom, 4)._repr_html_()
+    assert "mean interval" in ensemble and "pgmp ensemble of scene" in ensemble
+    assert "d crank_angle" in pgmp.sensitivities(rom)._repr_html_()  # remarks
+    escaped = pgmp.compose({**scene.model_dump(exclude_none=True), "scene": {"name": "<b>"}}, scene.directory)
+    assert "<b>" not in escaped._repr_html_() and "&lt;b&gt;" in escaped._repr_html_()
+    absent = pgmp.Result("trajectory", None, MPI.COMM_SELF, Path())
+    assert "on the first rank alone" in absent._repr_html_()
+
+
+def test_results_draw_the_pictures_of_the_command(rom: pgmp.Rom, run: pgmp.Result, tmp_path: Path) -> None:
+    run.write(tmp_path / "run.h5")
+    pgmp.plot([tmp_path / "run.h5"], tmp_path)
+    for name in ("trajectories", "mechanism", "energies"):
+        save(run.plot(name), tmp_path / "own.png")
+        own, drawn = (matplotlib.image.imread(path) for path in (tmp_path / "own.png", tmp_path / f"{name}.png"))
+        assert np.array_equal(own, drawn)
+    assert run.plot()._repr_png_().startswith(b"\x89PNG")  # as notebooks show it
+    assert run.plot().axes and pgmp.montecarlo(rom, 6).plot().axes and pgmp.sensitivities(rom).plot().axes
+    with pytest.raises(pgmp.InputError, match="picture = 'film': of this trajectory there are trajectories, mechanism"):
+        run.plot("film")
+    with pytest.raises(pgmp.InputError, match="plot: there is no picture of a reduced model"):
+        rom.plot()
+
+
+def test_types_are_those_of_the_interface() -> None:
+    """Checkers of types see the names that there are when the program runs."""
+    text = Path(pgmp.__file__).read_text(encoding="utf-8")
+    block = re.search(r"^if TYPE_CHECKING:.*?\n\n", text, re.MULTILINE | re.DOTALL)[0]
+    assert {*re.findall(r"(\w+) as \1\b", block), "__version__"} == {*pgmp.__all__}
+    assert Path(pgmp.__file__).with_name("py.typed").is_file()
+
+
 def test_an_output_named_like_an_axis(rom: pgmp.Rom) -> None:
     renamed = {"outputs.mode": {"type": "angle", "joint": "crank_hinge"}}
     with pytest.raises(pgmp.InputError, match="'mode' is the name of an axis"):
@@ -353,9 +416,9 @@ def test_samples_of_a_program(rom: pgmp.Rom, tmp_path: Path) -> None:
 
 
 WRONG = cases("""
-pgmp.simulate(3) -> source: int received; allowed is a reduced model
+pgmp.simulate(3) -> source: int received; allowed is a built model
 pgmp.simulate(scene) -> model = None: of a scene there are 'full' and 'components'
-pgmp.simulate(rom, model="full") -> model = 'full': a reduced model is given
+pgmp.simulate(rom, model="full") -> model = 'full': the reduced model is built already
 pgmp.simulate(rom, {"r7": 1}) -> parameters r7=1.0: the scene has no parameter 'r7'
 pgmp.simulate(rom, {"r1": "x"}) -> parameters r1=x: 'x' is not a finite number
 pgmp.simulate(rom, "r1=1") -> parameters = 'r1=1': allowed are a mapping
@@ -363,21 +426,21 @@ pgmp.simulate(rom, ["r1"]) -> parameters r1:
 pgmp.simulate("a", model="half") -> model = 'half': allowed are 'reduced'
 pgmp.simulate("nowhere.h5") -> nowhere.h5
 pgmp.simulate(rom, overrides="a=1") -> overrides = 'a=1': allowed are a mapping
-pgmp.simulate(rom, overrides={"reduction.modes": 5}) -> overrides reduction: the tables of 'the reduced model' were
+pgmp.simulate(rom, overrides={"reduction.modes": 5}) -> overrides reduction: 'the reduced model' was
 pgmp.montecarlo(rom, n=0) -> n = 0: allowed are whole numbers from 1
 pgmp.montecarlo(rom, n=1e3) -> n = 1000.0: allowed are whole numbers
 pgmp.montecarlo(rom, 2, seed=-1) -> seed = -1: allowed are whole numbers from 0
 pgmp.montecarlo(rom, 2, sampler="x") -> sampler = 'x': allowed are random, latin
 pgmp.montecarlo(rom, 2, parameters={"r1": 5e-3}) -> parameters r1=0.005: every sample
 pgmp.montecarlo(rom, 2, resume=True) -> resume: without output nothing is kept
-pgmp.sensitivities(scene) -> rom: Scene received; allowed is a reduced model
+pgmp.sensitivities(scene) -> rom: Scene received; allowed is a model that was built
 pgmp.sensitivities(rom, "r1") -> names = 'r1': allowed is a list
 pgmp.sensitivities(rom, ["r7"]) -> names r7: there is no such parameter
 pgmp.build(3) -> scene: int received; allowed is a scene
 pgmp.build(scene, resume=True) -> resume: without output nothing is kept
 pgmp.tradeoff(scene, resume=True) -> resume: without output nothing is kept
 pgmp.frequencies(scene, angles=1) -> angles = 1: allowed are whole numbers from 2
-pgmp.frequencies(scene, rom=3) -> rom: int received; allowed is a reduced
+pgmp.frequencies(scene, rom=3) -> rom: int received; allowed is a model that was built
 pgmp.tradeoff(rom) -> scene: Rom received; allowed is a scene
 pgmp.montecarlo(rom) -> n: missing; give the number of samples
 pgmp.montecarlo(rom, 2, shard="1/2") -> shard: str received; allowed is pgmp.Shard
@@ -443,8 +506,10 @@ pgmp.write_report([3], "x.html") -> results: list received; allowed is a list of
 @pytest.mark.parametrize(("call", "said"), WRONG)
 def test_what_is_wrong_is_said(call: str, said: str, rom: pgmp.Rom, scene: Scene, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(pgmp.InputError, match=said):
+    with pytest.raises(pgmp.InputError, match=said) as caught:
         eval(call, {"pgmp": pgmp, "rom": rom, "scene": scene})
+    # arguments are called by their names in Python; commands that messages quote have their options
+    assert not re.search(r"(?<![\w-])--?[a-z]", re.sub(r"pgmp [^;,.)]*", "", str(caught.value)))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -134,13 +134,13 @@ def test_nothing_is_served_outside_the_range_of_a_length(rom: ReducedOrderModel)
     assert (served["rod_length"].least, served["rod_length"].high) == pytest.approx((LOW, HIGH))
     assert check_served(served, long_crank(*SMALL, settings=(f"rod_length={LOW}",))) == ()
     wider = "parameters.rod_length.bounds=[0.6, 0.8]"
-    with pytest.raises(InputError, match="parameters.rod_length.value = 0.66: beyond what the reduced model serves"):
+    with pytest.raises(InputError, match="parameters.rod_length.value = 0.66: beyond what the model serves"):
         check_served(served, long_crank(wider, "parameters.rod_length.distribution={name='uniform', loc=0.6, "
                                         "scale=0.2}", settings=("rod_length=0.66",)))  # fmt: skip
     shifted = 'parameters.rod_length.distribution={name="uniform", loc=0.66, scale=0.07}'
     with pytest.raises(InputError, match="serves no length, place or ratio"):
         check_served(served, long_crank(wider, shifted))
-    with pytest.raises(InputError, match="samples are beyond what the reduced model serves"):
+    with pytest.raises(InputError, match="samples are beyond what the model serves"):
         refuse_beyond(served, {"rod_length": np.array([0.7, 0.74])}, "--samples")
 
 

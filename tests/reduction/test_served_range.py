@@ -47,7 +47,7 @@ def test_a_value_and_a_distribution_outside_are_warned_of(served: dict[str, Serv
 @pytest.mark.parametrize(
     ("change", "line"),
     [
-        ("parameters.r1.value=11e-3", "parameters.r1.value = 0.011: beyond what the reduced model serves, [0.000"),
+        ("parameters.r1.value=11e-3", "parameters.r1.value = 0.011: beyond what the model serves, [0.000"),
         ('parameters.r1.distribution={name="uniform", loc=10e-3, scale=1.9e-3}', "and the greater part beyond what"),
     ],
 )
@@ -61,9 +61,7 @@ def test_samples_are_counted_and_refused_where_they_are_far_beyond(served: dict[
     assert "--samples table.csv: 2 of 4 samples are outside the range" in said.text and "2 in r1 ([0.00308" in said.text
     refuse_beyond(served, values, "--samples table.csv")
     assert outside_of(served, {"r1": np.array([5e-3])}, "") == () == outside_of(served, {"push": np.zeros(2)}, "")
-    with pytest.raises(
-        InputError, match="1 of 2 samples are beyond what the reduced model serves, number 1 with r1 = 0.0115"
-    ):
+    with pytest.raises(InputError, match="1 of 2 samples are beyond what the model serves, number 1 with r1 = 0.0115"):
         refuse_beyond(served, {"r1": np.array([5e-3, 11.5e-3])}, "--samples table.csv")
 
 

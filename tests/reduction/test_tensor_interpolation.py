@@ -58,22 +58,6 @@ def test_the_spectral_error_is_that_of_the_fine_grid() -> None:
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_polynomials_of_the_cells_are_the_interpolant(scheme: str) -> None:
-    grid = grid_of(scheme, (9, 7))
-    table = np.random.default_rng(0).normal(size=(grid.n, 3, 2))
-    found = interpolant(grid, table, scheme)
-    polynomials = found.polynomials()
-    assert polynomials.shape == (found.n_cells, 16, 3, 2)
-    for theta in POINTS[:40]:
-        place = [(x - axis.lower) / axis.step for x, axis in zip(theta, found.axes)]
-        cell = [int(p) for p in place]
-        first, second = (np.subtract(p, c) ** np.arange(4) for p, c in zip(place, cell))
-        of_cell = polynomials[cell[0] * found.axes[1].n_cells + cell[1]].reshape(4, 4, 3, 2)
-        expected = np.einsum("i,j,ij...", first, second, of_cell)
-        np.testing.assert_allclose(found(theta[None])[0], expected, rtol=0, atol=1e-11)
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
 def test_slopes_are_derivatives_of_the_interpolant(scheme: str) -> None:
     grid = grid_of(scheme, (9, 7))
     found = interpolant(grid, np.random.default_rng(0).normal(size=(grid.n, 2)), scheme)

@@ -16,8 +16,10 @@ import h5py
 import numpy as np
 import pytest
 import synthetic
+from conftest import ROOT
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mpi4py import MPI
 from runs import paper_scene, rom_of
 from sealed import resealed
 
@@ -26,11 +28,16 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
 from pgmp_petsc.ensemble.shards import Shards
+from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.models.component_file import ComponentsFile
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
 from pgmp_petsc.results.ensemble import read_shard
 from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.results.xdmf import write_xdmf
+from pgmp_petsc.scene import load_scene
+from pgmp_petsc.studies.building import build_components
+from pgmp_petsc.studies.inputs import with_meshes
 
 
 def described(path: Path) -> str:
@@ -48,6 +55,7 @@ def whole_shard(path: Path) -> None:
 FACTOR = float(os.environ.get("PGMP_FUZZ", "1"))
 READERS: dict[str, Callable[[Path], object]] = {
     "rom": ReducedOrderModel.read,
+    "components": ComponentsFile.read,
     "trajectory": Trajectory.read,
     "ensemble": Ensemble.read,
     "modes": ModesTable.read,
@@ -71,12 +79,19 @@ def rom() -> ReducedOrderModel:
     return rom_of(paper_scene("reduction.modes=3", "reduction.angles=6", "reduction.second_order=true"))
 
 
+def components() -> ComponentsFile:
+    """Return a model with a rigid and a flexible body of cells, and a flexible one of beams."""
+    scene = load_scene(ROOT / "scenes" / "spatial_mixed.toml")
+    return build_components(*with_meshes(scene, Purpose.COMPONENTS), MPI.COMM_SELF)
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Return a directory with a sound file of every kind."""
     folder = tmp_path_factory.mktemp("sound")
     sound = {
         "rom": rom(),
+        "components": components(),
         "trajectory": synthetic.trajectory(n_frames=2),
         "ensemble": synthetic.ensemble("reduced", n_samples=12),
         "modes": synthetic.modes_table(n_theta=5),

@@ -21,6 +21,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.modes_table import reduced_vibrations, springs_of
+from pgmp_petsc.studies.plausibility import plausibility
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import HEADER, tables
 
@@ -298,6 +299,16 @@ def test_reduced_runs_are_those_of_full_order(kind: str) -> None:
     """Models of first order: of a cam with 64 angles 9e-3, with 128 2e-3, as tables follow the breaks of its spline."""
     scene = with_arm(kind, "simulation.step=5e-4")
     assert largest_difference(run(scene, "full")[1], run(scene, "reduced")[1]) < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [("angles=256", False), ("angles=64", True), ("sampling_tolerance=1e-3,interpolation='spline'", False)],
+)
+def test_few_angles_of_a_cam_are_warned_of(override: str, said: bool) -> None:
+    """Its table has a few points alone; with a tolerance the build adds angles itself."""
+    few = [remark.text for remark in plausibility(with_arm("cam", f"reduction={{{override}}}"))]
+    assert any(text.startswith("reduction.angles = 64: few beside joints.lift") for text in few) == said
 
 
 @pytest.mark.parametrize("kind", ON_ARMS)

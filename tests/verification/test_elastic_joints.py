@@ -22,7 +22,7 @@ from runs import history, motion, read_meshes, reduced_model, rom_of, samples, t
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
-from pgmp_petsc.api.sources import scene_of_rom
+from pgmp_petsc.api.sources import scene_of_built
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.c_export.constants import started
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -404,12 +404,12 @@ def test_numbers_of_springs_may_be_changed_in_a_built_model(tmp_path):
     """Given as numbers too; what is rigid, and what nothing holds, is part of the tables."""
     entry, scene = "joints.two.elastic.stiffness", machine(*REDUCED)
     model = reduced_model(scene)
-    changed = scene_of_rom(model.rom, tmp_path, [f"{entry}=[2e6,'k']"], [], "rom.h5")
+    changed = scene_of_built(model.rom, tmp_path, [f"{entry}=[2e6,'k']"], [], "rom.h5")
     found = _outputs(reduced_model(scene).with_loads(changed), changed)
     built = machine(*REDUCED, f"{entry}=[2e6,'k']")
     for name, own in _outputs(MODELS["reduced"](built), built).items():
         assert np.max(np.abs(found[name] - own)) < 1e-6 * np.max(np.abs(own)), name
     for other in ("[inf,'k']", "[0.0,'k']"):
         damping = "joints.two.elastic.damping=[0.0,'c']"
-        with pytest.raises(InputError, match="--override joints: the tables of 'rom.h5' were built from this entry"):
-            scene_of_rom(model.rom, tmp_path, [f"{entry}={other}", damping], [], "rom.h5")
+        with pytest.raises(InputError, match="--override joints: 'rom.h5' was built from this entry"):
+            scene_of_built(model.rom, tmp_path, [f"{entry}={other}", damping], [], "rom.h5")

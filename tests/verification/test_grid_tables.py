@@ -186,6 +186,11 @@ THIRD = (
     'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"]}',
     'coordinates.theta3={joint="wrist",range=[0.0,1.0]}',
 )
+FOURTH = (
+    'bodies.finger={mesh="0.0:0.1:2",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
+    'joints.knuckle={type="revolute",connect=["hand:tip","finger:hinge"]}',
+    'coordinates.theta4={joint="knuckle",range=[0.0,1.0]}',
+)
 
 
 @pytest.mark.parametrize(
@@ -197,9 +202,14 @@ THIRD = (
             "has 2: theta1, theta2; leave it out",
         ),
         (
-            THIRD,
-            "coordinates: theta1, theta2, theta3: 3 independent coordinates were given; at most 2 are taken. "
-            "reduction.angles = 8 along each would make 8^3 = 512 configurations: about 0.00",
+            THIRD + FOURTH,
+            "coordinates: theta1, theta2, theta3, theta4: 4 independent coordinates were given; at most 3 are taken. "
+            "reduction.angles = 8 along each would make 8^4 = 4.1e+03 configurations: about 0.0",
+        ),
+        (
+            (*THIRD, "reduction.angles=200"),
+            "coordinates: theta1, theta2, theta3: reduction.angles = 200 along each would make 200^3 = 8e+06 "
+            "configurations: about ",
         ),
     ],
 )

@@ -94,9 +94,16 @@ def test_a_flexible_chain_moves_as_its_mesh() -> None:
     assert_close(exact, found, theta0=1e-4, theta1=1e-4, theta2=1e-4, bending=1e-2)
 
 
-def test_no_study_of_errors_is_offered_that_takes_no_third_coordinate() -> None:
-    (said,) = why_not_of_full_order(full_model(chain(True)))
-    assert said.text.endswith("compare with a finer mesh")
+def test_a_study_of_errors_is_offered_where_it_takes_all_coordinates() -> None:
+    fourth = (
+        'bodies.link3={line={length=0.1,elements=2},element="beam2d",material="steel",'
+        'section={shape="circle",radius=5e-3}}',
+        'joints.joint3={type="revolute",connect=["link2:tip","link3:hinge"]}',
+        'coordinates.theta3={joint="joint3",range=[-1.0,1.0]}',
+    )
+    for more, cure in (((), "pgmp tradeoff measures them"), (fourth, "compare with a finer mesh")):
+        (said,) = why_not_of_full_order(full_model(chain(True, *more)))
+        assert said.text.endswith(cure)
 
 
 LINKS = {"base": 0.3, "upper": 0.5, "fore": 0.45, "roll": 0.08, "pitch": 0.08, "hand": 0.1}

@@ -54,9 +54,9 @@ class RigidBody(Body):
                 return cls.of_lines(name, shape, section)
             component = rigid_line(shape, section.terms("mass"), axes_of(scene, name, shape))
             return cls(name, cls._centre(component.centre_of_mass), shape, component=component, drawn=shape)
-        if isinstance(shape, Component):
-            return cls.of_component(name, shape)
-        body = cls.of_component(name, rigid_component(framed_solid(scene, name, shape).at(scene.values)))
+        known = isinstance(shape, Component)
+        component = shape if known else rigid_component(framed_solid(scene, name, shape).at(scene.values))
+        body = cls.of_component(name, component)
         return body if body.drawn is not None else replace(body, drawn=body.shape)
 
     @classmethod

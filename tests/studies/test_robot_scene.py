@@ -1,0 +1,125 @@
+"""Scenes of robots, URDF and MJCF: masses and places, the torques that hold them in closed form, and refusals."""
+
+import numpy as np
+import pytest
+from runs import one_message, refused, said
+
+from pgmp_petsc.results import Trajectory
+from pgmp_petsc.scene import load_scene
+
+G = 9.80665
+LIMIT = '<limit lower="-1.5" upper="1.2" effort="10" velocity="2"/>'
+MASS = '<mass value="{}"/><inertia ixx="0.001" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.0105"/>'
+
+
+def link(name: str, mass: float = 0.0, at: str = "0 0 0", turned: str = "0 0 0", more: str = "") -> str:
+    inertial = f'<inertial><origin xyz="{at}" rpy="{turned}"/>{MASS.format(mass)}</inertial>' if mass else ""
+    return f'<link name="{name}">{inertial}{more}</link>'
+
+
+def joint(name: str, kind: str, parent: str, child: str, xyz: str, rpy: str, axis: str, limit: str = "") -> str:
+    ends = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>'
+    return f'<joint name="{name}" type="{kind}">{ends}{limit}</joint>'
+
+
+LINKS = (link("base", 2.0), link("upper", 1.0, "0.2 0 0", "0 0 0.3"), link("fore", 0.5, "0.1 0 0"), link("lift", 0.8))
+JOINTS = (
+    joint("shoulder", "revolute", "base", "upper", "0 0 0.2", "0 0 0", "0 1 0", LIMIT),
+    joint("elbow", "continuous", "upper", "fore", "0.4 0 0", "0 0 0.5", "0 0 1"),
+    joint("flange", "fixed", "fore", "tool", "0.2 0 0", "0 0 0", "1 0 0"),
+    joint("rail", "prismatic", "base", "lift", "0 1 0", "0 0 0", "0 0 2", LIMIT),
+)
+
+
+def urdf(*parts: str) -> str:
+    return f'<robot name="arm">{"".join(parts or (*LINKS, link("tool"), *JOINTS))}</robot>'
+
+
+#: The same robot but for the rail's offset joint: its anchor is not at the body's origin.
+MJCF = """<mujoco model="arm"><compiler angle="radian"/><worldbody>
+<body name="upper" pos="0 0 0.2"><joint name="shoulder" type="hinge" axis="0 1 0" range="-1.5 1.2" limited="true"/>
+<inertial pos="0.2 0 0" euler="0 0 0.3" mass="1" diaginertia="0.001 0.01 0.0105"/>
+<body name="fore" pos="0.4 0 0" euler="0 0 0.5"><joint name="elbow" type="hinge" axis="0 0 1"/>
+<inertial pos="0.1 0 0" mass="0.5" diaginertia="0.001 0.01 0.0105"/></body></body>
+<body name="lift" pos="0 1 0.3">
+<joint name="rail" type="slide" axis="0 0 1" pos="0 0 -0.3" range="-1.5 1.2" limited="true"/>
+<inertial pos="0 0 -0.3" mass="0.8" diaginertia="0.001 0.01 0.0105"/></body>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(("name", "text", "library"), [("arm.urdf", urdf(), "yourdfpy"), ("arm.xml", MJCF, "mujoco")])
+def test_a_robot_is_held_by_the_torques_of_its_weight(name: str, text: str, library: str, tmp_path) -> None:
+    pytest.importorskip(library)
+    (tmp_path / name).write_text(text)
+    out, _ = said("new", tmp_path / "robot", "--from", tmp_path / name)
+    assert "3 of them move" in out and "upper: 1 kg" in out and "--full -o run.h5" in out
+    scene = load_scene(tmp_path / "robot.toml")
+    upper, fore = (scene.bodies[body] for body in ("upper", "fore"))
+    turn = np.array([[np.cos(0.3), -np.sin(0.3), 0.0], [np.sin(0.3), np.cos(0.3), 0.0], [0.0, 0.0, 1.0]])
+    known = turn @ np.diag([0.001, 0.01, 0.0105]) @ turn.T
+    np.testing.assert_allclose(upper.rigid.tensor(float), known, atol=1e-12)
+    np.testing.assert_allclose(fore.placement.origin, (0.4, 0.0, 0.2), atol=1e-12)
+    np.testing.assert_allclose(fore.placement.rotation, (0.0, 0.0, 0.5), atol=1e-12)
+    assert scene.coordinates["shoulder"].range == (-1.5, 1.2) and scene.coordinates["elbow"].periodic
+    assert {one.type for one in scene.joints.values()} == {"revolute", "prismatic"}
+    if library == "yourdfpy":
+        assert "tool" in fore.rigid.places
+    said("simulate", tmp_path / "robot.toml", "--full", "-o", tmp_path / "run.h5")
+    outputs = Trajectory.read(tmp_path / "run.h5").outputs
+    weight = -G * (1.0 * 0.2 + 0.5 * (0.4 + 0.1 * np.cos(0.5)))  # about y
+    assert outputs["drive_shoulder"][-1] == pytest.approx(weight, rel=1e-9)
+    assert outputs["drive_rail"][-1] == pytest.approx(0.8 * G, rel=1e-9)
+    assert abs(outputs["drive_elbow"][-1]) < 1e-9
+
+
+SWAPPED = {
+    "loop": (urdf(*LINKS, link("tool"), *JOINTS, joint("more", "fixed", "lift", "fore", "0 0 0", "0 0 0", "1 0 0")),
+             "the link fore hangs on upper and, by the joint more, on lift: a loop"),
+    "ring": (urdf(*LINKS[1:3], JOINTS[1], joint("back", "continuous", "fore", "upper", "0 0 0", "0 0 0", "1 0 0")),
+             "every link hangs on another one, in a loop"),
+    "apart": (urdf(*LINKS, link("tool"), *JOINTS[:3]), "the links base, lift hang on no other"),
+    "mesh": (urdf(LINKS[0], link("upper", 1.0, more='<visual><geometry><mesh filename="package://arm/no.stl"/>'
+             "</geometry></visual>"), JOINTS[0]), "the mesh package://arm/no.stl of the link upper is not there"),
+    "massless": (urdf(LINKS[0], link("upper"), JOINTS[0]), "upper moves in the joint shoulder and has no mass"),
+    "planar": (urdf(*LINKS[:2], JOINTS[0].replace("revolute", "planar")), "the joint shoulder is planar"),
+    "limits": (urdf(*LINKS[:2], JOINTS[0].replace('upper="1.2"', 'upper="-2"')), "no limits that are a range"),
+    "mimics": (urdf(*LINKS[:3], JOINTS[0], JOINTS[1].replace("</joint>", '<mimic joint="shoulder"/></joint>')),
+               'the joint elbow mimics another one'),
+    "lost": (urdf(*LINKS[:2], JOINTS[0].replace("base", "bas")), "the link bas, which is not there"),
+    "inertia": (urdf(LINKS[0], link("upper", 1.0).replace("0.0105", "0.2"), JOINTS[0]), "no body has it"),
+    "xml": (urdf()[:400], "yourdfpy cannot read this file (ParseError"),
+}  # fmt: skip
+
+
+def test_what_is_no_tree_of_bodies_is_refused_in_one_message_on_any_number_of_ranks(tmp_path, monkeypatch) -> None:
+    pytest.importorskip("yourdfpy")
+    commands = []
+    for name, (text, _) in SWAPPED.items():
+        (tmp_path / f"{name}.urdf").write_text(text)
+        commands.append(("new", tmp_path / f"{name}_scene", "--from", tmp_path / f"{name}.urdf"))
+    for n in (1, 3):
+        for message, (name, (_, words)) in zip(refused(n, commands), SWAPPED.items()):
+            assert message.startswith("--from ") and f"{name}.urdf: " in message and words in message, message
+    assert not list(tmp_path.glob("*.toml"))
+    (tmp_path / "absent").mkdir()
+    (tmp_path / "absent" / "yourdfpy.py").write_text("raise ImportError('no such library')")
+    (tmp_path / "absent" / "mujoco.py").write_text("raise ImportError('no such library')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "absent"))
+    (tmp_path / "arm.xml").write_text(MJCF)
+    for n in (1, 3):
+        commands = [("new", tmp_path / "x", "--from", tmp_path / name) for name in ("loop.urdf", "arm.xml")]
+        for message, library in zip(refused(n, commands), ("yourdfpy", "mujoco")):
+            assert f"pip install {library}" in message
+    assert "no such file" in one_message("new", tmp_path / "x", "--from", tmp_path / "none.urdf")
+
+
+def test_what_mjcf_has_and_a_tree_has_not(tmp_path) -> None:
+    pytest.importorskip("mujoco")
+    held = MJCF.replace("</worldbody>", '</worldbody><equality><weld body1="fore" body2="lift"/></equality>')
+    two = MJCF.replace('<inertial pos="0.1', '<joint name="more" type="hinge" axis="1 0 0"/><inertial pos="0.1')
+    ball = MJCF.replace('<joint name="elbow" type="hinge" axis="0 0 1"/>', '<joint name="elbow" type="ball"/>')
+    known = {"held": (held, "1 equality constraints"), "two": (two, "the body fore has 2 joints"),
+             "ball": (ball, "the joint elbow is ball")}  # fmt: skip
+    for name, (text, words) in known.items():
+        (tmp_path / f"{name}.xml").write_text(text)
+        assert words in one_message("new", tmp_path / "x", "--from", tmp_path / f"{name}.xml")

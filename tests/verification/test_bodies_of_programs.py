@@ -1,0 +1,228 @@
+"""One shaft through the files of every program: the same first free frequency, and the same one in `pgmp modes`."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from assembled import ABAQUS, GAP, labels_of, write_body, write_inp
+from conftest import ROOT
+from refusals import refusal
+from runs import refused, said
+from scipy.sparse.linalg import eigsh
+from solids import body_of, box_mesh, matrices_of
+
+from pgmp_petsc.bodies.assembled_reading import read_assembled
+from pgmp_petsc.mesh.matrix_files import in_order_of_nodes, read_matrix, read_nodes
+from pgmp_petsc.results import ModesTable
+from pgmp_petsc.scene import load_scene
+
+LENGTH, SIDE, E, RHO = 0.8, 0.02, 210e9, 7800.0
+SAME = 1e-6
+SCENE = f"""
+[scene]
+name = "shaft"
+[materials.steel]
+E = {E}
+nu = 0.3
+rho = {RHO}
+[bodies.rod]
+element = "solid3d"
+BODY
+[joints.hinge]
+type = "revolute"
+connect = ["ground:origin", "rod:left"]
+axis = [0.0, 0.0, 1.0]
+[coordinates.angle]
+joint = "hinge"
+range = [-1.0, 1.0]
+[reduction]
+modes = 4
+"""
+#: Stiffness, mass, nodes and further entries, by the program.
+FILES = {
+    "Abaqus": ("rod_k_abaqus.mtx", "rod_m_abaqus.mtx", "rod.inp", ""),
+    "CalculiX": ("rod.sti", "rod.mas", "rod.inp", ', rows="rod.dof"'),
+    "Ansys HBMAT": ("rod_k_hbmat.matrix", "rod_m_hbmat.matrix", "rod.cdb", ', faces={left="LEFT"}'),
+    "Nastran OP4": ("rod_k.op4", "rod_m.op4", "rod.bdf", ', faces={left="7"}'),
+    "Nastran OP4 of displacements": ("rod_3.op4", "rod_3.op4", "rod.bdf", ', faces={left="7"}'),
+}
+MESH = box_mesh("hexahedron20", (8, 1, 1), (LENGTH, SIDE, SIDE))
+STIFFNESS, MASS = matrices_of(body_of(MESH, E, RHO))
+#: What stands for ansys-mapdl-reader where there is no Ansys to write a .full: rows from 0, one triangle.
+READER = """
+from types import SimpleNamespace
+import numpy as np, scipy.sparse as sp
+def read_binary(path):
+    with np.load(path) as file:
+        k, m, labels = (file[name] for name in ("k", "m", "labels"))
+    rows = np.column_stack([np.repeat(labels, 3), np.tile(np.arange(3), len(labels))])
+    load = lambda sort: (rows, sp.triu(k), sp.triu(m))
+    return SimpleNamespace(const=np.zeros((0, 2)), load_km=load)
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    pytest.importorskip("pyNastran")
+    pytest.importorskip("ansys.mapdl.reader")
+    folder = tmp_path_factory.mktemp("programs")
+    for kind in ("abaqus.mtx", "hbmat.matrix"):
+        write_body(folder, "rod", MESH, STIFFNESS, MASS, kind)
+    labels = labels_of(MESH)
+    matrices = {"k": STIFFNESS.toarray(), "m": MASS.toarray()}
+    cells = labels[MESH.cells]
+    np.savez(folder / "in.npz", nodes=MESH.nodes, labels=labels, cells=cells, **matrices)
+    program = ROOT / "tests" / "written_decks.py"
+    subprocess.run([sys.executable, program, folder / "in.npz", folder], check=True, capture_output=True)
+    for ending, matrix in (("sti", STIFFNESS), ("mas", MASS)):
+        upper = sp.triu(matrix).tocoo()
+        lines = (f"{i + 1} {j + 1} {v:.15e}" for i, j, v in zip(upper.row, upper.col, upper.data))
+        (folder / f"rod.{ending}").write_text("\n".join(lines) + "\n")
+    (folder / "rod.dof").write_text("".join(f"{label}.{axis}\n" for label in labels for axis in (1, 2, 3)))
+    np.savez(folder / "rod.npz", labels=labels, **matrices)
+    (folder / "rod.npz").rename(folder / "rod.full")
+    return folder
+
+
+def table(program: str) -> str:
+    stiffness, mass, nodes, more = FILES[program]
+    return f'matrices={{stiffness="{stiffness}", mass="{mass}", nodes="{nodes}"{more}}}'
+
+
+def scene_of(folder: Path, body: str, name: str) -> Path:
+    path = folder / f"{re.sub('[^a-z]', '_', name.lower())}.toml"
+    path.write_text(SCENE.replace("BODY", body.replace("matrices=", "matrices = ", 1)))
+    return path
+
+
+def free_frequency(stiffness: sp.spmatrix, mass: sp.spmatrix) -> float:
+    """Return the first elastic frequency of a free body, Hz."""
+    start = np.random.default_rng(0).standard_normal(stiffness.shape[0])
+    values = eigsh(sp.csc_matrix(stiffness), 8, sp.csc_matrix(mass), sigma=-1e5, v0=start, return_eigenvectors=False)
+    return float(np.sqrt(np.sort(values)[6]) / (2.0 * np.pi))
+
+
+def test_the_first_free_frequency_is_that_of_a_slender_bar() -> None:
+    """Euler's and Bernoulli's 4.730^2; Timoshenko takes off 0.3 % at a slenderness of 40."""
+    known = 22.3733 / (2.0 * np.pi * LENGTH**2) * np.sqrt(E * SIDE**2 / 12.0 / RHO)
+    assert free_frequency(STIFFNESS, MASS) == pytest.approx(known, rel=5e-3)
+
+
+@pytest.mark.parametrize("program", FILES)
+def test_every_program_has_the_same_frequencies(program: str, folder: Path) -> None:
+    scene = scene_of(folder, table(program).replace(', faces={left="LEFT"}', f", faces={{left={ends()}}}"), program)
+    body = read_assembled(load_scene(scene), "rod")
+    known = free_frequency(STIFFNESS, MASS)
+    assert free_frequency(body.matrix("stiffness"), body.matrix("mass")) == pytest.approx(known, rel=SAME)
+    said("modes", scene, "--angles", "2", "-o", folder / "modes.h5")
+    np.testing.assert_allclose(ModesTable.read(folder / "modes.h5").full_hz[0], of_the_mesh(folder), rtol=SAME)
+
+
+def test_ten_digits_of_dmig_are_too_few_for_a_slender_body(folder: Path) -> None:
+    nodes = read_nodes(folder / "rod.bdf", 3, "nodes")
+    for kind, known in (("stiffness", STIFFNESS), ("mass", MASS)):
+        found = in_order_of_nodes(read_matrix(folder / "rod.pch", kind, kind), None, nodes, kind, "nodes")
+        np.testing.assert_allclose(found.toarray(), known.toarray(), atol=1e-10 * np.abs(known.toarray()).max())
+    dmig = 'matrices={stiffness="rod.pch", mass="rod.pch", nodes="rod.bdf", faces={left="7"}}'
+    (message,) = refused(1, [("check", scene_of(folder, dmig, "dmig"))])
+    assert "rigid-body motions are free of stiffness" in message and "with all their digits" in message
+
+
+def ends() -> list[int]:
+    return labels_of(MESH)[MESH.nodes[:, 0] == 0.0].tolist()
+
+
+def of_the_mesh(folder: Path) -> np.ndarray:
+    if not (folder / "mesh.h5").exists():
+        scene = scene_of(folder, 'mesh = "rod.inp"\nmaterial = "steel"', "mesh")
+        said("modes", scene, "--angles", "2", "-o", folder / "mesh.h5")
+    return ModesTable.read(folder / "mesh.h5").full_hz[0]
+
+
+def test_ansys_full_by_what_stands_for_its_reader(folder: Path, monkeypatch) -> None:
+    package = folder / "reader" / "ansys" / "mapdl" / "reader"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text(READER)
+    for above in (package.parent, package.parent.parent):
+        (above / "__init__.py").write_text("")
+    monkeypatch.setenv("PYTHONPATH", str(folder / "reader"))
+    FILES["full"] = ("rod.full", "rod.full", "rod.inp", "")
+    body = read_assembled(load_scene(scene_of(folder, table("full"), "full")), "rod")
+    np.testing.assert_allclose(body.matrix("stiffness").toarray(), STIFFNESS.toarray(), rtol=1e-13, atol=1e-3)
+    np.testing.assert_allclose(body.matrix("mass").toarray(), MASS.toarray(), rtol=1e-13, atol=1e-15)
+
+
+def test_files_that_ansys_wrote(folder: Path) -> None:
+    """The beam of ansys-mapdl-reader's own examples: 321 nodes, 21 of them held."""
+    examples = Path(__import__("ansys.mapdl.reader").mapdl.reader.__file__).parent / "examples"
+    nodes = read_nodes(examples / "HexBeam.cdb", 3, "nodes")
+    assert nodes.nodes.shape == (321, 3) and nodes.mesh.kind == "hexahedron20" and len(nodes.mesh.cells) == 40
+    held = f'matrices={{stiffness="{examples}/file.full", mass="{examples}/file.full", nodes="{examples}/HexBeam.cdb"}}'
+    scene = scene_of(folder, held, "held")
+    for n in (1, 3):
+        (message,) = refused(n, [("check", scene)])
+        assert "matrices.stiffness" in message and "63 of 963 rows are held by constraints" in message
+
+
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed (Debian: calculix-ccx)")
+def test_files_that_calculix_wrote(folder: Path) -> None:
+    """Its own matrices of C3D20 from the same nodes, with 14 digits."""
+    own = folder / "ccx"
+    own.mkdir()
+    write_inp(own / "rod.inp", MESH)
+    deck = (own / "rod.inp").read_text() + (
+        f"*MATERIAL, NAME=S\n*ELASTIC\n{E}, 0.3\n*DENSITY\n{RHO}\n*SOLID SECTION, ELSET=ALL, MATERIAL=S\n"
+        "*STEP\n*FREQUENCY, SOLVER=MATRIXSTORAGE\n2\n*END STEP\n"
+    )
+    (own / "run.inp").write_text(deck)
+    subprocess.run(["ccx", "run"], cwd=own, check=True, capture_output=True)
+    written = 'matrices={stiffness="run.sti", mass="run.mas", nodes="run.inp", rows="run.dof"}'
+    body = read_assembled(load_scene(scene_of(own, written, "ccx")), "rod")
+    known = free_frequency(STIFFNESS, MASS)
+    assert free_frequency(body.matrix("stiffness"), body.matrix("mass")) == pytest.approx(known, rel=SAME)
+    assert ABAQUS[MESH.kind] == "C3D20" and GAP * MESH.n_nodes == body.labels.max()
+
+
+def test_what_is_no_body_is_refused_in_one_message_on_any_number_of_ranks(folder: Path, monkeypatch) -> None:
+    (folder / "none.bdf").write_text("$ nothing\nMAT1           1   2.1+9              .3\n")
+    (folder / "none.pch").write_text("DMIG    P              0       6       2       0\n")
+    (folder / "two.pch").write_text((folder / "rod.pch").read_text().replace("KAAX", "MBBX"))
+    (folder / "cut.op4").write_text((folder / "rod_k.op4").read_text()[:5000])
+    (folder / "run.op2").write_text("")
+    (folder / "none.cdb").write_text("/PREP7\n")
+    known = {
+        "none.bdf": ("nodes", "it has no GRID"),
+        "none.cdb": ("nodes", "none.cdb"),
+        "two.pch": ("stiffness", "of which 0 begin with K"),
+        "cut.op4": ("stiffness", "cut.op4"),
+        "run.op2": ("stiffness", "write them as DMIG (.pch) or .op4"),
+    }
+    commands = []
+    for name, (key, _) in known.items():
+        own = {"stiffness": "rod.pch", "mass": "rod.pch", "nodes": "rod.bdf"} | {key: name}
+        entries = ", ".join(f'{entry}="{file}"' for entry, file in own.items())
+        commands.append(("check", scene_of(folder, f'matrices={{{entries}, faces={{left="7"}}}}', name)))
+    for n in (1, 3):
+        for message, (name, (key, words)) in zip(refused(n, commands), known.items()):
+            assert f"matrices.{key}" in message and name in message and words in message, message
+    absent = folder / "absent" / "pyNastran"
+    absent.mkdir(parents=True)
+    (absent / "__init__.py").write_text("raise ImportError('no such library')")
+    monkeypatch.setenv("PYTHONPATH", str(absent.parent))
+    for n in (1, 3):
+        (message,) = refused(n, [("check", scene_of(folder, table("Nastran OP4"), "absent"))])
+        assert "matrices.nodes" in message and "pip install pyNastran" in message
+    assert "rows of 1 nodes that" in refusal(read_other, folder)
+
+
+def read_other(folder: Path) -> None:
+    """Read matrices with nodes of another body."""
+    other = 'matrices={stiffness="rod_k_abaqus.mtx", mass="rod_m_abaqus.mtx", nodes="other.csv"}'
+    rows = (folder / "rod.inp").read_text().partition("*NODE\n")[2].partition("*ELEMENT")[0]
+    (folder / "other.csv").write_text(rows.replace("10, ", "11, ", 1))
+    read_assembled(load_scene(scene_of(folder, other, "other")), "rod")

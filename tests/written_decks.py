@@ -1,0 +1,63 @@
+"""Matrices and nodes as programs write them whose files libraries read: a program of its own, since these print.
+
+    written_decks.py IN.npz FOLDER
+
+IN.npz has ``nodes``, ``labels``, ``cells`` (of hexahedron20, labels), ``k`` and ``m``. Written by pyNastran: rod.pch
+(DMIG of both), rod_k.op4, rod_m.op4 (six rows a node), rod_3.op4 (both, three rows a node), rod.bdf; by
+ansys-mapdl-reader: rod.cdb.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+
+
+def nastran(found, folder: Path) -> None:
+    from pyNastran.bdf.bdf import BDF
+    from pyNastran.op4.op4 import OP4
+
+    labels, punch, deck = found["labels"], BDF(debug=None), BDF(debug=None)
+    pairs = [(int(label), axis) for label in labels for axis in (1, 2, 3)]
+    for name, key in (("KAAX", "k"), ("MAAX", "m")):
+        lower = sp.tril(sp.coo_matrix(found[key])).tocoo()
+        of_row, of_column = ([pairs[k] for k in places] for places in (lower.row, lower.col))
+        punch.add_dmig(name, 6, 2, 0, 0, ncols=None, GCj=of_column, GCi=of_row, Real=lower.data.tolist())
+    punch.write_bdf(str(folder / "rod.pch"), size=16, is_double=True)
+    for label, place in zip(labels, found["nodes"]):
+        deck.add_grid(int(label), place)
+    order = [*range(12), *range(16, 20), *range(12, 16)]
+    deck.add_mat1(1, 210e9, None, 0.3, rho=7800.0)
+    deck.add_psolid(1, 1)
+    for number, cell in enumerate(found["cells"], 1):
+        deck.add_chexa(number, 1, [int(cell[order.index(k)]) for k in range(20)])
+    ends = labels[found["nodes"][:, 0] == 0.0]
+    deck.add_set1(7, [int(label) for label in ends])
+    deck.write_bdf(str(folder / "rod.bdf"), size=16, is_double=True)
+    at = (6 * np.arange(len(labels))[:, None] + np.arange(3)).ravel()
+    spread = sp.csr_matrix((np.ones(at.size), (at, np.arange(at.size))), shape=(6 * len(labels), at.size))
+    op4 = OP4(debug=False)
+    for key in "km":
+        whole = spread @ found[key] @ spread.T.toarray()
+        op4.write_op4(str(folder / f"rod_{key}.op4"), {f"{key.upper()}GG": (6, whole)}, is_binary=False)
+    both = {f"{key.upper()}AA": (6, found[key]) for key in "km"}
+    op4.write_op4(str(folder / "rod_3.op4"), both, is_binary=False)
+
+
+def ansys(found, folder: Path) -> None:
+    import pyvista
+    from ansys.mapdl.reader import save_as_archive
+
+    places = np.searchsorted(found["labels"], found["cells"])
+    cells = np.column_stack([np.full(len(places), 20), places]).ravel()
+    grid = pyvista.UnstructuredGrid(cells, np.full(len(places), 25), found["nodes"])
+    grid.point_data["ansys_node_num"] = found["labels"].astype(np.int32)
+    save_as_archive(folder / "rod.cdb", grid)
+
+
+if __name__ == "__main__":
+    with np.load(sys.argv[1]) as file:
+        arrays = {name: file[name] for name in file.files}
+    nastran(arrays, Path(sys.argv[2]))
+    ansys(arrays, Path(sys.argv[2]))
