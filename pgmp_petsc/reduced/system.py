@@ -17,7 +17,8 @@ from pgmp_petsc.controllers.running import AFTER, MOST_STARTS, Controls
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
 from pgmp_petsc.full.part_reference import Reference
-from pgmp_petsc.lanes.vectors import same_in_all_lanes
+from pgmp_petsc.lanes.lane_items import aligned
+from pgmp_petsc.lanes.vectors import LANES, same_in_all_lanes
 from pgmp_petsc.reduced.action_kernel import ABOUT, FORCE, POWER, STORED
 from pgmp_petsc.reduced.actions import ReducedActions, functions_of_time
 from pgmp_petsc.reduced.arrays import Strengths
