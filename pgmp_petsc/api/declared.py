@@ -19,6 +19,7 @@ import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from pgmp_petsc.api.arguments import Function, Range, checked, kinds_of, wrong
@@ -117,6 +118,10 @@ class Argument:
                     raise InputError(f"{part.name} = {given!r}: allowed are {what} {limits}")
 
 
+#: What names of files end in that commands have chosen.
+ENDINGS = r"_(rom|components|modes|run|samples|rare|tradeoff)(_full|_components)?$"
+
+
 @dataclass(frozen=True)
 class Command:
     """A declared command."""
@@ -138,6 +143,8 @@ class Command:
     #: returns which function is called, of what was given and the ranks; raises what does not fit
     choose: Callable[..., Callable[..., Any]] | None
     about: str  # argument that names the result in the report where there is no file
+    #: returns what its file is called behind the name of the scene, of what was given; None where it has to be named
+    ending: Callable[[Mapping[str, Any]], str | None] | None
     shell: Mapping[str, Argument]  # options that the command line alone has
 
     @property
@@ -149,7 +156,26 @@ class Command:
         found |= self.shell
         order = ("output", *(name for name in found if name not in SHARED or name == "model"), *SHARED)
         named = {name: found[name] for name in order if name in found}
+        if self.ending is not None:
+            meaning = f"{named['output'].meaning} By default it is named by the scene, {self.example}."
+            named["output"] = replace(named["output"], required=False, meaning=meaning)
         return {name: one for name, one in named.items() if one.meaning or one.flags or one.parts}
+
+    def file_of(self, given: Mapping[str, Any]) -> Path:
+        """Return the name of its file where none is given: that of the first word without an ending of a command, and
+        its own. Raises `InputError` where it has to be named."""
+        ending = self.ending(given)
+        if ending is None:
+            raise InputError(f"{self.arguments['output'].called}: missing; the name of the file to write is needed here")
+        first = given[next(name for name, one in self.function.declared.items() if one.by_place and one.meaning)]
+        stem = Path(first[0] if isinstance(first, (list, tuple)) else first).stem
+        model = f"_{given['model']}" if given.get("model") else ""
+        return Path(f"{re.sub(ENDINGS, '', stem)}_{ending}{model}.h5")
+
+    @property
+    def example(self) -> str:
+        """Name of a file that it writes where none is given, in the current folder."""
+        return f"SCENE_{self.ending({})}.h5"
 
     def spelled(self, text: str) -> str:
         """Return a text with arguments as a command line calls them."""
@@ -258,7 +284,8 @@ def command(
     name: str, help: str, place: int, /, *, petsc: bool | str = True, report: Callable[..., str] | None = None,
     figures: Callable[..., Mapping[str, object]] | None = summary, status: Callable[..., int] | None = None,
     choose: Callable[..., Callable[..., Any]] | None = None, others: Sequence[Callable[..., Any]] = (),
-    about: str = "", shell: Mapping[str, Argument] | None = None, gives: str = "", **arguments: Argument,
+    about: str = "", ending: Callable[[Mapping[str, Any]], str | None] | None = None,
+    shell: Mapping[str, Argument] | None = None, gives: str = "", **arguments: Argument,
 ) -> Callable[[Function], Function]:  # fmt: skip
     """Declare a command by the attributes of `Command`, and its function as `interface` does."""
 
@@ -267,7 +294,7 @@ def command(
         call.__doc__ = f"{call.__doc__}\n\nThe command is ``pgmp {name}``."
         options = {key: one.filled(key, "bool", False, False) for key, one in (shell or {}).items()}
         call.command = Command(
-            name, help, place, call, tuple(others), petsc, report, figures, status, choose, about, options
+            name, help, place, call, tuple(others), petsc, report, figures, status, choose, about, ending, options
         )
         return call
 

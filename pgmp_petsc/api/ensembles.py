@@ -520,6 +520,7 @@ def exit_status(found: Ensemble | ShardSamples | RareEvent) -> int:
 
 @command(
     "montecarlo", "Many samples and their distributions.", 70, report=_report, status=exit_status, choose=choose,
+    ending=lambda given: None if {"shard", "failed"} & {*given} else "rare" if "event" in given else "samples",
     others=(retry_failed, rare_event), source=SOURCE, n=NUMBER, seed=SEED, sampler=SAMPLER, ranks_per_sample=PER_SAMPLE,
     samples=Argument(
         "Take the samples of a CSV or HDF5 file, columns named as parameters, in the scene's units; in a program also "
@@ -603,6 +604,7 @@ def montecarlo(
 
 @command(
     "merge", "Join the shards of an ensemble.", 80, report=report_of_ensemble, status=exit_status,
+    ending=lambda _: "samples",
     files=Argument("Files of all shards, in any order.", word="FILE", allowed="a list of names of shards' files"),
     gives="With the attributes of `results.Ensemble`.",
 )  # fmt: skip

@@ -31,6 +31,7 @@ from pgmp_petsc.texts.studies import report_of_tradeoff
 
 @command(
     "modes", "Eigenfrequencies over the configurations.", 50, report=report_of_modes, scene=SCENE,
+    ending=lambda _: "modes",
     rom=Argument("Add the frequencies of this reduced model, or of its file.", word="ROM.h5"),
     angles=Argument("Angles of each coordinate; reduction.angles if not given.", word="N", allowed=Range(2, 10**6)),
     gives="With the attributes of `results.ModesTable`.",
@@ -61,6 +62,7 @@ def frequencies(
 
 @command(
     "build", "Build the reduced or the component model of a scene (offline).", 40, report=report_of_build, scene=SCENE,
+    ending=lambda given: "components" if given.get("components") else "rom",
     components=Argument("Condense the bodies to a component model, of any number of coordinates."),
     gives="With the attributes of `reduction.rom.ReducedOrderModel`, or of `models.component_file.ComponentsFile`.",
 )  # fmt: skip
@@ -112,6 +114,7 @@ def build(
 
 @command(
     "tradeoff", "What accuracy costs in time, and which setting to take.", 90, report=report_of_tradeoff, scene=SCENE,
+    ending=lambda _: "tradeoff",
     quick=Argument("Measure fewer settings: within a minute for a small scene."),
     n=Argument("Number of samples that the advice is for.", "-n", "N", Range(1, MOST_SAMPLES)),
     gives="With the attributes of `results.tradeoff.Tradeoff`.",

@@ -89,7 +89,7 @@ def _templates() -> dict[str, str]:
 @command(
     "new", "Write a commented scene that runs, to begin with.", 10, petsc=False,
     template=Argument("Name of the scene to begin with; with `source` the scene's file.", listed=_templates),
-    file=Argument("The scene's file.", word="FILE.toml", by_last_place=True),
+    file=Argument("The scene's file; TEMPLATE.toml if not given.", word="FILE.toml", by_last_place=True),
     source=Argument("Make the scene of this part of CAD, or robot.", "--from", "PART.step|ROBOT.urdf"),
     force=Argument("Replace files that exist."),
     gives="What was written.",
@@ -102,7 +102,7 @@ def new(
     force: bool = False,
     comm: Comm | None = None,
 ) -> list[Path]:
-    """Write the commented scene `template` to `file`, and its mesh beside it where it has one.
+    """Write the commented scene `template` to `file`, or to TEMPLATE.toml, and its mesh beside it where it has one.
 
     With `source` it is made of another program's file: of a part of CAD (STEP) held at its widest bore and loaded at
     the farthest one, with FILE.png that shows its bores; or of a robot (URDF, MJCF), whose links are rigid bodies.
@@ -117,10 +117,8 @@ def new(
         written, lines, attempt = on_root(comm, _write_made, Path(source), target, force)
         for line in lines:
             tell(comm, line)
-    elif file is None:
-        raise InputError(f"FILE.toml: missing; the name of the file that '{template}' is written to is needed")
     else:
-        written = on_root(comm, write_template, template, Path(file), force)
+        written = on_root(comm, write_template, template, Path(file or f"{template}{ENDING}"), force)
     for path in written:
         tell(comm, str(path))
     tell(comm, f"try: pgmp {attempt.format(written[0])}")

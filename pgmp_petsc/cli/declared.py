@@ -220,6 +220,8 @@ class Declared(click.Command):
             if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
         }
         given = dict(_given(self.declaration.arguments, typed))
+        if self.declaration.ending is not None and "output" not in given:
+            given["output"] = self.declaration.file_of(given)
         run_command(context, self.declaration, given)
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

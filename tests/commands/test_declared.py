@@ -59,6 +59,36 @@ def test_the_page_of_commands_is_what_they_declare() -> None:
     assert text == commands_page(), "write it again: python -m pgmp_petsc.cli.page > docs/commands.md"
 
 
+NAMED = """
+build press.toml -> press_rom.h5
+build d/press.toml --components -> press_components.h5
+modes press.toml -> press_modes.h5
+simulate d/press_rom.h5 -> press_run.h5
+simulate press.toml --full -> press_run_full.h5
+montecarlo press_rom.h5 -n 9 -> press_samples.h5
+montecarlo press.toml -n 9 --components -> press_samples_components.h5
+montecarlo press_rom.h5 --rare over -n 9 -> press_rare.h5
+montecarlo press_rom.h5 -n 9 --shard 1/2 -> -o
+montecarlo press_rom.h5 --retry-failed press_samples.h5 -> -o
+merge part1.h5 part2.h5 -> part1_samples.h5
+tradeoff press.toml -> press_tradeoff.h5
+simulate press_rom.h5 -o f.h5 -> f.h5
+"""
+
+
+@pytest.mark.parametrize("line", NAMED.strip().splitlines())
+def test_files_are_named_by_the_scene(line, monkeypatch) -> None:
+    words, _, name = line.partition(" -> ")
+    called, *words = words.split()
+    given = {}
+    monkeypatch.setattr("pgmp_petsc.cli.declared.run_command", lambda context, command, found: given.update(found))
+    done = CliRunner().invoke(COMMANDS[called].load(), words, standalone_mode=False)
+    if name.startswith("-"):
+        assert str(done.exception) == "--output: missing; the name of the file to write is needed here"
+    else:
+        assert done.exception is None and given["output"] == Path(name), done.exception
+
+
 def halved(n: int = 1, *, names: tuple[str, ...] = (), comm: object = None) -> int:
     """Say the half of `n`."""
     tell(comm, f"{n / 2:g} {names}")

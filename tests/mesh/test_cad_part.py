@@ -219,4 +219,3 @@ def test_a_scene_is_made_of_a_part(parts: Path, tmp_path: Path) -> None:
         "new", "bar", tmp_path / "x.toml", "--from", parts / "bar.step"
     )
     assert "a part of CAD as STEP (.step, .stp" in one_message("new", tmp_path / "y", "--from", parts / "bar.iges")
-    assert "FILE.toml: missing" in one_message("new", "rotor")
