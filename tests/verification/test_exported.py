@@ -207,7 +207,7 @@ def test_forces_in_joints(name, tmp_path) -> None:
 
 def test_forces_that_are_left_out_are_said() -> None:
     force = 'outputs.f={type="joint_force", joint="knee"}'
-    servo = exported.scene_of("servo_arm", force.replace("knee", "shoulder"))
+    servo = exported.scene_of("servo_arm", force.replace("knee", "hinge"))
     assert "outputs.f (joint_force) left out: " in left_out(servo)
     assert left_out(exported.scene_of("four_bar", force)) == ""
 
