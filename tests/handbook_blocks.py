@@ -1,4 +1,5 @@
-"""The code blocks of README and docs: where they stand, what they are, and what comments above say of running them.
+"""The code blocks of README and docs: where they stand, what they are, what comments above say of running them; pages
+as notebooks.
 
 A comment above a block is not seen by readers:
 
@@ -12,15 +13,16 @@ A comment above a block is not seen by readers:
 ``<!-- shown in: NAME -->``      the same, tried and not kept
 """
 
+import inspect
 import re
 import shlex
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from conftest import ROOT
+ROOT = Path(__file__).resolve().parents[1]
 
 #: What is said of the blocks of README, which begin so: its source is shown on the first page of the repository.
 OF_README = {
@@ -45,7 +47,9 @@ class Block:
     """A block of code."""
 
     page: str  # path below the repository
-    line: int  # of its first line, that of a fence included, from 1
+    #: line, end: of its first line, that of a fence included, from 1; of its last one
+    line: int
+    end: int
     kind: str  # ``sh``, ``toml``, ``python``, ``output`` or ``text`` (an equation)
     text: str  # without fence and indent
     marks: dict[str, list[str]] = field(default_factory=dict)  # what the comments above it say, by their kind
@@ -73,7 +77,7 @@ def blocks_of(path: Path) -> list[Block]:
         line = lines[k]
         if fence := re.match(r"(`{3,})(\S*)", line):
             last = next(n for n in range(k + 1, len(lines)) if lines[n].startswith(fence[1]))
-            found.append(_block(page, lines, k, fence[2], lines[k + 1 : last]))
+            found.append(_block(page, lines, k, last + 1, fence[2], lines[k + 1 : last]))
             k = last + 1
             continue
         if line.startswith("    ") and not is_list and (not lines[k - 1].strip() or lines[k - 1].startswith("#")):
@@ -83,7 +87,7 @@ def blocks_of(path: Path) -> list[Block]:
             text = [one[4:] for one in lines[k:last]]
             while not text[-1]:
                 text.pop()
-            found.append(_block(page, lines, k, "", text))
+            found.append(_block(page, lines, k, last, "", text))
             k = last
             continue
         if line.strip():
@@ -92,7 +96,7 @@ def blocks_of(path: Path) -> list[Block]:
     return found
 
 
-def _block(page: str, lines: list[str], first: int, language: str, text: list[str]) -> Block:
+def _block(page: str, lines: list[str], first: int, end: int, language: str, text: list[str]) -> Block:
     marks: dict[str, list[str]] = {}
     k = first - 1
     while k >= 0 and (not lines[k].strip() or _MARK.fullmatch(lines[k].strip())):
@@ -102,7 +106,7 @@ def _block(page: str, lines: list[str], first: int, language: str, text: list[st
     if page == "README.md":
         marks |= next((said for start, said in OF_README.items() if text[0].startswith(start)), {})
     kind = "sh" if language in _SHELLS else language or _kind_of(text)
-    return Block(page, first + 1, "output" if "output" in marks else kind, "\n".join(text) + "\n", marks)
+    return Block(page, first + 1, end, "output" if "output" in marks else kind, "\n".join(text) + "\n", marks)
 
 
 def _kind_of(text: list[str]) -> str:
@@ -167,3 +171,60 @@ def merged(text: str, part: str) -> dict[str, Any]:
         holds_tables = isinstance(entry, dict) and all(isinstance(one, dict) for one in entry.values())
         tables[name] = {**tables.get(name, {}), **entry} if holds_tables else entry
     return tables
+
+
+#: The first cell of code of a notebook: commands are found, and run where their kernel does.
+BEGIN = """# a copy of a page of the handbook; its folder is the repository's, its kernel .venv/bin/python
+import os
+import sys
+from pathlib import Path
+
+os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+"""
+
+
+def notebook_of(path: Path) -> dict[str, Any]:
+    """Return a page as a notebook (nbformat 4.5): blocks that are run here are cells of code, all else is text."""
+    lines, cells, first = path.read_text(encoding="utf-8").splitlines(), [], 0
+    for block in blocks_of(path):
+        code = _code_of(block)
+        if code:
+            cells += [*_text_cell(lines[first : block.line - 1]), ("code", code)]
+            first = block.end
+    cells += _text_cell(lines[first:])
+    if any(kind == "code" for kind, _ in cells):
+        cells.insert(1, ("code", BEGIN))
+    return {
+        "cells": [_cell(kind, number, text) for number, (kind, text) in enumerate(cells)],
+        "metadata": {"language_info": {"name": "python"}},
+        "nbformat": 4,
+        "nbformat_minor": 5,
+    }
+
+
+def _cell(kind: str, number: int, text: str) -> dict[str, Any]:
+    own = {"execution_count": None, "outputs": []} if kind == "code" else {}
+    source = text.rstrip("\n").splitlines(keepends=True)
+    return {"cell_type": kind, "id": f"cell-{number}", "metadata": {}, "source": source, **own}
+
+
+def _text_cell(lines: Sequence[str]) -> list[tuple[str, str]]:
+    """Return a cell of text without what readers do not see, none where nothing is left."""
+    text = "\n".join(line for line in lines if not _MARK.fullmatch(line.strip())).strip("\n")
+    return [("markdown", text)] if text else []
+
+
+def _code_of(block: Block) -> str:
+    """Return what a cell of code has in place of a block, nothing where it is not run."""
+    if "not run" in block.marks or block.kind in ("output", "text"):
+        return ""
+    if "file" in block.marks:
+        return f"%%writefile {block.name}\n{block.text}"
+    if "into" in block.marks:
+        imports = "import tomllib\nfrom typing import Any\n\nimport tomli_w"
+        write = f'scene.write_text(tomli_w.dumps(merged(scene.read_text(), """\n{block.text}""")))'
+        return f"{imports}\n\n\n{inspect.getsource(merged)}\n\nscene = Path({block.name!r})\n{write}\n"
+    if block.kind == "sh":
+        may_fail = " --no-raise-error" if "ends with" in block.marks else ""
+        return "\n".join([f"%%bash{may_fail}", *block.marks.get("given", ()), shell_of(block)])
+    return block.text if block.kind == "python" else ""

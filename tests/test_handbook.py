@@ -3,7 +3,7 @@
 The blocks are really run by `scripts/check_docs`; here it is what can be known of them without running.
 """
 
-import json
+import os
 import re
 import subprocess
 import tomllib
@@ -17,7 +17,7 @@ import handbook_blocks
 import handbook_run
 import pytest
 from conftest import ROOT
-from handbook_blocks import Block, blocks_of, commands_of, merged, pages, shell_of, without_launcher
+from handbook_blocks import Block, blocks_of, commands_of, merged, notebook_of, pages, shell_of, without_launcher
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.cli.main import COMMANDS
@@ -128,7 +128,7 @@ def test_links_lead_somewhere(path: Path) -> None:
             continue
         file, _, anchor = target.partition("#")
         place = (path.parent / file).resolve() if file else path
-        made = place.name in ("notebook.md", "changelog.md")  # by scripts/docs
+        made = place.name == "changelog.md"  # by scripts/docs
         assert place.exists() or made, f"{path.name}: {target}"
         if anchor:
             assert anchor in anchors_of(place), f"{path.name}: {target}"
@@ -137,7 +137,7 @@ def test_links_lead_somewhere(path: Path) -> None:
 def test_every_page_is_in_the_navigation() -> None:
     settings = (ROOT / "scripts" / "handbook" / "mkdocs.yml").read_text(encoding="utf-8")
     named = set(re.findall(r": (\w+\.md)$", settings, flags=re.MULTILINE))
-    made = {"index.md", "changelog.md", "notebook.md"}
+    made = {"index.md", "changelog.md"}
     assert named == {path.name for path in PAGES if path.name != "README.md"} | made
 
 
@@ -269,28 +269,61 @@ def code_of(notebook: dict) -> list[str]:
     return ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
 
 
-def test_the_notebook_is_short_and_without_outputs() -> None:
-    notebook = json.loads((ROOT / "docs/notebooks/demo.ipynb").read_text(encoding="utf-8"))
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+def test_pages_are_notebooks(path: Path, tmp_path: Path) -> None:
+    """What is run of a page is in cells, in order; all other lines are text."""
+    notebook = notebook_of(path)
     assert (notebook["nbformat"], notebook["nbformat_minor"]) == (4, 5)
-    assert len({cell["id"] for cell in notebook["cells"]}) == len(notebook["cells"])
-    assert all(not cell.get("outputs") and cell.get("execution_count") is None for cell in notebook["cells"])
-    assert sum(len(text.splitlines()) for text in code_of(notebook)) <= 60
+    cells = ["".join(cell["source"]) for cell in notebook["cells"]]
+    assert len({cell["id"] for cell in notebook["cells"]}) == len(cells)
+    assert all(re.fullmatch(r"[a-zA-Z0-9-_]{1,64}", cell["id"]) for cell in notebook["cells"])
+    run = [
+        block for block in blocks_of(path) if "not run" not in block.marks and block.kind in ("sh", "python", "toml")
+    ]
+    run = [block for block in run if block.kind != "toml" or {"file", "into"} & {*block.marks}]
+    code = code_of(notebook)[1:]
+    assert len(code) == len(run)
+    for block, text in zip(run, code):
+        assert (shell_of(block) if block.kind == "sh" else block.text).splitlines()[-1] in text
+    for text in code:
+        if text.startswith("%%bash"):
+            subprocess.run(["bash", "-n"], input=text.partition("\n")[2], text=True, check=True)
+        elif not text.startswith("%%writefile"):
+            compile(text, path.name, "exec")
+    assert not any("<!-- not run" in text or "<!-- given" in text for text in cells)
+    prose = [line for line in texts_of(path).splitlines() if line.startswith("#")]
+    assert [line for text in cells for line in text.splitlines() if line in prose] == prose
 
 
-def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_part_of_a_scene_is_put_into_its_file_by_a_notebook(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (text,) = (text for text in code_of(notebook_of(ROOT / "docs" / "tutorial.md")) if "import tomli_w" in text)
+    name = re.search(r"scene = Path\('(.*)'\)", text)[1]
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_text(BASE.read_text(encoding="utf-8"), encoding="utf-8")
+    before = tomllib.loads(BASE.read_text(encoding="utf-8"))
+    exec(compile(text, "tutorial", "exec"), {"Path": Path})
+    after = tomllib.loads((tmp_path / name).read_text(encoding="utf-8"))
+    assert after != before and after["joints"] == before["joints"]
+
+
+def test_the_demo_runs_as_a_notebook(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Its cells one after the other in one program, with the settings of a small model in place of its own."""
     import matplotlib.pyplot as plt
 
     plt.switch_backend("agg")
     monkeypatch.chdir(tmp_path)
-    notebook = json.loads((ROOT / "docs/notebooks/demo.ipynb").read_text(encoding="utf-8"))
-    (settings,) = (cell for cell in notebook["cells"] if "parameters" in cell["metadata"].get("tags", ()))
+    code = code_of(notebook_of(ROOT / "docs" / "demo.md"))
+    assert sum(len(text.splitlines()) for text in code[1:]) <= 60
     small = {"reduction.modes": 4, "reduction.angles": 24, "simulation.duration": 0.05, "ensemble.bands": 10}
     scene = ROOT / "scenes" / "slider_crank_paper.toml"
-    settings["source"] = [f"scene_file, overrides, samples = {str(scene)!r}, {small!r}, 32"]
+    (settings,) = (k for k, text in enumerate(code) if text.startswith("scene_file = "))
+    code[settings] = f"scene_file, overrides, samples = {str(scene)!r}, {small!r}, 32"
     names: dict[str, object] = {}
-    for text in code_of(notebook):
-        exec(compile(text, "demo.ipynb", "exec"), names)
+    monkeypatch.setenv("PATH", os.environ["PATH"])  # which the first cell changes
+    for text in code:
+        exec(compile(text, "demo", "exec"), names)
     plt.close("all")
     said = capsys.readouterr().out
     assert said.count("% of the largest value") == 6 and "0 samples failed" in said

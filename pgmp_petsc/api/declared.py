@@ -240,6 +240,8 @@ _OF_PROGRAMS = {
     "overrides": 'Entries of the scene: a mapping of dotted keys to values, or texts "dotted.key=VALUE" in TOML.',
     "model": "'full' or 'components' with a scene; 'reduced' or nothing with a reduced model.",
 }
+#: Of functions that differentiate runs.
+DIFFERENTIABLE = replace(SHARED["model"], flags={"components": SHARED["model"].flags["components"]})
 OPTIONAL_OUTPUT = replace(SHARED["output"], required=False)
 
 

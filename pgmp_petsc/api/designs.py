@@ -8,11 +8,11 @@ from os import PathLike
 from pathlib import Path
 
 from pgmp_petsc.api.arguments import Range
-from pgmp_petsc.api.declared import OPTIONAL_OUTPUT, Argument, command, numbers_by_name
+from pgmp_petsc.api.declared import DIFFERENTIABLE, OPTIONAL_OUTPUT, Argument, command, numbers_by_name
 from pgmp_petsc.api.ranks import solving_ranks_of
-from pgmp_petsc.api.result import Result, Rom
+from pgmp_petsc.api.result import Result
 from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import Origin, keeping
+from pgmp_petsc.api.sources import SOURCE, AnySource, Origin, keeping
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.design.design_figures import Question
@@ -38,7 +38,6 @@ class Robust:
     seed: int = 1
 
 
-ROM = Argument("Reduced model, or its file.", word="ROM.h5")
 NAMES = "a list of parameters' names, such as ['r1']"
 
 
@@ -50,7 +49,7 @@ def _status_of_fit(found: Fit) -> int:
 
 @command(
     "fit", "Fit parameters to a measured history.", 110, report=report_of_fit, status=_status_of_fit, about="measured",
-    rom=ROM, output=OPTIONAL_OUTPUT,
+    rom=SOURCE, model=DIFFERENTIABLE, output=OPTIONAL_OUTPUT,
     measured=Argument(
         "CSV file whose first line names its columns: time (s), and outputs of the scene in its units.",
         word="MEASURED.csv", allowed="the name of a CSV file",
@@ -66,10 +65,11 @@ def _status_of_fit(found: Fit) -> int:
     gives="With the attributes of `results.gradients.Fit`; ``converged`` says whether it did.",
 )  # fmt: skip
 def fit(
-    rom: Rom | str | PathLike[str],
+    rom: AnySource,
     measured: str | PathLike[str],
     names: Sequence[str] = (),
     *,
+    model: str | None = None,
     noise: Mapping[str, float] | None = None,
     parameters: Parameters | None = None,
     overrides: Overrides = (),
@@ -78,7 +78,7 @@ def fit(
     on_all_ranks: bool = True,
     comm: Comm | None = None,
 ) -> Result:
-    """Fit parameters of the reduced model `rom` to the history in `measured` by least squares.
+    """Fit parameters of the model `rom` to the history in `measured` by least squares.
 
     The fit begins with the values of a run (`parameters`), and keeps to the bounds of the parameters.
 
@@ -87,13 +87,13 @@ def fit(
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
         deviations = _deviations(noise or {})
-        origin = Origin.of(rom, None, overrides, parameters)
-        origin.require_reduced("its derivatives are not known; take the reduced model of two coordinates at most")
+        origin = Origin.of(rom, model, overrides, parameters)
+        origin.require_differentiable()
     with keeping("fit", comm, output, on_all_ranks, (origin.path, measured), plot) as keeper:
-        model = origin.settled(comm)
-        history = on_root(comm, read_history, Path(measured), model.outputs, model.scene.simulation.duration)
-        found = fitted(model, history, tuple(names), deviations, comm)
-        return keeper.result(found, origin.directory, model.scene.remarks)
+        prepared = origin.settled(comm)
+        history = on_root(comm, read_history, Path(measured), prepared.outputs, prepared.scene.simulation.duration)
+        found = fitted(prepared, history, tuple(names), deviations, comm)
+        return keeper.result(found, origin.directory, prepared.scene.remarks)
 
 
 def _status_of_design(found: Design) -> int:
@@ -105,7 +105,7 @@ def _status_of_design(found: Design) -> int:
 
 @command(
     "optimize", "Find the parameters that meet a goal best.", 120, report=report_of_design, status=_status_of_design,
-    about="rom", rom=ROM, output=OPTIONAL_OUTPUT,
+    about="rom", rom=SOURCE, model=DIFFERENTIABLE, output=OPTIONAL_OUTPUT,
     goal=Argument("What the design is for.", allowed="a text such as 'minimise max(abs(angle))'"),
     names=Argument(
         "Design parameter NAME, instead of all with bounds or a distribution.", "--parameter", "NAME", NAMES
@@ -129,10 +129,11 @@ def _status_of_design(found: Design) -> int:
     "that meets all constraints.",
 )  # fmt: skip
 def optimize(
-    rom: Rom | str | PathLike[str],
+    rom: AnySource,
     goal: str,
     names: Sequence[str] = (),
     *,
+    model: str | None = None,
     subject_to: Sequence[str] = (),
     robust: Robust | None = None,
     parameters: Parameters | None = None,
@@ -142,7 +143,7 @@ def optimize(
     on_all_ranks: bool = True,
     comm: Comm | None = None,
 ) -> Result:
-    """Find the parameters of the reduced model `rom` that meet `goal` best.
+    """Find the parameters of the model `rom` that meet `goal` best.
 
     `goal` is "minimise ..." or "maximise ...", a CONSTRAINT is "... <= ..." or "... >= ...": sums, products and powers
     of numbers, parameters, and figures of outputs: max, min, mean, rms, start and end of an output or of its abs.
@@ -154,13 +155,13 @@ def optimize(
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        origin = Origin.of(rom, None, overrides, parameters)
-        origin.require_reduced("its derivatives are not known; take the reduced model of two coordinates at most")
+        origin = Origin.of(rom, model, overrides, parameters)
+        origin.require_differentiable()
     with keeping("design", comm, output, on_all_ranks, (origin.path,), plot) as keeper:
-        model = origin.settled(comm)
+        prepared = origin.settled(comm)
         with agreed(comm, "reading the goal"):
-            question = _question(model.scene, tuple(model.outputs.functions), goal, subject_to, names, robust)
-        return keeper.result(designed(model, question, comm), origin.directory, model.scene.remarks)
+            question = _question(prepared.scene, tuple(prepared.outputs.functions), goal, subject_to, names, robust)
+        return keeper.result(designed(prepared, question, comm), origin.directory, prepared.scene.remarks)
 
 
 def _question(

@@ -64,7 +64,7 @@ def export_model(
     with agreed(comm, "looking at the arguments"):
         _check(output, fmi)
         origin = Origin.of(rom, None, overrides, parameters)
-        origin.require_reduced("models in C are reduced ones, of two coordinates at most; pgmp build SCENE makes one")
+        origin.require_reduced("models in C are reduced ones, of few coordinates; pgmp build SCENE makes one")
     target = Path(output)
     notes: list[str] = []
 

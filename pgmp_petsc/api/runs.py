@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from os import PathLike
 
 from pgmp_petsc.api.arguments import settings_of, wrong
-from pgmp_petsc.api.declared import OPTIONAL_OUTPUT, Argument, command, interface
+from pgmp_petsc.api.declared import DIFFERENTIABLE, OPTIONAL_OUTPUT, Argument, command, interface
 from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.result import Result, Rom, StoppedRun
 from pgmp_petsc.api.scenes import Overrides, Parameters
@@ -77,8 +77,8 @@ def simulate(
 
 
 @command(
-    "sensitivities", "What parameters do to the outputs of a reduced run.", 100, report=report_of_derivatives,
-    about="rom", output=OPTIONAL_OUTPUT, rom=Argument("Reduced model, or its file.", word="ROM.h5"),
+    "sensitivities", "What parameters do to the outputs of a run.", 100, report=report_of_derivatives,
+    about="rom", output=OPTIONAL_OUTPUT, rom=SOURCE, model=DIFFERENTIABLE,
     names=Argument(
         "Differentiate with parameter NAME, instead of all of the scene.", "--parameter", "NAME",
         "a list of parameters' names, such as ['r1']",
@@ -86,9 +86,10 @@ def simulate(
     gives="With the attributes of `results.Derivatives`.",
 )  # fmt: skip
 def sensitivities(
-    rom: Rom | str | PathLike[str],
+    rom: AnySource,
     names: Sequence[str] = (),
     *,
+    model: str | None = None,
     parameters: Parameters | None = None,
     overrides: Overrides = (),
     output: str | PathLike[str] | None = None,
@@ -96,18 +97,19 @@ def sensitivities(
     on_all_ranks: bool = True,
     comm: Comm | None = None,
 ) -> Result:
-    """Say what a change of each parameter does to the outputs of a run of the reduced model `rom`.
+    """Say what a change of each parameter does to the outputs of a run of the model `rom`.
 
     Derivatives of the outputs over time, of their largest and smallest values and of the values at the end come from
-    one run. Printed are the effects of one standard deviation of each parameter, the largest first.
+    one run; of component models, and with controllers, from differences of runs. Printed are the effects of one
+    standard deviation of each parameter, the largest first.
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        origin = Origin.of(rom, None, overrides, parameters)
-        origin.require_reduced("its derivatives are not known; take the reduced model of two coordinates at most")
+        origin = Origin.of(rom, model, overrides, parameters)
+        origin.require_differentiable()
     with keeping("sensitivities", comm, output, on_all_ranks, (origin.path,), plot) as keeper:
-        model = origin.settled(comm)
-        return keeper.result(differentiated(model, tuple(names), comm), origin.directory, model.scene.remarks)
+        prepared = origin.settled(comm)
+        return keeper.result(differentiated(prepared, tuple(names), comm), origin.directory, prepared.scene.remarks)
 
 
 @interface(

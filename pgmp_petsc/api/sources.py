@@ -66,6 +66,11 @@ class Origin:
         is_built = kind is not None or model in (None, REDUCED)
         return cls(source, NAME_OF.get(kind) or model or REDUCED, overrides, settings, is_built)
 
+    def require_differentiable(self) -> None:
+        """Refuse full-order models, whose runs are not differentiated; raises `InputError`."""
+        if self.model == "full":
+            raise InputError("model = 'full': derivatives are of reduced and of component models; take 'components'")
+
     def require_reduced(self, what: str) -> None:
         """Refuse component models where what is asked for takes a reduced one; raises `InputError`."""
         if self.model == "components":

@@ -196,8 +196,9 @@ def _file(model: Model, columns: Mapping[str, np.ndarray], what: str, place: str
     """Return values as samples of a model; refuse those that it cannot run. By one process."""
     file = of_columns(columns, model.scene, what, place=place)
     if isinstance(model, (ReducedModel, ComponentModel)):
-        refuse_beyond(model.served, file.values, what)
-        said = outside_of(model.served, file.values, what)
+        served = model.served
+        refuse_beyond(served, file.values, what)
+        said = outside_of(served, file.values, what)
         file = replace(file, remarks=(*file.remarks, *said))
     return file
 

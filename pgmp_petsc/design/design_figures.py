@@ -50,6 +50,8 @@ class DesignFigures:
         Designs that could not.
     count
         Called with a number of runs after they were made.
+    off
+        Of runs on this rank whose derivatives are differences, the largest share that those of second order are off.
     of_samples
         Goal and constraints of every sample of the last design that could be run, (n_samples, n_figures).
     """
@@ -71,6 +73,7 @@ class DesignFigures:
         self.turned_back = TurnedBack()
         self._known: dict[bytes, list[Dual]] = {}
         self.count: Callable[[int], object] = lambda n: None
+        self.off = 0.0
         self.of_samples = np.zeros((0, 1 + len(question.constraints)))
 
     def _drawn(self) -> dict[str, np.ndarray] | None:
@@ -176,7 +179,9 @@ class DesignFigures:
     def _run(self, values: Mapping[str, float], sample: int) -> DifferentiatedRun:
         names = self._question.names
         try:
-            return differentiate(self._model, values, names)
+            run = differentiate(self._model, values, names)
+            self.off = max(self.off, run.off)
+            return run
         except PgmpError as error:
             where = _shown(names, values) + ("" if self._offsets is None else f", sample {sample}")
             raise type(error)(f"at {where}: {error}") from error

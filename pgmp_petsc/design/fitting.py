@@ -208,7 +208,7 @@ class _Fitting:
             *self._of_own_error(solution, slopes, sigma, errors), *served_remarks(self._served, self._names),
             *self._of_limits(estimate, errors, blind), *_tied(self._names, correlation),
             *self._of_noise(left, sigma, lasting),
-            *difference_remarks(scene), *contact_remarks(solution.run), *scene.remarks,
+            *difference_remarks(self._model, solution.run.off), *contact_remarks(solution.run), *scene.remarks,
         )  # fmt: skip
         parameters = [
             FittedParameter(name, scene.parameters[name].unit or "1", *map(float, row))
@@ -389,7 +389,7 @@ class _Fitting:
         own = OwnErrors.of_runs(self._model, [self._model.scene.values | solution.values])
         known = None if own is None else own.over(self._history.time)
         if known is None:
-            return (not_known(self._model.scene, "the estimates"),)
+            return (not_known(self._model, "the estimates"),)
         row = np.concatenate([known[name] / sigma[k] for k, name in enumerate(self._history.outputs)])
         scaled = slopes.reshape(-1, self._scale.size) * self._scale
         moved = np.linalg.lstsq(scaled, row, rcond=NO_DIRECTION)[0] * self._scale

@@ -109,8 +109,8 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
         *comm.bcast(own), *served_remarks(model, question.names),
         *_of_end(done, question, last, missed), *figures.turned_back.remarks,
         *_of_limits(question, figures, best), *_of_idle(question, first, last),
-        *_of_robust(question, figures, ends, confidence), *difference_remarks(model.scene), *step_remarks(model, ended),
-        *contact_remarks(ended), *model.scene.remarks,
+        *_of_robust(question, figures, ends, confidence), *difference_remarks(model, figures.off),
+        *step_remarks(model, ended), *contact_remarks(ended), *model.scene.remarks,
     )  # fmt: skip
     sense = question.goal.sense
     described = [
@@ -163,7 +163,7 @@ def _of_own_error(
     errors = OwnErrors.of_runs(of_samples(model, question.names), [values])
     known = None if errors is None else errors.over(run.time)
     if known is None:
-        return (not_known(model.scene, "the goal and the constraints"),)
+        return (not_known(model, "the goal and the constraints"),)
     better = replace(run, outputs={name: run.outputs[name] - known[name] for name in run.outputs})
     told = []
     for what in (question.goal, *question.constraints):

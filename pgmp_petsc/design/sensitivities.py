@@ -1,4 +1,4 @@
-"""Sensitivities of a reduced run: derivatives of its outputs with parameters of the scene."""
+"""Sensitivities of a run: derivatives of its outputs with parameters of the scene."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures, polynomials_of_lengths
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.contacts import Contact
+from pgmp_petsc.gradients.differences import AnyModel, why_differences
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instants
+from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import correlation_matrix
@@ -72,7 +74,7 @@ def sensitivities(model: ReducedModel, asked: Sequence[str], comm: Comm) -> Deri
 def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: Comm) -> Derivatives:
     scene, timings, model = model.scene, Timings(), of_samples(model, names)
     n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
-    with timings.phase("run and derivatives"), progress(n_steps, "reduced", comm) as bar:
+    with timings.phase("run and derivatives"), progress(n_steps, model.title, comm) as bar:
         run = differentiate(model, scene.values, names, bar.update)
     with timings.phase("errors"):
         own = _of_own_error(model, run, names)
@@ -121,7 +123,7 @@ def _of_own_error(
     points = [scene.values, *(scene.values | {name: value} for name, value in zip(names, moved))]
     errors = OwnErrors.of_runs(model, points)
     if errors is None or not all(np.isfinite(end).all() for end in errors.at_end.values()):
-        return (not_known(scene, what),)
+        return (not_known(model, what),)
     effects = []
     for output, at_end in errors.at_end.items():
         slopes = run.derivatives[output]
@@ -161,26 +163,30 @@ def step_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> l
 
 
 @gathered
-def difference_remarks(scene: Scene) -> Iterator[Remark]:
-    """Return that derivatives are differences of runs, where they are."""
-    if scene.beside:
-        names = ", ".join(scene.beside)
-        yield note(f"derivatives are differences of runs, four or five beside each one a parameter, because of {names}")
+def difference_remarks(model: AnyModel, off: float) -> Iterator[Remark]:
+    """Return that derivatives are differences of runs, where they are, and by what share of the largest those of second
+    order are off."""
+    why = why_differences(model)
+    if why:
+        off = f"; those of second order differ by {share_text(off)} of the largest" if off else ""
+        yield note(
+            f"derivatives are differences of runs, four or five beside each one a parameter, because of {why}{off}"
+        )
 
 
 @gathered
-def run_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> Iterator[Remark]:
+def run_remarks(model: AnyModel, run: DifferentiatedRun) -> Iterator[Remark]:
     """Return what is to be said of the derivatives of a run."""
     yield note(
-        "derivatives are those of the reduced model with its time step; errors of the run are estimated by pgmp "
+        f"derivatives are those of the {model.title} model with its time step; errors of the run are estimated by pgmp "
         "simulate"
     )
-    yield from difference_remarks(model.scene)
+    yield from difference_remarks(model, run.off)
     yield from step_remarks(model, run)
     if isinstance(model, LengthLanes):
         yield polynomials_of_lengths(model, False)
-    stresses = model.members[0].outputs.stresses
-    if stresses and not model.scene.beside:
+    stresses = () if why_differences(model) else model.members[0].outputs.stresses
+    if stresses:
         names = ", ".join(stress.name for stress in stresses)
         yield note(
             f"derivatives of stresses ({names}) follow from central differences along the exact derivatives of the "

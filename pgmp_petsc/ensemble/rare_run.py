@@ -277,13 +277,13 @@ def _of_own_error(
     points = [{name: float(column[k]) for name, column in parameters.items()} for k in nearest]
     errors = OwnErrors.of_runs(of_samples(model, names), points)
     if errors is None:
-        return (not_known(model.scene, what),)
+        return (not_known(model, what),)
     at = errors.at_end[event.output]
     if event.when == "ever":
         rows = [of_run[event.output] for _, of_run in errors.histories]
         at = np.array([row[np.argmax(np.abs(row))] if row.size else np.nan for row in rows])
     if not np.isfinite(at).any():
-        return (not_known(model.scene, what),)
+        return (not_known(model, what),)
     shift = float(np.nanmean(at)) * (-1.0 if event.above is not None else 1.0)
     without = found.probability * found.factor_of(shift)
     return of_figures([(what, found.probability, without, found.probability)], what)

@@ -297,8 +297,9 @@ class OwnErrors:
 
     @classmethod
     def of_runs(cls, model: ReducedModel | LengthLanes, points: Sequence[Mapping[str, float]]) -> OwnErrors | None:
-        """Run a model at parameter values and estimate its errors; None where the scene has no estimates."""
-        if not is_estimated(model.scene):
+        """Run a model at parameter values and estimate its errors; None where there are no estimates: the scene says
+        so, or the model is of components."""
+        if model.name == ComponentModel.name or not is_estimated(model.scene):
             return None
         values = {name: np.array([point[name] for point in points]) for name in points[0]}
         watched = indicator_of(model).watch(values, np.arange(len(points)))
@@ -314,11 +315,13 @@ class OwnErrors:
         return {name: np.interp(time, instants, values) for name, values in errors.items()} if known else None
 
 
-def not_known(scene: Scene, what: str) -> Remark:
+def not_known(model: ReducedModel | LengthLanes | ComponentModel | SeparateLengths, what: str) -> Remark:
     """Return why the model's own part of some figures is not known."""
-    absent = absence_of_estimates(scene)
+    absent = absence_of_estimates(model.scene)
     why = absent[0].text if absent else "the full-order equations could not be solved about the motion"
-    return note(f"what errors of the reduced model do to {what} is not known: {why}")
+    if model.name == ComponentModel.name:
+        why = f"errors of component modes are not estimated; take more reduction.modes, or {comparing(model.scene)}"
+    return note(f"what errors of the {model.title} model do to {what} is not known: {why}")
 
 
 @gathered

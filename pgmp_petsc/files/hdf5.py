@@ -128,7 +128,7 @@ WRITE_AGAIN, BUILD_AGAIN = "write it again", "build it again with pgmp build"
 #: Models that stand alone, by kind: what to do where the other one is needed.
 INSTEAD = {
     "rom": "; pgmp build SCENE --components -o FILE makes one",
-    "components": ", with tables over configurations; pgmp build SCENE -o ROM.h5 makes one, of two coordinates at most",
+    "components": ", with tables over configurations; pgmp build SCENE -o ROM.h5 makes one, of few coordinates",
 }
 _REQUIRED = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
 # that of HDF5 1.8 (2008): attributes beyond 64 kB, such as the probabilities of 10,000 quantiles
@@ -359,7 +359,7 @@ def _unsealed(path: Path, broken: BrokenSeal, kinds: tuple[str, ...]) -> str:
         return f"file '{path}' is damaged: {broken}; {BUILD_AGAIN if set(kinds) <= INSTEAD.keys() else WRITE_AGAIN}"
     cure = ""
     if path.suffix.lower() == ".toml" and "rom" in kinds:
-        cure = f": make it of the scene with 'pgmp build {path} -o ROM.h5', or run the full-order model with --full"
+        cure = f": make it of the scene with 'pgmp build {path} -o ROM.h5', or give --components or --full"
     return f"file '{path}' is not an HDF5 file; needed: {_names(kinds)} written by pgmp{cure}"
 
 

@@ -1,28 +1,42 @@
-"""Derivatives of runs by differences, where exact ones are not known: of scenes with controllers, or friction by the
-force that a joint carries.
+"""Derivatives of runs by differences, where exact ones are not known: of component models, and of scenes with
+controllers, or friction by the force that a joint carries.
 
-The run and those beside it are samples of one batch. Differences are of fourth order, central, or forward where a
-parameter has no sense below zero and is next to it. With steps of `SHARE` of a parameter's size the iteration's
-tolerance leaves about 1e-9 of them, and truncation less as long as a parameter of that size moves phases by less than
-some hundred radians.
+The run and those beside it are samples of one batch, or of as few as the model takes. Differences are of fourth order,
+central, or forward where a parameter has no sense below zero and is next to it. With steps of `SHARE` of a parameter's
+size the iteration's tolerance leaves about 1e-9 of those of reduced runs, and truncation less as long as a parameter of
+that size moves phases by less than some hundred radians. What differences of second order of the same runs are off
+bounds the error.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.models import LengthLanes, ReducedModel
-from pgmp_petsc.scene import Scene
-from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel, SeparateLengths
+from pgmp_petsc.stepping.second_order_system import Observer, SecondOrderSystem, State
 
+AnyModel = ReducedModel | LengthLanes | ComponentModel | SeparateLengths
 SHARE = 2e-3  # of a parameter's size, that runs beside are away
 OF_BOUNDS = 0.1  # of the width of its bounds, which its size is at least
-CENTRAL = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
-FORWARD = np.array([0.0, 1.0, 2.0, 3.0, 4.0]), np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
+#: Offsets in steps, and weights of fourth and of second order.
+CENTRAL = (
+    np.array([-2.0, -1.0, 1.0, 2.0]),
+    np.array([[1.0, -8.0, 8.0, -1.0], [0.0, -6.0, 6.0, 0.0]]) / 12.0,
+)
+FORWARD = (
+    np.array([0.0, 1.0, 2.0, 3.0, 4.0]),
+    np.array([[-25.0, 48.0, -36.0, 16.0, -3.0], [-18.0, 24.0, -6.0, 0.0, 0.0]]) / 12.0,
+)
+
+
+def why_differences(model: AnyModel) -> str:
+    """Return why derivatives of a model's runs are differences; empty where they are exact."""
+    named = [f"the {model.title} model"] if model.name == ComponentModel.name else []
+    return ", ".join([*named, *model.scene.beside])
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,28 +47,46 @@ class Differences:
     ----------
     values
         Of every parameter, each (n_runs,); the first run is the one that is differentiated.
-    weights
-        Of the runs' outputs in the derivatives, (n_parameters, n_runs).
+    weights, coarse
+        Of the runs' outputs in the derivatives, (n_parameters, n_runs), and in those of second order.
+    sizes
+        Of the parameters, (n_parameters,).
     """
 
     values: dict[str, np.ndarray]
     weights: np.ndarray
+    coarse: np.ndarray
+    sizes: np.ndarray
 
     @classmethod
-    def of(cls, scene: Scene, values: Mapping[str, float], names: Sequence[str]) -> Differences:
+    def of(cls, model: AnyModel, values: Mapping[str, float], names: Sequence[str]) -> Differences:
         """Return the runs for derivatives with some parameters; raises `InputError` if one has no size."""
-        columns, rows = [np.array(list(values.values()))], []
+        scene, columns, rows, sizes = model.scene, [np.array(list(values.values()))], [], []
         for name in names:
-            step = SHARE * _size(scene, values, name)
+            sizes.append(_size(model, values, name))
+            step = SHARE * sizes[-1]
             below = values[name] - 2.0 * step
             offsets, weights = FORWARD if below < 0.0 and name in scene.parameters_not_negative else CENTRAL
             rows.append((len(columns), weights / step))
             for offset in offsets:
                 columns.append(np.array([value + offset * step * (one == name) for one, value in values.items()]))
-        found = np.zeros((len(names), len(columns)))
-        for row, (first, weights) in zip(found, rows):
-            row[first : first + weights.size] = weights
-        return cls(dict(zip(values, np.array(columns).T)), found)
+        found = np.zeros((2, len(names), len(columns)))
+        for row, (first, weights) in enumerate(rows):
+            found[:, row, first : first + weights.shape[1]] = weights
+        return cls(dict(zip(values, np.array(columns).T)), *found, np.array(sizes))
+
+    def off(self, outputs: Mapping[str, np.ndarray]) -> float:
+        """Return how far derivatives of outputs (n_runs, n_t) are from those of second order, the largest share of the
+        largest effect of any parameter on an output."""
+        shares = [0.0]
+        for values in outputs.values():
+            fine, away = (
+                np.abs(self.sizes[:, None] * (weights @ values))
+                for weights in (self.weights, self.weights - self.coarse)
+            )
+            if fine.size and fine.max() > 0.0:
+                shares.append(float(away.max() / fine.max()))
+        return max(shares)
 
     @property
     def n_runs(self) -> int:
@@ -76,16 +108,41 @@ class Differences:
         return {name: np.array(each) for name, each in found.items()}, np.einsum("ps,tsi->tpi", self.weights, states.q)
 
 
-def _size(scene: Scene, values: Mapping[str, float], name: str) -> float:
+def _size(model: AnyModel, values: Mapping[str, float], name: str) -> float:
     """Return what a parameter is of the size of: its value, or a share of its bounds, or its deviation."""
-    parameter, sizes = scene.parameters[name], [abs(values[name])]
+    parameter, sizes = model.scene.parameters[name], [abs(values[name])]
     if parameter.bounds is not None:
         sizes.append(OF_BOUNDS * (parameter.bounds[1] - parameter.bounds[0]))
     if parameter.distribution is not None:
         sizes.append(parameter.deviation)
     if not max(sizes) > 0.0:
         raise InputError(
-            f"parameters.{name} = 0: with {', '.join(scene.beside)} derivatives are differences of runs, and how far "
+            f"parameters.{name} = 0: with {why_differences(model)} derivatives are differences of runs, and how far "
             "apart is not known without its size; give it bounds"
         )
     return max(sizes)
+
+
+class OutputRecord(Observer):
+    """Keeps what outputs of a batch of component runs are made of; `pulse` is called with numbers of steps."""
+
+    def __init__(self, model: ComponentModel | SeparateLengths, system: SecondOrderSystem, pulse: Callable) -> None:
+        self._model, self._system, self._pulse = model, system, pulse
+        self._times: list[float] = []
+        self._observed: list[np.ndarray] = []
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """Keep the state after a step."""
+        self._times.append(time)
+        self._observed.append(self._model.observed(self._system, state, time))
+        self._pulse(int(number > 0))
+
+    @property
+    def times(self) -> np.ndarray:
+        """The instants, (n_t,), s."""
+        return np.array(self._times)
+
+    def outputs(self) -> list[dict[str, np.ndarray]]:
+        """Return the outputs of every run, each (n_t,)."""
+        runs = np.moveaxis(np.array(self._observed), (2, 1, 0), (0, 1, 2))  # (n_runs, n_observed, n_t)
+        return [self._model.outputs.evaluate(np.ascontiguousarray(run)) for run in runs]

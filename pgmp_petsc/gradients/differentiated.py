@@ -50,10 +50,10 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.gradients.contacts import Contact, Contacts
-from pgmp_petsc.gradients.differences import Differences
+from pgmp_petsc.gradients.differences import AnyModel, Differences, OutputRecord, why_differences
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised, factorise, hold, substitute
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.models import LengthLanes, ReducedModel
+from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel, SeparateLengths
 from pgmp_petsc.models.reduced_statics import JointAngles
 from pgmp_petsc.outputs.rainflow import counted_after, counted_changes
 from pgmp_petsc.scene.uses import offset_directions, velocity_names
@@ -75,6 +75,7 @@ class DifferentiatedRun:
     eta: np.ndarray  # eta, changes: reduced coordinates (n_t, n_eta), and their derivatives (n_t, n_parameters, n_eta)
     changes: np.ndarray
     steps_divided: int = 1  # by what the scene's step was divided
+    off: float = 0.0  # how far differences are from those of second order, a share; see `differences`
     contacts: tuple[Contact, ...] = ()  # instants at which end stops are met and left, with their own derivatives
 
     def at_steps_of_scene(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -84,13 +85,13 @@ class DifferentiatedRun:
 
 
 def differentiate(
-    model: ReducedModel | LengthLanes,
+    model: AnyModel,
     values: Mapping[str, float],
     names: Sequence[str],
     pulse: Callable[[int], object] = lambda n_steps: None,
 ) -> DifferentiatedRun:
-    """Run one sample, and differentiate its outputs with some parameters; with forces beside (`Scene.beside`) by
-    `differences`.
+    """Run one sample, and differentiate its outputs with some parameters; with forces beside (`Scene.beside`), and of
+    component models, by `differences`.
 
     Raises `InputError` if the scene has no outputs, there is no static equilibrium to start from, or an end stop is
     grazed; `RunError` if the run stops before its end, with smaller steps too.
@@ -108,7 +109,9 @@ def differentiate(
     """
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
-    beside = Differences.of(model.scene, values, names if model.scene.beside else ())
+    beside = Differences.of(model, values, names if why_differences(model) else ())
+    if isinstance(model, (ComponentModel, SeparateLengths)):
+        return _of_components(model, values, names, beside, pulse)
     kept: list[tuple[Attempt, Run, StateRecord, Any]] = []
 
     def once(attempt: Attempt) -> Run:
@@ -127,14 +130,14 @@ def differentiate(
 
     integrate_with_smaller_steps(once, model.scene.simulation, np.ones(1, dtype=bool))
     attempt, done, trail, system = kept[0]
-    status = Status(done.status[0])
-    if status != Status.FINE:
-        raise RunError(f"the run stopped at {done.failure_time[0]:.6g} s: {status.meaning}; {status.cure(model.name)}")
+    _require_fine(model, done)
     if model.scene.beside:
         times, states = trail.of_batch()
         if model.outputs.beside:
             states.forces = system.forces_beside(times)
-        return _compared(model, values, names, beside, times, states, attempt.divisor)
+        with np.errstate(all="ignore"):
+            each, changes = beside.of_outputs(model, times, states)
+        return _compared(model, values, names, beside, times, each, states.q[:, 0], changes, attempt.divisor)
     times, states = trail.states()
     linearisation = Linearisation(model, values, names)
     contacts = Contacts(model, values, linearisation, times, states)
@@ -143,32 +146,80 @@ def differentiate(
         observed = ObservedChanges(model, values, times, states)
         by_name = {name: observed.of(name, changes[:, :, number]) for number, name in enumerate(names)}
     outputs, derivatives = _counted(model, values, times, observed.outputs, by_name)
-    return DifferentiatedRun(times, outputs, derivatives, states.q, changes[0], attempt.divisor, tuple(contacts.found))
+    found = tuple(contacts.found)
+    return DifferentiatedRun(times, outputs, derivatives, states.q, changes[0], attempt.divisor, contacts=found)
+
+
+def _require_fine(model: AnyModel, done: Run) -> None:
+    status = Status(done.status[0])
+    if status != Status.FINE:
+        raise RunError(f"the run stopped at {done.failure_time[0]:.6g} s: {status.meaning}; {status.cure(model.name)}")
+
+
+def _of_components(
+    model: ComponentModel | SeparateLengths,
+    values: Mapping[str, float],
+    names: Sequence[str],
+    beside: Differences,
+    pulse: Callable[[int], object],
+) -> DifferentiatedRun:
+    """Return a component run with differences of the runs beside it as derivatives; see `differentiate`."""
+    kept: list[tuple[Attempt, Run, np.ndarray, list[dict[str, np.ndarray]]]] = []
+
+    def once(attempt: Attempt) -> Run:
+        runs: list[dict[str, np.ndarray]] = []
+        while len(runs) < beside.n_runs:
+            n = min(model.largest_batch, beside.n_runs - len(runs))
+            own = {name: column[len(runs) : len(runs) + n] for name, column in beside.values.items()}
+            system = model.batch(own, n)
+            if system.settled is not None:
+                system.settled.require()
+            record = OutputRecord(model, system, (lambda n_steps: None) if runs else pulse)
+            with np.errstate(all="ignore"):
+                done = integrate(system, attempt.simulation, observer=record)
+            worst = [int(np.argmax(done.status != Status.FINE))]  # all runs with the same steps
+            done = replace(done, status=done.status[worst], failure_time=done.failure_time[worst])
+            if done.status[0] != Status.FINE:
+                break
+            runs += record.outputs()
+        kept[:] = [(attempt, done, record.times, runs)]
+        return done
+
+    integrate_with_smaller_steps(once, model.scene.simulation, np.ones(1, dtype=bool))
+    attempt, done, times, runs = kept[0]
+    _require_fine(model, done)
+    each = {output: np.array([run[output] for run in runs]) for output in model.outputs.functions}
+    eta = np.zeros((times.size, 0))  # amplitudes mean nothing elsewhere
+    return _compared(
+        model, values, names, beside, times, each, eta, np.zeros((times.size, len(names), 0)), attempt.divisor
+    )
 
 
 def _compared(
-    model: ReducedModel | LengthLanes,
+    model: AnyModel,
     values: Mapping[str, float],
     names: Sequence[str],
     beside: Differences,
     times: np.ndarray,
-    states: State,
+    each: Mapping[str, np.ndarray],
+    eta: np.ndarray,
+    changes: np.ndarray,
     divisor: int,
 ) -> DifferentiatedRun:
-    """Return the first of some runs, with differences of all of them as its derivatives."""
+    """Return the first of some runs, with differences of the outputs (n_runs, n_t) of all of them as derivatives."""
     with np.errstate(all="ignore"):
-        each, changes = beside.of_outputs(model, times, states)
         by_name = {
             name: {output: weights @ found for output, found in each.items()}
             for name, weights in zip(names, beside.weights)
         }
+        off = beside.off(each)
     first = {output: found[0] for output, found in each.items()}
     outputs, derivatives = _counted(model, values, times, first, by_name)
-    return DifferentiatedRun(times, outputs, derivatives, states.q[:, 0], changes, divisor)
+    return DifferentiatedRun(times, outputs, derivatives, eta, changes, divisor, off)
 
 
 def _counted(
-    model: ReducedModel | LengthLanes,
+    model: AnyModel,
     values: Mapping[str, float],
     times: np.ndarray,
     outputs: dict[str, np.ndarray],

@@ -329,6 +329,13 @@ def _check(rows: np.ndarray, nodes: NodeFile, d: int, received: str, of_nodes: s
             f"{received}: {internal.sum()} rows are of internal nodes, such as {rows[internal][0, 0]} (of incompatible "
             "modes, multipliers or couplings), which have no place; write the matrices without what makes them"
         )
+    scalar = rows[:, 1] == 0
+    if scalar.any():
+        raise InputError(
+            f"{received}: {scalar.sum()} rows are of scalar points, such as {rows[scalar][0, 0]}, as the modal "
+            "amplitudes of a Craig-Bampton reduction are; bodies that are reduced already are not taken, since inertia "
+            "forces of large rotations need the fields behind these: write the matrices of all nodes"
+        )
     if turning.any():
         node, direction = rows[turning][0]
         raise InputError(

@@ -22,7 +22,7 @@ else:
     MISSING = ""
 
 PER_TURN = 12  # cells along a circle
-MOST_WANTED = 12_000  # cells up to which walls have two of them across
+MOST_WANTED = 8_000  # cells up to which walls have two of them across
 MOST = 400_000  # cells that memory holds
 WIDEST = 6.0  # extent over the largest cell, at least
 RAYS = 40  # of a face
@@ -123,9 +123,21 @@ def thickness(extent: float) -> dict[int, float]:
     return found
 
 
-def set_sizes(size: float, extent: float, solid: int) -> None:
-    """Say how large cells may be, by the walls or as asked for."""
-    walls = thickness(extent) if not size else {tag: size for _, tag in gmsh.model.getEntities(2)}
+def made(size: float, extent: float, solid: int) -> None:
+    """Mesh a solid with cells of a size, in mm, or by its walls."""
+    walls = {tag: size for _, tag in gmsh.model.getEntities(2)} if size else thickness(extent)
+    share = set_sizes(walls, size, extent, solid, 0.0 if size else 0.5)
+    meshed(size)
+    n = len(gmsh.model.mesh.getElementsByType(11)[0])
+    if not size and share < 1.0 and n > MOST_WANTED:
+        gmsh.model.mesh.clear()
+        set_sizes(walls, size, extent, solid, min(1.0, share * (n / MOST_WANTED) ** (1.0 / 3.0)))
+        meshed(size)
+
+
+def set_sizes(walls: dict[int, float], size: float, extent: float, solid: int, share: float) -> float:
+    """Say how large cells may be: a share of the walls, or more where there would be too many; or as asked for. Return
+    the share."""
     widest, total = extent / WIDEST, volume(solid)
     areas = {tag: gmsh.model.occ.getMass(2, tag) for tag in walls}
     sizes = {tag: min(max(wall, extent / 200.0), widest) if not size else size for tag, wall in walls.items()}
@@ -136,13 +148,14 @@ def set_sizes(size: float, extent: float, solid: int) -> None:
         cure = "give mesh_size, the largest size of a cell" if not size else "a larger mesh_size"
         what = f"mesh_size = {size:.3g} mm" if size else f"walls as thin as {min(sizes.values()):.3g} mm"
         raise Refused(f"{what} would take about {n:.1g} cells; {cure} is needed")
-    share = min(max((n / MOST_WANTED) ** (1.0 / 3.0), 0.5), 1.0) if not size else 1.0
+    share = 1.0 if size else min(max((n / MOST_WANTED) ** (1.0 / 3.0), share), 1.0)
     for tag, wall in sorted(sizes.items(), key=lambda item: -item[1]):  # of neighbours the thinner one counts
         points = gmsh.model.getBoundary([(2, tag)], combined=False, oriented=False, recursive=True)
         gmsh.model.mesh.setSize([point for point in points if point[0] == 0], share * wall)
     gmsh.option.setNumber("Mesh.MeshSizeMax", share * max(sizes.values()))
     gmsh.option.setNumber("Mesh.MeshSizeMin", 0.2 * share * min(sizes.values()))
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", PER_TURN)
+    return share
 
 
 def inverted() -> bool:
@@ -231,8 +244,7 @@ def main(path: str, size: float, output: str) -> None:
     solid = opened(path)
     box = np.reshape(gmsh.model.getBoundingBox(3, solid), (2, 3))
     extent = float(np.max(box[1] - box[0]))
-    set_sizes(size, extent, solid)
-    meshed(size)
+    made(size, extent, solid)
     tags, places, _ = gmsh.model.mesh.getNodes()
     number = np.zeros(int(tags.max()) + 1, dtype=int)
     cells = gmsh.model.mesh.getElementsByType(11)[1].astype(int).reshape(-1, 10)[:, [*range(8), 9, 8]]

@@ -28,7 +28,7 @@ def lines_of_file(path: Path, kind: str) -> list[str]:
 
 def report_of_derivatives(found: Derivatives, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return what each parameter does to each figure, and all remarks."""
-    lines = [f"{path}: reduced model, {len(found.time) - 1} steps to {found.time[-1]:g} s", *lines_of(found)]
+    lines = [f"{path}: {len(found.time) - 1} steps to {found.time[-1]:g} s", *lines_of(found)]
     return "\n".join([*lines, *closing(found.record, said)])
 
 

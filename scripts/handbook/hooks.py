@@ -1,4 +1,4 @@
-"""What MkDocs is told besides its settings: pages from outside docs/, the notebook as a page, equations as MathML.
+"""What MkDocs is told besides its settings: pages from outside docs/, notebooks of pages, equations as MathML.
 
 The files in docs/ are also read where the repository is, so their links lead to files of the repository. Here README.md
 becomes the first page, and scenes that pages link to lie beside them.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from pathlib import Path
 
 from latex2mathml.converter import convert
@@ -17,7 +18,12 @@ from mkdocs.structure.pages import Page
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-NOTEBOOK = "notebooks/demo.ipynb"
+sys.path.insert(0, str(ROOT / "tests"))
+from handbook_blocks import notebook_of  # noqa: E402 (beside the tests that run the pages)
+
+#: Pages with code that is run, as notebooks, by their names.
+NOTEBOOKS = {path.stem: notebook_of(path) for path in sorted((ROOT / "docs").glob("*.md"))}
+NOTEBOOKS = {name: one for name, one in NOTEBOOKS.items() if any(cell["cell_type"] == "code" for cell in one["cells"])}
 #: Pages made from files elsewhere.
 OTHER_PAGES = {"index.md": "README.md", "changelog.md": "CHANGELOG.md"}
 #: Files that pages link to, beside the pages.
@@ -28,8 +34,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages and files from outside docs/."""
     for name, source in OTHER_PAGES.items():
         files.append(File.generated(config, name, content=_from_top((ROOT / source).read_text(encoding="utf-8"))))
-    notebook = (ROOT / "docs" / NOTEBOOK).read_text(encoding="utf-8")
-    files.append(File.generated(config, "notebook.md", content=notebook_page(notebook)))
+    for path, notebook in NOTEBOOKS.items():
+        files.append(File.generated(config, f"notebooks/{path}.ipynb", content=json.dumps(notebook, indent=1)))
     files.append(File.generated(config, "handbook.css", content=(HERE / "handbook.css").read_text(encoding="utf-8")))
     schema = (ROOT / "build" / "scene.schema.json").read_text(encoding="utf-8")  # which scripts/docs has written
     files.append(File.generated(config, "scene.schema.json", content=schema))
@@ -43,7 +49,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Let links to the repository's files lead to where they are in the handbook."""
     markdown = re.sub(r"\]\(\.\./README\.md", "](index.md", markdown)
-    return re.sub(r"\]\(\.\./(scenes/[^)]*|LICENSE)\)", r"](\1)", markdown)
+    markdown = re.sub(r"\]\(\.\./(scenes/[^)]*|LICENSE)\)", r"](\1)", markdown)
+    name = page.file.src_uri.removesuffix(".md")
+    return f"{markdown}\n\n[This page as a notebook](notebooks/{name}.ipynb)\n" if name in NOTEBOOKS else markdown
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
@@ -52,15 +60,6 @@ def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -
         r'<div class="arithmatex">\\\[(.*?)\\\]</div>', lambda found: _mathml(found[1], "block"), html, flags=re.S
     )
     return re.sub(r'<span class="arithmatex">\\\((.*?)\\\)</span>', lambda found: _mathml(found[1], "inline"), html)
-
-
-def notebook_page(text: str) -> str:
-    """Return a notebook as Markdown: its cells one after the other."""
-    parts = []
-    for cell in json.loads(text)["cells"]:
-        source = "".join(cell["source"])
-        parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
-    return "\n\n".join(parts) + "\n"
 
 
 def _from_top(text: str) -> str:

@@ -206,3 +206,45 @@ def test_lengths_of_condensed_bodies(tmp_path: Path) -> None:
     said = "parameters.long.value = 0.5, but its body fore was condensed with 0.45; pgmp build SCENE --components"
     with pytest.raises(interface.InputError, match=said):
         interface.simulate(model, {"long": 0.5})
+
+
+def test_derivatives_are_differences_of_runs_with_their_error(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """Those of a reduced run are exact: as near as the models are, 0.04 % of the angle and 0.5 % of the deformation."""
+    quick = ("simulation.duration=0.05", "reduction.modes=6")
+    scene = SCENES / "slider_crank.toml"
+    exact = interface.sensitivities(interface.build(scene, overrides=(*quick, "reduction.angles=64")))
+    model = interface.build(scene, components=True, overrides=quick)
+    found = interface.sensitivities(model)
+    for output, near in {"crank_angle": 1e-3, "slider_position": 2e-3, "slider_deformation": 1e-2}.items():
+        one, other = (run.derivatives[output]["r1"] for run in (found, exact))
+        np.testing.assert_allclose(one, other, rtol=0, atol=near * np.max(np.abs(other)))
+    (said,) = (one.text for one in found.remarks if "differences" in one.text)
+    assert "because of the component model; those of second order differ by 0." in said
+    same = interface.sensitivities(scene, model="components", overrides=quick)
+    np.testing.assert_array_equal(same.derivatives["crank_angle"]["r1"], found.derivatives["crank_angle"]["r1"])
+
+
+def test_derivatives_with_controllers() -> None:
+    """Run by run, as forces beside are of one sample; against a central difference of single runs."""
+    model = interface.build(SCENES / "servo_arm.toml", components=True, overrides=("simulation.duration=0.1",))
+    found = interface.sensitivities(model, ["kp"])
+    value, step = model.scene.parameters["kp"].nominal, 1e-3 * model.scene.parameters["kp"].nominal
+    up, down = (interface.simulate(model, {"kp": value + sign * step}).outputs for sign in (1, -1))
+    for output in ("tip_x", "hinge_angle"):
+        slope = (up[output] - down[output]) / (2.0 * step)
+        np.testing.assert_allclose(found.derivatives[output]["kp"], slope, rtol=0, atol=1e-4 * np.max(np.abs(slope)))
+
+
+def test_fits_and_designs(arm: Path, tmp_path: Path) -> None:
+    """A radius is found again from a run with it; a design ends at its constraint."""
+    pgmp("simulate", arm, "--set", "radius=0.0113", "-o", tmp_path / "measured.csv")
+    table = (tmp_path / "measured.csv").read_text().splitlines()
+    pgmp("fit", arm, tmp_path / "measured.csv", "-o", tmp_path / "fit.h5")
+    (parameter,) = interface.read(tmp_path / "fit.h5").parameters
+    assert len(table) == 22 and parameter.estimate == pytest.approx(0.0113, rel=1e-6)
+    goal = ("minimise max(abs(deflection))", "--subject-to", "radius <= 0.0125")
+    said = pgmp("optimize", arm, *goal, "-o", tmp_path / "design.h5").stdout
+    (parameter,) = interface.read(tmp_path / "design.h5").parameters
+    assert parameter.value == pytest.approx(0.0125, rel=1e-9) and "because of the component model" in said
+    said = pgmp("sensitivities", SCENES / "six_joint_arm.toml", "-o", tmp_path / "s.h5", status=2).stderr
+    assert "is not an HDF5 file" in said and "--components" in said

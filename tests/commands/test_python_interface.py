@@ -433,7 +433,7 @@ pgmp.montecarlo(rom, 2, seed=-1) -> seed = -1: allowed are whole numbers from 0
 pgmp.montecarlo(rom, 2, sampler="x") -> sampler = 'x': allowed are random, latin
 pgmp.montecarlo(rom, 2, parameters={"r1": 5e-3}) -> parameters r1=0.005: every sample
 pgmp.montecarlo(rom, 2, resume=True) -> resume: without output nothing is kept
-pgmp.sensitivities(scene) -> rom: Scene received; allowed is a model that was built
+pgmp.sensitivities(scene) -> model = None: of a scene there are
 pgmp.sensitivities(rom, "r1") -> names = 'r1': allowed is a list
 pgmp.sensitivities(rom, ["r7"]) -> names r7: there is no such parameter
 pgmp.build(3) -> scene: int received; allowed is a scene

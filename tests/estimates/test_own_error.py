@@ -57,5 +57,5 @@ def test_figures_are_told_from_a_share_of_their_size_on() -> None:
 def test_errors_that_are_not_estimated_are_said_to_be_unknown() -> None:
     model = reduced_model(slider_crank())  # without outputs
     assert OwnErrors.of_runs(model, [model.scene.values]) is None
-    said = not_known(model.scene, "derivatives")
+    said = not_known(model, "derivatives")
     assert said.kind == "note" and "errors of the reduced model do to derivatives is not known: errors" in said.text

@@ -193,7 +193,7 @@ ROW_CASES = {
     "internal": (labelled((10, 1), (-1, 1)), "internal nodes, such as -1"),
     "rotations": (labelled((10, 1), (10, 6)), "of rotations of nodes; .* mesh the body here"),
     "out of the plane": (labelled((10, 1), (10, 3)), "has the direction 3; those of a solid2d body"),
-    "no direction": (labelled((10, 0)), "has the direction 0"),
+    "no direction": (labelled((10, 0)), "scalar points, such as 10"),
     "other nodes": (labelled((10, 1), (30, 1)), "rows of 1 nodes that nodes does not hold, the first are 30"),
     "twice": (labelled((10, 1), (10, 1)), "node 10, direction 1 has two rows"),
     "other size": (MatrixFile(sp.eye(5, format="csr")), "5 by 5 entries, but 2 nodes .* have 4 displacements"),

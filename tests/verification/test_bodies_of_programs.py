@@ -194,12 +194,17 @@ def test_what_is_no_body_is_refused_in_one_message_on_any_number_of_ranks(folder
     (folder / "two.pch").write_text((folder / "rod.pch").read_text().replace("KAAX", "MBBX"))
     (folder / "cut.op4").write_text((folder / "rod_k.op4").read_text()[:5000])
     (folder / "run.op2").write_text("")
+    modal = "DMIG    KAAX           0       6       2       0\n"
+    modal += "DMIG    KAAX          10       1              10       1  1.0+09\n"
+    modal += "DMIG    KAAX         901       0             901       0  1.0+06\n"
+    (folder / "reduced.pch").write_text(modal)
     (folder / "none.cdb").write_text("/PREP7\n")
     known = {
         "none.bdf": ("nodes", "it has no GRID"),
         "none.cdb": ("nodes", "none.cdb"),
         "two.pch": ("stiffness", "of which 0 begin with K"),
         "cut.op4": ("stiffness", "cut.op4"),
+        "reduced.pch": ("stiffness", "1 rows are of scalar points, such as 901, as the modal amplitudes of a Craig"),
         "run.op2": ("stiffness", "write them as DMIG (.pch) or .op4"),
     }
     commands = []

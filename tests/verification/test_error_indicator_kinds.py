@@ -101,6 +101,12 @@ def finer(made: Made, parts: int) -> Scene:
     return made[0].model_copy(update={"simulation": simulation.model_copy(update={"step": simulation.step / parts})})
 
 
+def platform(*overrides: str) -> Made:
+    """Return a loop with three coordinates."""
+    scene = load_scene(ROOT / "scenes" / "platform_3rrr.toml", overrides)
+    return scene, read_meshes(scene)
+
+
 CASES = {
     "cells in the plane": (in_plane, ("reduction.modes=3",), False),
     "cells in the plane, second order": (in_plane, ("reduction.modes=3", "reduction.second_order=true"), False),
@@ -110,6 +116,7 @@ CASES = {
     "cells in space": (in_space, (), True),
     "beams in space": (beams_in_space, (), False),
     "two coordinates": (two_beams, ("reduction.angles=12",), False),
+    "three coordinates": (platform, ("reduction.angles=6", "parameters.radius={nominal=3e-3}"), False),
     "end stop": (every_effect, STOPPED, False),
     "local effects": (in_plane, ("reduction.modes=3", *(one.replace("rod:tip", "rod:right") for one in LOCAL)), False),
 }
