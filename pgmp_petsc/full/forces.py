@@ -23,8 +23,8 @@ from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, sta
 
 @njit(cache=True, apart=True, error_model="numpy")
 def evaluate_actions(
-    actions, entries, amplitudes, y, rates, known, gain_v, with_tangents, about, forces, tangents, powers,
-    stored, depths
+    actions, entries, amplitudes, y, rates, known, gain_v, with_tangents, about, forces, slopes, stiffness, tangents,
+    powers, stored, depths
 ):  # fmt: skip
     """Evaluate all actions for all samples.
 
@@ -48,8 +48,12 @@ def evaluate_actions(
         Of an iteration, the rates at which laws were evaluated last, shape (n_actions, n_samples): NaN before the
         first, and where one is limited (`Law.about_zero`); brought up to date. None, (0, n_samples), where laws are
         to be taken as they are.
-    forces, tangents
-        Results: force on the unknowns, shape (n_terms, 2 m, n_samples), and minus its derivative, the mean of each
+    forces, slopes
+        Results: force on the unknowns, and derivatives of the terms in these, shape (n_terms, 2 m, n_samples).
+    stiffness
+        Result: minus the derivative of each force with the measure and its rate, shape (n_actions, n_samples).
+    tangents
+        Result: minus the derivative of the force on the unknowns, the mean of each
         entry and its mirror, shape (n_entries, n_samples). Derivatives of forces that are led with what leads them are
         left out: they are not symmetric, and between other nodes.
     powers, stored
@@ -97,13 +101,15 @@ def evaluate_actions(
             for term in range(n_terms):
                 for i in range(width):
                     forces[first + term, i, sample] = found.force * g[term, i, 0]
-            stiffness = 0.0 if led else (0.0 if by_load else found.stiffness) + gain_v * found.damping
+                    slopes[first + term, i, sample] = g[term, i, 0]
+            own_stiffness = 0.0 if led else (0.0 if by_load else found.stiffness) + gain_v * found.damping
+            stiffness[k, sample] = own_stiffness
             for entry in range(starts[k], starts[k + 1] if with_tangents else starts[k]):
                 one, other = rows[entry] // width, columns[entry] // width
                 i, j = rows[entry] - one * width, columns[entry] - other * width
                 # a force that turns with its body has no symmetric tangent; its mean serves the factorisation
                 bent = 0.5 * found.force * (h[one, i, j, 0] + h[one, j, i, 0]) if one == other else 0.0
-                tangents[entry, sample] = stiffness * g[one, i, 0] * g[other, j, 0] - bent
+                tangents[entry, sample] = own_stiffness * g[one, i, 0] * g[other, j, 0] - bent
 
 
 class Loads(NamedTuple):
@@ -136,6 +142,8 @@ class Acted(NamedTuple):
     """Actions evaluated in a block; see `evaluate_actions`."""
 
     forces: np.ndarray
+    slopes: np.ndarray
+    stiffness: np.ndarray
     tangents: np.ndarray
     powers: np.ndarray
     stored: np.ndarray
@@ -143,7 +151,8 @@ class Acted(NamedTuple):
 
 
 _MATRIX = types.float64[:, ::1]
-_ACTED = types.NamedTuple((types.float64[:, :, ::1], _MATRIX, _MATRIX, _MATRIX, _MATRIX), Acted)
+_TERMS = types.float64[:, :, ::1]
+_ACTED = types.NamedTuple((_TERMS, _TERMS, _MATRIX, _MATRIX, _MATRIX, _MATRIX, _MATRIX), Acted)
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -164,6 +173,7 @@ def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents, iteratin
     """
     (n_terms, m), n, n_lanes = actions.dofs.shape, actions.firsts.size - 1, q.shape[1]
     y, rates, forces = np.zeros((n_terms, m, n_lanes)), np.zeros((n_terms, m, n_lanes)), np.empty((n_terms, m, n_lanes))
+    slopes, stiffness = np.empty((n_terms, m, n_lanes)), np.empty((n, n_lanes))
     powers, stored = np.empty((n, n_lanes)), np.empty((n, n_lanes))
     laws = loaded(actions.laws)
     depths = np.empty((n_lanes, laws.edges[n]))
@@ -177,10 +187,10 @@ def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents, iteratin
     about = actions.about[block][: n if iterating else 0]
     evaluate_actions(
         Actions(loaded(actions.statements), laws, actions.parameters[block], actions.roles, actions.firsts),
-        actions.entries, amplitudes, y, rates, known, gain_v, with_tangents, about, forces, tangents, powers, stored,
-        depths,
+        actions.entries, amplitudes, y, rates, known, gain_v, with_tangents, about, forces, slopes, stiffness, tangents,
+        powers, stored, depths,
     )  # fmt: skip
-    return Acted(forces, tangents, powers, stored, depths)
+    return Acted(forces, slopes, stiffness, tangents, powers, stored, depths)
 
 
 @njit(cache=True, apart=True, error_model="numpy")

@@ -11,6 +11,7 @@ import numpy as np
 
 from pgmp_petsc.effects.law import rubs
 from pgmp_petsc.full.forces import doubt_limited, forget_rates
+from pgmp_petsc.full.joint_kernel import correct_joints, count_turns_in_joints
 from pgmp_petsc.full.kernel import correct_block, count_turns
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import borrowed, items, keep, lanes_of, select
@@ -19,15 +20,15 @@ from pgmp_petsc.stepping.alpha_step import FIRST_CONTRACTION, MAX_ITERATIONS, RE
 
 @njit(cache=True, entry=True, error_model="numpy")
 def take_steps(
-    problem, factors, strengths, probed, scheme, typical_mass, step, reference, behind, before, samples, after, lost,
-    n_corrections,
+    problem, joints, factors, strengths, probed, scheme, typical_mass, step, reference, behind, before, samples, after,
+    lost, n_corrections,
 ):  # fmt: skip
     """Take equal steps of the samples of all blocks, up to one in which an iteration fails; return their number.
 
     Parameters
     ----------
-    problem, factors
-        The equations, and the matrices of the iteration.
+    problem, joints, factors
+        The equations, the mechanism in joint coordinates or None, and the matrices of the iteration.
     strengths
         What acts at the ends of the steps, one a row.
     probed
@@ -71,7 +72,7 @@ def take_steps(
     )  # fmt: skip
     for block in range(n_blocks):
         n_taken = _take_steps_of_block(
-            problem, factors, block, n_taken, strengths, probed, scheme, typical_mass[block], step, reference,
+            problem, joints, factors, block, n_taken, strengths, probed, scheme, typical_mass[block], step, reference,
             borrowed(behind[block]), of_before, borrowed(samples[block]), of_after, borrowed(work), borrowed(flags),
             borrowed(when[block]), n_corrections,
         )  # fmt: skip
@@ -86,8 +87,8 @@ def take_steps(
 
 @njit(inline="always")
 def _take_steps_of_block(
-    problem, factors, block, n_steps, strengths, probed, scheme, typical_mass, step, reference, behind, before, samples,
-    after, work, flags, when, n_corrections,
+    problem, joints, factors, block, n_steps, strengths, probed, scheme, typical_mass, step, reference, behind, before,
+    samples, after, work, flags, when, n_corrections,
 ):  # fmt: skip
     """Take up to n_steps steps of a block, to the one in which an iteration fails; return how many."""
     width, lanes = problem.width, lanes_of(samples)
@@ -123,10 +124,16 @@ def _take_steps_of_block(
             for lane in range(samples.size):
                 n_corrections[k] += active[lane]
             fresh = iteration % REFRESH_EVERY == 0
-            correct_block(
-                problem, factors, block, amplitudes, angles, itself, state, gains, typical_mass, going, fresh, scale,
-                size,
-            )  # fmt: skip
+            if joints is None:
+                correct_block(
+                    problem, factors, block, amplitudes, angles, itself, state, gains, typical_mass, going, fresh,
+                    scale, size,
+                )  # fmt: skip
+            else:
+                correct_joints(
+                    problem, joints, borrowed(factors.matrix)[block], block, amplitudes, angles, itself, state, gains,
+                    typical_mass, going, fresh, scale, size,
+                )  # fmt: skip
             doubt_limited(rates, last)
             judge(iteration, size, last, expected, active, lost)
             going = lanes_of(active)
@@ -135,7 +142,10 @@ def _take_steps_of_block(
             if lost[lane]:
                 expected[lane] = FIRST_CONTRACTION
                 when[lane] = k
-        count_turns(problem, ahead[0], counted)
+        if joints is None:
+            count_turns(problem, ahead[0], counted)
+        else:
+            count_turns_in_joints(problem, joints, ahead[0], counted)
         if about:
             _add(width, -1.0, reference[0][k, block], ahead[0])
             _add(width, -1.0, reference[1][k, block], ahead[1])

@@ -103,9 +103,9 @@ class FullSystem(SecondOrderSystem):
         `comm`."""
         raise NotImplementedError
 
-    def multipliers_of_joints(self, state: State) -> np.ndarray:
-        """Return the scheme's own multipliers of joints and driven angles (`ConstraintSet.of_joints`), shape (n,
-        n_samples). Collective on `comm`."""
+    def multipliers_of_joints(self, time: float, state: State) -> np.ndarray:
+        """Return the scheme's own multipliers of joints and driven angles (`ConstraintSet.of_joints`) at a time, shape
+        (n, n_samples). Collective on `comm`."""
         return self._equations.constraints.of_joints(self.multipliers(state))
 
     def joint_multipliers(self, time: float, state: State) -> np.ndarray:
@@ -116,11 +116,22 @@ class FullSystem(SecondOrderSystem):
         positions and velocities. Those of the scheme itself are of first order in the step until what its start has
         against the constraints is damped (Arnold, Bruls and Cardona 2015); these are of second order, as the motion is.
         """
-        accelerations = driven(self._sources.motions, time).acceleration
-        drift = self._equations.constraints.drift(self.unpack(state.q), self.unpack(state.v), accelerations)
+        drift = self._against(self._drift(time, self.unpack(state.q), self.unpack(state.v)))
         everyone = np.ones(self.n_samples, dtype=bool)
-        found = self._accelerated(time, state, self._against(drift), everyone, True)
-        return self.multipliers_of_joints(found)
+        return self.multipliers_of_joints(time, self._accelerated(time, state, drift, everyone, True))
+
+    def unknowns(self, state: State) -> list[np.ndarray]:
+        """Return unknowns, velocities and accelerations, (n, n_samples) each, on every rank."""
+        return [self.unpack(part) for part in (state.q, state.v, state.a)]
+
+    def _drift(self, time: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return what is left of the accelerations of the constraints where a state (n_dofs, n) has none, (n_rows,
+        n)."""
+        return self._equations.constraints.drift(q, v, driven(self._sources.motions, time).acceleration)
+
+    def _rates(self, time: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the rates of the constraints, (n_rows, n)."""
+        return self._equations.constraints.rates(q, v, driven(self._sources.motions, time).speed)
 
     def start(self) -> State:
         """Return the start, undeformed or settled, with consistent accelerations and multipliers."""
@@ -146,11 +157,10 @@ class FullSystem(SecondOrderSystem):
         They have the shape (n,) where they are the same of all samples, or else (n, n_samples).
         """
         turns = self._equations.turns(theta.reshape(theta.shape[0], -1))
-        accelerations = driven(self._sources.motions, 0.0).acceleration
         q, v = q.reshape(self.n_dofs, -1), v.reshape(self.n_dofs, -1)
         n = max(q.shape[1], v.shape[1])
         q, v = (np.repeat(part, n // part.shape[1], axis=1) for part in (q, v))
-        drift, state = self._against(self._equations.constraints.drift(q, v, accelerations)), self._state(q, v, turns)
+        drift, state = self._against(self._drift(0.0, q, v)), self._state(q, v, turns)
         if self.beside is not None:
             self.beside.start(state)
         everyone = np.ones(self.n_samples, dtype=bool)
@@ -173,15 +183,14 @@ class FullSystem(SecondOrderSystem):
         """
         if not samples.any():
             return
-        constraints, now = self._equations.constraints, driven(self._sources.motions, time)
         q, v = self.unpack(state.q), self.unpack(state.v)
         # accelerations are linear in the residual in place of c: a step's worth of dv is the difference of two
-        rates = self._against(constraints.rates(q, v, now.speed) / step)
+        rates = self._against(self._rates(time, q, v) / step)
         before = self._accelerated(time, state, np.zeros_like(rates), samples, True).a
         moved = state.copy()
         moved.v += step * (self._accelerated(time, state, rates, samples, False).a - before)
         self.restore(state, moved, samples)
-        drift = self._against(constraints.drift(q, self.unpack(state.v), now.acceleration))
+        drift = self._against(self._drift(time, q, self.unpack(state.v)))
         self.restore(state, self._accelerated(time, state, drift, samples, False), samples)
 
     def _state(self, q: np.ndarray, v: np.ndarray, turns: np.ndarray) -> State:
@@ -210,9 +219,8 @@ class FullSystem(SecondOrderSystem):
 
     def accelerate(self, time: float, state: State, samples: np.ndarray) -> None:
         """Give samples their accelerations; see `SecondOrderSystem`. Collective on `comm`."""
-        accelerations = driven(self._sources.motions, time).acceleration
-        drift = self._equations.constraints.drift(self.unpack(state.q), self.unpack(state.v), accelerations)
-        self.restore(state, self._accelerated(time, state, self._against(drift), samples, True), samples)
+        drift = self._against(self._drift(time, self.unpack(state.q), self.unpack(state.v)))
+        self.restore(state, self._accelerated(time, state, drift, samples, True), samples)
 
     def control(self, controls: Controls) -> None:
         """Let controllers act on the only sample."""
@@ -261,6 +269,7 @@ class FullBatch(FullSystem):
     """
 
     instants_at_once = 256
+    _joints: Reference | None = None  # in joint coordinates what these are
 
     def __init__(
         self,
@@ -362,7 +371,7 @@ class FullBatch(FullSystem):
         lost, n_corrections = np.empty(self._size.shape, dtype=bool), np.empty(n, dtype=np.int64)
         coefficients = (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, scheme.gain_v, scheme.gain_a)
         n_taken = take_steps(
-            self._reference, self._factors, self._sources.at(asked.ends), asked.probed, coefficients,
+            self._reference, self._joints, self._factors, self._sources.at(asked.ends), asked.probed, coefficients,
             self._typical_mass, asked.step, tuple(about), behind, before, self._blocks.mask(asked.samples), after,
             lost, n_corrections,
         )  # fmt: skip

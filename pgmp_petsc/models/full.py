@@ -20,6 +20,7 @@ from pgmp_petsc.controllers.running import AFTER
 from pgmp_petsc.effects import Effect, effects_of, motions_of, springs_of_joints, start_of
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.full.distributed import FullDistributed, FullStatics
+from pgmp_petsc.full.joint_systems import JointBatch
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.full.rank_solver import PREFIX
 from pgmp_petsc.full.systems import FullBatch
@@ -63,6 +64,7 @@ class FullModel:
 
     name = "full"
     title = "full-order"
+    in_joints = False  # whether samples in lanes are stepped in joint coordinates
 
     def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh], kinematics: RigidKinematics | None = None) -> None:
         self.scene = scene
@@ -121,7 +123,7 @@ class FullModel:
         system = FullBatch(
             sized.kinematics, sized._effects, values, start, n_samples, sized._motions, settled, built_in
         )
-        return sized._controlled(system, values)
+        return sized._controlled(JointBatch(system) if self.in_joints else system, values)
 
     def _controlled(self, system: SomeSystem, values: Mapping[str, np.ndarray]) -> SomeSystem:
         """Return a system of one sample with its controllers."""
@@ -129,10 +131,10 @@ class FullModel:
             nodes, unknowns = list(self._measures.nodes), Unknowns(self.kinematics.mechanism)
 
             def frames(state: State) -> list[np.ndarray]:
-                return [system.frames(state)[nodes], unknowns.frames(system.unpack(state.v))[nodes]]
+                return [system.frames(state)[nodes], unknowns.frames(system.unknowns(state)[1])[nodes]]
 
             def multipliers(time: float, state: State, before: np.ndarray) -> np.ndarray:
-                return system.multipliers_of_joints(state)
+                return system.multipliers_of_joints(time, state)
 
             system.control(self._measures.controls(frames, values, 1, system.put_forces, multipliers))
         return system
@@ -355,10 +357,9 @@ class FullModel:
         ndarray, shape (n_observed, n)
         """
         order, wanted = self.outputs.order, self._stresses is not None
-        q, v, a = (
-            np.concatenate([system.unpack(getattr(state, part)) for state in states], axis=1) if needed else None
-            for part, needed in (("q", wanted), ("v", order > 0), ("a", order > 1))
-        )
+        q = v = a = None
+        if wanted or order:
+            q, v, a = (np.concatenate(parts, axis=1) for parts in zip(*map(system.unknowns, states)))
         multipliers = None
         if self.outputs.forces:
             multipliers = np.concatenate([system.joint_multipliers(*one) for one in zip(times, states)], axis=1)
@@ -417,6 +418,7 @@ class ComponentModel(FullModel):
 
     name = "components"
     title = "component"
+    in_joints = True
 
     def __init__(
         self,
@@ -431,6 +433,10 @@ class ComponentModel(FullModel):
 
     def in_scene(self, scene: Scene) -> Self:
         return type(self)(scene, self.meshes, self.kinematics, self.n_ranks, self.served)
+
+    def single(self, values: Mapping[str, float], comm: Comm) -> FullBatch | FullDistributed:
+        """Return one sample, which every rank has by itself; see `FullModel`."""
+        return super().single(values, alone())
 
     @property
     def _scaling(self) -> set[str | None]:

@@ -131,7 +131,7 @@ def _run(model: FullModel, n_steps: int) -> tuple[Status | None, RigidRun]:
 
         def record(step: int, time: float, state: State) -> None:
             times.append(time)
-            states.append([system.unpack(part)[:, 0] for part in (state.q, state.v, state.a)])
+            states.append([part[:, 0] for part in system.unknowns(state)])
             frames.append(system.frames(state)[..., 0])
             energies.append(system.energies(time, state))
 

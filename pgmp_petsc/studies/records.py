@@ -99,7 +99,7 @@ class FullRecord:
         self._frames += [every[..., k] for k in wanted]
         if self._of_fields.seen.points:
             for k in wanted:
-                self._unknowns.append(self._system.unpack(states[k].q))
+                self._unknowns.append(self._system.unknowns(states[k])[0])
                 if len(self._unknowns) == self._of_fields.at_once:
                     self._evaluate_fields()
 

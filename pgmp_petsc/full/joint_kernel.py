@@ -1,0 +1,214 @@
+"""Newton's correction in joint coordinates, compiled: the equations of `kernel` behind the map of `joint_map`.
+
+    r_y = N^T (M q'' + g_int(q) - g_ext(t) + C^T lambda),    c(q(y)) = 0
+
+with the constraints alone that the tree leaves (`joint_tree`). Bodies, actions, loads and constraints are evaluated in
+the unknowns q, as those of full-order models are. A driven angle that is a coordinate takes no statement: it has its
+value.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pgmp_petsc.full.damping import add_modal_damping
+from pgmp_petsc.full.elements import add_masses
+from pgmp_petsc.full.floating import add_floating
+from pgmp_petsc.full.forces import act, add_loads
+from pgmp_petsc.full.joint_map import Room, gather_forces, place
+from pgmp_petsc.full.joint_matrix import factorise_dense, fill_matrix, first_of, substitute_dense
+from pgmp_petsc.full.joint_tree import Tree
+from pgmp_petsc.full.kernel import add_lumps, count_turns, take_correction
+from pgmp_petsc.full.node_constraints import add_constraints
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import borrowed, fill, items, keep, lanes_of
+
+
+class Joints(NamedTuple):
+    """A mechanism in joint coordinates, beside the equations in its unknowns."""
+
+    tree: Tree
+    room: Room
+    units: np.ndarray  # 1/size for lengths, 1 for rotations and directors, shape (n_y,)
+    turn: np.ndarray  # 0, 1 .. of all unknowns and constraints, which stay where they are, shape (n,)
+    starts: np.ndarray  # first of the slopes of each constraint with a statement, and their number, shape (n + 1,)
+    unknowns: np.ndarray  # unknown of each slope
+    first_slope: int  # place of the first one in the room's `entries`
+    #: weights: m2, or 1 for lengths, by constraint; see `joint_matrix`
+    weights: np.ndarray
+    #: of each driven coordinate its number, that of its motion and 1 or -1 as it grows with it, shape (n, 3)
+    driven: np.ndarray
+
+
+@njit(cache=True, apart=True, error_model="numpy")
+def evaluate_in_joints(problem, joints, block, amplitudes, angles, residual, state, gains, scale, fresh, matrix):
+    """Evaluate the residual of a block by coordinate and by constraint into ``room.all``, and the matrix; as
+    `kernel.evaluate`."""
+    width, tree, room = problem.width, joints.tree, joints.room
+    y, y1, y2, multipliers, turns = state
+    n, n_left = y.shape[0], multipliers.shape[0]
+    n_dofs, d = room.q.shape[0], problem.dimension
+    place(tree, width, y, y1, y2, room)
+    q, v, a, x, entries = room.q, room.v, room.a, room.x, room.entries
+    of_rows = entries[joints.first_slope :]
+    fill(x, 0.0, width)
+    if fresh:
+        fill(entries, 0.0, width)
+    if problem.lumps.dofs.size:
+        add_lumps(problem.lumps, width, problem.section, block, v, a, gains, False, x, joints.turn, entries, entries)
+    if problem.masses.body.size:
+        add_masses(
+            problem.masses,
+            width,
+            problem.rayleigh,
+            block,
+            v,
+            a,
+            gains,
+            np.bool_(False),
+            x,
+            joints.turn,
+            entries,
+            entries,
+        )
+    if problem.floating.body.size:
+        add_floating(
+            problem.floating, width, d, problem.rayleigh, block, amplitudes[0], 1.0, q, v, a, gains, fresh, x,
+            joints.turn, entries, entries,
+        )  # fmt: skip
+    if problem.modal.kinds.size:
+        powers = np.empty((problem.modal.kinds.size, x.shape[1]))
+        add_modal_damping(problem.modal, d, q, v, x, joints.turn, powers)
+    add_loads(problem.loads, width, block, amplitudes[0], 1.0, x, joints.turn)
+    if fresh:
+        fill_matrix(problem, tree, width, block, gains, room, matrix, n + n_left)
+    if problem.actions.counted.size:
+        _add_actions(problem, joints, block, amplitudes[1], y, turns, gains, fresh, matrix, n + n_left)
+    add_constraints(
+        problem.constraints, width, d, angles, turns, residual, q, multipliers, scale, 0.0, fresh, x, joints.turn,
+        entries, of_rows,
+    )  # fmt: skip
+    every, of_x, scales = items(room.all, width), items(x, width), items(scale, width)[()]
+    for row in range(n_left):
+        every[n + row] = of_x[n_dofs + row]
+    gather_forces(tree, width, y, x, room, room.all)
+    of_y, forces = items(y, width), items(multipliers, width)
+    first = n_left - joints.driven.shape[0]
+    for k in range(joints.driven.shape[0]):
+        number, motion, sign = joints.driven[k, 0], joints.driven[k, 1], joints.driven[k, 2]
+        every[number] += sign * forces[first + k]
+        if residual.shape[0] == 0:
+            every[n + first + k] = scales * (sign * of_y[number] - angles[motion])
+    if fresh:
+        _add_borders(joints, width, y, scale, matrix)
+
+
+@njit(error_model="numpy")
+def _add_actions(problem, joints, block, amplitudes, y, turns, gains, fresh, matrix, n_all):
+    """Take the forces of all actions from those on unknowns, and add what they do along their own measures to the
+    matrix."""
+    width, room, actions = problem.width, joints.room, problem.actions
+    of_actions = turns[problem.angles.dofs.shape[0] :]
+    now = act(actions, block, amplitudes, room.q, room.v, of_actions, gains[0], fresh, gains[0] != 0.0)
+    forces, slopes, stiffness = items(now.forces, width), items(now.slopes, width), items(now.stiffness, width)
+    x, one, row, matrix = items(room.x, width), items(room.one, width), items(room.row, width), items(matrix, width)
+    n_terms, m = actions.dofs.shape
+    for k in range(n_terms):
+        for i in range(m):
+            if actions.dofs[k, i] >= 0:
+                x[actions.dofs[k, i]] -= forces[k, i]
+    for action in range(now.stiffness.shape[0] if fresh else 0):
+        stiff = False
+        for lane in range(now.stiffness.shape[1]):
+            stiff |= now.stiffness[action, lane] != 0.0
+        if not stiff:
+            continue
+        fill(room.one, 0.0, width)
+        for k in range(actions.firsts[action], actions.firsts[action + 1]):
+            for i in range(m):
+                if actions.dofs[k, i] >= 0:
+                    one[actions.dofs[k, i]] += slopes[k, i]
+        gather_forces(joints.tree, width, y, room.one, room, room.row)
+        for j in range(y.shape[0]):
+            scaled, to = gains[2] * stiffness[action] * row[j], first_of(j, n_all)
+            for i in range(j, y.shape[0]):
+                matrix[to + i] += scaled * row[i]
+    keep(now)
+
+
+@njit(error_model="numpy")
+def _add_borders(joints, width, y, scale, matrix):
+    """Add the slopes of the constraints that are left, and ``w C^T C``."""
+    room, n, n_left = joints.room, y.shape[0], joints.weights.size
+    one, row, entries = items(room.one, width), items(room.row, width), items(room.entries, width)
+    matrix, scales = items(matrix, width), items(scale, width)[()]
+    n_rows, n_all, inverse = joints.starts.size - 1, n + n_left, 1.0 / scales
+    for k in range(n_rows):
+        fill(room.one, 0.0, width)
+        for entry in range(joints.starts[k], joints.starts[k + 1]):
+            one[joints.unknowns[entry]] += entries[joints.first_slope + entry]
+        gather_forces(joints.tree, width, y, room.one, room, room.row)
+        for j in range(n):
+            scaled, to = joints.weights[k] * inverse * row[j], first_of(j, n_all)
+            for i in range(j, n):
+                matrix[to + i] += scaled * row[i]
+            matrix[to + n + k] = row[j]
+    for k in range(joints.driven.shape[0]):
+        to = first_of(joints.driven[k, 0], n_all)
+        matrix[to + joints.driven[k, 0]] += joints.weights[n_rows + k] * scales
+        matrix[to + n + n_rows + k] = joints.driven[k, 2] * scales
+
+
+@njit(cache=True, apart=True, error_model="numpy")
+def correct_joints(
+    problem, joints, matrix, block, amplitudes, angles, residual, state, gains, typical_mass, lanes, fresh, scale, size
+):  # fmt: skip
+    """Correct some lanes of a block; `scale` is a work array (n_lanes,), `matrix` the block's (n, n_lanes)."""
+    width, every = problem.width, joints.room.all
+    n, n_left = state[0].shape[0], joints.weights.size
+    for lane in range(scale.size):
+        scale[lane] = gains[1] * typical_mass[lane]
+    evaluate_in_joints(problem, joints, block, amplitudes, angles, residual, state, gains, scale, fresh, matrix)
+    if fresh:
+        factorise_dense(width, n + n_left, matrix)
+    x, row, inverse = items(every, width), items(joints.room.row, width), 1.0 / items(scale, width)[()]
+    for k in range(n_left):
+        row[k] = joints.weights[k] * inverse * x[n + k]
+    substitute_dense(width, n + n_left, matrix, every)
+    for k in range(n_left):
+        x[n + k] += row[k]
+    take_correction(joints.units, width, joints.turn, every, scale, gains, lanes, state, size)
+
+
+@njit(cache=True, apart=True, error_model="numpy")
+def count_turns_in_joints(problem, joints, y, turns):
+    """Put the angles that unknowns do not count to those nearest to them; see `kernel.count_turns`."""
+    if turns.shape[0]:
+        place(joints.tree, problem.width, y, y, y, joints.room)
+        count_turns(problem, joints.room.q, turns)
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def unknowns_of(problem, joints, y, y1, y2, q, v, a):
+    """Fill unknowns, velocities and accelerations (n_blocks, n_dofs, n_lanes) from coordinates and their rates."""
+    for block in range(y.shape[0]):
+        place(joints.tree, problem.width, y[block], y1[block], y2[block], joints.room)
+        q[block], v[block], a[block] = joints.room.q, joints.room.v, joints.room.a
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def correct_in_joints(
+    problem, joints, factors, amplitudes, angles, residual, state, gains, typical_mass, active, fresh, size
+):  # fmt: skip
+    """Do one Newton correction of every active sample in place; see `kernel.correct`."""
+    scale = np.empty(size.shape[1])
+    for block in range(size.shape[0]):
+        size[block] = 0.0
+        if active[block].any():
+            own = state[0][block], state[1][block], state[2][block], state[3][block], state[4][block]
+            correct_joints(
+                problem, joints, borrowed(factors.matrix)[block], block, amplitudes, angles, residual[block], own,
+                gains, typical_mass[block], lanes_of(active[block]), fresh, scale, size[block],
+            )  # fmt: skip

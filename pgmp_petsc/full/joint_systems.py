@@ -1,0 +1,360 @@
+"""Component models in joint coordinates as a second-order system for the integrator: batches of samples.
+
+The unknowns of a step are coordinates y of a tree of joints and the amplitudes of bodies (`joint_tree`); constraints
+are those alone that close loops, and what joints hold that are in no tree. Outputs, energies, and the forces in joints
+are of the unknowns q(y) of the full-order equations (`joint_map`), which this takes from a `FullBatch`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Self
+
+import numpy as np
+import scipy.sparse as sp
+
+from pgmp_petsc.controllers.running import Controls
+from pgmp_petsc.effects import Effect, Motion, driven
+from pgmp_petsc.full.batched_ldl import Pattern
+from pgmp_petsc.full.joint_kernel import Joints, correct_in_joints, unknowns_of
+from pgmp_petsc.full.joint_map import N_TURNED, Room
+from pgmp_petsc.full.joint_matrix import N_SPARE, column_size
+from pgmp_petsc.full.joint_tree import BALL, BY_AXES, FREE, coordinates_of, motions_of, tree_of
+from pgmp_petsc.full.kernel import Factors, FullProblem
+from pgmp_petsc.full.node_constraints import ConstraintParts
+from pgmp_petsc.full.part_reference import Reference
+from pgmp_petsc.full.parts import contiguous
+from pgmp_petsc.full.problem import FullEquations
+from pgmp_petsc.full.rank_solver import Layout
+from pgmp_petsc.full.systems import FullBatch, Gains
+from pgmp_petsc.lanes.lane_items import aligned
+from pgmp_petsc.lanes.vectors import aligned_zeros
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet
+from pgmp_petsc.mechanism.null_space import null_space
+from pgmp_petsc.stepping.energies import Energies
+from pgmp_petsc.stepping.sample_blocks import SampleBlocks
+from pgmp_petsc.stepping.second_order_system import State
+
+ROUND_OFF = 1e-9  # of the slopes of constraints, over the largest of a row
+
+
+class _Slopes(Layout):
+    """Every slope of a constraint in a place of its own."""
+
+    def unknowns(self, dofs: np.ndarray) -> np.ndarray:
+        """Return the unknowns as they are."""
+        return dofs
+
+    def positions(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Return the places of entries."""
+        return np.arange(len(rows))
+
+
+class JointEquations:
+    """The equations of a mechanism in joint coordinates for some samples.
+
+    Attributes
+    ----------
+    n, n_left
+        Numbers of coordinates, and of constraints: those with statements, and behind them driven coordinates.
+    n_statements
+        Number of the former.
+    problem
+        The equations in the unknowns, with the constraints alone that are left.
+    joints
+        What compiled functions take beside them.
+    """
+
+    def __init__(self, equations: FullEquations, blocks: SampleBlocks) -> None:
+        unknowns = self._unknowns = equations.unknowns
+        self._equations, self._blocks = equations, blocks
+        problem, d = equations.problem, unknowns.dimension
+        q = equations.start()[0]
+        self._motions = motions_of(unknowns)
+        dofs = problem.masses.dofs[:, 0] // 12 if d == 3 else problem.lumps.dofs // 3
+        self._tree = tree_of(unknowns, self._motions, q, dofs)
+        self.n = int(self._tree.firsts[:, 4].max())
+        self._set = ConstraintSet(unknowns)
+        directors = self._directors() if d == 3 else np.zeros(0, dtype=int)
+        held = np.flatnonzero(~self._of_tree())
+        n_own = self._set.n_constraints - self._set.n_driven
+        self._driven = self._driven_coordinates()
+        drives = [n_own + k for k in range(self._set.n_driven) if k not in self._driven[:, 1]]
+        self._chosen = np.concatenate([held, directors]).astype(int)
+        every = np.sort(np.concatenate([self._chosen, drives]).astype(int))
+        self._chosen = every
+        joints = self._joints_of(every)
+        self.problem, self.joints = joints
+        if every.size:
+            kept = self._independent(q, every, n_own)
+            if kept.size < every.size:
+                self._chosen = kept
+                self.problem, self.joints = self._joints_of(kept)
+        self.n_statements = self._chosen.size
+        self.n_left = self.n_statements + len(self._driven)
+
+    def _of_tree(self) -> np.ndarray:
+        """Return which of what joints and couplings hold the tree's joints hold, shape (n_held,)."""
+        mechanism, found = self._unknowns.mechanism, []
+        by_number = {motion.number: motion for motion in self._motions if motion.number >= 0}
+        for number, holder in enumerate(mechanism.holders):
+            held = holder.holding(moving=True)
+            motion = by_number.get(number) if number < len(mechanism.connections) else None
+            for part, _ in held:
+                found.append(motion is not None and (motion.kind != BALL or part.kind == 0))
+        return np.array(found, dtype=bool)
+
+    def _directors(self) -> np.ndarray:
+        """Return the numbers of the constraints that make directors a rotation that are coordinates."""
+        first = self._unknowns.mechanism.n_held
+        nodes = [self._tree.nodes[k, 2 if motion.kind == FREE else 1]
+                 for k, motion in enumerate(self._motions) if motion.kind in (BALL, FREE)]  # fmt: skip
+        return np.array([first + 6 * node + k for node in nodes for k in range(6)], dtype=int)
+
+    def _driven_coordinates(self) -> np.ndarray:
+        """Return the driven coordinates of the tree's own joints, their motions, and how they grow, shape (n, 3)."""
+        mechanism, found = self._unknowns.mechanism, []
+        prescribed = [coordinate for coordinate in mechanism.coordinates if coordinate.prescribed]
+        for number, coordinate in enumerate(prescribed):
+            for k, motion in enumerate(self._motions):
+                if motion.number < 0 or coordinate.connection is not mechanism.connections[motion.number]:
+                    continue
+                for column, kind in enumerate(("turning", "sliding")):
+                    own = self._tree.firsts[k, column]
+                    if own >= 0 and coordinate.statement == coordinate.connection.measure(kind):
+                        found.append((own, number, -1 if motion.backwards else 1))
+        return np.array(found, dtype=int).reshape(-1, 3)
+
+    def _joints_of(self, chosen: np.ndarray) -> tuple[FullProblem, Joints]:
+        """Return the equations, and what is beside them, with chosen constraints."""
+        equations, tree, d = self._equations, self._tree, self._unknowns.dimension
+        problem, n_dofs, lanes = equations.problem, equations.n_dofs, self._blocks.n_lanes
+        parts = ConstraintParts(self._set, chosen, equations.size)
+        bound = parts.placed(_Slopes(), np.ones(chosen.size, dtype=bool))
+        curved, pairs = bound.rows.curved, bound.pairs
+        bound = bound._replace(
+            rows=bound.rows._replace(curved=(np.zeros_like(curved[0]), *curved[1:])),
+            weights=np.zeros_like(bound.weights), pairs=(np.zeros_like(pairs[0]), *pairs[1:]),
+        )  # fmt: skip
+        starts, _, unknowns = bound.rows.entries
+        firsts = np.searchsorted(bound.places, np.arange(chosen.size + 1))
+        row_starts = starts[firsts]
+        n_own = self._set.n_constraints - self._set.n_driven
+        lengths = self._set.lengths_among(np.concatenate([chosen, n_own + self._driven[:, 1]]))
+        weights = np.where(lengths, 1.0, equations.size**2)
+        floating = problem.floating
+        n_packed = int(floating.firsts[-1, 2]) if floating.body.size else 0
+        n_all, n_frame, n_nodes = n_dofs + weights.size, d * (d + 1), self._unknowns.mechanism.n_nodes
+        turn = np.arange(n_all)
+        nothing = np.zeros(0, dtype=np.int64)
+        n_most, n_faces = max(tree.n_amplitudes, default=0), len(tree.face_nodes)
+        q, v, a, x = (aligned_zeros((n, lanes)) for n in (n_dofs, n_dofs, n_dofs, n_all))
+        frames = [q, v, a, x] if d == 3 else [aligned_zeros((n_frame * n_nodes, lanes)) for _ in range(4)]
+        n_rows = self.n + weights.size
+        room = Room(
+            q, v, a, *frames, x, aligned_zeros((3 * n_frame, lanes)),
+            aligned_zeros((n_faces, 3 * d + 6 * n_most, lanes)), aligned_zeros((n_faces, N_TURNED * d * d, lanes)),
+            aligned_zeros((n_packed + unknowns.size + 1, lanes)), aligned_zeros((n_dofs, lanes)),
+            aligned_zeros((n_rows, lanes)), aligned_zeros((n_rows, lanes)),
+            aligned_zeros((N_SPARE, lanes)), aligned_zeros(((1 + d) ** 2 * n_nodes, lanes)),
+            aligned_zeros((column_size.py_func(d) * self.n, lanes)), aligned_zeros((2, 6 * n_most, lanes)),
+            aligned_zeros((column_size.py_func(d) * n_most, lanes)),
+        )  # fmt: skip
+        actions = problem.actions
+        actions = actions._replace(entries=(np.zeros_like(actions.entries[0]), *actions.entries[1:]))
+        floating = floating._replace(positions=np.arange(n_packed)) if n_packed else floating
+        changed = problem._replace(
+            constraints=bound, actions=actions, floating=floating,
+            pattern=Pattern(turn, nothing, nothing, problem.pattern.products),
+        )  # fmt: skip
+        joints = Joints(tree, room, self._units(), turn, row_starts, unknowns, n_packed, weights, self._driven)
+        return contiguous(changed), contiguous(joints)
+
+    def _units(self) -> np.ndarray:
+        """Return 1/size for lengths, 1 for rotations and directors, shape (n,)."""
+        units, d = np.full(self.n, 1.0 / self._equations.size), self._unknowns.dimension
+        for k, motion in enumerate(self._motions):
+            turning, _, natural, _ = self._tree.firsts[k, :4]
+            if turning >= 0:
+                units[turning] = 1.0
+            if motion.kind == BALL:
+                units[natural : natural + 9] = 1.0
+            elif motion.kind == FREE:
+                units[natural + d : natural + (12 if d == 3 else 3)] = 1.0
+        return units
+
+    def _independent(self, q: np.ndarray, chosen: np.ndarray, n_own: int) -> np.ndarray:
+        """Return those of chosen constraints that do not follow from others in coordinates, and all driven ones."""
+        slopes = self.slopes_at(q)[chosen]
+        slopes[np.abs(slopes) < ROUND_OFF * np.abs(slopes).max()] = 0.0
+        own = chosen < n_own
+        kept = null_space(sp.csr_matrix(slopes[own])).rows
+        return np.concatenate([chosen[own][kept], chosen[~own]])
+
+    def slopes_at(self, q: np.ndarray) -> np.ndarray:
+        """Return the slopes of all constraints in the coordinates at unknowns (n_dofs,), shape (n_constraints, n)."""
+        lanes = self._blocks.n_lanes
+        blocks = SampleBlocks(self.n, lanes, -(-self.n // lanes))
+        y = np.repeat(self.coordinates(q[:, None], np.zeros_like(q)[:, None])[0], self.n, axis=1)
+        ways = blocks.unpack(self.mapped(*map(blocks.pack, (y, np.zeros_like(y), np.eye(self.n))))[2])
+        rows, columns = self._set.jacobian_pattern
+        jacobian = sp.csr_matrix((self._set.jacobian_values(q[:, None])[:, 0], (rows, columns)),
+                                 shape=(self._set.n_constraints, q.size))  # fmt: skip
+        return jacobian @ ways
+
+    def mapped(self, y: np.ndarray, y1: np.ndarray, y2: np.ndarray) -> list[np.ndarray]:
+        """Return unknowns, velocities and accelerations (n, n_dofs, n_lanes) of coordinates (n, n_y, n_lanes)."""
+        found = [aligned((len(y), self._equations.n_dofs, y.shape[2])) for _ in range(3)]
+        unknowns_of(Reference(self.problem), Reference(self.joints), y, y1, y2, *found)
+        return found
+
+    def coordinates(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return coordinates and rates, shape (2, n_y, n), of unknowns and velocities (n_dofs, n)."""
+        return coordinates_of(self._unknowns, self._tree, self._motions, q, v)
+
+    def left(self, rows: np.ndarray, driven_rows: np.ndarray) -> np.ndarray:
+        """Return what is of the constraints that are left, (n_left, n), of rows of all (n_constraints, n) and of what
+        driven coordinates have (n_driven, n)."""
+        return np.concatenate([rows[self._chosen], driven_rows])
+
+    def driven_rows(self, n_constraints: int) -> np.ndarray:
+        """Return the rows of `drives` among those of as many constraints."""
+        n_own = self._set.n_constraints - self._set.n_driven
+        of_statements = self._chosen[self._chosen >= n_own] - n_own
+        return n_constraints - self._set.n_driven + np.concatenate([of_statements, self._driven[:, 1]])
+
+    @property
+    def drives(self) -> np.ndarray:
+        """The places of driven angles among the constraints that are left, shape (n_driven,)."""
+        n_own = self._set.n_constraints - self._set.n_driven
+        return np.concatenate([np.flatnonzero(self._chosen >= n_own), np.arange(self.n_statements, self.n_left)])
+
+    @property
+    def directors(self) -> np.ndarray:
+        """The coordinates that are places and directors, shape (n_directors,)."""
+        chosen = np.flatnonzero(self._tree.kinds != BY_AXES)
+        return np.concatenate([np.arange(*self._tree.firsts[k, 2:4]) for k in chosen] + [np.zeros(0, dtype=int)])
+
+    @property
+    def set(self) -> ConstraintSet:
+        """All constraints of the mechanism."""
+        return self._set
+
+    @property
+    def driven(self) -> np.ndarray:
+        """See `Joints.driven`."""
+        return self._driven
+
+
+class JointBatch(FullBatch):
+    """A batch of samples of a component model, or a single one, on this rank, in joint coordinates.
+
+    Arrays of states have coordinates in place of unknowns.
+
+    Parameters
+    ----------
+    full
+        The same samples in their unknowns, whose memory it shares.
+    """
+
+    def __init__(self, full: FullBatch) -> None:
+        vars(self).update(vars(full))
+        self.full = full
+        own, blocks = JointEquations(self._equations, self._blocks), self._blocks
+        self.own, self._reference, self._joints = own, Reference(own.problem), Reference(own.joints)
+        self.n_dofs, self.n_constraints = own.n, own.n_left
+        self.moving_constraints = own.n_left > 0 and full.moving_constraints
+        n = own.n + own.n_left
+        self._factors = Factors(
+            aligned_zeros((blocks.n_blocks, n * (n + 1) // 2, blocks.n_lanes)), aligned_zeros((1, blocks.n_lanes))
+        )
+
+    def under(self, effects: Sequence[Effect], motions: Mapping[int, Motion]) -> Self:
+        """Return the batch under effects and motions that differ from its own over time alone; both share memory."""
+        other = super().under(effects, motions)
+        other.full = self.full.under(effects, motions)
+        return other
+
+    def control(self, controls: Controls) -> None:
+        """Let controllers act on the only sample."""
+        self.full.control(controls)
+        super().control(controls)
+
+    def consistent(self, q: np.ndarray, v: np.ndarray, theta: np.ndarray) -> State:
+        """Return the state at time 0 with given unknowns and velocities that obey the constraints; see `FullSystem`."""
+        q, v = (part.reshape(self._equations.n_dofs, -1) for part in (q, v))
+        return super().consistent(*self.own.coordinates(*np.broadcast_arrays(q, v)), theta)
+
+    def unknowns(self, state: State) -> list[np.ndarray]:
+        """Return the unknowns of all frames, their velocities and accelerations, (n, n_samples) each."""
+        return [self.unpack(part) for part in self.own.mapped(state.q, state.v, state.a)]
+
+    def _drift(self, time: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        own, accelerations = self.own, driven(self._sources.motions, time).acceleration
+        places, rates, more = self.unknowns(State(self.pack(q), self.pack(v), self.pack(np.zeros_like(q)), q))
+        rows, (at, columns) = own.set.drift(places, rates, accelerations), own.set.jacobian_pattern
+        np.add.at(rows, at, own.set.jacobian_values(places) * more[columns])
+        return own.left(
+            rows, np.broadcast_to(-accelerations[own.driven[:, 1], None], (len(own.driven), places.shape[1]))
+        )
+
+    def _rates(self, time: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        own, speeds = self.own, driven(self._sources.motions, time).speed
+        places, rates, _ = self.unknowns(State(self.pack(q), self.pack(v), self.pack(np.zeros_like(q)), q))
+        number, motion, sign = own.driven.T
+        return own.left(own.set.rates(places, rates, speeds), sign[:, None] * v[number] - speeds[motion, None])
+
+    def _in_unknowns(self, state: State) -> State:
+        """Return a state of the same samples in their unknowns, with the multipliers of driven angles alone."""
+        own, full = self.own, self.full
+        forces = np.zeros((*state.q.shape[:-2], full.n_constraints, state.q.shape[-1]))
+        forces[..., own.driven_rows(full.n_constraints), :] = state.multipliers[..., own.drives, :]
+        return State(*own.mapped(state.q, state.v, state.a), forces, state.turns, state.beside)
+
+    def joint_multipliers(self, time: float, state: State) -> np.ndarray:
+        """Return the multipliers of joints and driven angles; see `FullSystem`."""
+        return self.full.joint_multipliers(time, self._in_unknowns(state))
+
+    def multipliers_of_joints(self, time: float, state: State) -> np.ndarray:
+        """Return the multipliers of joints and driven angles: those of `joint_multipliers`."""
+        return self.joint_multipliers(time, state)
+
+    def _correct(
+        self, time: float, state: State, gains: Gains, residual: np.ndarray, active: np.ndarray, fresh: bool
+    ) -> np.ndarray:
+        now = self._sources.at(np.array([time]))
+        correct_in_joints(
+            self._reference, self._joints, self._factors, (now.loads[0], now.actions[0]), now.angles[0], residual,
+            state.parts(), gains, self._typical_mass, self._blocks.mask(active), fresh, self._size,
+        )  # fmt: skip
+        return self._size.ravel()[: self.n_samples].copy()
+
+    def count_turns(self, state: State) -> None:
+        """Take note of the angles at an instant that is kept."""
+        self.full.count_turns(self._in_unknowns(state))
+
+    def depths(self, time: float, state: State) -> np.ndarray:
+        """Return how far each edge is crossed, shape (n_events, n_samples)."""
+        return self.full.depths(time, self._in_unknowns(state))
+
+    def frames(self, state: State) -> np.ndarray:
+        """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples)."""
+        return self.full.frames(self._in_unknowns(state))
+
+    def frames_over(self, states: Sequence[State]) -> np.ndarray:
+        """Return the frames of all nodes of the only sample in several states, shape (n_nodes, n_frame, n)."""
+        return self.full.frames_over(self._all_in_unknowns(states))
+
+    def energies(self, time: float, state: State) -> Energies:
+        """Return energies and powers at an instant, each of shape (n_samples,)."""
+        return self.full.energies(time, self._in_unknowns(state))
+
+    def energies_over(self, times: Sequence[float], states: Sequence[State]) -> Energies:
+        """Return energies and powers of the only sample at several instants, each of shape (n,)."""
+        return self.full.energies_over(times, self._all_in_unknowns(states))
+
+    def _all_in_unknowns(self, states: Sequence[State]) -> list[State]:
+        """Return states of the only sample in its unknowns."""
+        parts = (np.concatenate(part) for part in zip(*(state.parts() for state in states)))
+        every = self._in_unknowns(State(*parts))
+        return [every.at(slice(k, k + 1)) for k in range(len(states))]
