@@ -61,8 +61,7 @@ CORRECTIONS = 2 * alpha_step.REFRESH_EVERY
 # Of all three attempts at a step.
 MOST_CORRECTIONS = 2 * alpha_step.MAX_ITERATIONS + alpha_step.CAREFUL_ITERATIONS
 CLOSURES = 3  # of Newton: from 1e-4 of a grid's middle to 1e-8, 1e-16 and round-off
-LOCAL = "it does not know those beside effects in joints or between points, of joints that give way and of couplings"
-SIMULATE = "leave the outputs out, or take pgmp simulate"
+LACKING = "but for those beside controllers and of couplings by a table"
 MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compiler takes a minute for
 
 
@@ -163,12 +162,12 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     over_time |= {action.effect: action.amplitude for action in actions if action.amplitude is not None}
     places, windings = model.actions.rigid, iter(model.actions.places.winding)
     closure, wanted = closure_of(kinematics)
-    gaps, of_gaps = _gaps_of(model, what)
+    gaps, of_gaps = _gaps_of(model)
     tables = _tables(model, nodes, places) | of_gaps
     _check_size(tables, what)
     first_edges = [0, *accumulate(len(action.law.edges) for action in actions)]
     values = scene.values | {name: f"p[{k}]" for k, name in enumerate(tunable(scene))}
-    outputs = outputs_in_c(model.outputs, slots, values, [] if gaps is None else model.multipliers.rows)
+    outputs = outputs_in_c(model.outputs, slots, values, [] if gaps is None else model.multipliers.rows, actions)
     settings = _steps(model)
     controls = controls_in_c(scene, tunable(scene), settings["STEP"])
     control_actions = [k for k, action in enumerate(actions) if action.law is ACTING_LAW]
@@ -235,17 +234,14 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     )
 
 
-def _gaps_of(model: ReducedModel, what: str) -> tuple[GapForces | None, dict[str, np.ndarray]]:
+def _gaps_of(model: ReducedModel) -> tuple[GapForces | None, dict[str, np.ndarray]]:
     """Return what opens joints whose forces are outputs, if there are any, and its tables."""
-    n_rows, gaps = len(_flat(model.terms.terms.rows, 2)), None
-    if any(isinstance(one, OfConnection) for one in model.outputs.forces):
-        gaps = model.multipliers.gaps
-        if model.actions.actions:
-            name = next(one.name for one in model.outputs.forces if isinstance(one, OfConnection))
-            raise InputError(f"outputs.{name}: {what} cannot be written with it, as {LOCAL}; {SIMULATE}")
+    n_rows, gaps = len(_flat(model.terms.terms.rows, 2)), model.multipliers and model.multipliers.gaps
     if gaps is None:
         return None, {"gap_table": np.zeros((n_rows, 1, 1)), "gap_changes": np.zeros((n_rows, 1, 1))}
-    return gaps, {"gap_table": _flat(gaps.table.rows, 2), "gap_changes": _flat(gaps.changing.rows, 2)}
+    by_loads = np.swapaxes(_flat(gaps.moved.rows, 2), 1, 2)
+    table = np.concatenate([_flat(gaps.table.rows, 2), by_loads], axis=2)
+    return gaps, {"gap_table": table, "gap_changes": _flat(gaps.changing.rows, 2)}
 
 
 def _sizes_of_gaps(gaps: GapForces | None, tables: Mapping[str, np.ndarray]) -> dict[str, int]:
@@ -268,15 +264,15 @@ def _sizes_of_gaps(gaps: GapForces | None, tables: Mapping[str, np.ndarray]) -> 
 
 
 def in_c(scene: Scene, name: str) -> bool:
-    """Return whether a model in C has an output: forces in joints with local effects beside them and those of what
-    gives way it does not have, nor what drives take beside controllers."""
+    """Return whether a model in C has an output: forces in joints and what drives take it does not have beside
+    controllers, nor those of couplings by a table."""
     entry = scene.outputs[name]
+    if isinstance(entry, InJoint):
+        joint = scene.joints[entry.joint]
+        by_table = isinstance(joint, CouplingEntry) and any(share.table for share in joint.shares_in(scene))
+        return not (scene.controllers or by_table)
     if isinstance(entry, OfDrive):
         return not scene.controllers
-    if isinstance(entry, InJoint):
-        acting = any(effect.local for effect in scene.effects.values()) or scene.controllers
-        giving = any(joint.gives_way for joint in scene.joints.values())
-        return not (acting or giving or isinstance(scene.joints[entry.joint], CouplingEntry))
     return entry.of_frames() and all(in_c(scene, one) for one in entry.made_in(scene))
 
 
@@ -491,7 +487,7 @@ def left_out(scene: Scene) -> str:
         return ""
     having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.of_frames())
     forces = any(isinstance(entry, InJoint) and not in_c(scene, name) for name, entry in scene.outputs.items())
-    why = f", drives, and forces in joints; {LOCAL}" if forces else ""
+    why = f", drives, and forces in joints {LACKING}" if forces else ""
     return f"note: {', '.join(lacking)} left out: a model in C has {having}{why}; pgmp simulate has all outputs"
 
 

@@ -17,13 +17,13 @@ from pgmp_petsc.effects.time_function import Piece, amplitude_of
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import JointTurns, RigidKinematics
 from pgmp_petsc.mechanism.statements import Function, Statement, distance
-from pgmp_petsc.outputs.joint_forces import ForceOutput, OfConnection
+from pgmp_petsc.outputs.joint_forces import ForceOutput, OfConnection, OfCoupling, OfMotion, Pull
 from pgmp_petsc.outputs.of_outputs import TIME, Combined
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.readings import Absolute, AnyReading, Base, ModelReading, Rate, Reading
 from pgmp_petsc.scene import Scene
 
-COMPONENTS = ("x", "y", "z", "axial", "radial", "magnitude")
+COMPONENTS = ("x", "y", "z", "axial", "radial", "magnitude", "along", "size")
 
 
 @dataclass(frozen=True)
@@ -126,20 +126,34 @@ class ForceInC:
     b: Side
 
     @classmethod
-    def of(cls, force: OfConnection, gaps: Sequence[int], slots: Mapping[int, int]) -> ForceInC:
-        """Return an output; `gaps` are the numbers of the constraints that have one."""
+    def of(
+        cls, force: OfConnection | OfCoupling, gaps: Sequence[int], slots: Mapping[int, int], actions: Sequence[Action]
+    ) -> ForceInC:  # fmt: skip
+        """Return an output; `gaps` are the numbers of the constraints that have one, behind which the forces of actions
+        stand, of those that a joint gives way by."""
+        gaps, nowhere = list(gaps), Side(-1, -1, (0.0,), (0.0,))
+
+        def behind(*pulls: Pull) -> list[int]:
+            own = {pull.action.effect for pull in pulls}
+            return [len(gaps) + k for k, one in enumerate(actions) if one.effect in own]
+
+        if isinstance(force, OfCoupling):
+            (number,) = map(gaps.index, force.rows) if force.pull is None else behind(force.pull)
+            read, along = StatementInC.of_reading(force.reading, slots), "size" if force.magnitude else "along"
+            terms = [(number, force.function.factor, read)]
+            return cls(terms, COMPONENTS.index(along), False, False, 1.0, (0.0,), nowhere, nowhere)
         entry, joint, terms = force.entry, force.connection, []
-        b = Side.of(joint.b, slots)
+        a, b = Side.of(joint.a, slots), Side.of(joint.b, slots)
         for row, (part, own) in zip(force.rows, joint.held):
             for (statement, function), first in zip(part.terms, own[::2]):
-                terms.append(
-                    (list(gaps).index(row), function.factor, StatementInC(statement, Side.of(first, slots), b))
-                )
+                terms.append((gaps.index(row), function.factor, StatementInC(statement, Side.of(first, slots), b)))
+        for number, pull in zip(behind(*force.pulls), force.pulls):
+            for statement, function in pull.action.statement.terms:
+                terms.append((number, function.factor, StatementInC(statement, a, b)))
         axis = tuple(map(float, joint.axes[0][:, 0])) if entry.component in ("axial", "radial") else (0.0,)
         sign = -1.0 if entry.of == "first" else 1.0
         return cls(
-            terms, COMPONENTS.index(entry.component), entry.turning, entry.frame == "body", sign, axis,
-            Side.of(joint.a, slots), b,
+            terms, COMPONENTS.index(entry.component), entry.turning, entry.frame == "body", sign, axis, a, b
         )  # fmt: skip
 
 
@@ -170,7 +184,7 @@ class Combiner:
     ) -> None:  # fmt: skip
         self._bases, self._values = bases, values
         self._forces = {force.name: force for force in forces}
-        self._in_joints = [force.name for force in forces if isinstance(force, OfConnection)]
+        self._in_joints = [force.name for force in forces if not isinstance(force, OfMotion)]
         self.readings: list[Reading] = []
         self.lines: list[str] = []
         self._names: dict[AnyReading, str] = {}
@@ -286,13 +300,14 @@ def controls_in_c(scene: Scene, tunable: Container[str], step: float) -> list[Co
 
 
 def outputs_in_c(
-    outputs: OutputSet, slots: Mapping[int, int], values: Mapping[str, str | float], gaps: Sequence[int]
+    outputs: OutputSet, slots: Mapping[int, int], values: Mapping[str, str | float], gaps: Sequence[int],
+    actions: Sequence[Action],
 ) -> OutputsInC:  # fmt: skip
-    """Return outputs; see `outputs.readings`. `gaps` are the numbers of the constraints that have one."""
+    """Return outputs; see `outputs.readings`, and for `gaps` and `actions` `ForceInC.of`."""
     combiner = Combiner(outputs.bases, values, outputs.forces)
     made = [f"outputs[{k}] = {combiner.of(reading)}[0];" for k, reading in enumerate(outputs.functions.values())]
     readings = [_reading_in_c(reading, slots) for reading in combiner.readings]
-    forces = [ForceInC.of(one, gaps, slots) for one in outputs.forces if isinstance(one, OfConnection)]
+    forces = [ForceInC.of(one, gaps, slots, actions) for one in outputs.forces if not isinstance(one, OfMotion)]
     return OutputsInC(
         readings,
         forces,

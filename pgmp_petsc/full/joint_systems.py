@@ -19,7 +19,7 @@ from pgmp_petsc.full.batched_ldl import Pattern
 from pgmp_petsc.full.joint_kernel import Joints, correct_in_joints, unknowns_of
 from pgmp_petsc.full.joint_map import N_TURNED, Room
 from pgmp_petsc.full.joint_matrix import N_SPARE, column_size
-from pgmp_petsc.full.joint_tree import BALL, FREE, coordinates_of, motions_of, tree_of
+from pgmp_petsc.full.joint_tree import BALL, BY_AXES, FREE, coordinates_of, motions_of, tree_of
 from pgmp_petsc.full.kernel import Factors, FullProblem
 from pgmp_petsc.full.node_constraints import ConstraintParts
 from pgmp_petsc.full.part_reference import Reference
@@ -230,6 +230,12 @@ class JointEquations:
         return np.concatenate([np.flatnonzero(self._chosen >= n_own), np.arange(self.n_statements, self.n_left)])
 
     @property
+    def directors(self) -> np.ndarray:
+        """The coordinates that are places and directors, shape (n_directors,)."""
+        chosen = np.flatnonzero(self._tree.kinds != BY_AXES)
+        return np.concatenate([np.arange(*self._tree.firsts[k, 2:4]) for k in chosen] + [np.zeros(0, dtype=int)])
+
+    @property
     def set(self) -> ConstraintSet:
         """All constraints of the mechanism."""
         return self._set
@@ -255,7 +261,7 @@ class JointBatch(FullBatch):
         vars(self).update(vars(full))
         self.full = full
         own, blocks = JointEquations(self._equations, self._blocks), self._blocks
-        self._own, self._reference, self._joints = own, Reference(own.problem), Reference(own.joints)
+        self.own, self._reference, self._joints = own, Reference(own.problem), Reference(own.joints)
         self.n_dofs, self.n_constraints = own.n, own.n_left
         self.moving_constraints = own.n_left > 0 and full.moving_constraints
         n = own.n + own.n_left
@@ -277,14 +283,14 @@ class JointBatch(FullBatch):
     def consistent(self, q: np.ndarray, v: np.ndarray, theta: np.ndarray) -> State:
         """Return the state at time 0 with given unknowns and velocities that obey the constraints; see `FullSystem`."""
         q, v = (part.reshape(self._equations.n_dofs, -1) for part in (q, v))
-        return super().consistent(*self._own.coordinates(*np.broadcast_arrays(q, v)), theta)
+        return super().consistent(*self.own.coordinates(*np.broadcast_arrays(q, v)), theta)
 
     def unknowns(self, state: State) -> list[np.ndarray]:
         """Return the unknowns of all frames, their velocities and accelerations, (n, n_samples) each."""
-        return [self.unpack(part) for part in self._own.mapped(state.q, state.v, state.a)]
+        return [self.unpack(part) for part in self.own.mapped(state.q, state.v, state.a)]
 
     def _drift(self, time: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        own, accelerations = self._own, driven(self._sources.motions, time).acceleration
+        own, accelerations = self.own, driven(self._sources.motions, time).acceleration
         places, rates, more = self.unknowns(State(self.pack(q), self.pack(v), self.pack(np.zeros_like(q)), q))
         rows, (at, columns) = own.set.drift(places, rates, accelerations), own.set.jacobian_pattern
         np.add.at(rows, at, own.set.jacobian_values(places) * more[columns])
@@ -293,14 +299,14 @@ class JointBatch(FullBatch):
         )
 
     def _rates(self, time: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        own, speeds = self._own, driven(self._sources.motions, time).speed
+        own, speeds = self.own, driven(self._sources.motions, time).speed
         places, rates, _ = self.unknowns(State(self.pack(q), self.pack(v), self.pack(np.zeros_like(q)), q))
         number, motion, sign = own.driven.T
         return own.left(own.set.rates(places, rates, speeds), sign[:, None] * v[number] - speeds[motion, None])
 
     def _in_unknowns(self, state: State) -> State:
         """Return a state of the same samples in their unknowns, with the multipliers of driven angles alone."""
-        own, full = self._own, self.full
+        own, full = self.own, self.full
         forces = np.zeros((*state.q.shape[:-2], full.n_constraints, state.q.shape[-1]))
         forces[..., own.driven_rows(full.n_constraints), :] = state.multipliers[..., own.drives, :]
         return State(*own.mapped(state.q, state.v, state.a), forces, state.turns, state.beside)

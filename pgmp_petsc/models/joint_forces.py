@@ -18,7 +18,7 @@ from pgmp_petsc.effects import Effect, Motion, actions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.models.measures import MultipliersOf
 from pgmp_petsc.outputs.joint_forces import ForceOutput
-from pgmp_petsc.reduced.actions import ReducedActions
+from pgmp_petsc.reduced.actions import ReducedActions, nodes_of
 from pgmp_petsc.reduced.gap_forces import GapForces
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedDamping, ReducedTerms
@@ -30,8 +30,6 @@ from pgmp_petsc.stepping.second_order_system import State
 
 AT_ONCE = 2048  # states whose local effects are evaluated together
 MOST_TURNS, SETTLED = 100, 1e-12  # of forces carried and friction, found in turn
-
-_Systems = tuple[ReducedSystem | None, ReducedSystem | None]
 
 
 class ReducedMultipliers:
@@ -45,8 +43,6 @@ class ReducedMultipliers:
         Outputs that are made of multipliers, and forces in joints that effects hang on.
     effects, motions
         What acts, and the prescribed motions by the numbers of their coordinates.
-    start
-        Positions (rad) of the coordinates at the start, shape (n_theta,).
     own
         Terms and local effects of the model.
 
@@ -65,7 +61,6 @@ class ReducedMultipliers:
         carried: Sequence[ForceOutput],
         effects: Sequence[Effect],
         motions: Mapping[int, Motion],
-        start: np.ndarray,
         own: tuple[ReducedTerms, ReducedActions],
     ) -> None:
         n_held, gaps = kinematics.mechanism.n_held, rom.gaps
@@ -76,31 +71,26 @@ class ReducedMultipliers:
                     f"{entry}.{force.name}: the reduced model was built without what forces in this joint need; name "
                     "it in the scene and run pgmp build again"
                 )
-        self._n_held, self.rows, self._effects, self._motions = n_held, known, effects, motions
+        self._n_held, self._effects, self._motions = n_held, effects, motions
         self._drives = any((force.rows >= n_held).any() for force in forces)
-        self.gaps, (self._terms, self._own_actions), self._actions = None, own, None
+        self.gaps, (self._terms, self._actions) = None, own
         self._carried, scheme = carried, scene.interpolation
         self._nodes = sorted({node for one in carried for node in one.nodes})
         self._frames = Reconstruction(kinematics, rom, scheme, self._nodes) if self._nodes else None
-        self._kept: tuple[int, _Systems, Mapping[str, np.ndarray]] | None = None
-        if not rows_of((*forces, *carried), n_held).size:
-            return
-        terms = own[0]
-        projection, curvature = gaps.beside(rom.projection, rom.curvature)
-        wider = replace(rom, projection=projection, curvature=curvature)
-        self.gaps = GapForces.of(
-            gaps, rom.tables, scheme, ReducedDamping.of(effects, kinematics, wider), scene.gyroscopic
-        )
-        actions = actions_of(effects)
-        if actions:
-            self._actions = ReducedActions.of(actions, kinematics, wider, scheme, start, terms.parts)
-            self._wider = _widened(terms, known.size)
+        self._kept: tuple[int, ReducedSystem, Mapping[str, np.ndarray]] | None = None
+        self.rows = rows_of((*forces, *carried), n_held)
+        if self.rows.size:
+            gaps = gaps.of_rows(self.rows)
+            wider = replace(rom, projection=np.concatenate([rom.projection, gaps.shapes], axis=2))
+            damping = ReducedDamping.of(effects, kinematics, wider)
+            loaded = [kinematics.mechanism.node_dofs(node) for node in nodes_of(self._actions.actions)]
+            self.gaps = GapForces.of(gaps, rom.tables, scheme, damping, scene.gyroscopic, loaded)
 
     def under(self, effects: Sequence[Effect]) -> Self:
         """Return the multipliers under effects that differ in what acts over time alone."""
-        other, actions = copy(self), actions_of(effects)
-        other._effects, other._own_actions = effects, replace(self._own_actions, actions=actions)
-        other._actions, other._kept = self._actions and replace(self._actions, actions=actions), None
+        other = copy(self)
+        other._effects, other._kept = effects, None
+        other._actions = replace(self._actions, actions=actions_of(effects))
         return other
 
     def of(self, times: np.ndarray | float, states: State, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
@@ -109,14 +99,14 @@ class ReducedMultipliers:
         n = len(states.q)
         times, values = np.broadcast_to(times, n), {name: np.broadcast_to(one, n) for name, one in values.items()}
         found = self._without_actions(times, states, values)
-        if self._actions is None and not self._drives:
+        if not self._drives and not (self._actions.actions and self.rows.size):
             return found
         for first in range(0, n, AT_ONCE):
             some = slice(first, min(first + AT_ONCE, n))
             own = {name: one[some] for name, one in values.items()}
             if self._kept is None or self._kept[0] != some.stop - first or not _same(self._kept[2], own):
                 own = {name: np.array(one) for name, one in own.items()}
-                self._kept = some.stop - first, self._systems(some.stop - first, own), own
+                self._kept = some.stop - first, self._system(some.stop - first, own), own
             state = State(states.q[some], states.v[some], states.a[some], np.zeros(0))
             loads, alone = np.zeros((len(self._carried), some.stop - first)), found[:, some].copy()
             for _ in range(MOST_TURNS):
@@ -130,12 +120,12 @@ class ReducedMultipliers:
         """Return what finds the multipliers of samples as an iteration goes on; a sample that does not move keeps what
         it had, so that what is beside it changes no more than round-off."""
         every = {name: np.broadcast_to(one, n_samples) for name, one in values.items()}
-        systems, n_own = self._systems(n_samples, every), self._terms.layout.n_eta
+        system, n_own = self._system(n_samples, every), self._terms.layout.n_eta
         kept: list[np.ndarray | None] = [np.full((n_samples, n_own), np.nan), None]
 
         def multipliers(time: float, state: State, loads: np.ndarray) -> np.ndarray:
             times = np.full(n_samples, time)
-            found = self._with(systems, loads, times, state, self._without_actions(times, state, every))
+            found = self._with(system, loads, times, state, self._without_actions(times, state, every))
             same = (kept[0] == state.a).all(axis=1)
             if same.any():
                 found[:, same] = kept[1][:, same]
@@ -152,17 +142,15 @@ class ReducedMultipliers:
         return found
 
     def _with(
-        self, systems: _Systems, loads: np.ndarray, times: np.ndarray, state: State, alone: np.ndarray
+        self, system: ReducedSystem, loads: np.ndarray, times: np.ndarray, state: State, alone: np.ndarray
     ) -> np.ndarray:
         """Return the multipliers where joints carry forces (n_carried, n), of those without local effects."""
-        found, (own, wide), g = alone.copy(), systems, self.rows.size
-        for system in (one for one in systems if one is not None):
-            system.put_forces(list(loads[..., None]))
-        if wide is not None:
-            moving = State(*(np.pad(part, ((0, 0), (0, g))) for part in (state.q, state.v, state.a)), np.zeros(0))
-            found[self.rows] -= wide.acting_at(times, moving)[:, -g:].T
-        if own is not None:
-            found[self._n_held :] = -own.residuals_at(times, state)[:, sorted(self._motions)].T
+        found = alone.copy()
+        system.put_forces(list(loads[..., None]))
+        if self._drives:
+            found[self._n_held :] = -system.residuals_at(times, state)[:, sorted(self._motions)].T
+        if self.rows.size and self._actions.actions:
+            found[self.rows] += self.gaps.work_of(system.node_loads(times, state), state)
         return found
 
     def _loads(self, state: State, multipliers: np.ndarray, values: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -173,31 +161,12 @@ class ReducedMultipliers:
         at, moving = (dict(zip(self._nodes, part)) for part in jets)
         return np.array([one.value(at, moving, multipliers, values) for one in self._carried])
 
-    def _systems(self, n: int, values: Mapping[str, np.ndarray]) -> _Systems:
-        """Return n samples of the model, where drives are asked for, and samples that know of local effects alone, on a
-        basis with the gaps behind it, where there are any."""
-        given, moving = np.zeros((self._terms.tables.n_given, n)), ((0.0, 0.0), n, self._motions)
-        own = wide = None
-        if self._drives:
-            own = ReducedSystem(self._terms, self._effects, values, *moving, self._own_actions, given)
-        if self._actions is not None:
-            wide = ReducedSystem(self._wider, self._effects, values, *moving, self._actions, given)
-        return own, wide
+    def _system(self, n: int, values: Mapping[str, np.ndarray]) -> ReducedSystem:
+        """Return n samples of the model."""
+        given = np.zeros((self._terms.tables.n_given, n))
+        return ReducedSystem(self._terms, self._effects, values, (0.0, 0.0), n, self._motions, self._actions, given)
 
 
 def _same(values: Mapping[str, np.ndarray], others: Mapping[str, np.ndarray]) -> bool:
     """Return whether samples have the same values: what is interpolated for them is kept from call to call."""
     return values.keys() == others.keys() and all(np.array_equal(values[name], one) for name, one in others.items())
-
-
-def _widened(terms: ReducedTerms, g: int) -> ReducedTerms:
-    """Return the terms of a system of which local effects alone are evaluated, with g coordinates more."""
-    tables, n_eta = terms.tables, terms.layout.n_eta + g
-    sizes = {
-        "mass": (len(tables.mass), 0, n_eta, n_eta),
-        "stiffness": (len(tables.mass), 0, *(tables.n_modes + g,) * 2),
-    }
-    return replace(
-        terms, tables=replace(tables, **{name: np.empty(size) for name, size in sizes.items()}),
-        layout=terms.layout._replace(n_eta=n_eta), scale=np.pad(terms.scale, (0, g), constant_values=1.0),
-    )  # fmt: skip

@@ -102,7 +102,7 @@ class ReducedModel:
             from pgmp_petsc.models.joint_forces import ReducedMultipliers  # few scenes have them
 
             self.multipliers = ReducedMultipliers(
-                scene, rom, self.kinematics, self.outputs.forces, carried, self.effects, self.motions, self.start[0],
+                scene, rom, self.kinematics, self.outputs.forces, carried, self.effects, self.motions,
                 (self.terms, self.actions),
             )  # fmt: skip
         self.joint_angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)

@@ -1,4 +1,5 @@
-"""Forces and moments in joints, and what prescribed motions take: outputs of the multipliers of constraints.
+"""Forces and moments in joints, what prescribed motions take, outputs of the multipliers of constraints, and what
+controllers put on joints.
 
 With the equations of motion
 
@@ -199,6 +200,25 @@ class Power(OfDrive):
     def unit_in(self, scene: Scene) -> str:
         """Return the energy in a second, which is a W in SI units."""
         return "W" if scene.system is SI else "J/s"
+
+
+class ControlForce(OutputEntry):
+    """Torque (N m), or force (N) on what slides, of a controller."""
+
+    # of a sampled one, where the force jumps, what is held from there on
+    type: Literal["control_force"]
+    reads, unit = ("beside",), "N m"
+    controller: str = Field(description="name of the controller")
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line if there is no such controller."""
+        if self.controller not in scene.controllers:
+            yield unknown(f"outputs.{name}.controller", "controller", self.controller, scene.controllers)
+
+    def unit_in(self, scene: Scene) -> str:
+        """Return N for what slides."""
+        found = scene.controllers.get(self.controller)
+        return "N" if found is not None and slides(scene, found) else "N m"
 
 
 def _driven(scene: Scene) -> list[str]:

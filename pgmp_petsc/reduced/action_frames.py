@@ -133,7 +133,7 @@ def place_nodes(places, nodes, grid, d, q, kept, work):
 
     `grid` are the cells of the shapes.
     """
-    n_theta, n_dofs = len(grid), d * (d + 1) // 2
+    n_theta = len(grid)
     _come_to_cells(places.rigid, places.together, places.fine, q, 1, kept, kept.rigid, work.place)
     place = load_rows(work.place, 0, 1, grid)
     n_rigid = work.rigid.shape[0]
@@ -143,16 +143,21 @@ def place_nodes(places, nodes, grid, d, q, kept, work):
         for k in range(n_theta):
             store(work.rigid_slopes, k * n_rigid + entry, slopes[k])
     _come_to_cells(places.shapes, places.together, grid, q, 0, kept, kept.shapes, work.place)
-    place = load_rows(work.place, 0, 1, grid)
-    n_shapes = kept.shapes.shape[0] // (N_POWERS**n_theta * n_dofs * places.n_nodes)
     for number in range(nodes.size):
-        node = nodes[number]
-        for dof in range(n_dofs):
-            _displace(kept.shapes, (n_dofs * node + dof) * n_shapes, n_shapes, place, q, dof, work)
-        if d == 2:
-            _turn_in_plane(node, n_theta, work)
-        else:
-            _turn_in_space(node, n_theta, work)
+        place_node(places, nodes[number], grid, d, q, kept, work)
+
+
+@njit(error_model="numpy", forceinline=True, counted=False)
+def place_node(places, node, grid, d, q, kept, work):
+    """Fill a node's frame and its derivatives, of which what is rigid is there; see `place_nodes`."""
+    n_theta, n_dofs, place = len(grid), d * (d + 1) // 2, load_rows(work.place, 0, 1, grid)
+    n_shapes = kept.shapes.shape[0] // (N_POWERS**n_theta * n_dofs * places.n_nodes)
+    for dof in range(n_dofs):
+        _displace(kept.shapes, (n_dofs * node + dof) * n_shapes, n_shapes, place, q, dof, work)
+    if d == 2:
+        _turn_in_plane(node, n_theta, work)
+    else:
+        _turn_in_space(node, n_theta, work)
 
 
 @njit(inline="always")
@@ -270,3 +275,34 @@ def _turn_in_space(node, r, work):
                     turned += turn[k, j] * slopes[at + 3 + 3 * k + c]
                 jacobian[3 + 3 * j + c, i] += turned  # exp(phi)_kj D_k'
             jacobian[c, i] += total
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def pull_displacements(node, d, felt, work, loads):
+    """Fill what a node's frame feels (n_frame,) as forces on its displacement and rotation in the body's frame,
+    (n_dofs,), items; the node is the one that was placed last."""
+    rigid, frame, moved = items(work.rigid, WIDE), items(work.frames, WIDE)[node], items(work.moved, WIDE)
+    first = d * (d + 1) * node
+    for j in range(d):
+        total = spread(0.0)
+        for c in range(d):
+            total += felt[c] * rigid[first + d + d * j + c]  # u_j D_j
+        loads[j] = total
+    if d == 2:
+        total = spread(0.0)
+        for c in range(2):
+            total += felt[2 + c] * frame[4 + c] - felt[4 + c] * frame[2 + c]
+        loads[2] = total
+        return
+    spin, rate, factors = items(work.spin, WIDE), items(work.turn, WIDE)[0], factors_of(moved[3:])
+    for i in range(3):
+        for j in range(3):
+            rate[j] = spread(1.0 if i == j else 0.0)
+        spin_of(moved[3:], factors, rate, spin)
+        total = spread(0.0)
+        for k in range(3):
+            after, before = (k + 1) % 3, (k + 2) % 3
+            for c in range(3):
+                change = spin[before] * frame[3 + 3 * after + c] - spin[after] * frame[3 + 3 * before + c]
+                total += felt[3 + 3 * k + c] * change
+        loads[3 + i] = total

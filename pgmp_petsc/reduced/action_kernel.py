@@ -26,7 +26,7 @@ from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items
 from pgmp_petsc.lanes.vectors import LANES, N_POWERS, add, aligned_zeros, differing, load, spread, store
 from pgmp_petsc.mechanism.node_statements import is_itself, through_function
 from pgmp_petsc.mechanism.statements import evaluate
-from pgmp_petsc.reduced.action_frames import Frames, Places, place_nodes
+from pgmp_petsc.reduced.action_frames import Frames, Places, place_node, place_nodes, pull_displacements
 
 POWER, STORED, FORCE = range(3)  # what is known of an action
 UNBALANCED = 1e-7  # of a law's force: what a step may leave of it out of balance
@@ -80,6 +80,7 @@ class LocalWork(NamedTuple):
     #: of each law that `rubs` asks for what its rate follows from, measure, rate, force, damping and the rate of the
     #: action that leads, (n, n_eta + 5)
     rubbing: np.ndarray
+    felt: np.ndarray  # by the nodes' frames, (n_nodes, n_frame)
 
 
 #: Rows of `LocalWork.measured`: the measure that the law is of and its rate, the force and its derivatives, and the
@@ -118,6 +119,7 @@ def allocate_local(local, r, n_eta):
         empty_lanes(n_eta, LANES),
         empty_lanes(LEADING + 1, LANES),
         empty_lanes(n_rubbing * (n_eta + 5), LANES).reshape((n_rubbing, n_eta + 5, LANES)),
+        empty_lanes(n_nodes * n_frame, LANES).reshape((n_nodes, n_frame, LANES)),
     )
 
 
@@ -336,6 +338,35 @@ def _project(work):
         if differing(slope, spread(0.0)) != 0:  # few are not
             for i in range(n_eta):
                 add(work.projected, i, slope * load(work.jacobian, c * n_eta + i))
+
+
+@njit(error_model="numpy", counted=False)
+def load_nodes(local, grid, q, known, samples, kept, work, loads):
+    """Fill what the actions do to displacements and rotations of their nodes in body frames, (n_nodes, n_dofs, LANES),
+    with the forces that are `known` since `act`, whose arguments the others are: ``F g`` in these."""
+    places, actions, d = local.places, local.actions, local.actions.statements.axes.shape[2]
+    n_frame, nodes, force = d * (d + 1), local.all.nodes, work.measured[STRENGTH]
+    gradients, felt = items(work.gradient, WIDE), items(work.felt, WIDE)
+    for entry in range(places.n_nodes * n_frame):
+        store(work.felt, entry, 0.0)
+    for action in range(actions.roles.size):
+        if actions.roles[action] == LEADS:
+            continue
+        for lane in range(LANES):
+            force[lane] = known[samples[lane], FORCE, action]
+        for term in range(actions.firsts[action], actions.firsts[action + 1]):
+            _measure_term(local, term, len(grid), q, False, work)
+            for side in range(2):
+                node, arms = places.sides[term, side], actions.statements.arms[term, side]
+                for c in range(n_frame if node >= 0 else 0):
+                    pull = load(work.measured, STRENGTH) * gradients[n_frame * side + c]
+                    felt[node, c] += pull
+                    for j in range(d if c < d else 0):  # a point at an arm moves with the directors
+                        felt[node, d + d * j + c] += arms[j] * pull
+    for number in range(nodes.size):
+        if d == 3:  # its rotation is needed again
+            place_node(places, nodes[number], grid, d, q, kept, work.frames)
+        pull_displacements(nodes[number], d, felt[nodes[number]], work.frames, items(loads, WIDE)[nodes[number]])
 
 
 @njit(error_model="numpy", counted=False)

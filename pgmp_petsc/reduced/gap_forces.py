@@ -18,6 +18,8 @@ K[g,i]      ``Y^T K Psi``                    d_i
 V[g,ij]     cubic energy                     1/2 d_i d_j
 Q[g]        ``Y^T f``, f loads               -1
 B[g,i]      their work on the curvature      -d_i
+Y[f,g]      Y where local effects act        -F
+chi[f,g,i]  its curvature there              -F d_i
 D[g,x]      ``Y^T D [d rho, Psi]``           rate of x
 =========== ================================ ======================= =================================
 
@@ -36,8 +38,15 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.effects import Effect
 from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.vectors import LANES, add, aligned_zeros, load, number_at, spread, store
 from pgmp_petsc.reduced.terms import ReducedDamping
-from pgmp_petsc.reduction.cell_products import stencil_room, tensor_stencil
+from pgmp_petsc.reduction.cell_products import (
+    by_cells,
+    end_of_cell,
+    fill_lane_weights,
+    stencil_room,
+    tensor_stencil,
+)
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.joint_gaps import JointGaps
 from pgmp_petsc.reduction.stencil import N_ROWS
@@ -54,6 +63,9 @@ class GapForces:
     table: Interpolant
     #: M[g,i] and A of every mass term, whose derivatives are taken, rows of shape (g, n_changing)
     changing: Interpolant
+    #: Y at the unknowns that local effects act on and, of second order, its curvature in pairs with the basis, rows of
+    #: shape (n_dofs * (1 + m), g)
+    moved: Interpolant
     #: monomials of the terms of mass, stiffness, loads and damping
     weights: tuple[tuple[Monomial, ...], ...]
     load_effects: tuple[str, ...]  # names, of the load terms
@@ -63,9 +75,11 @@ class GapForces:
 
     @classmethod
     def of(
-        cls, gaps: JointGaps, tables: ReducedTables, scheme: str, damping: ReducedDamping | None, quadratic: bool
-    ) -> Self:
-        """Prepare the rows. `damping` is that of a basis that has the vectors of the gaps behind its own."""
+        cls, gaps: JointGaps, tables: ReducedTables, scheme: str, damping: ReducedDamping | None, quadratic: bool,
+        loaded: Sequence[np.ndarray],
+    ) -> Self:  # fmt: skip
+        """Prepare the rows. `damping` is that of a basis that has the vectors of the gaps behind its own; local effects
+        act on the nodes with the unknowns `loaded`, (n_dofs,) each."""
         r, m, n, g = tables.n_coordinates, tables.n_modes, tables.samples.n, gaps.rows.size
         second = gaps.cubic is not None
         driven = gaps.curved_mass.shape[2] if second else 0
@@ -87,9 +101,14 @@ class GapForces:
             parts += [gaps.load[:, t, :, None], *([gaps.curved_load[:, t]] if second else [])]
         damped = () if damping is None else damping.weights
         parts += [damping.table[:, t, r + m :, : r + m] for t in range(len(damped))]
+        dofs = np.concatenate([*loaded, np.zeros(0, dtype=int)])
+        moved = gaps.shapes[:, dofs, :, None]
+        if gaps.curvature is not None:
+            moved = np.concatenate([moved, gaps.curvature[:, dofs]], axis=3)
         return cls(
             interpolant(tables.samples, np.concatenate(parts, axis=2), scheme),
             interpolant(tables.samples, np.concatenate(changing, axis=2), scheme),
+            interpolant(tables.samples, np.swapaxes(moved, 2, 3).reshape(n, -1, g), scheme),
             (tables.mass_weights, tables.stiffness_weights, tables.load_weights, damped),
             tables.load_effects, (r, m, second, driven), 0.0 if damping is None else damping.mass, quadratic,
         )  # fmt: skip
@@ -106,98 +125,145 @@ class GapForces:
             row[:] = weight.evaluate(values)
         for row, name in zip(weights[counts[0] + counts[1] :], self.load_effects):
             row *= by_name[name].amplitude(times)
-        found = np.empty((self.table.shape[0], n))
+        (g, n_factors), (r, m, _, driven), n_changing = self.table.shape, self.sizes, self.changing.shape[1]
+        found, n_bent = np.empty((g, n)), m * (m + 1) // 2
+        rows = (N_ROWS**r, N_ROWS, r + m, r + m, len(weights), n_factors, r * n_changing)
+        pairs = r * (r + 1) // 2
+        most = max(r + m + pairs + (pairs + r + driven) * m, 1 + m, m + n_bent)
+        work = tuple(aligned_zeros((size, LANES)) for size in (*rows, most, g))
+        theta = np.ascontiguousarray(states.q[:, :r])
         tables = (part.rows.reshape(-1, *part.shape) for part in (self.table, self.changing))
         _fill(
-            self.sizes, counts, self.mass_damping, self.quadratic, weights, states.q, states.v, states.a,
-            self.table.axes, *tables, found,
+            self.sizes, counts, self.mass_damping, self.quadratic, weights, (theta, states.q, states.v, states.a),
+            self.table.axes, *tables, *by_cells(theta, self.table.axes), work, found,
         )  # fmt: skip
         return found
 
+    def work_of(self, loads: np.ndarray, states: State) -> np.ndarray:
+        """Return the work of forces on the unknowns that local effects act on, (n, n_dofs), in the gaps, (g, n)."""
+        r, _, second, _ = self.sizes
+        if second:
+            loads = np.concatenate([loads[..., None], loads[..., None] * states.q[:, None, r:]], axis=2)
+        return self.moved.product(states.q[:, :r], loads.reshape(len(loads), -1)).T
+
 
 @njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"})
-def _fill(sizes, counts, mass_damping, quadratic, weights, q, rates, accelerations, axes, table, changing, found):
+def _fill(sizes, counts, mass_damping, quadratic, weights, states, axes, table, changing, cells, order, work, found):
     """Fill the rows (g, n) of states (n, n_eta) with weights of the terms (n_terms, n), of the tables' rows (n_rows, g,
-    n_entries) and (n_rows, g, n_changing)."""
-    (r, m, second, driven), (n_mass, n_stiffness, n_load, n_damping) = sizes, counts
-    pairs, n_rows = r * (r + 1) // 2, N_ROWS ** len(axes)
-    n_changing = m + (r * m if second else 0)
-    # what a term of each kind has, without its weight
-    inert, stiff = np.empty(r + 2 * m + pairs + pairs * m + 2 * r * m), np.empty(m + m * (m + 1) // 2)
-    changed, worked, v = np.empty((r, n_changing)), np.empty(1 + m), np.empty(r + m)
-    n_inert, n_stiff, n_worked = r + m + pairs, m, 1
-    if second:
-        n_inert, n_stiff, n_worked = n_inert + (pairs + r + driven) * m, m + m * (m + 1) // 2, 1 + m
-    factors, slopes = np.empty(table.shape[2]), np.empty(changing.shape[2])
-    one_axis, rows, of_rows = stencil_room(), np.empty(n_rows, dtype=np.int64), np.empty(n_rows)
-    for s in range(q.shape[0]):
-        theta, d, rate = q[s, :r], q[s, r:], rates[s]
-        for x in range(r + m):
-            v[x] = rate[x] if quadratic else 0.0
-            inert[x] = accelerations[s, x] + mass_damping * rate[x]
-        for k in range(r):
-            for i in range(m):
-                changed[k, i] = v[k] * v[r + i] + 0.5 * inert[k] * d[i]
-        into, swing, bent = r + m, r + m + pairs, m
-        for k in range(r):
-            for j in range(k + 1):
-                inert[into] = (1.0 if k == j else 2.0) * v[k] * v[j]
-                if second:
-                    for i in range(m):
-                        inert[swing + i] = inert[into] * d[i]
-                    swing += m
-                into += 1
-        worked[0] = -1.0
-        for i in range(m):
-            stiff[i] = d[i]
-            worked[1 + i] = -d[i]
-        if second:
-            for h in range(r):
-                for i in range(m):
-                    inert[swing + i] = -2.0 * v[h] * v[r + i] - inert[h] * d[i]
-                swing += m
-                for k in range(r):
-                    for i in range(m):
-                        changed[k, m + h * m + i] = -v[k] * v[h] * d[i]
-            for h in range(driven):
-                for i in range(m):
-                    inert[swing + i] = inert[h] * d[i]
-                swing += m
-            for i in range(m):
-                for j in range(i):
-                    stiff[bent + j] = d[i] * d[j]
-                stiff[bent + i] = 0.5 * d[i] * d[i]
-                bent += i + 1
-        into = _weigh(inert, n_inert, weights, 0, n_mass, s, factors, 0)
-        into = _weigh(stiff, n_stiff, weights, n_mass, n_stiffness, s, factors, into)
-        into = _weigh(worked, n_worked, weights, n_mass + n_stiffness, n_load, s, factors, into)
-        _weigh(rate, r + m, weights, n_mass + n_stiffness + n_load, n_damping, s, factors, into)
-        for g in range(found.shape[0]):
-            found[g, s] = 0.0
-        tensor_stencil(theta, axes, -1, one_axis, rows, of_rows)
-        _add(table, rows, of_rows, factors, found, s)
-        for k in range(r):
-            _weigh(changed[k], n_changing, weights, 0, n_mass, s, slopes, 0)
-            tensor_stencil(theta, axes, k, one_axis, rows, of_rows)
-            _add(changing, rows, of_rows, slopes, found, s)
+    n_entries) and (n_rows, g, n_changing), LANES of a cell side by side.
 
-
-@njit(error_model="numpy", fastmath={"contract", "reassoc"})
-def _add(table, rows, weights, factors, found, sample):
-    """Add products of some rows of a table (n_rows, g, n), with weights, and factors (n,) to those of a sample."""
-    for p in range(rows.size):
+    `work` has room for weights of rows and those along an axis, q, v, weights of terms, factors, slopes, monomials of a
+    kind of terms, and rows, all of them vectors.
+    """
+    (theta, q, rates, accelerations), r = states, sizes[0]
+    of_rows, along, at, rate, of_terms, factors, slopes, monomials, sums = work
+    one_axis, n_rows = stencil_room(), N_ROWS ** len(axes)
+    rows, spare, first, n_slopes = np.empty(n_rows, dtype=np.int64), np.empty(n_rows), 0, changing.shape[2]
+    while first < order.size:
+        together = order[first : end_of_cell(cells, order, first)]
+        for lane in range(together.size):
+            s = together[lane]
+            for x in range(q.shape[1]):
+                at[x, lane], rate[x, lane], monomials[x, lane] = q[s, x], rates[s, x], accelerations[s, x]
+            for t in range(weights.shape[0]):
+                of_terms[t, lane] = weights[t, s]
+        _fill_factors(sizes, counts, mass_damping, quadratic, of_terms, at, rate, monomials, factors, slopes)
+        tensor_stencil(theta[together[0]], axes, -1, one_axis, rows, spare)
+        fill_lane_weights(theta, axes, together, -1, along, of_rows)
         for g in range(table.shape[1]):
-            total, entries = 0.0, table[rows[p], g]
-            for e in range(factors.size):
-                total += factors[e] * entries[e]
-            found[g, sample] += weights[p] * total
+            store(sums, g, 0.0)
+        _add(table, rows, of_rows, factors, 0, sums)
+        for k in range(r):
+            fill_lane_weights(theta, axes, together, k, along, of_rows)
+            _add(changing, rows, of_rows, slopes, k * n_slopes, sums)
+        for lane in range(together.size):
+            for g in range(table.shape[1]):
+                found[g, together[lane]] = sums[g, lane]
+        first += together.size
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _fill_factors(sizes, counts, mass_damping, quadratic, weights, q, rate, own, factors, slopes):
+    """Fill the factors F of `_fill` and, coordinate after coordinate, G; `own` has the accelerations, and room."""
+    (r, m, second, driven), (n_mass, n_stiffness, n_load, n_damping) = sizes, counts
+    n, moving = r + m, 1.0 if quadratic else 0.0
+    n_changing = m + (r * m if second else 0)
+    for x in range(n):
+        add(own, x, mass_damping * load(rate, x))
+    for k in range(r):
+        v, a = moving * load(rate, k), load(own, k)
+        for i in range(m):
+            d, vi = load(q, r + i), moving * load(rate, r + i)
+            _weigh(v * vi + 0.5 * a * d, weights, 0, n_mass, n_changing, k * n_mass * n_changing + i, slopes)
+            for h in range(r if second else 0):
+                bend = -v * (moving * load(rate, h)) * d
+                into = k * n_mass * n_changing + m + h * m + i
+                _weigh(bend, weights, 0, n_mass, n_changing, into, slopes)
+    e = n
+    for k in range(r):
+        for j in range(k + 1):
+            store(own, e, moving * (1.0 if k == j else 2.0) * load(rate, k) * load(rate, j))
+            e += 1
+    if second:
+        for pair in range(n, e):
+            for i in range(m):
+                store(own, e, load(own, pair) * load(q, r + i))
+                e += 1
+        for h in range(r):
+            v, a = moving * load(rate, h), load(own, h)
+            for i in range(m):
+                store(own, e, -2.0 * v * (moving * load(rate, r + i)) - a * load(q, r + i))
+                e += 1
+        for h in range(driven):
+            for i in range(m):
+                store(own, e, load(own, h) * load(q, r + i))
+                e += 1
+    into = _weigh_all(own, e, weights, 0, n_mass, 0, factors)
+    for i in range(m):
+        store(own, i, load(q, r + i))
+    e = m
+    for i in range(m if second else 0):
+        for j in range(i + 1):
+            store(own, e, (0.5 if i == j else 1.0) * load(q, r + i) * load(q, r + j))
+            e += 1
+    into = _weigh_all(own, e, weights, n_mass, n_stiffness, into, factors)
+    store(own, 0, -1.0)
+    for i in range(m if second else 0):
+        store(own, 1 + i, -load(q, r + i))
+    e = 1 + m if second else 1
+    into = _weigh_all(own, e, weights, n_mass + n_stiffness, n_load, into, factors)
+    _weigh_all(rate, n, weights, n_mass + n_stiffness + n_load, n_damping, into, factors)
 
 
 @njit(inline="always")
-def _weigh(entries, n, weights, first, count, sample, found, into):
-    """Put the first n entries, with the weights of some terms, one after the other; return where they end."""
-    for term in range(first, first + count):
-        for e in range(n):
-            found[into + e] = weights[term, sample] * entries[e]
-        into += n
-    return into
+def _weigh(entry, weights, first, count, stride, into, found):
+    """Put an entry, with the weights of some terms, a stride apart."""
+    for term in range(count):
+        store(found, into + term * stride, load(weights, first + term) * entry)
+
+
+@njit(error_model="numpy", counted=False)
+def _weigh_all(entries, n, weights, first, count, into, found):
+    """Put n entries, with the weights of some terms, one after the other; return where they end."""
+    for e in range(n):
+        _weigh(load(entries, e), weights, first, count, n, into + e, found)
+    return into + count * n
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _add(table, rows, weights, factors, first, sums):
+    """Add products of some rows of a table (n_rows, g, n), with weights, and factors from the first one on to sums."""
+    n = table.shape[2]
+    for g in range(table.shape[1]):
+        total = load(sums, g)
+        for p in range(0, rows.size, N_ROWS):
+            at_0, at_1 = (rows[p] * table.shape[1] + g) * n, (rows[p + 1] * table.shape[1] + g) * n
+            at_2, at_3 = (rows[p + 2] * table.shape[1] + g) * n, (rows[p + 3] * table.shape[1] + g) * n
+            one, two, three, four = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+            for e in range(n):
+                x = load(factors, first + e)
+                one, two = one + x * number_at(table, at_0 + e), two + x * number_at(table, at_1 + e)
+                three, four = three + x * number_at(table, at_2 + e), four + x * number_at(table, at_3 + e)
+            total += load(weights, p) * one + load(weights, p + 1) * two
+            total += load(weights, p + 2) * three + load(weights, p + 3) * four
+        store(sums, g, total)

@@ -31,7 +31,7 @@ from pgmp_petsc.lanes.vectors import (
     spread,
     store,
 )
-from pgmp_petsc.reduced.action_kernel import act, add_tangents, allocate_local
+from pgmp_petsc.reduced.action_kernel import act, add_tangents, allocate_local, load_nodes
 from pgmp_petsc.reduced.arrays import acting_of, allocate, layout_n_rigid, matrix_of, pair, places_of
 from pgmp_petsc.reduced.bordered import eliminate, solve
 from pgmp_petsc.reduced.cells import locate_all, place_of, refill
@@ -228,7 +228,7 @@ def correct(equations, memory, strengths, state, gains, active, fresh, size):
 
 
 @njit(cache=True, entry=True, error_model="numpy")
-def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, known):
+def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, known, loads):
     """Evaluate the local effects on some samples at several instants, the last of which stays in the memory.
 
     Parameters
@@ -245,6 +245,9 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
         Whether tangents are wanted.
     known
         Result: as of `act`, shape (n_t, n_samples, 3, n_actions).
+    loads
+        Result: as of `load_nodes` at the last instant, vectors (n_blocks, n_nodes, n_dofs, LANES); without blocks
+        where they are not wanted.
     """
     equations, memory = loaded(equations), loaded(memory)
     work, n_actions = allocate(equations.layout), amplitudes.shape[2]
@@ -266,6 +269,11 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
                     for row in range(known.shape[2]):
                         for k in range(n_actions):
                             known[instant, samples[lane], row, k] = memory.known[samples[lane], row, k]
+        if loads.shape[0] > 0:
+            load_nodes(
+                equations.local, equations.grid, work.q, memory.known, samples, places_of(memory, block), local,
+                loads[block],
+            )  # fmt: skip
 
 
 @njit(cache=True, entry=True, error_model="numpy")

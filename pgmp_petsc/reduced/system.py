@@ -17,7 +17,8 @@ from pgmp_petsc.controllers.running import AFTER, MOST_STARTS, Controls
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
 from pgmp_petsc.full.part_reference import Reference
-from pgmp_petsc.lanes.vectors import same_in_all_lanes
+from pgmp_petsc.lanes.lane_items import aligned
+from pgmp_petsc.lanes.vectors import LANES, same_in_all_lanes
 from pgmp_petsc.reduced.action_kernel import ABOUT, FORCE, POWER, STORED
 from pgmp_petsc.reduced.actions import ReducedActions, functions_of_time
 from pgmp_petsc.reduced.arrays import Strengths
@@ -34,6 +35,7 @@ from pgmp_petsc.stepping.status import Status
 LARGEST = 2**19  # numbers that are written down, of all samples and steps
 RESIDUALS = 2**9  # samples, at all instants, whose residuals are evaluated together
 FURTHEST = 2**21  # numbers of all samples and steps: in more of them samples that began side by side drift apart
+NO_LOADS = aligned((0, 0, 0, LANES))
 STARTING_CORRECTIONS = 4  # one where stiffness does not change with the deformation
 
 
@@ -137,7 +139,9 @@ class ReducedSystem(SecondOrderSystem):
         kept, n_actions = self._memory.known.copy(), len(self._actions.actions)
         everyone, found = np.ones(self.n_samples, dtype=bool), np.empty((1, self.n_samples, 3, n_actions))
         trail = np.array([[state.q, state.v]])
-        act_on(*self._passed, self._no_amplitudes, trail, self._lanes.sets(everyone), 0.0, np.bool_(False), found)
+        act_on(
+            *self._passed, self._no_amplitudes, trail, self._lanes.sets(everyone), 0.0, np.bool_(False), found, NO_LOADS
+        )
         self._memory.known[:] = kept  # with what laws that are limited keep for the next iterate
         return self._equations.local.actions.parameters[self.controlled, :, NOTED]
 
@@ -297,11 +301,14 @@ class ReducedSystem(SecondOrderSystem):
         evaluate_residual(*self._passed, self._lanes.packed(strengths.loads.T), _parts(state), result)
         return result
 
-    def acting_at(self, times: np.ndarray, state: State) -> np.ndarray:
-        """Return what local effects add to the residuals, (n_samples, n_eta), likewise."""
-        everyone, amplitudes = np.ones(self.n_samples, dtype=bool), amplitudes_over(self._actions.actions, times)
-        self._known(times[:1], np.array([[state.q, state.v]]), everyone, amplitudes=amplitudes[None])
-        return self._lanes.unpacked(self._memory.acting.balance).T
+    def node_loads(self, times: np.ndarray, state: State) -> np.ndarray:
+        """Return what local effects do to displacements and rotations of their nodes in body frames, on samples that
+        are each at a time of its own, (n_samples, n_nodes * n_dofs)."""
+        d, n_blocks = self._actions.dimension, len(self._memory.samples)
+        loads = aligned((n_blocks, self._actions.places.n_nodes, d * (d + 1) // 2, LANES))
+        amplitudes = amplitudes_over(self._actions.actions, times)[None]
+        self._known(times[:1], np.array([[state.q, state.v]]), amplitudes=amplitudes, loads=loads)
+        return self._lanes.unpacked(loads).reshape(-1, self.n_samples).T
 
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
@@ -481,11 +488,11 @@ class ReducedSystem(SecondOrderSystem):
 
     def _known(
         self, times: np.ndarray, trail: np.ndarray, active: np.ndarray | None = None, gain_v: float = 0.0,
-        with_tangent: bool = False, amplitudes: np.ndarray | None = None,
+        with_tangent: bool = False, amplitudes: np.ndarray | None = None, loads: np.ndarray = NO_LOADS,
     ) -> np.ndarray:  # fmt: skip
         """Evaluate the actions on active samples, or on all, at times (n_t,); return what is known of them, (n_t,
         n_samples, 3, n_actions), as of `act`. Amplitudes are those of the times, or given, (n_t, 1 or n_samples,
-        n_actions)."""
+        n_actions); `loads` are filled where there are any."""
         lanes = self._lanes.sets(np.ones(self.n_samples, dtype=bool) if active is None else active)
         actions = self._actions.actions
         found = np.zeros((times.size, self.n_samples, 3, len(actions)))
@@ -496,7 +503,7 @@ class ReducedSystem(SecondOrderSystem):
                 given[:, :, self._led] += self.beside.forces(times)
             act_on(
                 *self._passed, self._lanes.packed_over(given), np.ascontiguousarray(trail), lanes, gain_v,
-                np.bool_(with_tangent), found,
+                np.bool_(with_tangent), found, loads,
             )  # fmt: skip
         return found
 

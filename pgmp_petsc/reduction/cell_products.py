@@ -54,14 +54,19 @@ def products_of(
     derivative
         Number of the coordinate that the matrices are differentiated with, -1 for the matrices themselves.
     """
-    (_, n_in, n_out), cells = table.shape, np.empty(len(theta), dtype=np.int64)
+    (_, n_in, n_out), (cells, order) = table.shape, by_cells(theta, axes)
     result = np.empty((len(theta), n_out))
-    _fill_cells(theta, axes, cells)
-    # in so few bits it is fast; were there more cells, some would only share fewer loads of the table
-    order = np.argsort(cells.astype(np.uint16), kind="stable")
     work = tuple(aligned_zeros((n, LANES)) for n in (N_ROWS ** len(axes), N_ROWS, n_in, n_out))
     _fill_products(theta, axes, table, vectors, derivative, cells, order, work, result)
     return result
+
+
+def by_cells(theta: np.ndarray, axes: tuple[Axis, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the cell of every theta (k, n_theta), and an order that puts equal ones side by side, (k,) each."""
+    cells = np.empty(len(theta), dtype=np.int64)
+    _fill_cells(theta, axes, cells)
+    # in so few bits it is fast; were there more cells, some would only share fewer loads of the table
+    return cells, np.argsort(cells.astype(np.uint16), kind="stable")
 
 
 @njit(error_model="numpy")
@@ -121,18 +126,9 @@ def _fill_from_cells(theta, axes, table, vectors, derivative, cells, order, room
     (one_axis, rows, weights), (of_rows, along, factors, products) = room, work
     first, n_in, m = 0, table.shape[1], vectors.shape[1]
     while first < order.size:
-        behind = first + 1
-        while behind < min(first + LANES, order.size) and cells[order[behind]] == cells[order[first]]:
-            behind += 1
-        together = order[first:behind]
-        if derivative < 0:
-            tensor_stencil(theta[together[0]], axes, -1, one_axis, rows, weights)
-            _fill_weights(theta, axes, together, along, of_rows)
-        else:
-            for lane in range(together.size):
-                tensor_stencil(theta[together[lane]], axes, derivative, one_axis, rows, weights)
-                for r in range(rows.size):
-                    of_rows[r, lane] = weights[r]
+        together = order[first : end_of_cell(cells, order, first)]
+        tensor_stencil(theta[together[0]], axes, -1, one_axis, rows, weights)
+        fill_lane_weights(theta, axes, together, derivative, along, of_rows)
         for lane in range(together.size):
             for i in range(m):
                 factors[i, lane] = vectors[together[lane], i]
@@ -142,19 +138,29 @@ def _fill_from_cells(theta, axes, table, vectors, derivative, cells, order, room
         for lane in range(together.size):
             for j in range(table.shape[2]):
                 result[together[lane], j] = products[j, lane]
-        first = behind
+        first += together.size
 
 
 @njit(error_model="numpy", counted=False)
-def _fill_weights(theta, axes, together, along, weights):
-    """Fill the weights of the rows of a cell for some of its configurations side by side; see `tensor_stencil`."""
+def end_of_cell(cells, order, first):
+    """Return where those end in an order, LANES at most, that have the cell of the one at `first`."""
+    behind = first + 1
+    while behind < min(first + LANES, order.size) and cells[order[behind]] == cells[order[first]]:
+        behind += 1
+    return behind
+
+
+@njit(error_model="numpy", counted=False)
+def fill_lane_weights(theta, axes, together, derivative, along, weights):
+    """Fill the weights of the rows of a cell for some of its configurations side by side, or those of a derivative; see
+    `tensor_stencil`. `along` has room for those of an axis, vectors (4, LANES)."""
     store(weights, 0, 1.0)
     n_filled = 1
     for k in range(len(axes)):
         for lane in range(together.size):
             along[0, lane] = theta[together[lane], k]
         cell, _ = locate(along[0, 0], axes[k])
-        lane_stencil(cell, axes[k], along)
+        lane_stencil(cell, axes[k], k == derivative, along)
         for i in range(n_filled - 1, -1, -1):
             weight = load(weights, i)
             for j in range(N_ROWS):

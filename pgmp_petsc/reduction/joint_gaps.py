@@ -106,18 +106,12 @@ class JointGaps:
             spread[:, :, pair] -= 0.5 * slope.slope(samples.theta, j)
         return replace(self, gyroscopic=both.gyroscopic[..., m:, :m], spread=spread)
 
-    def beside(self, projection: np.ndarray, curvature: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return projection and curvature of a basis that has the Y behind its own vectors, where forces act."""
-        g, m = self.rows.size, projection.shape[2]
-        n_pairs = (m + g) * (m + g + 1) // 2
-        if curvature is None and self.curvature is not None:
-            curvature = np.zeros((*projection.shape[:2], 0))
-        if curvature is not None:  # pairs i >= j, those of the new vectors last
-            curvature = np.pad(curvature, ((0, 0), (0, 0), (0, n_pairs - curvature.shape[2])))
-            for k in range(g if self.curvature is not None else 0):
-                first = (m + k) * (m + k + 1) // 2
-                curvature[..., first : first + m] = self.curvature[:, :, k]
-        return np.concatenate([projection, self.shapes], axis=2), curvature
+    def of_rows(self, rows: np.ndarray) -> JointGaps:
+        """Return those of some of the constraints, given by their numbers."""
+        chosen = np.searchsorted(self.rows, rows)
+        axes = {"inertia": 4, "curved_inertia": 3, "curved_mass": 3, "gyroscopic": 3, "spread": 3}
+        arrays = {name: one for name, one in vars(self).items() if name != "rows" and one is not None}
+        return JointGaps(rows, **{name: one.take(chosen, axes.get(name, 2)) for name, one in arrays.items()})
 
 
 def gap_answers_at(

@@ -70,17 +70,18 @@ def cell_stencil(cell, s, axis, rows, weights, slopes):
     """Fill the rows, weights and derivative weights for a place s, from 0 to 1, in a cell; see `stencil`."""
     step, n, periodic, basis = axis.step, axis.n, axis.periodic, axis.basis
     if basis == B_SPLINE:
-        _b_spline(s, step, weights, slopes)
+        values, rates = _b_spline_values(s), _b_spline_slopes(s, step)
         first = cell - 1 if periodic else cell
     else:
-        _overhauser(s, step, weights, slopes)
+        values, rates = _overhauser_values(s), _overhauser_slopes(s, step)
         first = cell - 1
-        if not periodic and cell == 0:
-            _extrapolate(0, 1, 2, 3, weights, slopes)
-        if not periodic and cell == n - 2:
-            _extrapolate(3, 2, 1, 0, weights, slopes)
     for k in range(N_ROWS):
-        rows[k] = first + k
+        rows[k], weights[k], slopes[k] = first + k, values[k], rates[k]
+    if basis == OVERHAUSER and not periodic:
+        if cell == 0:
+            _extrapolate(0, 1, 2, 3, weights, slopes)
+        if cell == n - 2:
+            _extrapolate(3, 2, 1, 0, weights, slopes)
     if periodic:
         row = first % n
         for k in range(N_ROWS):  # a division for each would take longer than all else here
@@ -94,7 +95,8 @@ def cell_stencil(cell, s, axis, rows, weights, slopes):
 
 @njit(error_model="numpy", counted=False)
 def _overhauser_values(s):
-    """Return the four weights of `_overhauser`, at a place or a vector of places."""
+    """Return the weights of A[i-1..i+2] at a place s of the cell i, or a vector of places, with tangents ``(A[i+1] -
+    A[i-1]) / 2`` with respect to s."""
     s2, s3 = s * s, s * s * s
     value_1 = 3.0 * s2 - 2.0 * s3
     tangent_0, tangent_1 = s - 2.0 * s2 + s3, s3 - s2
@@ -103,7 +105,7 @@ def _overhauser_values(s):
 
 @njit(error_model="numpy", counted=False)
 def _b_spline_values(s):
-    """Return the four weights of `_b_spline`, at a place or a vector of places."""
+    """Return those of four consecutive coefficients of uniform cubic B-splines."""
     t = 1.0 - s
     return (
         t * t * t / 6.0,
@@ -113,17 +115,30 @@ def _b_spline_values(s):
     )
 
 
-@njit(cache=True, error_model="numpy")
-def _overhauser(s, step, weights, slopes):
-    """Weights of A[i-1..i+2] at s of the cell i, tangents ``(A[i+1] - A[i-1]) / 2`` with respect to s."""
+@njit(error_model="numpy", counted=False)
+def _overhauser_slopes(s, step):
+    """Return their derivatives with the coordinate."""
     s2 = s * s
-    weights[0], weights[1], weights[2], weights[3] = _overhauser_values(s)
     rate_1 = 6.0 * s - 6.0 * s2
     rate_t0, rate_t1 = 1.0 - 4.0 * s + 3.0 * s2, 3.0 * s2 - 2.0 * s
-    slopes[0] = -0.5 * rate_t0 / step
-    slopes[1] = (-rate_1 - 0.5 * rate_t1) / step
-    slopes[2] = (rate_1 + 0.5 * rate_t0) / step
-    slopes[3] = 0.5 * rate_t1 / step
+    return (
+        -0.5 * rate_t0 / step,
+        (-rate_1 - 0.5 * rate_t1) / step,
+        (rate_1 + 0.5 * rate_t0) / step,
+        0.5 * rate_t1 / step,
+    )
+
+
+@njit(error_model="numpy", counted=False)
+def _b_spline_slopes(s, step):
+    """Return their derivatives with the coordinate."""
+    t = 1.0 - s
+    return (
+        -0.5 * t * t / step,
+        (-2.0 * s + 1.5 * s * s) / step,
+        (2.0 * t - 1.5 * t * t) / step,
+        0.5 * s * s / step,
+    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -140,20 +155,10 @@ def _extrapolate(outside, end, second, third, weights, slopes):
         table[third] += lost
 
 
-@njit(cache=True, error_model="numpy")
-def _b_spline(s, step, weights, slopes):
-    """Uniform cubic B-splines: weights of four consecutive coefficients at s of a cell."""
-    t = 1.0 - s
-    weights[0], weights[1], weights[2], weights[3] = _b_spline_values(s)
-    slopes[0] = -0.5 * t * t / step
-    slopes[1] = (-2.0 * s + 1.5 * s * s) / step
-    slopes[2] = (2.0 * t - 1.5 * t * t) / step
-    slopes[3] = 0.5 * s * s / step
-
-
 @njit(error_model="numpy", counted=False)
-def lane_stencil(cell, axis, lanes):
-    """Replace thetas of one cell, the first of four vectors (4, LANES), by the weights of the cell's rows.
+def lane_stencil(cell, axis, sloped, lanes):
+    """Replace thetas of one cell, the first of four vectors (4, LANES), by the weights of the cell's rows, or where
+    `sloped` by those of the derivative.
 
     The weights are those of `stencil` to the last bit.
     """
@@ -162,7 +167,10 @@ def lane_stencil(cell, axis, lanes):
         s = position - floor(position)
     else:
         s = position - float(cell)
-    values = _b_spline_values(s) if axis.basis == B_SPLINE else _overhauser_values(s)
+    if axis.basis == B_SPLINE:
+        values = _b_spline_slopes(s, axis.step) if sloped else _b_spline_values(s)
+    else:
+        values = _overhauser_slopes(s, axis.step) if sloped else _overhauser_values(s)
     for k in range(N_ROWS):
         store(lanes, k, values[k])
     if axis.basis == OVERHAUSER and not axis.periodic:

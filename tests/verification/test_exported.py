@@ -184,7 +184,13 @@ WITH_FORCES = {
         "reduction.modes=4", "reduction.angles=24", 'reduction.interpolation="spline"', "simulation.duration=0.1",
         "simulation.step=1e-3", DAMPED, *forces_in("crank_hinge", **IN_JOINTS),
     ),
-    "drive and friction": lambda: exported.scene_of("quick_return", "simulation.duration=0.1", *DRIVE),
+    "drive and friction": lambda: exported.scene_of(
+        "quick_return", "simulation.duration=0.1", *DRIVE, *forces_in("rocker_hinge", joint_force=("x", "magnitude")),
+    ),
+    "elastic mounts beside damping": lambda: exported.scene_of(
+        "machine_on_mounts", "simulation.duration=0.05", *forces_in("left_mount", joint_force=("y",)),
+        *forces_in("crank_pin", joint_force=("x",)),
+    ),
 }  # fmt: skip
 
 
@@ -194,10 +200,24 @@ def test_forces_in_joints(name, tmp_path) -> None:
     assert len([one for one in found if one.startswith(("joint_", "drive", "power"))]) > 1
 
 
+def test_the_torque_of_a_mesh_that_gives_way(tmp_path) -> None:
+    """It is the small difference of two turns times a stiffness, of which the iterations of both leave 1e-8."""
+    model = reduced_model(
+        exported.scene_of(
+            "geared_four_bar", "simulation.duration=0.05", "joints.mesh.elastic={stiffness=50.0}",
+            *forces_in("knee", joint_force=("x",)), *forces_in("mesh", joint_torque=("axial", "magnitude")),
+        )
+    )  # fmt: skip
+    found, wanted = exported.outputs_of(exported.compiled(model, tmp_path)), motion(model).outputs
+    for name in ("joint_force_knee_x", "joint_torque_mesh_axial", "joint_torque_mesh_magnitude"):
+        np.testing.assert_allclose(found[name], wanted[name], rtol=0, atol=1e-7 * np.abs(wanted[name]).max())
+
+
 def test_forces_that_are_left_out_are_said() -> None:
     force = 'outputs.f={type="joint_force", joint="knee"}'
-    assert "outputs.f (joint_force) left out: " in left_out(exported.scene_of("four_bar", force))
-    assert left_out(exported.scene_of("slider_crank", force.replace("knee", "elbow"))) == ""
+    servo = exported.scene_of("servo_arm", force.replace("knee", "hinge"))
+    assert "outputs.f (joint_force) left out: " in left_out(servo)
+    assert left_out(exported.scene_of("four_bar", force)) == ""
 
 
 def test_friction_that_sticks(tmp_path) -> None:

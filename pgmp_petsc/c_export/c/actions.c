@@ -14,7 +14,8 @@
 
 #include "tables.h"
 
-struct moving { double frame[N_FRAME], jacobian[N_FRAME][N]; };
+/* A frame, its derivatives with eta, and those with the node's displacement and rotation in the body's frame. */
+struct moving { double frame[N_FRAME], jacobian[N_FRAME][N], own[N_FRAME][N_DOFS]; };
 
 /* Displacement and rotation of a node in its body's frame, and their derivatives with eta. */
 static void displace(const struct stencil *stencil, int slot, const double q[N], double moved[N_DOFS],
@@ -131,6 +132,13 @@ static void place_node(const struct stencil *stencil, int slot, const double q[N
         }
         for (int c = 0; c < N_FRAME; c++) node->jacobian[c][i] = change[c];
     }
+    for (int i = 0; N_GAPS && i < N_DOFS; i++) {
+        double change[N_FRAME] = {0};
+        for (int c = 0; c < N_DOFS - D; c++) rate[c] = c == i - D;
+        spin_frame(moved + D, rate, node->frame, change);
+        for (int c = 0; c < D && i < D; c++) change[c] = rigid[D + D * i + c];
+        for (int c = 0; c < N_FRAME; c++) node->own[c][i] = change[c];
+    }
 }
 
 /* Both frames of a part, and their Jacobian; a point at an arm moves with the directors. */
@@ -182,6 +190,23 @@ static double add_part(const struct part *part, const struct moving nodes[], dou
     return value;
 }
 
+/* What a force on a part does to displacements and rotations of its nodes in body frames. */
+static void load_part(const struct part *part, const struct moving nodes[], double turned, const double q[N], double force,
+                      double loads[][N_DOFS]) {
+    double z[2 * N_FRAME], jacobian[2 * N_FRAME][N], gradient[2 * N_FRAME], slope, bend;
+    for (int k = 0; k < R; k++) turned += part->winding[k] * q[k];
+    attach_pair(part, nodes, z, jacobian);
+    of_term(&part->term, evaluate_statement(&part->term.statement, z, turned, gradient, 0), &slope, &bend);
+    for (int end = 0; end < 2; end++) {
+        const double *arm = end ? part->term.statement.b.arm : part->term.statement.a.arm, *g = gradient + end * N_FRAME;
+        int node = end ? part->b : part->a;
+        for (int c = 0; node >= 0 && c < N_FRAME; c++) {
+            double pull = c < D ? g[c] : g[c] + arm[c / D - 1] * g[c % D];
+            for (int i = 0; i < N_DOFS; i++) loads[node][i] += force * slope * pull * nodes[node].own[c][i];
+        }
+    }
+}
+
 /* A force that turns with its body has no symmetric tangent; its mean serves the symmetric flexible block. */
 static void add_to_matrix(double tangent[N][N], struct matrix *m) {
     for (int i = 0; i < M; i++)
@@ -210,7 +235,8 @@ static void give_forces(const struct pgmp_model *m, const struct moving nodes[],
 
 void add_actions(const struct pgmp_model *m, const struct stencil *stencil, const double strengths[],
                  const double q[N], const double v[N], double gain_v, int fresh, double about[], double depths[],
-                 struct response *response, double r[N], struct matrix *matrix) {
+                 struct response *response, double r[N], struct matrix *matrix, double forces[],
+                 double loads[][N_DOFS]) {
     double given[AT_LEAST_ONE(N_ACTIONS)][3] = {{0}};
     double rigid[1 + R][AT_LEAST_ONE(N_ACTION_ENTRIES)] = {{0}}, tangent[N][N] = {{0}};
     double leading[N] = {0}, place = 0.0, speed = 0.0; /* of the effect whose measure a law is of */
@@ -246,6 +272,9 @@ void add_actions(const struct pgmp_model *m, const struct stencil *stencil, cons
         if (about) about[number] = found[LAW_ABOUT];
         for (int e = 0; depths && e < action->n_edges; e++) depths[action->edge + e] = found[LAW_END + e];
         for (int i = 0; i < N; i++) r[i] -= found[LAW_FORCE] * projected[i];
+        if (forces) forces[number] = found[LAW_FORCE];
+        for (int part = action->first; loads && part < action->last; part++)
+            load_part(action_parts + part, nodes, rigid[0][N_FRAME * N_ACTION_NODES + part], q, found[LAW_FORCE], loads);
         const double *damped = action->role == BY_LOAD ? projected : leading;
         for (int i = 0; fresh && i < N; i++)
             for (int j = 0; j < N; j++)

@@ -2,7 +2,8 @@
 
    The multiplier of a constraint is minus the row of a vector that opens it: a sum of products of tables and of their
    derivatives with theta (gap_table, gap_changes) with factors of the state, which are the same for all (in pgmp_petsc:
-   reduced/gap_forces.py). What a joint does follows from the gradients of its statements; what a motion takes is the
+   reduced/gap_forces.py), and with what local effects do to the nodes that they hold at. What a joint does follows from
+   the gradients of its statements, with minus the force of its law where it gives way; what a motion takes is the
    residual of its coordinate.
 
    written by pgmp_petsc */
@@ -12,7 +13,7 @@
 
 #include "tables.h"
 
-enum { AXIAL = 3, RADIAL, MAGNITUDE };
+enum { AXIAL = 3, RADIAL, MAGNITUDE, ALONG_MOTION, SIZE_ALONG_MOTION };
 
 #define N_ALONG (M + (GAPS_CURVED ? R * M : 0))
 
@@ -24,7 +25,8 @@ static double *weigh_factors(const double *entries, int n, const double *weights
     return found;
 }
 
-static void find_multipliers(const struct pgmp_model *m, const double strengths[], double multipliers[]) {
+static void find_multipliers(const struct pgmp_model *m, const double strengths[], double loads[][N_DOFS],
+                             double multipliers[]) {
     double weights[AT_LEAST_ONE(N_GAP_TERMS)], factors[AT_LEAST_ONE(N_GAP_ENTRIES)];
     double slopes[R][AT_LEAST_ONE(N_GAP_CHANGES)], inert[N + PACKED(R) * (1 + M) + 2 * R * M], stiff[M + PACKED(M)];
     double worked[1 + M], changed[R][M + R * M], v[N];
@@ -57,7 +59,11 @@ static void find_multipliers(const struct pgmp_model *m, const double strengths[
     double *into = weigh_factors(inert, GAPS_CURVED ? swing : N + PACKED(R), own, GAP_MASS, factors);
     into = weigh_factors(stiff, GAPS_CURVED ? bent : M, own += GAP_MASS, GAP_STIFFNESS, into);
     into = weigh_factors(worked, GAPS_CURVED ? 1 + M : 1, own += GAP_STIFFNESS, N_LOAD_TERMS, into);
-    if (GAP_DAMPING) weigh_factors(m->v, N, own + N_LOAD_TERMS, GAP_DAMPING, into);
+    into = weigh_factors(m->v, N, own + N_LOAD_TERMS, GAP_DAMPING, into);
+    for (int f = 0; f < N_ACTION_NODES * N_DOFS; f++) {
+        *into++ = -loads[0][f];
+        for (int i = 0; GAPS_CURVED && i < M; i++) *into++ = -loads[0][f] * d[i];
+    }
     for (int k = 0; k < R; k++) weigh_factors(changed[k], N_ALONG, weights, GAP_MASS, slopes[k]);
     find_stencil(axes, m->q, &stencil);
     for (int g = 0; g < N_GAPS; g++) {
@@ -75,23 +81,16 @@ static void find_multipliers(const struct pgmp_model *m, const double strengths[
 
 #endif
 
-/* What the motions of prescribed coordinates take. */
-static void find_drives(const struct pgmp_model *m, const double strengths[], double r[N]) {
-    struct stencil stencil;
-    struct terms t;
-    struct matrix matrix;
-    find_stencil(axes, m->q, &stencil);
-    interpolate(m, &stencil, m->q, strengths, &t);
-    evaluate_lagrangian(&t, m->q, m->v, m->a, 0.0, 0.0, 0, r, &matrix);
-    add_actions(m, &stencil, strengths, m->q, m->v, 0.0, 0, 0, 0, 0, r, &matrix);
-}
-
 static double size_of(const double x[3]) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
 
 /* The component of a joint's force or moment. */
 static double read_force(const struct force *f, const struct frame nodes[], const double multipliers[]) {
     double slopes[N_FRAME] = {0}, acting[3] = {0}, along[3] = {0}, z[2 * N_FRAME], gradient[2 * N_FRAME], axial = 0.0;
     struct frame a, b;
+    if (f->component >= ALONG_MOTION) {
+        double along_motion = -multipliers[force_terms[f->first].gap] * force_terms[f->first].factor;
+        return f->component == ALONG_MOTION ? along_motion : fabs(along_motion);
+    }
     attach(&f->b, nodes, &b);
     for (int k = f->first; k < f->last; k++) {
         const struct force_term *term = force_terms + k;
@@ -124,11 +123,21 @@ static double read_force(const struct force *f, const struct frame nodes[], cons
 }
 
 void find_forces(const struct pgmp_model *m, const double strengths[], const struct frame nodes[], double found[][3]) {
-    double multipliers[AT_LEAST_ONE(N_GAPS)], r[N] = {0};
+    double multipliers[AT_LEAST_ONE(N_GAPS + N_ACTIONS)], r[N] = {0}, forces_of[AT_LEAST_ONE(N_ACTIONS)] = {0};
+    double loads[AT_LEAST_ONE(N_ACTION_NODES)][N_DOFS] = {{0}};
+    struct stencil stencil;
+    struct terms t;
+    struct matrix matrix;
+    find_stencil(axes, m->q, &stencil);
+    if (DRIVES) { /* what motions take is the residual of their coordinates */
+        interpolate(m, &stencil, m->q, strengths, &t);
+        evaluate_lagrangian(&t, m->q, m->v, m->a, 0.0, 0.0, 0, r, &matrix);
+    }
+    add_actions(m, &stencil, strengths, m->q, m->v, 0.0, 0, 0, 0, 0, r, &matrix, forces_of, N_GAPS ? loads : 0);
 #if N_GAPS > 0
-    find_multipliers(m, strengths, multipliers);
+    find_multipliers(m, strengths, loads, multipliers);
 #endif
-    if (DRIVES) find_drives(m, strengths, r);
+    for (int k = 0; k < N_ACTIONS; k++) multipliers[N_GAPS + k] = -forces_of[k];
     for (int k = 0; k < N_FORCES; k++) found[k][0] = read_force(forces + k, nodes, multipliers);
     for (int k = 0; k < R; k++) found[N_FORCES + k][0] = r[k];
 }

@@ -73,7 +73,7 @@ static void correct(const struct pgmp_model *m, const double strengths[], const 
     find_stencil(axes, q, &stencil);
     interpolate(m, &stencil, q, strengths, &t);
     evaluate_lagrangian(&t, q, v, a, gain_v, gain_a, fresh, r, matrix);
-    add_actions(m, &stencil, strengths, q, v, gain_v, fresh, about, 0, response, r, matrix);
+    add_actions(m, &stencil, strengths, q, v, gain_v, fresh, about, 0, response, r, matrix, 0, 0);
     if (fresh) eliminate(matrix);
     solve(matrix, r);
 }
@@ -85,7 +85,7 @@ static void find_depths(const struct pgmp_model *m, const double q[N], double de
     struct stencil stencil;
     if (N_EDGES == 0) return;
     find_stencil(axes, q, &stencil);
-    add_actions(m, &stencil, none, q, at_rest, 0.0, 0, 0, depths, 0, r, 0);
+    add_actions(m, &stencil, none, q, at_rest, 0.0, 0, 0, depths, 0, r, 0, 0, 0);
 }
 
 /* Lets controllers respond to a state. */
@@ -94,7 +94,7 @@ static void look_at_motions(const struct pgmp_model *m, const double q[N], const
     double r[N] = {0};
     struct stencil stencil;
     find_stencil(axes, q, &stencil);
-    add_actions(m, &stencil, none, q, v, 0.0, 0, 0, 0, at, r, 0);
+    add_actions(m, &stencil, none, q, v, 0.0, 0, 0, 0, at, r, 0, 0, 0);
 }
 
 static void look_at_state(struct pgmp_model *m) {

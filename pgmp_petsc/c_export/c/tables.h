@@ -51,6 +51,7 @@ struct part { int a, b; double winding[R]; struct term term; };
 /* A component of a force or moment in a joint between points a and b: its terms, the first axis of the joint in the
    frame of a, 1 on b's body and -1 on a's; and a term: a gap, and a factor of a statement. */
 struct force { int first, last, component, turning, in_body; double sign, axis[D]; struct side a, b; };
+/* A multiplier: of a gap, or behind these of the law of an effect. */
 struct force_term { int gap; double factor; struct statement statement; };
 struct reading { int kind, axis, in_body; double origin; struct statement statement; };
 
@@ -118,7 +119,8 @@ void evaluate_lagrangian(const struct terms *t, const double q[N], const double 
                          double gain_v, double gain_a, int fresh, double r[N], struct matrix *matrix);
 void add_actions(const struct pgmp_model *m, const struct stencil *stencil, const double strengths[],
                  const double q[N], const double v[N], double gain_v, int fresh, double about[], double depths[],
-                 struct response *response, double r[N], struct matrix *matrix);
+                 struct response *response, double r[N], struct matrix *matrix,
+                 double forces[], double loads[][N_DOFS]);
 void respond(const struct pgmp_model *m, double motions[][2], struct response *at, double given[][3]);
 void begin_response(const struct pgmp_model *m, double h, double time, struct response *at);
 void begin_sampling(const struct pgmp_model *m, int who, double time, struct response *at);
