@@ -139,7 +139,7 @@ def test_a_spin_up_is_that_of_the_mesh() -> None:
 
 
 PULSE = 'effects.motor={type="torque", joint="crank_hinge", table=[[0.0,0.0],[0.05,3.0],[0.1,0.0],[1.0,0.0]]}'
-SHORT = ("reduction.modes=4", "simulation.duration=0.12", "simulation.step=2.5e-4", PULSE)
+SHORT = ("reduction.modes=4", "simulation.duration=0.12", "simulation.step=1e-4", PULSE)
 SLIDER = 'outputs={slide={type="deformation", point="rod:tip", axis="x"}}'
 EFFECTS = ('effects.stiffening={type="geometric_stiffening"}', 'effects.shapes={type="mode_inertia"}')
 SLIDER_CRANKS = {
@@ -159,7 +159,7 @@ def test_a_slider_crank_is_that_of_the_mesh(kind: str) -> None:
         models = full_model(scene, meshes), components_model(scene, meshes)
         (_, exact), (_, found) = (history(model, samples(scene, 1), 1) for model in models)
         left.append(float(np.abs(found["slide"] - exact["slide"]).max() / np.abs(exact["slide"]).max()))
-    # 6e-5, 7e-5 and 3e-5 of 5e-3, and 2e-4 that the step, of other coordinates there, leaves
+    # what joint coordinates and multipliers make of vibrations along the bars, of 0.3 to 0.5 ms, is in these steps
     assert left[0] > 2e-3 and left[1] < 0.08 * left[0], left
 
 
