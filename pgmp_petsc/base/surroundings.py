@@ -17,6 +17,7 @@ from functools import cache
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from pgmp_petsc.base import PLAIN_NUMBA
 from pgmp_petsc.base.errors import InputError, shortened
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ def check_variables() -> None:
     """
     if os.environ.get("MPLBACKEND") and "matplotlib" not in sys.modules:
         _take_backend()
-    given = {name: value for name, value in os.environ.items() if name.startswith("NUMBA_")}
+    given = {name: value for name, value in os.environ.items() if name.startswith("NUMBA_") and name != PLAIN_NUMBA}
     if given and "numba" not in sys.modules:
         _check_numba(given)
 
