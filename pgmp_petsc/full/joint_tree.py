@@ -21,7 +21,7 @@ import numpy as np
 
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import Connection
-from pgmp_petsc.mechanism.statements import ALONG, MEET, PERPENDICULAR, U, W, Statement
+from pgmp_petsc.mechanism.statements import ALONG, MEET, PERPENDICULAR, Statement, U, W
 from pgmp_petsc.mechanism.unknowns import Unknowns
 
 BY_AXES, BALL, FREE = range(3)  # what moves a body

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from runs import components_model, history, run_model, samples
-from scenes import HEADER, four_bar, meshes_of, slider_crank, tables, trammel
 from scipy.integrate import solve_ivp
 from spatial_beams import lines_of, slider_crank_of_beams
 
@@ -14,6 +13,7 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.status import Status
+from scenes import HEADER, four_bar, meshes_of, slider_crank, tables, trammel
 
 STIFFENING = ('effects.stiffening={type="geometric_stiffening"}', 'effects.shapes={type="mode_inertia"}')
 # of joints that turn, slide, are balls and close loops, in the plane and in space
