@@ -283,7 +283,8 @@ def _check_model(source: object, kind: str | None, name: str | None) -> None:
     elif isinstance(source, (str, PathLike)):
         allowed, why = (None, REDUCED, *PURPOSES), f"allowed are 'reduced' of the file of one, {known} of a scene's"
     if name not in allowed:
-        raise InputError(f"model = {name!r}: {why}")
+        called = f"--{name}" if name in PURPOSES else f"model = {name!r}"
+        raise InputError(f"{called}: {why}")
 
 
 @dataclass(frozen=True)

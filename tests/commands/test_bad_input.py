@@ -117,7 +117,7 @@ simulate SCENE --full -o OUT & simulation={tolerance=0.01, duration=1.0} & refer
 check FOLDER/slider_crnk.toml -> slider_crnk.toml | no such scene file
 check FOLDER/words.msh -> words.msh | not valid TOML
 check ROM -> rom.h5 | a scene is a TOML file
-simulate ROM --full -o OUT -> rom.h5 | a scene is a TOML file
+simulate ROM --full -o OUT -> --full | rom.h5' is a reduced model; give its scene
 * simulate SCENE -o OUT -> slider_crank_paper.toml | needed: a reduced model
 montecarlo SCENE -n 2 -o OUT -> slider_crank_paper.toml | needed: a reduced model
 simulate FOLDER/nothing.h5 -o OUT -> nothing.h5 | does not exist
@@ -142,7 +142,6 @@ simulate ROM -o OUT --set r1=thick -> --set r1=thick | not a finite number
 simulate ROM -o OUT --set r1=1.0 -> parameters.r1.value = 1.0 | bounds [0.001, 0.012]
 simulate ROM -o OUT & scene.name=x y -> --override scene.name | not a TOML value
 simulate ROM -o OUT & =1 -> --override =1 | dotted
-simulate ROM -> -o
 simulat ROM -> no command 'simulat' | did you mean 'simulate'
 simulate ROM -o OUT --stp 1 -> --stp
 * build SCENE -o OUT & parameters.r1={nominal=5.6e-3} & reduction.parameter_modes=2 -> \

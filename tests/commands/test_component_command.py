@@ -44,7 +44,9 @@ LOOSE = (
 )
 
 
-PLATFORM, SOLID = ROOT / "scenes" / "platform_3rrr.toml", ROOT / "scenes" / "slider_crank_solid2d.toml"
+PLATFORM, ARM, SOLID = (
+    ROOT / f"scenes/{name}.toml" for name in ("platform_3rrr", "six_joint_arm", "slider_crank_solid2d")
+)
 FOURTH = 'coordinates.fourth={joint="first_elbow", range=[-3.0, 3.0]}'
 FREEDOM = "joints: they leave the rigid mechanism 3 degrees of freedom"
 
@@ -63,8 +65,8 @@ FREEDOM = "joints: they leave the rigid mechanism 3 degrees of freedom"
             ("simulate", PLATFORM, "--components", *overridden(FOURTH)),
             f"{FREEDOM} (30 of its 10 bodies less 27 independent constraints), but 4 coordinates were named",
         ),
-        (("build", PLATFORM), "3 independent coordinates were given; at most 2 are taken"),
-        (("tradeoff", PLATFORM), "Take pgmp simulate SCENE --components or --full"),
+        (("build", ARM), "6 independent coordinates were given; at most 3 are taken"),
+        (("tradeoff", ARM), "Take pgmp simulate SCENE --components or --full"),
     ],
 )
 def test_what_is_refused(arguments: tuple, message: str, tmp_path: Path) -> None:
@@ -75,10 +77,10 @@ def test_what_is_refused(arguments: tuple, message: str, tmp_path: Path) -> None
 
 
 def test_sizes_of_effects_over_many_coordinates_are_refused_with_what_helps() -> None:
-    done = pgmp("check", PLATFORM, "--effects", status=2)
-    assert "3 independent coordinates were given, first, second, third; at most 2 are taken" in done.stderr
-    assert "take pgmp check without --effects" in done.stderr
-    pgmp("check", PLATFORM)
+    done = pgmp("check", ARM, "--effects", status=2)
+    assert "6 independent coordinates were given, waist, shoulder" in done.stderr
+    assert "hand; at most 3 are taken; take pgmp check without --effects" in done.stderr
+    pgmp("check", ARM)
 
 
 def test_fewer_coordinates_than_degrees_of_freedom(tmp_path: Path) -> None:

@@ -144,8 +144,8 @@ AGAIN = "pgmp build SCENE --components makes a model for it, in place of '{arm}'
 POINT = 'outputs.z={type="position", point="upper:3", axis="z"}'
 AXIAL = 'outputs.s={type="stress", body="upper", quantity="axial_force", at=[0.0, 0.0, 0.0]}'
 REFUSED = {
-    "simulate {arm} --full": "model = 'full': '{arm}' is a component model; give its scene, SCENE.toml",
-    "montecarlo {arm} -n 8 --full": "model = 'full': '{arm}' is a component model",
+    "simulate {arm} --full": "--full: '{arm}' is a component model; give its scene, SCENE.toml",
+    "montecarlo {arm} -n 8 --full": "--full: '{arm}' is a component model",
     "simulate {arm} --override reduction.modes=3": f"--override reduction: '{{arm}}' {BUILT}",
     "simulate {arm} --override materials.aluminium.E=7e9": f"--override materials: '{{arm}}' {BUILT}",
     "simulate {arm} --override effects.tool.mass=1.0": f"--override effects.tool: '{{arm}}' {BUILT}",
