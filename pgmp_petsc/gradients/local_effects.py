@@ -33,6 +33,7 @@ from pgmp_petsc.stepping.second_order_system import State
 
 DIFFERENCE = 1e-8  # in rad, and of flexible coordinates in units of the mechanism's size or of 1 rad
 ALONG_LENGTH = 1e-3  # of half the range of a length: truncation leaves 1e-12 of it, rounding 1e-13
+OFFSETS, (OF_FOURTH_ORDER, _) = CENTRAL
 S, SPEED, FORCE, STIFFNESS, DAMPING = range(5)  # what is measured of an action
 
 
@@ -68,7 +69,7 @@ class LocalDerivatives:
         # weights beside those of a length, by its number: how far these are (m), and the factors of differences
         self._beside: dict[int, list[tuple[float, np.ndarray]]] = {}
         for number, name in enumerate(names):
-            for far, factor in zip(*CENTRAL):
+            for far, factor in zip(OFFSETS, OF_FOURTH_ORDER):
                 if name in places:
                     step = ALONG_LENGTH * places[name].half
                     there = evaluate_weights(weights, {**values, name: values[name] + far * step})

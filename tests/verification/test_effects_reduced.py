@@ -286,7 +286,7 @@ def test_only_what_is_there_is_built_and_evaluated(calls: Counter, kind: str) ->
     assert (layout.damping < layout.end) == (kind == "structural_damping")
     assert equations.mass_damping == 0.0
     assert layout.second_order == (kind == "geometric_stiffening")
-    assert equations.tables.loads.shape[1] == (kind in ("torque", "gravity"))
+    assert equations.tables.loads.polynomials.shape[1] == (kind in ("torque", "gravity"))
     assert equations.prescribed.any() == (kind == "prescribed_motion")
     assert layout.quadratic
 
