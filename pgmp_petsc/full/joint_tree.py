@@ -24,6 +24,7 @@ from pgmp_petsc.mechanism.joints import Connection
 from pgmp_petsc.mechanism.statements import ALONG, MEET, PERPENDICULAR, Statement, U, W
 from pgmp_petsc.mechanism.unknowns import Unknowns
 
+SQUARE = 1e-9  # cosine of axes at right angles, and what is left to 1 of parallel ones
 BY_AXES, BALL, FREE = range(3)  # what moves a body
 #: what joints hold in the motion, in the plane and in space, and whether they turn and slide
 _MOTIONS = {
@@ -86,9 +87,21 @@ def rows_of(connection: Connection, dimension: int) -> tuple[int, bool, bool]:
     counts = tuple(kinds.count(kind) for kind in (MEET, PERPENDICULAR, ALONG))
     plain = connection.level is None and not connection.released and len(kinds) == sum(counts)
     motion = _MOTIONS.get((dimension, *counts)) if plain else None
-    if motion is not None:
+    if motion is not None and _by_first_axis(connection, *motion):
         return BY_AXES, *motion
     return BALL if dimension == 3 and counts[0] == 3 else FREE, False, False
+
+
+def _by_first_axis(connection: Connection, turns: bool, slides: bool) -> bool:
+    """Return whether the first of a joint's axes is what it turns about and slides along."""
+    first, of_held = (sides[:, 0] for sides in connection.axes) if turns or slides else (None, None)
+    for part, _ in connection.held:
+        if slides and part.kind == ALONG and abs(part.axes[U] @ first) > SQUARE:
+            return False
+        if turns and part.kind == PERPENDICULAR:
+            if max(abs(part.axes[U] @ first), abs(part.axes[W] @ of_held)) < 1.0 - SQUARE:
+                return False
+    return True
 
 
 def motions_of(unknowns: Unknowns) -> list[Motion]:

@@ -369,6 +369,10 @@ def _reading(save: Callable, texts: list[str]) -> Callable:
     return savefig
 
 
+# the derivative of a speed that is largest two steps after the start is a 24th of what it becomes, and as exact
+OF_SMALL_NUMBERS = {("cart", "sensitivities"): 1e-8}
+
+
 @pytest.mark.parametrize(("name", "step"), ROWS)
 def test_a_scene_in_mm_gives_what_it_gives_in_si(twins: Callable[[str, str], Twin], name: str, step: str) -> None:
     si, mm = twins(name, "si"), twins(name, "mm")
@@ -381,7 +385,7 @@ def test_a_scene_in_mm_gives_what_it_gives_in_si(twins: Callable[[str, str], Twi
     kind = STEPS[step].split()[0]
     if kind in ("modes", "simulate", "montecarlo", "sensitivities", "optimize", "fit", "tradeoff"):
         nudged = twins(name, "nudged")
-        of_round_off = END_OF_FITS if kind == "fit" else ROUND_OFF
+        of_round_off = OF_SMALL_NUMBERS.get((name, step), END_OF_FITS if kind == "fit" else ROUND_OFF)
         _assert_same_numbers(*(twin.file(step) for twin in (si, nudged, mm)), of_round_off)
         if kind in ("simulate", "montecarlo"):
             _assert_same_dataset(si.file(step), mm.file(step))
