@@ -150,6 +150,8 @@ class OfDrive(OfMultipliers):
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if nothing prescribes such a motion, or several do."""
         entry, driven = f"outputs.{name}", _driven(scene)
+        if not scene.coordinates.keys() >= {*driven}:
+            return  # a motion is refused that names no coordinate
         if self.coordinate is not None:
             if self.coordinate not in scene.coordinates:
                 yield unknown(f"{entry}.coordinate", "coordinate", self.coordinate, scene.coordinates)

@@ -43,6 +43,8 @@ REFUSED = cases("""
 * check SCENE & outputs.f={type="joint_torque", joint="elbow"} -> outputs.f.joint = "elbow" | holds no turning
 * check SCENE & outputs.f={type="joint_force", joint="elbow", component="up"} -> outputs.f.component = "up" | radial
 * check SCENE & outputs.f={type="drive_torque", joint="elbow"} -> outputs.f.joint = "elbow": no prescribed motion
+* check SCENE & effects.m={type="prescribed_motion", coordinate="xi", constant_speed={speed=1.0}} & \
+    outputs.f={type="drive_torque", joint="elbow"} -> effects.m.coordinate = "xi": there is no such coordinate
 * check SCENE & joints.twin={type="revolute", connect=["crank:tip", "rod:hinge"]} & \
     outputs.f={type="joint_force", joint="twin"} -> outputs.f.joint: constraints of elbow, twin | that of twin
 # rigid bodies
