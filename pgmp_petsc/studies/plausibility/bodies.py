@@ -214,7 +214,7 @@ def _beam(scene: Scene, name: str, mesh: LineMesh) -> Size:
         thickness = math.sqrt(12.0) * gyration
     else:
         thickness = max(2.0 * float(reach.at(scene.values)) for reach in body.section.reach)
-    frequency = 0.5 * math.pi * gyration * speed / length**2 if body.flexible else 0.0
+    frequency = 0.5 * math.pi * (gyration / length) * (speed / length) if body.flexible else 0.0
     return Size(length, thickness, line_density * float(mesh.lengths.sum()), frequency)
 
 
