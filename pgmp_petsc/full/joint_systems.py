@@ -13,7 +13,6 @@ from typing import Self
 import numpy as np
 import scipy.sparse as sp
 
-from pgmp_petsc.controllers.running import Controls
 from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.full.batched_ldl import Pattern
 from pgmp_petsc.full.joint_kernel import Joints, correct_in_joints, unknowns_of
@@ -274,11 +273,6 @@ class JointBatch(FullBatch):
         other = super().under(effects, motions)
         other.full = self.full.under(effects, motions)
         return other
-
-    def control(self, controls: Controls) -> None:
-        """Let controllers act on the only sample."""
-        self.full.control(controls)
-        super().control(controls)
 
     def consistent(self, q: np.ndarray, v: np.ndarray, theta: np.ndarray) -> State:
         """Return the state at time 0 with given unknowns and velocities that obey the constraints; see `FullSystem`."""
