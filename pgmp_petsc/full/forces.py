@@ -71,6 +71,7 @@ def evaluate_actions(
     for k in range(actions.laws.addresses.size):
         first = firsts[k]
         n_terms = firsts[k + 1] - first
+        curved = with_tangents and starts[k + 1] > starts[k]
         for sample in range(y.shape[2]):
             p = actions.parameters[k, sample]
             s = rate = 0.0
@@ -78,7 +79,7 @@ def evaluate_actions(
                 for i in range(width):
                     own[i, 0] = y[first + term, i, sample]
                 near[0] = known[first + term, sample]
-                s += state(statements, first + term, own, near, with_tangents, scratch, ALONE, g[term], h[term])
+                s += state(statements, first + term, own, near, curved, scratch, ALONE, g[term], h[term])
                 for i in range(width):
                     rate += g[term, i, 0] * rates[first + term, i, sample]
             led, by_load, amplitude = actions.roles[k] == LED, actions.roles[k] == BY_LOAD, amplitudes[k]
@@ -104,7 +105,7 @@ def evaluate_actions(
                     slopes[first + term, i, sample] = g[term, i, 0]
             own_stiffness = 0.0 if led else (0.0 if by_load else found.stiffness) + gain_v * found.damping
             stiffness[k, sample] = own_stiffness
-            for entry in range(starts[k], starts[k + 1] if with_tangents else starts[k]):
+            for entry in range(starts[k], starts[k + 1] if curved else starts[k]):
                 one, other = rows[entry] // width, columns[entry] // width
                 i, j = rows[entry] - one * width, columns[entry] - other * width
                 # a force that turns with its body has no symmetric tangent; its mean serves the factorisation
