@@ -28,8 +28,9 @@ from pgmp_petsc.lanes.lane_items import empty_lanes, fused, items, keep, sine_co
 
 
 @njit(error_model="numpy")
-def _read(dofs, d, alpha, q, v, a, one):
+def _read(dofs, axes, alpha, q, v, a, one):
     """Fill what a body does; accelerations are with alpha times the velocities, those of the directors too."""
+    d = len(axes)
     n_pose = n_pose_of(d)
     zero = q[dofs[0]] * 0.0
     for c in range(d):
@@ -59,8 +60,9 @@ def _read(dofs, d, alpha, q, v, a, one):
 
 
 @njit(error_model="numpy")
-def _shape(body, d, one, shaped):
+def _shape(body, axes, one, shaped):
     """Fill the moments of the deformed body, a `View`."""
+    d = len(axes)
     n, zero, table, rows, columns = one.x.size, one.p[0] * 0.0, body.table, body.rows, body.columns
     places = places_of(d, n, rows)
     squares, fields, mixed, both = places.squares, places.fields, places.mixed, places.both
@@ -107,8 +109,9 @@ def _shape(body, d, one, shaped):
 
 
 @njit(error_model="numpy")
-def _push(body, d, beta, one, shaped, force, pull):
+def _push(body, axes, beta, one, shaped, force, pull):
     """Fill the forces on p, d_l and xi, one after the other."""
+    d = len(axes)
     n, table, rows, columns = one.x.size, body.table, body.rows, body.columns
     places = places_of(d, n, rows)
     fields, own, stiffness, viscous = places.fields, places.both, places.stiffness, places.viscous
@@ -150,8 +153,9 @@ def _push(body, d, beta, one, shaped, force, pull):
 
 
 @njit(error_model="numpy")
-def _add_matrix(body, positions, d, gain_m, gain_v, gain_k, one, shaped, diagonal, lower):
+def _add_matrix(body, positions, axes, gain_m, gain_v, gain_k, one, shaped, diagonal, lower):
     """Add the tangents of a body: unknowns of the frame first, the packed lower triangle row by row."""
+    d = len(axes)
     n, table, rows, columns = one.x.size, body.table, body.rows, body.columns
     n_pose = n_pose_of(d)
     places = places_of(d, n, rows)
@@ -174,18 +178,21 @@ def _add_matrix(body, positions, d, gain_m, gain_v, gain_k, one, shaped, diagona
             add_entry(positions[at], gain_m * value, diagonal, lower)
             at += 1
     for i in range(n):
-        for j in range(n_pose):
+        for c in range(d):
             value = zero
-            if j < d:
+            for k in range(d):
+                value = fused(one.d[k, c], table[fields + k * n + i], value)
+            add_entry(positions[at + c], gain_m * value, diagonal, lower)
+        if d == 2:
+            value = shaped.g[0, 1, i] - shaped.g[1, 0, i]  # sum_kl (J d_k).d_l int rho w_k Psi_l
+            add_entry(positions[at + 2], gain_m * value, diagonal, lower)
+        for l in range(d if d == 3 else 0):
+            for c in range(d):
+                value = zero
                 for k in range(d):
-                    value += one.d[k, j] * table[fields + k * n + i]
-            elif d == 2:
-                value = shaped.g[0, 1, i] - shaped.g[1, 0, i]  # sum_kl (J d_k).d_l int rho w_k Psi_l
-            else:
-                for k in range(3):
-                    value += one.d[k, j % 3] * shaped.g[j // 3 - 1, k, i]
-            add_entry(positions[at], gain_m * value, diagonal, lower)
-            at += 1
+                    value = fused(one.d[k, c], shaped.g[l, k, i], value)
+                add_entry(positions[at + d + d * l + c], gain_m * value, diagonal, lower)
+        at += n_pose
         for entry in range(rows[d * d * n + i], rows[d * d * n + i + 1]):
             j = columns[entry]
             if j > i:
@@ -199,7 +206,7 @@ def _add_matrix(body, positions, d, gain_m, gain_v, gain_k, one, shaped, diagona
 
 @njit(cache=True, apart=True, error_model="numpy")
 def add_floating(
-    floating, width, d, rayleigh, block, amplitudes, share, q, v, a, gains, fresh, x, place, diagonal, lower
+    floating, width, rayleigh, block, amplitudes, share, q, v, a, gains, fresh, x, place, diagonal, lower
 ):  # fmt: skip
     """Add inertia, weight, elastic and damping forces of all bodies to x, and their tangents to the matrix.
 
@@ -209,6 +216,7 @@ def add_floating(
     weights, x = items(floating.gravity, width), items(x, width)
     diagonal, lower = items(diagonal, width), items(lower, width)
     gain_v, gain_a, gain_k = gains
+    axes, d = floating.axes, len(floating.axes)
     n_pose = n_pose_of(d)
     space = empty_lanes(n_words(floating, d), len(width))
     work = items(space, width)
@@ -216,13 +224,13 @@ def add_floating(
         beta, alpha = rayleigh[floating.body[k], 0], rayleigh[floating.body[k], 1]
         body = view_of(work, floating, k, tables[block], d)
         n, dofs, one, shaped, force = body.n, body.dofs, body.one, body.shaped, body.force
-        _read(dofs, d, alpha, q, v, a, one)
+        _read(dofs, axes, alpha, q, v, a, one)
         for number in range(floating.gravity_loads.size):
             strength = share * amplitudes[floating.gravity_loads[number]]
             for c in range(d):
                 one.p[c] -= strength * weights[block, number, c]
-        _shape(body, d, one, shaped)
-        _push(body, d, beta, one, shaped, force, body.pull)
+        _shape(body, axes, one, shaped)
+        _push(body, axes, beta, one, shaped, force, body.pull)
         for c in range(d):
             x[place[dofs[c]]] += force[c]
         if d == 2:
@@ -236,17 +244,17 @@ def add_floating(
         if fresh:
             positions = floating.positions[floating.firsts[k, 2] : floating.firsts[k + 1, 2]]
             gain_m, stiffer = gain_a + alpha * gain_v, gain_k * (1.0 + beta * gain_v)
-            _add_matrix(body, positions, d, gain_m, gain_v, stiffer, one, shaped, diagonal, lower)
+            _add_matrix(body, positions, axes, gain_m, gain_v, stiffer, one, shaped, diagonal, lower)
     keep(space)
 
 
 @njit(cache=True, apart=True, error_model="numpy")
-def add_energies_of_floating(floating, width, d, rayleigh, block, amplitudes, q, v, result, powers, weights):
+def add_energies_of_floating(floating, width, rayleigh, block, amplitudes, q, v, result, powers, weights):
     """Add kinetic and strain energy of the bodies that are counted here, the power of their damping (n_bodies,
     n_lanes), and the potential energy of their weight to that of the loads (n_loads, n_lanes)."""
     q, v, tables = items(q, width), items(v, width), items(floating.table, width)
     result, powers, weights = items(result, width), items(powers, width), items(weights, width)
-    falls = items(floating.gravity, width)
+    falls, axes, d = items(floating.gravity, width), floating.axes, len(floating.axes)
     space = empty_lanes(n_words(floating, d), len(width))
     work = items(space, width)
     for b in range(floating.body.size):
@@ -256,8 +264,8 @@ def add_energies_of_floating(floating, width, d, rayleigh, block, amplitudes, q,
         beta, alpha = rayleigh[body, 0], rayleigh[body, 1]
         view = view_of(work, floating, b, tables[block], d)
         n, dofs, table, rows, one, shaped = view.n, view.dofs, view.table, view.rows, view.one, view.shaped
-        _read(dofs, d, 0.0, q, v, v, one)
-        _shape(view, d, one, shaped)
+        _read(dofs, axes, 0.0, q, v, v, one)
+        _shape(view, axes, one, shaped)
         places = places_of(d, n, rows)
         own, stiffness = places.both, places.stiffness
         moving, strain, viscous, braked = one.p[0] * 0.0, one.p[0] * 0.0, one.p[0] * 0.0, one.p[0] * 0.0

@@ -75,7 +75,7 @@ def evaluate_in_joints(problem, joints, block, amplitudes, angles, residual, sta
         )
     if problem.floating.body.size:
         add_floating(
-            problem.floating, width, d, problem.rayleigh, block, amplitudes[0], 1.0, q, v, a, gains, fresh, x,
+            problem.floating, width, problem.rayleigh, block, amplitudes[0], 1.0, q, v, a, gains, fresh, x,
             joints.turn, entries, entries,
         )  # fmt: skip
     if problem.modal.kinds.size:

@@ -23,6 +23,7 @@ from pgmp_petsc.lanes.compiled import njit
 class FloatingBodies(NamedTuple):
     """Flexible bodies in floating frames."""
 
+    axes: tuple[float, ...]  # as many numbers as there are dimensions: compiled loops over them are of known length
     dofs: np.ndarray  # unknowns of all bodies, body after body: of the floating frame, then the amplitudes
     #: where the unknowns, the words of the table, the positions, the rows and the columns of each body begin, and their
     #: ends, shape (n + 1, 5)
