@@ -136,7 +136,7 @@ def test_forces_are_those_of_lagrange(make, effects: tuple[str, ...]) -> None:
     def lagrangian(q: np.ndarray, v: np.ndarray) -> float:
         found, powers, weights = np.zeros((2, 1)), np.zeros((len(problem.rayleigh), 1)), np.zeros((1, 1))
         add_energies_of_floating(
-            floating, problem.width, d, problem.rayleigh, 0, np.zeros(1), q[:, None].copy(), v[:, None].copy(), found,
+            floating, problem.width, problem.rayleigh, 0, np.zeros(1), q[:, None].copy(), v[:, None].copy(), found,
             powers, weights,
         )  # fmt: skip
         return found[0, 0] - found[1, 0]
