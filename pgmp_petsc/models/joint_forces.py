@@ -28,7 +28,7 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.second_order_system import State
 
-AT_ONCE = 2048  # states whose local effects are evaluated together
+AT_ONCE = 8192  # states whose local effects are evaluated together
 MOST_TURNS, SETTLED = 100, 1e-12  # of forces carried and friction, found in turn
 
 
@@ -98,17 +98,24 @@ class ReducedMultipliers:
         times (s) and parameter values are numbers or of shape (n,)."""
         n = len(states.q)
         times, values = np.broadcast_to(times, n), {name: np.broadcast_to(one, n) for name, one in values.items()}
-        found = self._without_actions(times, states, values)
-        if not self._drives and not (self._actions.actions and self.rows.size):
+        n_samples = _side_by_side(times, values)
+        found = self._without_actions(times, states, {name: one[:n_samples] for name, one in values.items()})
+        apart = self._drives or self._carried  # what hangs on these is found state by state
+        if not apart and not (self._actions.actions and self.rows.size):
             return found
-        for first in range(0, n, AT_ONCE):
-            some = slice(first, min(first + AT_ONCE, n))
-            own = {name: one[some] for name, one in values.items()}
-            if self._kept is None or self._kept[0] != some.stop - first or not _same(self._kept[2], own):
+        together = AT_ONCE if apart else n_samples * max(1, AT_ONCE // n_samples)
+        for first in range(0, n, together):
+            some = slice(first, min(first + together, n))
+            own = {name: one[some if apart else slice(n_samples)] for name, one in values.items()}
+            size = some.stop - first if apart else n_samples
+            if self._kept is None or self._kept[0] != size or not _same(self._kept[2], own):
                 own = {name: np.array(one) for name, one in own.items()}
-                self._kept = some.stop - first, self._system(some.stop - first, own), own
+                self._kept = size, self._system(size, own), own
             state = State(states.q[some], states.v[some], states.a[some], np.zeros(0))
-            loads, alone = np.zeros((len(self._carried), some.stop - first)), found[:, some].copy()
+            if not apart:
+                found[self.rows, some] += self._of_actions(self._kept[1], times[some], state)
+                continue
+            loads, alone = np.zeros((len(self._carried), size)), found[:, some].copy()
             for _ in range(MOST_TURNS):
                 found[:, some], before = self._with(self._kept[1], loads, times[some], state, alone), loads
                 loads = self._loads(state, found[:, some], own)
@@ -150,8 +157,14 @@ class ReducedMultipliers:
         if self._drives:
             found[self._n_held :] = -system.residuals_at(times, state)[:, sorted(self._motions)].T
         if self.rows.size and self._actions.actions:
-            found[self.rows] += self.gaps.work_of(system.node_loads(times, state), state)
+            found[self.rows] += self._of_actions(system, times, state)
         return found
+
+    def _of_actions(self, system: ReducedSystem, times: np.ndarray, state: State) -> np.ndarray:
+        """Return what local effects add in states of a system's samples, at one instant after the other, (g, n)."""
+        trail = np.stack([part.reshape(-1, system.n_samples, part.shape[1]) for part in (state.q, state.v)], axis=1)
+        loads = system.node_loads(times.reshape(len(trail), -1), trail)
+        return self.gaps.work_of(loads.reshape(len(times), -1), state)
 
     def _loads(self, state: State, multipliers: np.ndarray, values: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return the forces that joints carry, (n_carried, n)."""
@@ -165,6 +178,16 @@ class ReducedMultipliers:
         """Return n samples of the model."""
         given = np.zeros((self._terms.tables.n_given, n))
         return ReducedSystem(self._terms, self._effects, values, (0.0, 0.0), n, self._motions, self._actions, given)
+
+
+def _side_by_side(times: np.ndarray, values: Mapping[str, np.ndarray]) -> int:
+    """Return how many samples are at one instant after the other, of their times and values (n,); n where they are not
+    the same samples."""
+    n = times.size
+    found = int(np.argmin(times == times[:1])) if n else 0  # states at the first instant, 0 where all are
+    if not found or n % found or (times.reshape(-1, found) != times[::found, None]).any():
+        return n
+    return found if all((one.reshape(-1, found) == one[:found]).all() for one in values.values()) else n
 
 
 def _same(values: Mapping[str, np.ndarray], others: Mapping[str, np.ndarray]) -> bool:
