@@ -271,8 +271,7 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
                             known[instant, samples[lane], row, k] = memory.known[samples[lane], row, k]
             if loads.shape[0] > 0:
                 load_nodes(
-                    equations.local, equations.grid, work.q, memory.known, samples, places_of(memory, block), local,
-                    loads[instant, block],
+                    equations.local, equations.grid, work.q, memory.known, samples, local, loads[instant, block]
                 )  # fmt: skip
 
 
