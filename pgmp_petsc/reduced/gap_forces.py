@@ -116,16 +116,17 @@ class GapForces:
         )  # fmt: skip
 
     def at(
-        self, times: np.ndarray, states: State, values: Mapping[str, np.ndarray], effects: Sequence[Effect]
-    ) -> np.ndarray:
-        """Return the rows (g, n) in states (n, n_eta) at times (n,), s, without local effects.
+        self, times: np.ndarray, states: State, values: Mapping[str, np.ndarray], effects: Sequence[Effect],
+        loads: np.ndarray, n_samples: int,
+    ) -> np.ndarray:  # fmt: skip
+        """Return the rows (g, n) in states (n, n_eta) at times (n,), s.
 
         States are those of all samples at one instant after the other, and parameter values those of the samples,
-        (n_samples,) each.
+        (n_samples,) each; `loads` are those of local effects on the unknowns that they act on, (n, n_dofs).
         """
         n, by_name = len(states.q), {effect.name: effect for effect in effects}
-        n_samples = next(map(len, values.values()), n)
-        weights, amplitudes = np.empty((sum(map(len, self.weights)), n_samples)), np.empty((len(self.load_effects), n))
+        amplitudes = np.empty((len(self.load_effects), n))
+        weights = np.ones((sum(map(len, self.weights)) + 1, n_samples))  # the last one of local effects
         for row, weight in zip(weights, (weight for own in self.weights for weight in own)):
             row[:] = weight.evaluate(values)
         instants = times if n_samples == n else times[::n_samples]
@@ -140,7 +141,7 @@ class GapForces:
         ours = aligned_zeros((N_ROWS**r, g, n_factors)), aligned_zeros((N_ROWS**r, g, n_slopes))
         theta, found = np.ascontiguousarray(states.q[:, :r]), np.empty((g, len(states.q)))
         _fill(
-            self.sizes, kinds, self.mass_damping, self.quadratic, weights, amplitudes,
+            self.sizes, kinds, self.mass_damping, self.quadratic, weights, amplitudes, loads,
             (theta, states.q, states.v, states.a), self.table.axes, *self.tables, cells_of(theta, self.table.axes),
             work, ours, found,
         )  # fmt: skip
@@ -148,8 +149,8 @@ class GapForces:
 
     @cached_property
     def kinds(self) -> tuple[tuple[int, int, int], ...]:
-        """Of terms of mass, stiffness, loads and damping the number of entries, of terms that one table is the sum of,
-        and of these tables; loads have one each, as each has an amplitude."""
+        """Of terms of mass, stiffness, loads, damping and local effects the number of entries, that of terms that one
+        table is the sum of, and that of these tables; loads have one each, as each has an amplitude."""
         (r, m, second, driven), pairs = self.sizes, self.sizes[0] * (self.sizes[0] + 1) // 2
         counts = [len(one) for one in self.weights]
         lengths = (
@@ -157,8 +158,10 @@ class GapForces:
             m + (m * (m + 1) // 2 if second else 0),
             1 + (m if second else 0),
             r + m,
+            self.moved.shape[0],
         )
-        terms, tables = (counts[0], counts[1], 1, counts[3]), (1, min(counts[1], 1), counts[2], min(counts[3], 1))
+        terms = counts[0], counts[1], 1, counts[3], 1
+        tables = 1, min(counts[1], 1), counts[2], min(counts[3], 1), min(lengths[4], 1)
         return tuple(zip(lengths, terms, tables))
 
     @cached_property
@@ -166,14 +169,12 @@ class GapForces:
         """Rows of `table` and of `changing`, with each term in whole vectors."""
         of_terms = [n for n, terms, tables in self.kinds for _ in range(terms * tables)]
         of_changes = [self.changing.shape[1] // len(self.weights[0])] * len(self.weights[0])
-        return _in_vectors(self.table, of_terms), _in_vectors(self.changing, of_changes)
-
-    def work_of(self, loads: np.ndarray, states: State) -> np.ndarray:
-        """Return the work of forces on the unknowns that local effects act on, (n, n_dofs), in the gaps, (g, n)."""
-        r, _, second, _ = self.sizes
-        if second:
-            loads = np.concatenate([loads[..., None], loads[..., None] * states.q[:, None, r:]], axis=2)
-        return self.moved.product(states.q[:, :r], loads.reshape(len(loads), -1)).T
+        n_rows = self.table.rows.size // int(np.prod(self.table.shape))
+        table, changing, moved = (
+            part.rows.reshape(n_rows, *part.shape) for part in (self.table, self.changing, self.moved)
+        )
+        every = np.concatenate([table, np.swapaxes(moved, 1, 2)], axis=2)
+        return _in_vectors(every, of_terms), _in_vectors(changing, of_changes)
 
 
 def _vectors(n: int) -> int:
@@ -181,10 +182,9 @@ def _vectors(n: int) -> int:
     return -(-n // LANES)
 
 
-def _in_vectors(table: Interpolant, lengths: Sequence[int]) -> np.ndarray:
+def _in_vectors(rows: np.ndarray, lengths: Sequence[int]) -> np.ndarray:
     """Return the rows of a table, (n_rows, g, n), of entries that follow each other, so many a term, with each of these
     in whole vectors."""
-    rows = table.rows.reshape(-1, *table.shape)
     found, into, first = aligned_zeros((*rows.shape[:2], LANES * sum(map(_vectors, lengths)))), 0, 0
     for n in lengths:
         found[:, :, into : into + n] = rows[:, :, first : first + n]
@@ -194,11 +194,12 @@ def _in_vectors(table: Interpolant, lengths: Sequence[int]) -> np.ndarray:
 
 @njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"})
 def _fill(
-    sizes, kinds, mass_damping, quadratic, weights, amplitudes, states, axes, table, changing, cells, work, ours, found
+    sizes, kinds, mass_damping, quadratic, weights, amplitudes, loads, states, axes, table, changing, cells, work, ours,
+    found,
 ):  # fmt: skip
     """Fill the rows (g, n) of states (n, n_eta), of samples with weights of the terms (n_terms, n_samples), at one
-    instant after the other, with amplitudes of loads (n_loads, n) and tables as of `GapForces.tables`, LANES of a sample
-    that are in one cell (n,) side by side.
+    instant after the other, with amplitudes of loads (n_loads, n), loads of local effects (n, n_dofs) and tables as of
+    `GapForces.tables`, LANES of a sample that are in one cell (n,) side by side.
 
     `work` has room for weights of rows and those along an axis, q, v, a, factors, slopes and rows, all of them vectors;
     `ours` for the tables of a sample in a cell.
@@ -225,7 +226,9 @@ def _fill(
                 tensor_stencil(theta[together[0]], axes, -1, one_axis, rows, spare)
                 _weigh(table, rows, kinds, weights, sample, ours[0])
                 _weigh(changing, rows, of_changes, weights, sample, ours[1])
-            _fill_factors(sizes, kinds, mass_damping, quadratic, amplitudes, some, at, rate, own, factors, slopes)
+            _fill_factors(
+                sizes, kinds, mass_damping, quadratic, amplitudes, loads, some, at, rate, own, factors, slopes
+            )
             fill_lane_weights(theta, axes, some, -1, along, of_rows)
             for g in range(table.shape[1]):
                 store(sums, g, 0.0)
@@ -256,7 +259,7 @@ def _weigh(table, rows, kinds, weights, sample, found):
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def _fill_factors(sizes, kinds, mass_damping, quadratic, amplitudes, together, q, rate, own, factors, slopes):
+def _fill_factors(sizes, kinds, mass_damping, quadratic, amplitudes, loads, together, q, rate, own, factors, slopes):
     """Fill the factors F of `_fill` and, coordinate after coordinate, G; `own` has the accelerations."""
     r, m, second, driven = sizes
     n, moving = r + m, 1.0 if quadratic else 0.0
@@ -306,6 +309,13 @@ def _fill_factors(sizes, kinds, mass_damping, quadratic, amplitudes, together, q
         begin += LANES * kinds[2][0]
     for x in range(n if kinds[3][2] else 0):
         store(factors, begin + x, load(rate, x))
+    begin += LANES * kinds[3][0] * kinds[3][2]
+    for f in range(loads.shape[1] if kinds[4][2] else 0):
+        for lane in range(together.size):
+            factors[begin, lane] = -loads[together[lane], f]
+        for i in range(m if second else 0):
+            store(factors, begin + 1 + i, load(factors, begin) * load(q, r + i))
+        begin += 1 + (m if second else 0)
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
