@@ -28,7 +28,7 @@ from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.files.steps import LABEL, Steps
-from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model
+from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model, why_no_grid
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import FullModel
