@@ -5,6 +5,7 @@ The blocks are really run by `scripts/check_docs`; here it is what can be known 
 
 import os
 import re
+import shutil
 import subprocess
 import tomllib
 from functools import cache
@@ -15,8 +16,9 @@ import click
 import fastjsonschema
 import handbook_blocks
 import handbook_run
+import html5lib
 import pytest
-from conftest import ROOT
+from conftest import ROOT, TIMEOUT_SECONDS
 from handbook_blocks import Block, blocks_of, commands_of, merged, notebook_of, pages, shell_of, without_launcher
 
 from pgmp_petsc.base.errors import InputError
@@ -329,3 +331,20 @@ def test_the_demo_runs_as_a_notebook(
     assert said.count("% of the largest value") == 6 and "0 samples failed" in said
     assert names["page"].name == "demo.html" and (tmp_path / "demo.html").stat().st_size > 100_000
     assert len(names["many"].status) == 32
+
+
+@pytest.mark.parametrize(("asked", "least"), [("clearance", 5), ("reduction.tolerance", 3), ("zzzz", 0)])
+def test_the_search_works_from_files(asked: str, least: int) -> None:
+    """Where `scripts/docs` has built the handbook, and there is a browser."""
+    page, browser = ROOT / "build" / "handbook" / "search.html", shutil.which("chromium-headless-shell")
+    if browser is None or not (page.parent / "search" / "sections.js").exists():
+        pytest.skip("no handbook is built, or there is no browser")
+    options = ["--no-sandbox", "--disable-gpu", "--virtual-time-budget=4000", "--dump-dom"]
+    seen = subprocess.run(
+        [browser, *options, f"{page.as_uri()}?q={asked}"], capture_output=True, text=True, timeout=TIMEOUT_SECONDS
+    ).stdout
+    tree = html5lib.parse(seen, namespaceHTMLElements=False)
+    found = next(item for item in tree.iter() if item.get("id") == "mkdocs-search-results")
+    links = [item.get("href") for item in found.iter("a")]
+    assert len(links) >= least and bool(links) == bool(least)
+    assert all((page.parent / link.partition("#")[0]).exists() for link in links)

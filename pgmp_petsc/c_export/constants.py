@@ -38,6 +38,7 @@ from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.outputs.joint_forces import InJoint, OfConnection, OfDrive, OfMotion
+from pgmp_petsc.reduced import action_kernel
 from pgmp_petsc.reduced import steps as reduced_steps
 from pgmp_petsc.reduced.actions import nodes_of
 from pgmp_petsc.reduced.gap_forces import GapForces
@@ -194,7 +195,6 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         "N_LAW": max([1, *(len(action.parameters) for action in actions)]),
         "N_EDGES": first_edges[-1],
         "MOST_EDGES": max([1, *(len(action.law.edges) for action in actions)]),  # an array in C has at least one
-        "RUBS": int(any(action.law.about_zero for action in actions)),
     }
     return Constants(
         name=scene.name,
@@ -451,6 +451,7 @@ def _steps(model: ReducedModel) -> dict[str, int | float]:
         "CAUTION": alpha_step.CAUTION,
         "FIRST_CONTRACTION": alpha_step.FIRST_CONTRACTION,
         "LEAST_CONTRACTION": alpha_step.LEAST_CONTRACTION,
+        "UNBALANCED": action_kernel.UNBALANCED,
         "WORST_CONTRACTION": alpha_step.WORST_CONTRACTION,
     }
 

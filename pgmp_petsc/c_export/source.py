@@ -262,7 +262,10 @@ def _combine(constants: Constants) -> str:
 
 def _action(action: ActionInC, first: int) -> str:
     last = first + len(action.parts)
-    numbers = (first, last, action.strength, action.edge, len(action.law.edges), action.role, int(action.controlled))
+    numbers = (
+        first, last, action.strength, action.edge, len(action.law.edges), action.role, int(action.controlled),
+        int(bool(action.law.about_zero)),
+    )  # fmt: skip
     return f"{{{', '.join(map(str, (*numbers, f'law_{action.law.name}')))}}}"
 
 

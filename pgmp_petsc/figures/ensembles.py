@@ -22,6 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
+from scipy.stats import gaussian_kde
 
 from pgmp_petsc.base.errors import InputError, nearest_name
 from pgmp_petsc.figures import captions, style
@@ -34,6 +35,7 @@ LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble
 NOTE_SIZE, NOTE_LENGTH = 8.5, 42  # of the letters there, points, and for how many there is room beside the last panel
 DASHES = (0, (4, 3))
 BAND = "#F3F3F3"
+N_PLACES = 400  # of a density
 COLOURS = {"full": style.FULL_COLOUR, "components": style.COMPONENT_COLOUR, "reduced": style.REDUCED_COLOUR}
 
 
@@ -43,13 +45,12 @@ def densities(
 ) -> Figure:
     """Draw the density of every drawn parameter and output that the ensembles have in common, one panel each.
 
-    The density of one ensemble is that of its file, with the scene's ``ensemble.bins``; several are counted again in as
-    many bins over the range of all. Outputs are those of the samples that are fine, parameters those of all samples, as
-    in the file's statistics. Dashed lines mark the means; the band reaches a standard deviation to both sides of the
-    first ensemble's mean. Above each panel are mean and standard deviation, each with its confidence interval in
-    brackets. With two ensembles a lower panel shows by how much the second density differs, in % of the first one's
-    peak. Raises `InputError` if the ensembles do not share one of `names`, or have no quantity in common or one has no
-    sample that is fine.
+    Densities are by a kernel (`kernel_density`); the file has them counted in bins. Outputs are those of the samples
+    that are fine, parameters those of all samples, as in the file's statistics. Dashed lines mark the means; the band
+    reaches a standard deviation to both sides of the first ensemble's mean. Above each panel are mean and standard
+    deviation, each with its confidence interval in brackets. With two ensembles a lower panel shows by how much the
+    second density differs, in % of the first one's peak. Raises `InputError` if the ensembles do not share one of
+    `names`, or have no quantity in common or one has no sample that is fine.
 
     Parameters
     ----------
@@ -113,21 +114,22 @@ def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, 
     """Draw the densities of one quantity and, with two of them, their difference."""
     known = [ensemble.statistics[name] for ensemble in ensembles]
     factor, unit = style.axis_unit(ensembles[0].units.get(name, "1"), *(s.edges for s in known))
-    edges, heights = _densities(ensembles, name)
-    edges, heights = edges * factor, [height / factor for height in heights]
+    samples = [factor * values_of(ensemble, name) for ensemble in ensembles]
+    places = np.linspace(min(map(np.min, samples)), max(map(np.max, samples)), N_PLACES)
+    heights = [kernel_density(values, places) for values in samples]
     axes = block[0]
     if np.isfinite(known[0].std):
         mean, std = factor * known[0].mean, factor * known[0].std
         axes.axvspan(mean - std, mean + std, color=BAND, zorder=0.5, linewidth=0)
     for number, (one, height, colour) in enumerate(zip(known, heights, colours)):
         if number == 0:
-            axes.stairs(height, edges, fill=True, color=_tint(colour))
-        axes.stairs(height, edges, color=colour, linewidth=1.4 if number else 1.1)
+            axes.fill_between(places, height, color=_tint(colour), linewidth=0)
+        axes.plot(places, height, color=colour, linewidth=1.4 if number else 1.1)
         axes.axvline(factor * one.mean, color=colour, linestyle=DASHES, linewidth=1.0)
-    axes.set_xlim(edges[0], edges[-1])
+    style.span(axes, places[0], places[-1])
     axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-    axes.set_ylim(0.0, max(height.max() for height in heights) * 1.08)
-    axes.set_title(name.replace("_", " "), pad=8.0 + LINES * LINE_POINTS * len(known))
+    axes.set_ylim(0.0, 1.08 * max(height.max() for height in heights) or 1.0)
+    axes.set_title(name, pad=8.0 + LINES * LINE_POINTS * len(known))
     axes.yaxis.set_major_formatter(style.PlainNumbers())
     axes.set_ylabel("density" if unit in ("", "1") else f"density (1/{unit})")
     _write_moments(axes, known, colours, factor, unit)
@@ -135,7 +137,7 @@ def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, 
         axes.tick_params(labelbottom=False)
         block[1].sharex(axes)
         difference = 100.0 * (heights[1] - heights[0]) / heights[0].max()
-        block[1].stairs(difference, edges, baseline=0.0, fill=True, color=colours[1])
+        block[1].fill_between(places, difference, color=colours[1], linewidth=0)
         block[1].axhline(0.0, color=style.QUIET, linewidth=0.8)
         block[1].set_ylabel("difference\n(% of peak)")
         reach = max(np.abs(block[1].get_ylim()).max(), 1.0)
@@ -175,19 +177,25 @@ def _with_interval(value: float, ends: np.ndarray) -> str:
     return f"{value:.{decimals}f} [{ends[0]:.{decimals}f}, {ends[1]:.{decimals}f}]"
 
 
-def _densities(ensembles: Sequence[Ensemble], name: str) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return edges of bins and the densities of all ensembles there, in the quantity's unit."""
-    known = [ensemble.statistics[name] for ensemble in ensembles]
-    if len(known) == 1:
-        return known[0].edges, [known[0].pdf]
-    low, high = min(s.edges[0] for s in known), max(s.edges[-1] for s in known)
-    edges = np.linspace(low, high, max(s.pdf.size for s in known) + 1)
-    found = []
-    for ensemble in ensembles:  # the values that statistics are of: outputs that are fine, parameters of all samples
-        values = (ensemble.parameters | ensemble.outputs)[name]
-        chosen = values[np.isfinite(values) if name in ensemble.parameters else ensemble.status == 0]
-        found.append(np.histogram(chosen, edges, density=True)[0])
-    return edges, found
+def values_of(ensemble: Ensemble, name: str) -> np.ndarray:
+    """Return the samples that the statistics of a name are of: finite ones, of outputs those that are fine."""
+    extremes = {key.replace("/", "."): of for key, of in ensemble.extremes.items()}
+    own = {**extremes, **ensemble.first_passages, **ensemble.outputs, **ensemble.parameters}[name]
+    known = np.isfinite(own) if name in ensemble.parameters else np.isfinite(own) & (ensemble.status == 0)
+    return own[known]
+
+
+def kernel_density(values: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Return the density of samples (n,) at places: Gaussian kernels of Scott's width, reflected at both ends.
+
+    Reflected, as many distributions end within their range, where kernels would reach beyond (Schuster 1985). Zero
+    beyond the samples, and everywhere where they do not differ.
+    """
+    low, high = values.min(), values.max()
+    if not high > low:
+        return np.zeros(places.shape)
+    of = gaussian_kde(values)
+    return np.where((low <= places) & (places <= high), of(places) + of(2 * low - places) + of(2 * high - places), 0.0)
 
 
 def _common(ensembles: Sequence[Ensemble], wanted: Sequence[str] | None) -> list[str]:
@@ -289,9 +297,9 @@ def sobol(ensemble: Ensemble, label: str = "") -> Figure:
         for values, ends, colour, shift in kinds:
             errors = np.abs(ends.T - values)
             axes.barh(places + shift, values, HEIGHT, xerr=errors, color=colour, ecolor="#333333", capsize=2.0)
-        axes.set_yticks(places, [parameter.replace("_", " ") for parameter in found.parameters])
+        axes.set_yticks(places, [parameter for parameter in found.parameters])
         axes.grid(axis="y", visible=False)
-        axes.set_title(name.replace("_", " ").replace(".", ", "))
+        axes.set_title(name)
     level = f"{100 * one.confidence:g} % intervals"
     keys = [Patch(facecolor=FIRST, label=f"first index: share of the variance by itself, {level}")]
     if one.total is not None:
@@ -374,4 +382,4 @@ def rare_event(found: RareEvent, label: str = "") -> Figure:
     axes.set_yscale("log")
     axes.set_xlabel(style.axis_label(found.output, unit))
     axes.set_ylabel("probability of beyond")
-    return captions.headed(figure, keys, found.event.replace("_", " "), found.record, label)
+    return captions.headed(figure, keys, found.event, found.record, label)

@@ -64,6 +64,8 @@ PORTRAITS = {
     "crank_press": Portrait("Crank press", "bearing_force", 50.0, until=0.395, n_instants=6),
     "engine": Portrait("Two-stroke engine", "rod_force", 20.0, until=0.0105, n_instants=5),
     "double_four_bar": Portrait("Double four-bar, rigid", "pin_x", until=1.7, n_instants=6),
+    "delta_robot": Portrait("Delta robot", "sway", 20.0, until=0.3, n_instants=5),
+    "palletizer": Portrait("Palletizer", "sway", 10.0, until=0.5, n_instants=5),
     "spatial_slider_crank": Portrait("Spatial slider-crank of solids", "slider_position", n_instants=4),
 }
 

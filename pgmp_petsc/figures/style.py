@@ -201,9 +201,8 @@ class PlainNumbers(Formatter):
 
 
 def axis_label(name: str, unit: str) -> str:
-    """Return ``crank angle (rad)`` for ``crank_angle``; a number without unit has no brackets."""
-    words = name.replace("_", " ")
-    return words if unit in ("", "1") else f"{words} ({unit})"
+    """Return ``crank_angle (rad)``; a number without unit has no brackets."""
+    return name if unit in ("", "1") else f"{name} ({unit})"
 
 
 def quantity(name: str, value: float, unit: str) -> str:
@@ -221,15 +220,15 @@ def scene_of(record: RunRecord) -> dict[str, Any]:
 
 
 def scene_name(record: RunRecord) -> str:
-    """Return the scene's name in words; an empty text if it has none."""
+    """Return the scene's name; an empty text if it has none."""
     try:
-        return str(scene_of(record)["scene"]["name"]).replace("_", " ")
+        return str(scene_of(record)["scene"]["name"])
     except (KeyError, TypeError):
         return ""
 
 
 def heading(what: str, record: RunRecord, label: str = "") -> str:
-    """Return what a picture shows, and of which scene and result: ``Balance of energy: four bar, r1 = 5 mm``."""
+    """Return what a picture shows, and of which scene and result: ``Balance of energy: four_bar, r1 = 5 mm``."""
     of = ", ".join(filter(None, (scene_name(record), label)))
     return f"{what}: {of}" if of else what
 

@@ -86,7 +86,7 @@ def _keys_of_errors(study: Tradeoff) -> list[Line2D]:
     of_meshes, of_reduced = study.mesh.errors > 0.0, study.errors[_over_meshes(study, "reduced")] > 0.0
     seen = of_meshes.any(axis=0) | of_reduced.any(axis=0)
     outputs = zip(study.outputs, style.distinct_colours(len(study.outputs)), seen)
-    keys = [Line2D([], [], color=colour, label=name.replace("_", " ")) for name, colour, drawn in outputs if drawn]
+    keys = [Line2D([], [], color=colour, label=name) for name, colour, drawn in outputs if drawn]
     if of_meshes.any():
         keys.append(Line2D([], [], color=style.QUIET, marker="o", label="mesh"))
     if of_reduced.any():

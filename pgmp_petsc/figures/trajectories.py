@@ -295,7 +295,7 @@ def _draw_curves(axes: Axes, time: np.ndarray, curves: Mapping[str, np.ndarray],
     for number, (name, values) in enumerate(curves.items()):
         # beyond the palette, its colours come again as dashes
         dashes = "-" if number < len(style.PALETTE) else (0, (4, 2))
-        colour, label = style.PALETTE[number % len(style.PALETTE)], name.replace("_", " ")
+        colour, label = style.PALETTE[number % len(style.PALETTE)], name
         axes.plot(time, values * factor, color=colour, linestyle=dashes, label=label)
     axes.set_title(f"{title} ({unit})")
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), labelspacing=0.3)

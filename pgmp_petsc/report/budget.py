@@ -28,11 +28,9 @@ from pgmp_petsc.report.sources import (
     Source,
     chance_of,
     failed_of,
-    in_words,
     mean_of,
     of_kind,
     read_sources,
-    sentence_case,
 )
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.estimates import OF_STEP, VALIDITY, EstimatedErrors, limits_of
@@ -153,7 +151,7 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
             # those that are not known come last
             for name, share in sorted(known.items(), key=lambda item: -float(np.nan_to_num(item[1], nan=-1.0))):
                 how = f"not estimated: {one.absent[name]}" if name in one.absent else one.how
-                yield Line(f"{what}: {in_words(name)}", [one.datums[name]] if np.isfinite(share) else [], how)
+                yield Line(f"{what}: {name}", [one.datums[name]] if np.isfinite(share) else [], how)
     elif "reduced" in models:
         here = "is here" if models == {"reduced"} else "goes far enough to compare with"
         how = f"no run of a better model {here}, and errors were not estimated; see the notes for the reason"
@@ -173,7 +171,7 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
             (largest, factor, unit), median = _largest_error(source, name), float(np.median(known))
             size = ["median ", Datum(median, plain(factor * median)), ", largest ", largest, unit]
             how = f"estimated for {known.size} of {len(values)} samples"
-            yield Line(f"model, in samples: {in_words(name)}", size, how)
+            yield Line(f"model, in samples: {name}", size, how)
 
 
 def _of_steps(sources: Sequence[Source]) -> Iterator[Line]:
@@ -183,7 +181,7 @@ def _of_steps(sources: Sequence[Source]) -> Iterator[Line]:
         part = "" if errors.time[-1] >= run.time[-1] * (1.0 - 1e-9) else f", up to {errors.time[-1]:.4g} s only"
         for name in errors.outputs:
             size = [_share(source, name)] if np.isfinite(errors.share(name)) else []
-            what = f"time step, {MODELS[run.model]}: {in_words(name)}"
+            what = f"time step, {MODELS[run.model]}: {name}"
             yield Line(what, size, f"estimated from a run with a coarser step{part}")
 
 
@@ -224,7 +222,7 @@ def _of_mesh(studies: Sequence[Source]) -> Iterator[Line]:
                 value = float(mesh.errors[own[0], column])
                 datum = Datum(value, share_text(value), source.name, "/mesh/errors", f"{own[0]},{column}")
                 how = f"measured: {mesh.cells[own[0]]} cells against {mesh.cells[-1]}"
-                yield Line(f"mesh: {in_words(name)}", [datum], how)
+                yield Line(f"mesh: {name}", [datum], how)
             return
     yield Line("mesh", [], "pgmp tradeoff measures it for meshes of lines; compare solids with a finer mesh")
 
@@ -245,7 +243,7 @@ def _of_sampling(sources: Sequence[Source]) -> Iterator[Line]:
                 factor, unit = axis_unit(result.units.get(name, "1"), np.array([half]))
                 size = [Datum(half, f"± {plain(factor * half)}"), "" if unit == "1" else f" {unit}"]
                 how = f"{percent(s.confidence)} interval of {s.count} samples"
-                yield Line(f"sampling: mean of {in_words(name)}", size, how)
+                yield Line(f"sampling: mean of {name}", size, how)
 
 
 def _of_balance(sources: Sequence[Source]) -> Iterator[Line]:
@@ -272,6 +270,46 @@ def _of_small_deformations(sources: Sequence[Source]) -> Iterator[Line]:
                 size, limit = [shown, "" if unit == "1" else f" {unit}"], limits[name]
                 beyond = "no limit" if np.isinf(limit) else f"worth a warning beyond {limit:g}"
                 yield Line(f"small deformations: {name.replace('_', ' ')}", size, f"{about}; {beyond}")
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The traffic light above the verdict."""
+
+    kind: str  # ``decided``, ``undecided``, ``failed`` or ``unasked``
+    title: str  # the same in words
+    why: str  # how it follows from intervals and errors
+
+
+def decision(sources: Sequence[Source], error: ModelError | None) -> Decision:
+    """Return whether the questions of a scene are decided: by the runs that ended, the intervals and the model's error.
+
+    An event is decided where the model's error, estimated or measured, could not move its probability beyond the
+    interval of sampling (`Chance.is_decided`); a rare event where its levels reached it.
+    """
+    runs, ensembles = of_kind(sources, Trajectory), of_kind(sources, Ensemble)
+    stopped = [f"{source.name} stopped before its end" for source in runs if captions.ended_early(source.result)]
+    lost = [f"all samples of {source.name} failed" for source in ensembles if source.result.status.all()]
+    if stopped or lost:
+        return Decision("failed", "Failed", "; ".join([*stopped, *lost]))
+    chances = [
+        (label, chance, float(np.fmax(chance.model_error, _of_runs(source.result, label, error))))
+        for source in ensembles
+        for label, chance in source.result.probabilities.items()
+    ]
+    events = [(label, chance.is_decided(known)) for label, chance, known in chances]
+    events += [(source.result.event, source.result.reached) for source in of_kind(sources, RareEvent)]
+    if not events:
+        return Decision("unasked", "No question asked", "the scene has no event (ensemble.probabilities) to decide")
+    doubtful = [label for label, decided in events if not decided]
+    if doubtful:
+        return Decision("undecided", "Not decided by this model", ", ".join(dict.fromkeys(doubtful)))
+    words = [
+        f"{label}: the model's error is {share_text(known)}, and the answer holds up to {share_text(chance.holds_to)}"
+        for label, chance, known in chances
+        if known > 0.0
+    ]
+    return Decision("decided", "Decided", "; ".join(words) or "nothing was reduced")
 
 
 MUCH_MORE = 2.4  # times the other: beyond it no more than 5 % of estimates are wrong, see docs/method.md
@@ -328,16 +366,15 @@ def _of_ensemble(source: Source, several: bool, error: ModelError | None, stops:
             continue
         mean, factor, unit = mean_of(source, name)
         if s.constant:
-            yield [f"{ahead}{sentence_case(in_words(name))} at the end is constant: ", *mean, f"{unit}."]
+            yield [f"{ahead}{name} at the end is constant: ", *mean, f"{unit}."]
             continue
         place = Place(source.name, f"/statistics/{name}")
         low, high = int(np.argmin(s.probabilities)), int(np.argmax(s.probabilities))
         spread = percent(float(s.probabilities[high] - s.probabilities[low]))
         texts = end_texts(factor * s.quantiles[[low, high]])
         ends = [place.datum("quantiles", s.quantiles[k], text, str(k)) for k, text in zip((low, high), texts)]
-        words = in_words(name) if ahead else sentence_case(in_words(name))
         yield [
-            f"{ahead}{words} at the end: mean ", *mean, f"{unit}; {spread} of the samples lie between ",
+            f"{ahead}{name} at the end: mean ", *mean, f"{unit}; {spread} of the samples lie between ",
             ends[0], " and ", ends[1], f"{unit}.",
         ]  # fmt: skip
 
@@ -361,15 +398,14 @@ def _of_run(source: Source) -> Iterator[Sentence]:
     run = source.result
     for name, values in run.outputs.items():
         if not np.isfinite(values).any():
-            yield [f"{sentence_case(in_words(name))} is not known at any instant."]
+            yield [f"{name} is not known at any instant."]
             continue
         known = np.abs(np.where(np.isfinite(values), values, 0.0))
         place = int(np.argmax(known))
         factor, unit = axis_unit(run.units.get(name, "1"), values)
         largest = Datum(values[place], f"{factor * values[place]:.4g}", source.name, f"/outputs/{name}", str(place))
         unit = "" if unit == "1" else f" {unit}"
-        words = sentence_case(in_words(name))
-        yield [f"{words} is furthest from zero at {run.time[place]:.4g} s: ", largest, f"{unit}."]
+        yield [f"{name} is furthest from zero at {run.time[place]:.4g} s: ", largest, f"{unit}."]
     if (stress := stress_of(run)) is not None:
         factor, unit = axis_unit(run.record.system.unit("Pa"), np.array([stress.largest]))
         largest = Datum(stress.largest, f"{factor * stress.largest:.4g}", source.name if stress.path else "",
@@ -385,7 +421,7 @@ def _of_error(error: ModelError | None, sources: Sequence[Source], ensembles: Se
         return
     models = {source.result.model for source in sources}
     if error is not None and error.worst is not None:
-        of = f" of the largest {in_words(error.worst)}, the worst of the outputs; {error.how}."
+        of = f" of the largest {error.worst}, the worst of the outputs; {error.how}."
         yield ["Model error ", error.datums[error.worst], of]
         if error.with_step is not None:
             yield from _what_steps_hide(error, error.with_step)
@@ -406,7 +442,7 @@ def _what_steps_hide(measured: ModelError, known: ModelError) -> Iterator[Senten
     better model alone, which has vibrations that the reduced one has not."""
     largest = measured.shares[measured.worst]
     if known.worst and known.shares[known.worst] > MUCH_MORE * largest:
-        cure = f"{in_words(known.worst)}: take a smaller simulation.step, or name a simulation.tolerance."
+        cure = f"{known.worst}: take a smaller simulation.step, or name a simulation.tolerance."
         said = "With the error of the time step it is estimated to be "
         yield [said, known.datums[known.worst], f" of the largest {cure}"]
     elif MUCH_MORE * known.shares.get(measured.worst, np.nan) < largest:
@@ -423,7 +459,7 @@ def _of_time_steps(sources: Sequence[Source]) -> Iterator[Sentence]:
         if known:
             worst = max(known, key=known.__getitem__)
             model = MODELS[source.result.model]
-            of = f" of the largest {in_words(worst)}."
+            of = f" of the largest {worst}."
             yield [f"Error of the time step of the {model} run, estimated: ", _share(source, worst), of]
 
 
@@ -432,7 +468,7 @@ def _checked(source: Source) -> Iterator[str | Datum]:
     for name, values in source.result.errors.items():
         if np.isfinite(values).any():
             largest, _, unit = _largest_error(source, name)
-            yield from (largest, f"{unit} ({in_words(name)})", ", ")
+            yield from (largest, f"{unit} ({name})", ", ")
 
 
 def _largest_error(source: Source, name: str) -> tuple[Datum, float, str]:

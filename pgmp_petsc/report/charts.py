@@ -17,11 +17,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
-from pgmp_petsc.figures.ensembles import COLOURS, pairs_of
+from pgmp_petsc.figures.ensembles import COLOURS, N_PLACES, kernel_density, pairs_of
 from pgmp_petsc.figures.loads import DIAGRAMS
 from pgmp_petsc.figures.style import PALETTE, QUIET, PlainNumbers, axis_label, axis_unit, new_figure, span, styled
-from pgmp_petsc.report.sources import in_words
-from pgmp_petsc.results import Balance, Band, Sensitivity, Statistics, Tradeoff, Trajectory
+from pgmp_petsc.results import Balance, Band, Sensitivity, Tradeoff, Trajectory
 from pgmp_petsc.results.numbers import with_unit
 
 WIDTH, HEIGHT = 4.3, 2.5  # inches: on a phone type is then as large as in the text
@@ -162,47 +161,46 @@ def output_over_time(
         pairs, _ = pairs_of(band.probabilities)
         ends = ", ".join(f"{100 * band.probabilities[a]:g} to {100 * band.probabilities[b]:g} %" for a, b in pairs)
         caption = f"Areas: {ends} of {band.count} samples. {beyond}".rstrip()
-    drawn = chart(draw, in_words(name), caption, over_time=True, output=name)
+    drawn = chart(draw, name, caption, over_time=True, output=name)
     return replace(drawn, factor=factor, unit="" if shown == "1" else shown)
 
 
 def distribution(
-    name: str, unit: str, s: Statistics, model: str, event: Level | None, failed: np.ndarray, of_input: bool
+    name: str, unit: str, values: np.ndarray, model: str, event: Level | None, failed: np.ndarray, of_input: bool
 ) -> Chart:
-    """Return the density of a quantity with its mean, and where the samples lie that failed."""
-    factor, shown = axis_unit(unit, s.edges)
-    level, beyond = _seen(event, unit, s.edges)
+    """Return the density of samples with their mean, and where the samples lie that failed."""
+    factor, shown = axis_unit(unit, values)
+    level, beyond = _seen(event, unit, values)
     if failed.size > MOST_MARKS:
         beyond = f"{beyond} {MOST_MARKS} of {failed.size} samples that failed are marked.".strip()
         failed = failed[np.linspace(0, failed.size - 1, MOST_MARKS).round().astype(int)]
 
     def draw(axes: Axes) -> None:
-        edges = factor * s.edges
+        places = np.linspace(factor * values.min(), factor * values.max(), N_PLACES)
+        height = kernel_density(factor * values, places)
         colour = QUIET if of_input else COLOURS[model]
-        axes.stairs(s.pdf / factor, edges, fill=True, color=colour, alpha=0.3)
-        axes.stairs(s.pdf / factor, edges, color=colour, linewidth=1.1)
-        if np.isfinite(s.mean):
-            axes.axvline(factor * s.mean, color=colour, linestyle=(0, (4, 3)), linewidth=1.1, label="mean")
+        axes.fill_between(places, height, color=colour, alpha=0.3, linewidth=0)
+        axes.plot(places, height, color=colour, linewidth=1.1)
+        axes.axvline(factor * values.mean(), color=colour, linestyle=(0, (4, 3)), linewidth=1.1, label="mean")
         if level is not None:
             axes.axvline(factor * level, color=LEVEL, linewidth=1.1, label=event.label)
         if failed.size:
-            places = np.full(failed.size, 0.04)
             axes.plot(
-                factor * failed, places, "|", color=FAILED, markersize=9, transform=axes.get_xaxis_transform(),
-                label="samples that failed",
+                factor * failed, np.full(failed.size, 0.04), "|", color=FAILED, markersize=9,
+                transform=axes.get_xaxis_transform(), label="samples that failed",
             )  # fmt: skip
         axes.set_ylim(bottom=0.0)
         axes.yaxis.set_major_locator(MaxNLocator(4))
         axes.yaxis.set_major_formatter(PlainNumbers())
         axes.set_ylabel("density" if shown in ("", "1") else f"density (1/{shown})")
         # numbers that differ in a late digit are long
-        narrow = np.ptp(edges) < NARROW * np.abs(edges).max()
+        narrow = np.ptp(places) < NARROW * np.abs(places).max()
         axes.xaxis.set_major_locator(MaxNLocator(2 if narrow else 5))
         axes.xaxis.set_major_formatter(PlainNumbers())
-        axes.set_xlabel(axis_label(name.replace(".", ", "), shown))
+        axes.set_xlabel(axis_label(name, shown))
         _keys(axes)
 
-    return chart(draw, in_words(name), beyond, height=2.2)
+    return chart(draw, name, beyond, height=2.2)
 
 
 def ranking(name: str, found: Sensitivity) -> Chart:
@@ -218,12 +216,12 @@ def ranking(name: str, found: Sensitivity) -> Chart:
         for values, ends, colour, label, shift in kinds:
             look = {"xerr": np.abs(ends.T - values)[:, order], "ecolor": "#333333", "capsize": 2.0}
             axes.barh(places + shift, values[order], 0.36, color=colour, label=label, **look)
-        axes.set_yticks(places, [found.parameters[k].replace("_", " ") for k in order])
+        axes.set_yticks(places, [found.parameters[k] for k in order])
         axes.grid(axis="y", visible=False)
         axes.set_xlabel("share of the variance")
         _keys(axes)
 
-    return chart(draw, in_words(name), height=1.2 + 0.42 * order.size)
+    return chart(draw, name, height=1.2 + 0.42 * order.size)
 
 
 def energies(run: Trajectory, balance: Balance) -> Chart:
@@ -271,7 +269,7 @@ def loads(run: Trajectory) -> list[Chart]:
             tall = 1.35 * HEIGHT if diagram.axes else HEIGHT
             drawn = chart(
                 lambda axes: titles.append(diagram.draw(axes, run, load)),
-                f"{diagram.title}: {in_words(load.title)}",
+                f"{diagram.title}: {load.title}",
                 diagram.about,
                 tall,
                 kind=diagram.axes,
@@ -300,7 +298,7 @@ def accuracy_and_time(study: Tradeoff, output: str) -> Chart:
             axis.set_minor_formatter(NullFormatter())
         _keys(axes)
 
-    return chart(draw, in_words(output))
+    return chart(draw, output)
 
 
 def _keys(axes: Axes) -> None:
@@ -321,6 +319,6 @@ def levels_of(events: Mapping[str, Mapping[str, object]]) -> dict[str, Level]:
     for label, event in events.items():
         value = event.get("above", event.get("below"))
         if isinstance(value, (int, float)):
-            level = Level(label.replace("_", " "), float(value), "above" in event, str(event.get("when")))
+            level = Level(label, float(value), "above" in event, str(event.get("when")))
             found.setdefault(str(event.get("output")), level)
     return found

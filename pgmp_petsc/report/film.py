@@ -5,7 +5,8 @@ Fields of a run (`results.trajectory`) are drawn as they are; a body without one
 The film of a run: shapes of the mechanism at its frames, as numbers for the page's script.
 
 The picture is `SIZE` units wide. A body is where a rigid motion takes its undeformed nodes X, and bends from there:
-``x = p + D X + factor * u``, with the rows p, D to the right, up and towards the eye. The page enlarges u alone.
+``x = p + D X + factor * u``, with the rows to the right, down and towards the eye. The page enlarges u alone, and turns
+all of it about the picture's middle where the motion is in space.
 
 A picture of surfaces with stress in colour: what a page shows where no script runs.
 """
@@ -229,6 +230,7 @@ class _Picture:
     view: np.ndarray
     unit: float
     shift: np.ndarray
+    flat: bool  # whether all motion is in one plane, seen from in front
 
     def directions(self, vectors: np.ndarray) -> np.ndarray:
         """Return vectors (..., 3) to the right, down and towards the eye."""
@@ -256,6 +258,7 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
         for number, body in enumerate(shown)
     ]
     packed = [_packed(body, picture, stress) for body in shown]
+    moving, still_ends = _paths(run, joints, picture, True), _paths(run, joints, picture, False)
     reach = max((entry["step"] * np.iinfo(np.int16).max for entry in packed if "step" in entry), default=0.0)
     time = frames.time[chosen]
     # digits behind the point that tell frames apart
@@ -281,6 +284,11 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
     if stress is not None:
         factor, _ = axis_unit(run.record.system.unit("Pa"), np.array([stress.largest]))
         data |= {"stops": stops, "stress": (factor * stress.over_time[chosen]).tolist(), "unit": legend.unit}
+    if not picture.flat:
+        everywhere = picture.places(np.concatenate([body.points.reshape(-1, 3) for body in shown]))
+        middle = 0.5 * (everywhere.min(axis=0) + everywhere.max(axis=0))
+        data["turns"] = {"middle": middle.tolist(), "paths": [path.round().tolist() for path in moving],
+                         "ground": [path[0].round().tolist() for path in still_ends]}  # fmt: skip
     flat = [picture.places(body.points[start]) for body in shown]
     largest = 1.0 if stress is None else max(stress.largest, 1e-300)
     shares = [None if body.values is None else body.values / largest for body in shown]
@@ -294,8 +302,8 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
             for body, at, colour in zip(shown, flat, colours)
             if not len(body.triangles)
         ],
-        paths=["M" + "L".join(_pair(at) for at in path) for path in _paths(run, joints, picture, True)],
-        ground=[tuple(path[0, :2].round().astype(int).tolist()) for path in _paths(run, joints, picture, False)],
+        paths=["M" + "L".join(_pair(at) for at in path) for path in moving],
+        ground=[tuple(path[0, :2].round().astype(int).tolist()) for path in still_ends],
         scale=(round(bar * picture.unit), f"{bar * length:g} {metre}"),
         still=still,
         keys=[
@@ -314,7 +322,8 @@ def _picture(bodies: list[FilmBody]) -> tuple[_Picture, int]:
     """Return where a picture has the bodies, and how tall it is without its foot."""
     points = np.concatenate([body.points.reshape(-1, 3) for body in bodies])
     extents = np.ptp(points, axis=0)
-    view = view_of(points, bool(extents[2] < FLAT * extents.max()))
+    flat = bool(extents[2] < FLAT * extents.max())
+    view = view_of(points, flat)
     across = points @ view[:2].T
     low, high = across.min(axis=0), across.max(axis=0)
     margin = 0.05 * (max(high - low) or 1.0)
@@ -323,7 +332,7 @@ def _picture(bodies: list[FilmBody]) -> tuple[_Picture, int]:
     height = int(np.clip(unit * extent[1], FLATTEST * SIZE, TALLEST * SIZE))
     left, above = 0.5 * (SIZE - unit * extent[0]), 0.5 * (height - unit * extent[1])
     shift = np.array([left - unit * low[0], height - above + unit * low[1], 0.0])
-    return _Picture(view, float(unit), shift), height
+    return _Picture(view, float(unit), shift, flat), height
 
 
 def _chosen(bodies: list[FilmBody], n_frames: int, peak: int) -> np.ndarray:
@@ -350,10 +359,11 @@ def _packed(body: FilmBody, picture: _Picture, stress: Stress | None) -> dict[st
         "nodes": _text(body.nodes, "<f4"),
         "motion": _text(motion.reshape(-1, n_frames, 3).transpose(1, 2, 0), "<f4"),
     }
-    if (reach := float(np.abs(bend[..., :2]).max(initial=0.0))) > 0.5 / FACTORS[-1]:
+    bend = bend[..., : 2 if picture.flat else 3]
+    if (reach := float(np.abs(bend).max(initial=0.0))) > 0.5 / FACTORS[-1]:
         step = reach / np.iinfo(np.int16).max
         as_it_is = np.flatnonzero(~body.known).tolist()
-        entry |= {"step": step, "bend": _text((bend[..., :2] / step).round(), "<i2"), "as_it_is": as_it_is}
+        entry |= {"step": step, "bend": _text((bend / step).round(), "<i2"), "as_it_is": as_it_is}
     if len(body.triangles):
         entry |= {"triangles": _text(body.triangles, "<u4"), "edges": _text(body.edges, "<u4")}
     if body.values is not None and stress is not None:

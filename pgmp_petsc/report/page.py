@@ -23,13 +23,14 @@ import numpy as np
 
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, counted, visible
+from pgmp_petsc.figures.ensembles import values_of
 from pgmp_petsc.figures.loads import OF_JOINTS, outputs_of
 from pgmp_petsc.figures.style import MODELS, axis_unit, quantity, scene_of
 from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired
 from pgmp_petsc.files.claims import check_output, named, replacing
 from pgmp_petsc.files.hdf5 import KINDS
 from pgmp_petsc.report import charts
-from pgmp_petsc.report.budget import Line, error_budget, model_error, verdict
+from pgmp_petsc.report.budget import Decision, Line, decision, error_budget, model_error, verdict
 from pgmp_petsc.report.charts import Chart, Curve
 from pgmp_petsc.report.film import Film, film_of
 from pgmp_petsc.report.sources import (
@@ -42,7 +43,6 @@ from pgmp_petsc.report.sources import (
     chance_of,
     compact_json,
     failed_of,
-    in_words,
     mean_of,
     of_kind,
     read_sources,
@@ -75,6 +75,7 @@ class Section:
 
     name: str
     description: str
+    decision: Decision
     verdict: list[Sentence]
     film: Film | None
     film_of: str
@@ -111,8 +112,9 @@ def section_of(sources: Sequence[Source]) -> Section:
     film = None if filmed is None else film_of(filmed.result, filmed.name)
     labels = labels_of(comparisons, {id(source.result): source.path for source in runs})
     return Section(
-        name=in_words(str(header.get("name", "scene without a name"))),
+        name=str(header.get("name", "scene without a name")),
         description=str(header.get("description", "")),
+        decision=decision(sources, error),
         verdict=verdict(sources, error),
         film=film,
         film_of="" if film is None else film_words(filmed, scene, bool(ensembles)),
@@ -267,13 +269,13 @@ def _distributions(scene: Mapping[str, Any], ensembles: Sequence[Source]) -> Ite
             if level is not None and which != {"end": "", "ever": "max" if level.above else "min"}[level.when]:
                 level = None
             unit = ensemble.units.get(name, "1")
-            found = charts.distribution(name, unit, s, ensemble.model, level, lost, of_input)
+            found = charts.distribution(name, unit, values_of(ensemble, name), ensemble.model, level, lost, of_input)
             yield replace(found, title=_title(ensemble, name))
 
 
 def _title(ensemble: Ensemble, name: str) -> str:
     """Return a quantity of an ensemble in words."""
-    return in_words(name) + (", first passage" if name in ensemble.first_passages else "")
+    return name + (", first passage" if name in ensemble.first_passages else "")
 
 
 def _ranked(source: Source) -> str:
@@ -306,8 +308,8 @@ def _sizing(run: Source, ensembles: Sequence[Source]) -> Table:
         factor, unit = axis_unit(run.result.units.get(name, "1"), values)
         largest = Datum(values[most], f"{factor * values[most]:.4g}", run.name, f"/outputs/{name}", str(most))
         row: list[Sentence] = [
-            [in_words(name)],
-            [in_words(entry.get("joint") or entry["coordinate"])],
+            [name],
+            [entry.get("joint") or entry["coordinate"]],
             [largest, f" {unit} at {run.result.time[most]:.4g} s"],
         ]
         rows.append(row if source is None else [*row, *_over_samples(source, name, values[most] < 0.0)])
@@ -345,7 +347,7 @@ def _over_samples(source: Source, name: str, negative: bool) -> list[Sentence]:
         shown = [j for j in np.argsort(-np.nan_to_num(found.first)) if found.first_interval[j, 0] > 0.0]
         for j in shown[:MOST_DECIDING]:
             share = Datum(found.first[j], f"{100 * found.first[j]:.0f} %", source.name, f"/sobol/{which}/S1", str(j))
-            decided += [", " if decided else "", f"{in_words(found.parameters[j])} ", share]
+            decided += [", " if decided else "", f"{found.parameters[j]} ", share]
     figures = [[figure[0], unit, *figure[1:]] for figure in (mean, high)]
     return [*figures, chances, decided or ["not known" if found is None else "none by itself"]]
 
@@ -365,7 +367,7 @@ def _tradeoff(source: Source) -> tuple[Table, list[Chart], list[str]]:
         place = f"/{clock}/batch"
         batch = Datum(study.times.batch[row], plain(1e3 * study.times.batch[row], 3), source.name, place, str(row))
         rows.append([[study.name(row) + (" (the scene)" if row == 0 else "")], *errors, [batch]])
-    head = ["setting", *(f"{in_words(name)}, %" for name in study.outputs), "a sample, ms"]
+    head = ["setting", *(f"{name}, %" for name in study.outputs), "a sample, ms"]
     note = study.reference or "Errors are the largest over time and test values, of the output's largest value."
     failed = [f"{study.name(row)}: {reason}" for row, reason in enumerate(study.reasons) if reason]
     return Table(head, rows, note), [charts.accuracy_and_time(study, name) for name in study.outputs], [

@@ -172,11 +172,6 @@ def failed_of(source: Source) -> str:
     return f"{source.name}: {np.count_nonzero(status)} of {len(status)} samples failed"
 
 
-def in_words(name: str) -> str:
-    """Return ``slider deformation, max`` for ``slider_deformation.max``."""
-    return name.replace("_", " ").replace(".", ", ")
-
-
 def sentence_case(text: str) -> str:
     """Return a text with a capital letter first."""
     return text[:1].upper() + text[1:]

@@ -18,7 +18,7 @@ ROUND_OFF = 1e-12  # of a quantity's size: what varies by less is the same throu
 DIGITS = 2  # of an interval's width that are shown
 PLAIN = (1e-4, 1e7)  # sizes that are written without a power of ten
 MOST = 100.0  # a share beyond it is of something that is hardly there
-READABLE = 1e-3  # of the largest figure of a page: smaller ones have a prefix of their own
+READABLE = 2e-2  # of the largest figure of a page: smaller ones have a prefix of their own
 # Powers of 1000 that are written as prefixes, for the units that are used with them.
 _PREFIXES = {0: "", -1: "m", -2: "\N{MICRO SIGN}", -3: "n", 1: "k", 2: "M", 3: "G"}
 _PREFIXED_UNITS = {"m", "s", "N", "N m", "Pa", "J", "W", "rad", "Hz"}

@@ -145,7 +145,7 @@ def shown_rows(study: Tradeoff) -> list[int]:
 
 
 def _table(study: Tradeoff) -> list[str]:
-    header = ["", "setting", *(name.replace("_", " ") for name in study.outputs)]
+    header = ["", "setting", *(name for name in study.outputs)]
     header += ["offline s", "online ms", "alone ms", f"{study.samples} in s"]
     front, total = study.pareto, study.total_seconds(study.samples)
     body = []

@@ -1,4 +1,5 @@
-"""What MkDocs is told besides its settings: pages from outside docs/, notebooks of pages, equations as MathML.
+"""What MkDocs is told besides its settings: pages from outside docs/, notebooks of pages, equations as MathML, a search
+that works from files.
 
 The files in docs/ are also read where the repository is, so their links lead to files of the repository. Here README.md
 becomes the first page, and scenes that pages link to lie beside them.
@@ -60,6 +61,16 @@ def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -
         r'<div class="arithmatex">\\\[(.*?)\\\]</div>', lambda found: _mathml(found[1], "block"), html, flags=re.S
     )
     return re.sub(r'<span class="arithmatex">\\\((.*?)\\\)</span>', lambda found: _mathml(found[1], "inline"), html)
+
+
+def on_post_build(config: MkDocsConfig) -> None:
+    """Make the index a script, and the search one that loads it: pages that are files may neither fetch nor work."""
+    folder = Path(config.site_dir) / "search"
+    index = json.loads((folder / "search_index.json").read_text(encoding="utf-8"))
+    (folder / "sections.js").write_text(f"var handbook = {json.dumps(index['docs'])};", encoding="utf-8")
+    (folder / "main.js").write_text((HERE / "search.js").read_text(encoding="utf-8"), encoding="utf-8")
+    for name in ("search_index.json", "worker.js"):
+        (folder / name).unlink()
 
 
 def _from_top(text: str) -> str:

@@ -44,8 +44,9 @@ LOOSE = (
 )
 
 
-PLATFORM, ARM, SOLID = (
-    ROOT / f"scenes/{name}.toml" for name in ("platform_3rrr", "six_joint_arm", "slider_crank_solid2d")
+PLATFORM, ARM, SOLID, PALLETIZER, DELTA = (
+    ROOT / f"scenes/{name}.toml"
+    for name in ("platform_3rrr", "six_joint_arm", "slider_crank_solid2d", "palletizer", "delta_robot")
 )
 FOURTH = 'coordinates.fourth={joint="first_elbow", range=[-3.0, 3.0]}'
 FREEDOM = "joints: they leave the rigid mechanism 3 degrees of freedom"
@@ -66,6 +67,11 @@ FREEDOM = "joints: they leave the rigid mechanism 3 degrees of freedom"
             f"{FREEDOM} (30 of its 10 bodies less 27 independent constraints), but 4 coordinates were named",
         ),
         (("build", ARM), "6 independent coordinates were given; at most 3 are taken"),
+        (("build", PALLETIZER), "16^4 = 6.55e+04 configurations: about 0.144 hours of eigenproblems on one rank"),
+        (
+            ("build", DELTA, *overridden("reduction.angles=200")),
+            "are the most for a grid. Take fewer reduction.angles or reduction.modes, or pgmp simulate SCENE",
+        ),
         (("tradeoff", ARM), "Take pgmp simulate SCENE --components or --full"),
     ],
 )
@@ -104,7 +110,7 @@ def test_what_ranks_did_not_share_is_said(tmp_path: Path, mpirun: Callable) -> N
     )
 
 
-@pytest.mark.parametrize("name", ["platform_3rrr", "six_joint_arm"])
+@pytest.mark.parametrize("name", ["platform_3rrr", "six_joint_arm", "payload_arm", "palletizer", "delta_robot"])
 def test_the_scenes_run_as_they_are(name: str, tmp_path: Path) -> None:
     said = pgmp("simulate", ROOT / "scenes" / f"{name}.toml", "--components", "-o", tmp_path / "run.h5").stdout
     assert "warning" not in said

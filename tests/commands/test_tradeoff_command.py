@@ -36,7 +36,7 @@ def test_what_is_printed(printed: str, folder: Path) -> None:
     assert said == study.reference and said.startswith("reference: the mesh; its runs are predicted to take")
     assert study.reference_model == "full" and not (folder / "f.h5.partial").exists()
     assert lines[0] == f"{folder / 'f.h5'}: {len(study.families)} settings, errors at 8 values of r1, 1 rank(s)"
-    assert "crank angle" in lines[1] and "500 in s" in lines[1]
+    assert "crank_angle" in lines[1] and "500 in s" in lines[1]
     for words in ("reference, the scene's meshes", "mesh error, 10 cells", "in every output", "times"):
         assert words in printed
     assert sum(line.startswith(">") for line in lines) >= 1, "the scene as it is"

@@ -121,12 +121,12 @@ def test_scenes_have_pictures_of_their_own(tmp_path: Path) -> None:
 
 
 def test_titles_say_what_is_shown_and_of_which_scene() -> None:
-    assert texts(trajectories([Comparison(None, run())])) == ["Outputs over time, reduced: four bar"]
-    assert texts(trajectories(paired([run(), run("full")]))) == ["Outputs over time, full order and reduced: four bar"]
-    assert texts(mechanism(synthetic.trajectory()))[0] == "Shape at 14 instants, full order: slider crank"
-    assert texts(frequencies([synthetic.modes_table()])) == ["Eigenfrequencies, full order and reduced: slider crank"]
+    assert texts(trajectories([Comparison(None, run())])) == ["Outputs over time, reduced: four_bar"]
+    assert texts(trajectories(paired([run(), run("full")]))) == ["Outputs over time, full order and reduced: four_bar"]
+    assert texts(mechanism(synthetic.trajectory()))[0] == "Shape at 14 instants, full order: slider_crank"
+    assert texts(frequencies([synthetic.modes_table()])) == ["Eigenfrequencies, full order and reduced: slider_crank"]
     ensemble = synthetic.ensemble(n_samples=9, n_failed=0)
-    assert texts(densities([ensemble])) == ["Densities of parameters and outputs at the end: slider crank"]
+    assert texts(densities([ensemble])) == ["Densities of parameters and outputs at the end: slider_crank"]
 
 
 def test_a_run_that_ended_early_says_so() -> None:
@@ -222,7 +222,7 @@ def test_deformations_are_called_enlarged_only_where_they_are() -> None:
     assert "enlarged" not in title and notes[0].startswith("deformation of crank, rod as it is, not enlarged")
     assert visible(figure)[0].get_xlabel() == "x − 0.45 z (m)"
     rigid = replace(run, frames=replace(frames, rigid=frozenset(frames.nodes)))
-    assert texts(mechanism(rigid, exaggeration=20.0)) == ["Shape at 4 instants, full order: slider crank"]
+    assert texts(mechanism(rigid, exaggeration=20.0)) == ["Shape at 4 instants, full order: slider_crank"]
 
 
 def test_any_number_of_colours_is_distinct() -> None:

@@ -187,7 +187,7 @@ def test_a_portrait_shows_shapes_and_curve():
     run, shown = half_rigid(), gallery.Portrait("Half rigid", "slider_deformation", 10.0, until=0.8, n_instants=5)
     figure = gallery.portrait(run, shown)
     left, right = visible(figure)
-    assert right.get_title(loc="left") == "slider deformation (mm)"
+    assert right.get_title(loc="left") == "slider_deformation (mm)"
     assert len(right.lines) == 1 + 5 and len(left.collections) == 5 * 3
     assert max(line.get_xdata()[0] for line in right.lines[1:]) <= 0.8
     assert_inside(figure)

@@ -221,7 +221,7 @@ def test_what_parts_are_sized_by(tmp_path: Path) -> None:
     heads = next([words(cell) for cell in row] for row in tree.iter("tr") if "largest in the run" in words(row))
     assert heads[3:] == ["largest in samples, mean", "exceeded in 5 %", "probability", "which parameter decides it"]
     rows = {words(row[0]): [words(cell) for cell in row] for row in tree.iter("tr") if len(row) == len(heads)}
-    x, y, motor = rows["pin x"], rows["pin y"], rows["motor"]
+    x, y, motor = rows["pin_x"], rows["pin_y"], rows["motor"]
     assert x[1] == "pin" and x[2].startswith("3 kN at ") and x[3].startswith("3 kN [") and x[4].startswith("3.09 kN [")
     assert x[5] == "P(late) = 5.26 % [1, 20]" and x[6] == "r1 70 %, push 20 %"
     assert y[2].startswith("-4 kN at ") and y[4].startswith("2.91 kN [") and y[5:] == ["", "none by itself"]
@@ -238,7 +238,7 @@ def test_what_is_constant_has_no_deviation_and_no_density(tmp_path: Path) -> Non
     assert read.statistics["crank_angle"].constant and not read.statistics["slider_deformation"].constant
     write_report([tmp_path / "many.h5"], tmp_path / "page.html")
     tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
-    row = next([words(cell) for cell in row] for row in tree.iter("tr") if words(row).startswith("crank angle"))
+    row = next([words(cell) for cell in row] for row in tree.iter("tr") if words(row).startswith("crank_angle"))
     assert row[2] == "constant" and not any(row[4:])
     assert any("crank_angle" in line and line.split()[2] == "constant" for line in lines_of(read))
     assert summary_of(read)["statistics"]["crank_angle"]["constant"] is True
@@ -262,10 +262,32 @@ def test_the_verdict_says_how_sure_and_how_far_off(tree: Element) -> None:
     first, *others = [words(item) for item in next(with_class(tree, "verdict")).iter("p")]
     assert first == "P(crank_angle above 5 rad at any time) = 5.26 % [1, 20], 90 % interval of 57 samples."
     # the made-up error is 4 % cos(9 t) of the deformation, measured against the full-order one
-    assert any(re.match(r"Model error 3\.4 % of the largest slider deformation, .* measured", text) for text in others)
+    assert any(re.match(r"Model error 3\.4 % of the largest slider_deformation, .* measured", text) for text in others)
     fate = "count both ways in intervals of probabilities; all other figures are without them"
     assert f"many.h5: 3 of 60 samples failed, and {fate}." in others
     assert "1 warning" in others
+
+
+def test_a_light_says_whether_it_is_decided(tmp_path: Path) -> None:
+    """By the interval and the model's error; not where a run or all samples failed, nor where nothing was asked."""
+    many, run = with_event(synthetic.described()), with_event(synthetic.trajectory("reduced"))
+    late = replace(many.probabilities["late"], model_error=0.001, holds_to=0.2)
+    scene = run.record.scene_toml + tables("simulation: duration = 2.0")
+    early = replace(run, status=3, record=replace(run.record, scene_toml=scene))
+    for kind, result in {
+        "decided": replace(many, probabilities={"late": late}),
+        "undecided": replace(many, probabilities={"late": replace(late, model_error=0.3)}),
+        "unasked": replace(many, probabilities={}),
+        "failed": early,
+    }.items():
+        result.write(tmp_path / f"{kind}.h5")
+        write_report([tmp_path / f"{kind}.h5"], tmp_path / "page.html")
+        tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
+        assert kind in next(with_class(tree, "verdict")).get("class").split(), kind
+        light = words(next(with_class(tree, "light")))
+        assert kind != "decided" or light == (
+            "Decided late: the model's error is 0.1 %, and the answer holds up to 20 %"
+        )
 
 
 def test_nothing_comes_from_outside(page: str, tree: Element) -> None:
@@ -315,7 +337,7 @@ def test_scenes_have_sections_of_their_own(folder: Path) -> None:
     tree = parsed((folder / "two.html").read_text(encoding="utf-8"))
     sections = list(with_class(tree, "scene"))
     assert [words(item) for item in tree.iter("h2") if "scene" in item.get("class", "")] == [
-        "slider crank", "x<script>alert(1)</script>"]  # fmt: skip
+        "slider_crank", "x<script>alert(1)</script>"]  # fmt: skip
     assert len([item for item in sections if item.tag == "section"]) == 2
     assert {item.get("data-file") for item in shown(sections[0])} == {"run.h5"}
 
@@ -352,8 +374,8 @@ def test_the_error_budget_says_what_is_known_and_what_is_not(tree: Element) -> N
     budget = {row[0]: row[1:] for row in rows_of(tree, "Error budget")}
     assert budget["basis, interpolation, time step"][0] == "not known"
     assert "reduction.tolerance" in budget["basis, interpolation, time step"][1]
-    assert budget["mesh: slider deformation"] == ["1 %", "measured: 10 cells against 40"]
-    assert budget["model: slider deformation"][1].startswith("measured: reduced against full order")
+    assert budget["mesh: slider_deformation"] == ["1 %", "measured: 10 cells against 40"]
+    assert budget["model: slider_deformation"][1].startswith("measured: reduced against full order")
     assert budget["sampling: P(late)"] == ["± 9.5 percentage points", "90 % interval of 57 samples"]
     assert budget["small deformations: elastic rotation"][0] == "0.02 rad"
 
@@ -452,7 +474,7 @@ def test_charts_show_the_level_of_an_event(folder: Path) -> None:
     tree = parsed((folder / "event.html").read_text(encoding="utf-8"))
     charts = {item.get("data-output"): words(item) for item in tree.iter("figure")}
     verdict = words(next(with_class(tree, "verdict")))
-    assert re.search(r"Estimated model error at most [\d.]+ rad \(crank angle\), ", verdict)
+    assert re.search(r"Estimated model error at most [\d.]+ mrad \(crank_angle\), ", verdict)
     assert "late" in charts["crank_angle"] and "late" not in charts["slider_deformation"]
     with one_unit_each({"m": 1e-9}):  # the prefix of what is drawn is none for a level far beyond
         far = output_over_time("x", "m", [Curve("run", "full", np.arange(3), 1e-9 * np.arange(3))], None, "full",
@@ -471,9 +493,9 @@ def test_outputs_that_are_not_known_are_no_figures(folder: Path) -> None:
     write_report(files, folder / "unknown.html")
     tree = parsed((folder / "unknown.html").read_text(encoding="utf-8"))
     verdict = words(next(with_class(tree, "verdict")))
-    assert "Slider deformation is not known at any instant." in verdict and "nan" not in verdict
+    assert "slider_deformation is not known at any instant." in verdict and "nan" not in verdict
     budget = {row[0]: row[1] for row in rows_of(tree, "Error budget")}
-    assert budget["model: slider deformation"] == "not known" and budget["model: slider position"] == "0 %"
+    assert budget["model: slider_deformation"] == "not known" and budget["model: slider_position"] == "0 %"
     told = "differs from full order, with the same time step, by at most 0 % of the largest slider_position, at 0 s"
     assert headline_of_comparison(*files) == told
 
@@ -499,8 +521,8 @@ def test_an_error_that_two_runs_with_the_same_step_share_is_said(folder: Path) -
     said = r"Model error 3\.4 % .* at the same time step; the time-step error is not included\."
     assert re.search(said, verdict)
     assert "With the error of the time step it is estimated to be 80 % of the largest" in verdict
-    assert budget["model: slider deformation"][0] == "3.4 %"
-    assert budget["model and time step: slider deformation"][0] == "80 %"
+    assert budget["model: slider_deformation"][0] == "3.4 %"
+    assert budget["model and time step: slider_deformation"][0] == "80 %"
     # a full-order run with smaller steps measures both at once
     verdict, budget = of(files[0], files[2])
     assert "same time step" not in verdict and "estimated" not in verdict
@@ -548,9 +570,9 @@ def test_a_run_in_one_line(tmp_path: Path, model: str, last: int, of_step: bool 
 
 
 def test_marks_of_samples_that_failed_are_counted() -> None:
-    s = synthetic.statistics(np.linspace(0.0, 1.0, 50))
+    values = np.linspace(0.0, 1.0, 50)
     event = Level("far", 40.0, True, "end")
-    found = distribution("r1", "m", s, "reduced", event, np.linspace(0.0, 1.0, 5000), True)
+    found = distribution("r1", "m", values, "reduced", event, np.linspace(0.0, 1.0, 5000), True)
     assert found.caption == (
         "The level of far, 40 m, is far beyond this picture. 300 of 5000 samples that failed are marked."
     )
@@ -564,10 +586,10 @@ def test_values_that_hardly_differ_are_told_apart(tmp_path: Path) -> None:
     replace(plain, outputs=plain.outputs | {"crank_angle": values}, statistics=statistics).write(tmp_path / "near.h5")
     write_report([tmp_path / "near.h5"], tmp_path / "near.html")
     tree = parsed((tmp_path / "near.html").read_text(encoding="utf-8"))
-    text = next(t for t in map(words, next(with_class(tree, "verdict")).iter("p")) if t.startswith("Crank angle"))
+    text = next(t for t in map(words, next(with_class(tree, "verdict")).iter("p")) if t.startswith("crank_angle"))
     low, high = map(float, re.search(r"lie between ([\d.]+) and ([\d.]+) rad", text).groups())
     assert high - low == pytest.approx(np.diff(np.quantile(values, [0.05, 0.95]))[0], rel=0.1)
     charts = (item for item in tree.iter() if item.get("class") == "chart")
-    chart = next(item for item in charts if item.get("aria-label") == "crank angle")
+    chart = next(item for item in charts if item.get("aria-label") == "crank_angle")
     ticks = [words(item) for item in chart.iter() if item.tag.endswith("text") and words(item).startswith("5.28")]
     assert len(ticks) >= 2 and len(set(ticks)) == len(ticks)

@@ -1,4 +1,4 @@
-"""The page of results in a browser: nothing beyond the edge at two widths, no error, and a film that moves the charts.
+"""The page of results in a browser: nothing beyond the edge at three widths, no error, films that move and turn.
 
 Needs Chromium, which `scripts/setup --tests` installs from Debian's packages; without any these tests are skipped.
 """
@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import synthetic
 from conftest import TIMEOUT_SECONDS
-from fielded import flat_run
+from fielded import block_run, flat_run
 
 from pgmp_petsc.base.errors import warning
 from pgmp_petsc.report.page import write_report
@@ -25,7 +25,7 @@ from pgmp_petsc.report.page import write_report
 NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 BROWSER = next(filter(None, map(shutil.which, NAMES)), None)
 pytestmark = pytest.mark.skipif(BROWSER is None, reason=f"no browser here: none of {', '.join(NAMES)}")
-WIDTHS = {"phone": 390, "desk": 1280}
+WIDTHS = {"phone": 390, "tablet": 820, "desk": 1280}
 SMALLEST = 8.5  # px: what can be read in a chart on a phone
 
 FIRST = "<script>window.failures = []; addEventListener('error', (e) => failures.push(e.message));</script>"
@@ -113,6 +113,27 @@ stage.dispatchEvent(new MouseEvent("click", {
   clientX: place.left + found.seen.left * place.width, clientY: place.top + 0.5 * place.height,
 }));
 found.clicked = [zoom.value, seen()];
+const table = [...document.querySelectorAll("table")].find((one) => one.querySelector("tbody tr:nth-child(4) td data"));
+const head = table.querySelectorAll("thead th")[1];
+const means = () => [...table.tBodies[0].rows].map((row) => Number(row.cells[1].querySelector("data")?.value));
+found.sorted = [1, 2].map(() => {
+  head.querySelector("button").click();
+  return [head.getAttribute("aria-sort"), means()];
+});
+const block = document.querySelectorAll(".film")[2], place3 = block.querySelector(".stage"), pixels = () => {
+  const canvas = block.querySelector("canvas");
+  return canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.join();
+};
+const press = (key) => place3.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+const whole = pixels();
+press("ArrowLeft"); press("ArrowUp");
+found.turned = pixels() !== whole;
+press("Home");
+found.back = pixels() === whole;
+found.flatTurns = solid.querySelector(".stage").classList.contains("turns");
+const paint = (name) => getComputedStyle(document.querySelector(name)).backgroundColor;
+found.dark = matchMedia("(prefers-color-scheme: dark)").matches;
+found.paints = [paint("body"), getComputedStyle(document.querySelector(".verdict p")).color];
 const note = document.createElement("pre");
 note.id = "found"; note.textContent = JSON.stringify(found);
 document.body.append(note);
@@ -136,7 +157,10 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     solid = flat_run(1e-3)
     scene = synthetic.SCENE.replace("slider_crank", "bar")
     replace(solid, record=replace(solid.record, scene_toml=scene)).write(folder / "solid.h5")
-    write_report([folder / f"{name}.h5" for name in ("run", "full", "many", "study", "solid")], target)
+    space = block_run()
+    scene = synthetic.SCENE.replace("slider_crank", "block")
+    replace(space, record=replace(space.record, scene_toml=scene)).write(folder / "block.h5")
+    write_report([folder / f"{name}.h5" for name in ("run", "full", "many", "study", "solid", "block")], target)
     text = target.read_text(encoding="utf-8").replace("<title>", f"{FIRST}<title>", 1)
     target.write_text(text.replace("</body>", f"{LAST}</body>"), encoding="utf-8")
     return target
@@ -145,9 +169,13 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module", params=WIDTHS.values(), ids=WIDTHS.keys())
 def opened(request: pytest.FixtureRequest, page: Path) -> tuple[dict, str]:
     """Return what the page measured at a width, and what the browser wrote about it."""
+    return opened_at(page, request.param)
+
+
+def opened_at(page: Path, width: int, *more: str) -> tuple[dict, str]:
     command = [
         BROWSER, "--headless", "--disable-gpu", *(["--no-sandbox"] if os.geteuid() == 0 else []),
-        f"--user-data-dir={page.parent / 'profile'}", f"--window-size={request.param},900", "--enable-logging=stderr",
+        f"--user-data-dir={page.parent / 'profile'}", f"--window-size={width},900", "--enable-logging=stderr", *more,
         "--virtual-time-budget=2000", "--dump-dom", page.as_uri(),
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_SECONDS)
@@ -223,6 +251,29 @@ def test_one_can_look_closer(opened: tuple[dict, str]) -> None:
     assert factor == "5" and at_left_end["left"] == pytest.approx(0.5, abs=pixels) and at_left_end["right"] > 0.99
     # paper has all of it
     assert found["whole"]["right"] == found["seen"]["right"] and found["whole"]["left"] == found["seen"]["left"]
+
+
+def test_tables_sort_and_films_in_space_turn(opened: tuple[dict, str]) -> None:
+    found, _ = opened
+    (first, up), (second, down) = found["sorted"]
+    numbers = [value for value in up if value is not None]
+    assert (first, second) == ("ascending", "descending") and len(numbers) > 2
+    assert numbers == sorted(numbers) and [value for value in down if value is not None] == numbers[::-1]
+    assert found["turned"] and found["back"] and not found["flatTurns"]
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_it_is_dark_where_the_screen_is(page: Path, dark: bool) -> None:
+    """What is written stands out from its ground by 7 to 1, as WCAG's AAA has it, with both."""
+    found, _ = opened_at(page, 820, f"--blink-settings=preferredColorScheme={0 if dark else 1}")
+    ground, ink = (np.array(re.findall(r"\d+", text), float)[:3] / 255 for text in found["paints"])
+    light, deep = sorted((luminance(ground), luminance(ink)), reverse=True)
+    assert found["dark"] is dark and (luminance(ground) < 0.1) is dark and (light + 0.05) / (deep + 0.05) > 7.0
+
+
+def luminance(colour: np.ndarray) -> float:
+    linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
 
 
 def test_paper_has_the_instant_of_the_largest_stress(opened: tuple[dict, str]) -> None:

@@ -49,8 +49,8 @@ def drawn(film: Film, number: int, factor: float = 1.0) -> np.ndarray:
     if "bend" in entry:
         gains = np.full(n_frames, factor)
         gains[entry["as_it_is"]] = 1.0
-        bend = taken(entry, "bend", "<i2").reshape(n_frames, -1, 2)
-        places[..., :2] += entry["step"] * gains[:, None, None] * bend
+        bend = taken(entry, "bend", "<i2").reshape(n_frames, entry["n"], -1)
+        places[..., : bend.shape[2]] += entry["step"] * gains[:, None, None] * bend
     return places
 
 

@@ -1,13 +1,18 @@
 """Mechanisms with more than two coordinates: full-order and component runs, and what a reduction of them would cost."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
-from runs import assert_close, components_model, full_model, history, samples
+from conftest import ROOT
+from runs import assert_close, components_model, full_model, history, run_model, samples
 from scipy.integrate import solve_ivp
 from spatial_beams import lines_of
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.estimates.own_error import why_not_of_full_order
-from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
+from pgmp_petsc.stepping.status import Status
 from scenes import HEADER, tables
 
 TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
@@ -154,3 +159,46 @@ def test_an_arm_with_six_joints_moves_as_its_mesh() -> None:
     both = (full_model(scene, meshes), components_model(scene, meshes))
     exact, found = (history(model, samples(scene, 1), 1)[1] for model in both)
     assert_close(exact, found, tip=1e-4, deflection=5e-3)
+
+
+# shares of the largest values: of places 1e-6 is measured, of deformations 3e-4, from modes that are left out
+@pytest.mark.parametrize("name", ["scara", "delta_robot", "payload_arm", "palletizer"])
+def test_robots_move_as_their_mesh(name: str) -> None:
+    """An open chain, a closed one with three coordinates and one with four, and elastic gearboxes with a payload."""
+    scene = load_scene(ROOT / "scenes" / f"{name}.toml", ("simulation.duration=0.3", "simulation.step=1e-3"))
+    exact, found = (history(model(scene), samples(scene, 1), 1)[1] for model in (full_model, components_model))
+    limits = {name: 1e-3 if one.type == "deformation" else 1e-5 for name, one in scene.outputs.items()}
+    assert_close(exact, found, **limits)
+
+
+# an arm whose hand is driven away from its shoulder: its links make 0.9 m, which is reached at 0.1 s
+REACH = HEADER + tables("""
+bodies.upper: mesh = "0.0:0.5:2"; element = "beam2d"; material = "steel"; flexible = false
+bodies.upper.section: shape = "circle"; radius = 0.01
+bodies.fore: mesh = "0.0:0.4:2"; element = "beam2d"; material = "steel"; flexible = false
+bodies.fore.section: shape = "circle"; radius = 0.01
+bodies.fore.placement: origin = [0.5, 0.0]; angle = 1.0
+joints.shoulder: type = "revolute"; connect = ["ground:origin", "upper:hinge"]
+joints.elbow: type = "revolute"; connect = ["upper:tip", "fore:hinge"]
+coordinates.turn: joint = "shoulder"; range = [-1.0, 1.0]
+coordinates.reach: points = ["ground:origin", "fore:tip"]; range = [0.4, 0.85]
+effects.out: type = "prescribed_motion"; coordinate = "reach"; constant_speed = { speed = 1.0, start = 0.8 }
+outputs.elbow: type = "angle"; joint = "elbow"
+simulation: duration = 0.2; step = 1e-3
+""")
+
+
+@pytest.mark.parametrize("model", [full_model, components_model])
+def test_an_arm_that_is_driven_beyond_a_straight_elbow_ends_with_its_instant(model: Callable) -> None:
+    """Within two steps of where its elbow is straight."""
+    scene = scene_from_toml(REACH, ".")
+    _, run = run_model(model(scene, lines_of(scene)))
+    assert run.status[0] not in (Status.FINE, Status.LEFT_RANGE)
+    assert run.failure_time[0] == pytest.approx(0.1, abs=2.5e-3)
+
+
+def test_a_straight_elbow_within_the_range_is_refused_with_the_configuration() -> None:
+    for end, refused in ((0.85, False), (0.9, True), (0.95, True)):
+        scene = scene_from_toml(REACH, ".", [f"coordinates.reach.range=[0.4,{end}]"])
+        found = pytest.raises(InputError, full_model, scene, lines_of(scene)) if refused else None
+        assert not refused or "they do not control the mechanism at turn = -1 rad, reach = 0.9 m" in str(found.value)

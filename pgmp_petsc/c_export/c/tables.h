@@ -27,10 +27,14 @@ struct spline_piece { double begin, end, cubic[4]; };
 enum { LAW_FORCE, LAW_STIFFNESS, LAW_DAMPING, LAW_ABOUT, LAW_END };
 typedef void law_function(const double p[], double amplitude, double s, double rate, double about, double found[]);
 /* A local effect: number of the first part of its measure, which is the sum of them, and of the last one; of its strength,
-   and of its first edge among those of all; how many edges its law has; and whose measure the law is of. One that leads
+   and of its first edge among those of all; how many edges its law has; whose measure the law is of, and
+   whether it rubs. One that leads
    does nothing but measure, for the law of the one behind it. */
 enum { ALONE, LEADS, LED, BY_LOAD };
-struct action { int first, last, strength, edge, n_edges, role, controlled; law_function *law; };
+struct action { int first, last, strength, edge, n_edges, role, controlled, rubs; law_function *law; };
+/* Where the law of an effect was evaluated last in an iteration: about as above, and of one that `rubs`, whose iterates are
+   taken up from zero, what its rate follows from, its measure, rate and amplitude, and its force and damping there. */
+struct iterate { double about, along[N], s, rate, amplitude, force, damping; };
 /* A law of a controller, of its parameters, of time, reference and its rate, motions and their rates, and of its states:
    the force, its slopes by motions, rates and states, and the same of the rate of each state; and its first states. */
 typedef void control_function(const double p[], const double x[], const double z[], double found[]);
@@ -118,9 +122,11 @@ double evaluate_piece(int function, double time, double since, double rates[2]);
 void evaluate_lagrangian(const struct terms *t, const double q[N], const double rate[N], const double rates[N],
                          double gain_v, double gain_a, int fresh, double r[N], struct matrix *matrix);
 void add_actions(const struct pgmp_model *m, const struct stencil *stencil, const double strengths[],
-                 const double q[N], const double v[N], double gain_v, int fresh, double about[], double depths[],
+                 const double q[N], const double v[N], double gain_v, int fresh, struct iterate kept[],
+                 double depths[],
                  struct response *response, double r[N], struct matrix *matrix,
                  double forces[], double loads[][N_DOFS]);
+int bends(const struct pgmp_model *m, const struct iterate kept[], const double v[N]);
 void respond(const struct pgmp_model *m, double motions[][2], struct response *at, double given[][3]);
 void begin_response(const struct pgmp_model *m, double h, double time, struct response *at);
 void begin_sampling(const struct pgmp_model *m, int who, double time, struct response *at);

@@ -1,3 +1,23 @@
+// columns sort by the files' own numbers, or by what is read; a second click turns the order round
+for (const head of document.querySelectorAll("thead th")) {
+  const button = document.createElement("button");
+  button.append(...head.childNodes);
+  head.append(button);
+  const body = head.closest("table").tBodies[0], column = head.cellIndex;
+  const key = (row) => {
+    const cell = row.cells[column], number = Number(cell.querySelector("data")?.getAttribute("value") ?? (cell.textContent.trim() || NaN));
+    return Number.isNaN(number) ? cell.textContent.trim() : number;
+  };
+  button.addEventListener("click", () => {
+    const down = head.getAttribute("aria-sort") === "ascending";
+    for (const other of head.parentNode.cells) other.removeAttribute("aria-sort");
+    head.setAttribute("aria-sort", down ? "descending" : "ascending");
+    const order = (a, b) => (typeof a === "number" && typeof b === "number" ? a - b : typeof a === "number" ? -1 : typeof b === "number" ? 1 : a.localeCompare(b));
+    const rows = [...body.rows].map((row) => [key(row), row]).sort(([a], [b]) => (down ? -1 : 1) * order(a, b));
+    body.append(...rows.map(([, row]) => row));
+  });
+}
+
 for (const film of document.querySelectorAll(".film")) {
   const data = JSON.parse(film.querySelector("script").textContent);
   const section = film.closest("section.scene");
@@ -7,6 +27,8 @@ for (const film of document.querySelectorAll(".film")) {
   const choice = controls.querySelector("select.factor"), zoom = controls.querySelector("select.zoom");
   const stage = film.querySelector(".stage"), pictures = [...stage.querySelectorAll("svg")];
   const shapes = data.bodies.map((body) => new Shape(body, data.time.length));
+  const turning = data.turns && new Turning(data.turns.middle);
+  for (const shape of shapes) shape.turning = turning;
   const lines = shapes.filter((shape) => !shape.triangles);
   const groups = [...film.querySelectorAll(".body")];
   const palette = data.stops && paletteOf(data.stops);
@@ -72,7 +94,13 @@ for (const film of document.querySelectorAll(".film")) {
     const [factor, unit] = metres >= 0.1 ? [1, "m"] : metres >= 1e-4 ? [1e3, "mm"] : [1e6, "µm"];
     return `${Number((metres * factor).toPrecision(3))} ${unit}`;
   };
-  const grounds = [...film.querySelectorAll(".ground path")].map((path) => [path, path.getAttribute("d").split("l")[0]]);
+  const traces = [...film.querySelectorAll(".paths path")], grounds = [...film.querySelectorAll(".ground path")].map((path) => [path, path.getAttribute("d").split("l")[0]]);
+  const turn = () => {
+    const at = (place) => turning.of([...place]).slice(0, 2).map(Math.round).join(" ");
+    traces.forEach((path, k) => path.setAttribute("d", `M${data.turns.paths[k].map(at).join("L")}`));
+    grounds.forEach((entry, k) => (entry[1] = `M${at(data.turns.ground[k])}`));
+    draw();
+  };
   const look = (frame, factor) => {
     const closer = Number(zoom.value), width = data.width / closer, height = data.height / closer;
     const p = closer > 1 ? target.shape.at(frame, factor).subarray(3 * target.node) : null;
@@ -122,7 +150,29 @@ for (const film of document.querySelectorAll(".film")) {
   slider.addEventListener("input", () => { if (running !== null) stop(); draw(); });
   if (choice) choice.addEventListener("change", draw);
   zoom.addEventListener("change", draw);
+  // a film in space turns with the pointer and with the arrows of the keyboard
+  let dragged = false, from = null;
+  if (turning) {
+    stage.classList.add("turns");
+    stage.tabIndex = 0;
+    const by = (across, down) => { turning.by(across, down); turn(); };
+    stage.addEventListener("pointerdown", (event) => { [dragged, from] = [false, event]; });
+    addEventListener("pointerup", () => { from = null; });
+    addEventListener("pointermove", (event) => {
+      if (!from) return;
+      const x = event.clientX - from.clientX, y = event.clientY - from.clientY;
+      if (!dragged && Math.hypot(x, y) < 5) return;
+      [dragged, from] = [true, event];
+      by((4 * x) / stage.clientWidth, (4 * y) / stage.clientWidth);
+    });
+    const arrows = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] };
+    stage.addEventListener("keydown", (event) => {
+      if (event.key === "Home") { turning.back(); turn(); }
+      if (arrows[event.key]) { event.preventDefault(); by(...arrows[event.key]); }
+    });
+  }
   stage.addEventListener("click", (event) => {
+    if (dragged) return void (dragged = false);
     const frame = Number(slider.value), factor = choice ? Number(choice.value) : 1;
     const box = stage.getBoundingClientRect(), seen = look(frame, factor), unit = seen.width / box.width;
     target = nearest(seen.x + (event.clientX - box.left) * unit, seen.y + (event.clientY - box.top) * unit, frame, factor);

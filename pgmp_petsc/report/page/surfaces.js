@@ -2,12 +2,35 @@
 // The shapes of bodies at a frame, and surfaces as pixels: of triangles with stress at their corners the nearest one is seen.
 const numbers = (text, Kind) => new Kind(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer);
 
+// Turned about the middle of the picture; rows of R are to the right, down and towards the eye.
+class Turning {
+  constructor(middle) { this.middle = middle; this.back(); }
+  back() { this.R = [1, 0, 0, 0, 1, 0, 0, 0, 1]; }
+  // by angles about the axes down and to the right of the picture as it is seen
+  by(across, down) {
+    const [c, s, d, t] = [Math.cos(across), Math.sin(across), Math.cos(down), Math.sin(down)];
+    const more = [c, 0, s, -s * t, d, c * t, -s * d, -t, c * d], R = this.R;
+    this.R = more.map((_, k) => [0, 1, 2].reduce((sum, j) => sum + more[3 * Math.floor(k / 3) + j] * R[3 * j + (k % 3)], 0));
+  }
+  of(places) {
+    const R = this.R, [a, b, c] = this.middle;
+    for (let k = 0; k < places.length; k += 3) {
+      const x = places[k] - a, y = places[k + 1] - b, z = places[k + 2] - c;
+      places[k] = a + R[0] * x + R[1] * y + R[2] * z;
+      places[k + 1] = b + R[3] * x + R[4] * y + R[5] * z;
+      places[k + 2] = c + R[6] * x + R[7] * y + R[8] * z;
+    }
+    return places;
+  }
+}
+
 class Shape {
   constructor(entry, frames) {
     Object.assign(this, { n: entry.n, step: entry.step, lines: entry.lines, ends: entry.ends, kind: entry.kind });
     this.nodes = numbers(entry.nodes, Float32Array);
     this.motion = numbers(entry.motion, Float32Array);
     this.d = this.motion.length / frames / 3 - 1;
+    this.turning = null;
     this.bend = entry.bend && numbers(entry.bend, Int16Array);
     this.asItIs = new Set(entry.as_it_is);
     this.shades = entry.shades && numbers(entry.shades, Uint8Array);
@@ -39,13 +62,11 @@ class Shape {
         places[3 * k + row] = sum;
       }
     if (this.bend) {
-      const gain = this.step * (this.asItIs.has(frame) ? 1 : factor), bend = this.bend.subarray(2 * n * frame);
-      for (let k = 0; k < n; k++) {
-        places[3 * k] += gain * bend[2 * k];
-        places[3 * k + 1] += gain * bend[2 * k + 1];
-      }
+      const axes = this.turning ? 3 : 2;
+      const gain = this.step * (this.asItIs.has(frame) ? 1 : factor), bend = this.bend.subarray(axes * n * frame);
+      for (let k = 0; k < n; k++) for (let j = 0; j < axes; j++) places[3 * k + j] += gain * bend[axes * k + j];
     }
-    return places;
+    return this.turning ? this.turning.of(places) : places;
   }
   shade(frame, node) { return this.shades[frame * this.n + node]; }
 }
@@ -102,8 +123,9 @@ class Surfaces {
     const { pixels, depth, palette } = this, { width, height } = this.image;
     const p = shape.places, t = shape.triangles, normals = shape.normals;
     const shades = shape.shades && shape.shades.subarray(frame * shape.n, (frame + 1) * shape.n);
-    const m = shape.motion, row = 12 * frame + 9;
-    const eye = shape.d < 3 ? null : [m[row], m[row + 1], m[row + 2]], size = eye && Math.hypot(...eye);
+    const m = shape.motion, R = shape.turning ? shape.turning.R.slice(6) : [0, 0, 1];
+    const eye = shape.d < 3 ? null : [1, 2, 3].map((k) => R.reduce((sum, share, j) => sum + share * m[12 * frame + 4 * j + k], 0));
+    const size = eye && Math.hypot(...eye);
     for (let k = 0; k < t.length; k += 3) {
       const a = 3 * t[k], b = 3 * t[k + 1], c = 3 * t[k + 2];
       const x0 = p[a], y0 = p[a + 1], x1 = p[b], y1 = p[b + 1], x2 = p[c], y2 = p[c + 1];
