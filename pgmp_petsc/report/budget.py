@@ -557,25 +557,8 @@ def headline_of_ensemble(path: Path, *runs: Path) -> str:
     sources = [source for scene in read_sources(runs)[0] for source in scene] if runs else []
     error = model_error(sources, paired([source.result for source in sources]))
     failed = int(np.count_nonzero(ensemble.status))
-    parts = [f"{len(ensemble.status)} samples, {failed} failed"]
-    for label, chance in list(ensemble.probabilities.items())[:1]:
-        ends, of_runs = 100.0 * chance.interval, _of_runs(ensemble, label, error)
-        known = f"= {number_text(100 * chance.estimate, ends, 6)} % {interval_text(ends)}"
-        known = f"is not known {interval_text(ends)} %" if np.isnan(chance.estimate) else known
-        decided = np.isnan(chance.estimate) or chance.is_decided(of_runs)
-        parts.append(
-            f"P({chance.event}) {known if decided else f'is {chance.doubt(of_runs, _full_order_stops(sources))}'}"
-        )
-    if not ensemble.probabilities:
-        for name in list(ensemble.outputs)[-1:]:
-            s = ensemble.statistics[name]
-            unit = ensemble.units.get(name, "1")
-            factor, shown = axis_unit(unit, np.array([s.mean]))
-            mean, ends = factor * s.mean, factor * s.mean_interval
-            words = f"{mean:.7g}, constant" if s.constant else f"{number_text(mean, ends, 7)} {interval_text(ends)}"
-            words += "" if unit == "1" else f" {shown}"
-            parts.append(f"mean {name} {words if np.isfinite(s.mean) else 'is not known'}")
-    return f"{'; '.join(parts)}{_remarks(ensemble.record)}"
+    answer = ensemble.answer(lambda label: _of_runs(ensemble, label, error), _full_order_stops(sources))
+    return f"{len(ensemble.status)} samples, {failed} failed; {answer}{_remarks(ensemble.record)}"
 
 
 def _remarks(record: RunRecord) -> str:
