@@ -221,8 +221,9 @@ def write_report(
 
     FILEs are trajectories, ensembles, trade-off studies, fits, and reduced models, whose choices are a part of the
     error budget. Figures of several ensembles, or of several runs of one model, stand beside each other. It begins
-    with a verdict and has the mechanism as a film, outputs with bands, distributions with intervals, which parameters matter, the error budget, the balance of energy, samples that failed, warnings, costs,
-    the commands that repeat it, and the data as CSV. What is not known is said.
+    with a verdict and has the mechanism as a film, outputs with bands, distributions with intervals, which parameters
+    matter, the error budget, the balance of energy, samples that failed, warnings, costs, the commands that repeat it,
+    and the data as CSV. What is not known is said.
 
     Results of different scenes get sections of their own, with the scenes' names.
 
