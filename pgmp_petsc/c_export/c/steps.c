@@ -29,12 +29,13 @@ void pgmp_initialise(struct pgmp_model *m) {
 void pgmp_weigh(struct pgmp_model *m) {
     double of_terms[N_TERMS], of_loads[AT_LEAST_ONE(N_LOAD_TERMS)];
     weigh(m->parameters, of_terms, of_loads, m->laws, m->q + (N - N_GIVEN), m->controls);
-    memset(m->rigid, 0, sizeof m->rigid);
+    m->rigid_cell = -1;
+    memset(m->rigid_rows, 0, sizeof m->rigid_rows);
     memset(m->terms, 0, sizeof m->terms);
     memset(m->loads, 0, sizeof m->loads);
     for (int t = 0; t < N_TERMS; t++) {
-        for (int c = 0; c < N_CELLS; c++)
-            for (int p = 0; p < PACKED(R) * RIGID_POWERS; p++) m->rigid[c][p] += of_terms[t] * rigid_table[c][t][p];
+        for (int k = 0; k < RIGID_ROWS; k++)
+            for (int e = 0; e < PACKED(R); e++) m->rigid_rows[k][e] += of_terms[t] * rigid_table[k][t][e];
         for (int k = 0; k < N_ROWS; k++)
             for (int e = 0; e < END; e++) m->terms[k][e] += of_terms[t] * terms_table[k][t][e];
     }
@@ -65,7 +66,7 @@ static void act(const struct pgmp_model *m, double time, double since, double st
 }
 
 /* The Newton correction at (q, v, a), in r; kept of each action, or none. */
-static void correct(const struct pgmp_model *m, const double strengths[], const double q[N], const double v[N],
+static void correct(struct pgmp_model *m, const double strengths[], const double q[N], const double v[N],
                     const double a[N], double gain_v, double gain_a, int fresh, struct iterate kept[],
                     struct response *response, struct matrix *matrix, double r[N]) {
     struct stencil stencil;
