@@ -445,11 +445,16 @@ class Walk:
         Configuration where it is assembled, shape (n_theta,), rad.
     poses
         Its poses there, shape (n_bodies, n_pose, 1).
+
+    Attributes
+    ----------
+    chain
+        The mechanism, where it is an open chain.
     """
 
     def __init__(self, closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> None:
         self._closure, self._theta, self._assembled = closure, theta, poses[..., 0]
-        self._chain = Chain.of(closure, theta, self._assembled)
+        self.chain = Chain.of(closure, theta, self._assembled)
         self._steps = LONGEST * closure.scales
         self._kept: dict[tuple[int, ...], np.ndarray] = {}  # poses by the numbers of a place
 
@@ -463,8 +468,8 @@ class Walk:
 
         Raises `InputError` if the mechanism cannot be closed somewhere on the way.
         """
-        if self._chain is not None:
-            return self._closure.close(self._chain.poses(theta), theta)
+        if self.chain is not None:
+            return self._closure.close(self.chain.poses(theta), theta)
         numbers = np.nan_to_num((theta - self._theta) / self._steps, nan=0.0, posinf=0.0, neginf=0.0)
         places = [tuple(place) for place in numbers.astype(int).tolist()]
         self._go_to(places)
