@@ -292,15 +292,18 @@ def decision(sources: Sequence[Source], error: ModelError | None) -> Decision:
     lost = [f"all samples of {source.name} failed" for source in ensembles if source.result.status.all()]
     if stopped or lost:
         return Decision("failed", "Failed", "; ".join([*stopped, *lost]))
-    chances = [
-        (label, chance, float(np.fmax(chance.model_error, _of_runs(source.result, label, error))))
-        for source in ensembles
-        for label, chance in source.result.probabilities.items()
-    ]
+    chances = []
+    for source in ensembles:
+        for label, chance in source.result.probabilities.items():
+            known = float(np.fmax(chance.model_error, _of_runs(source.result, label, error)))
+            chances.append((f"{source.name}: {label}" if len(ensembles) > 1 else label, chance, known))
     events = [(label, chance.is_decided(known)) for label, chance, known in chances]
     events += [(source.result.event, source.result.reached) for source in of_kind(sources, RareEvent)]
     if not events:
-        return Decision("unasked", "No question asked", "the scene has no event (ensemble.probabilities) to decide")
+        asks = any(scene_of(source.record).get("ensemble", {}).get("probabilities") for source in sources)
+        if asks:
+            return Decision("unasked", "No probability known", "no samples are here: add a file of pgmp montecarlo")
+        return Decision("unasked", "No probability asked for", "the scene has no ensemble.probabilities")
     doubtful = [label for label, decided in events if not decided]
     if doubtful:
         return Decision("undecided", "Not decided by this model", ", ".join(dict.fromkeys(doubtful)))
