@@ -260,3 +260,12 @@ def test_scenes_of_many_coordinates_run_as_component_models(tmp_path: Path) -> N
     assert lines["build"] == ["left out: no reduced model (6 coordinates); runs are of the component model"]
     assert "predicted to take" in lines["compare"][0] and lines["compare"][1].startswith("differs from full order")
     assert "predicted to take" in lines["ensemble"][0] and "4 samples, 0 failed" in lines["ensemble"][1]
+
+
+def test_three_coordinates_run_as_a_reduced_model(tmp_path: Path) -> None:
+    short = "simulation.duration=0.02", "simulation.step=1e-3", "simulation.frames=3", "reduction.angles=5"
+    robot = ROOT / "scenes" / "platform_3rrr.toml"
+    lines = told(said("run", robot, "-o", tmp_path / "robot", "-n", 4, *overridden(*short))[0])
+    assert lines["build"][0].startswith("as the scene says; ") and lines["simulate"][0].startswith("reduced, 20 steps")
+    assert lines["compare"][1].startswith("differs from full order")
+    assert "4 samples, 0 failed" in lines["ensemble"][0]
