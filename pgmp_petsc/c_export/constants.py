@@ -239,9 +239,7 @@ def _gaps_of(model: ReducedModel) -> tuple[GapForces | None, dict[str, np.ndarra
     n_rows, gaps = len(_flat(model.terms.terms.rows, 2)), model.multipliers and model.multipliers.gaps
     if gaps is None:
         return None, {"gap_table": np.zeros((n_rows, 1, 1)), "gap_changes": np.zeros((n_rows, 1, 1))}
-    by_loads = np.swapaxes(_flat(gaps.moved.rows, 2), 1, 2)
-    table = np.concatenate([_flat(gaps.table.rows, 2), by_loads], axis=2)
-    return gaps, {"gap_table": table, "gap_changes": _flat(gaps.changing.rows, 2)}
+    return gaps, {"gap_table": _flat(gaps.table.rows, 2), "gap_changes": _flat(gaps.changing.rows, 2)}
 
 
 def _sizes_of_gaps(gaps: GapForces | None, tables: Mapping[str, np.ndarray]) -> dict[str, int]:
