@@ -244,21 +244,12 @@ def _gaps_of(model: ReducedModel) -> tuple[GapForces | None, dict[str, np.ndarra
 
 def _sizes_of_gaps(gaps: GapForces | None, tables: Mapping[str, np.ndarray]) -> dict[str, int]:
     mass, stiffness, loads, damping = (0, 0, 0, 0) if gaps is None else map(len, gaps.weights)
-    names = (
-        "N_GAPS",
-        "N_GAP_ENTRIES",
-        "N_GAP_CHANGES",
-        "GAPS_CURVED",
-        "GAPS_DRIVEN",
-        "GAP_MASS",
-        "GAP_STIFFNESS",
-        "GAP_DAMPING",
-    )
-    sizes = (
-        (0,) * 5 if gaps is None else (*tables["gap_table"].shape[1:], tables["gap_changes"].shape[2], *gaps.sizes[2:])
-    )
-    counts = zip((*names, "N_GAP_TERMS"), (*sizes, mass, stiffness, damping, mass + stiffness + loads + damping))
-    return {name: int(count) for name, count in counts}
+    sizes = (0,) * 5
+    if gaps is not None:
+        sizes = (*tables["gap_table"].shape[1:], tables["gap_changes"].shape[2], *gaps.sizes[2:])
+    names = "N_GAPS N_GAP_ENTRIES N_GAP_CHANGES GAPS_CURVED GAPS_DRIVEN GAP_MASS GAP_STIFFNESS GAP_DAMPING N_GAP_TERMS"
+    counts = (*sizes, mass, stiffness, damping, mass + stiffness + loads + damping)
+    return {name: int(count) for name, count in zip(names.split(), counts, strict=True)}
 
 
 def in_c(scene: Scene, name: str) -> bool:
