@@ -37,9 +37,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.recovery import Recovery
 
 PAIR_SECONDS = 5.0e-8  # of a processor, of two amplitudes in a step
-NOISE = (
-    1e-10  # share of both fields' own moments or stiffness that is none of theirs: products of fields that are apart
-)
+NOISE = 1e-10  # share of both fields' own moments or stiffness that round-off leaves of fields that are apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +103,7 @@ def without_noise(
     d: int,
 ) -> tuple[dict[Monomial, np.ndarray], dict[Monomial, np.ndarray]]:
     """Return moments and stiffness with zeros for what is round-off at nominal parameters, as between fields that bend
-    a straight body in two planes."""
+    a straight body in two planes. Terms that are 0 there, as those of random fields, stay as they are."""
     weights = {weight: float(weight.evaluate(nominal)) for weight in {*moments, *stiffness}}
     whole = sum(weights[weight] * part for weight, part in moments.items())
     own = np.sqrt(np.einsum("kkii->i", second_moments(whole, d)[2]))
@@ -113,7 +111,10 @@ def without_noise(
     of_fields = np.concatenate([[np.sqrt(whole[0, 0])], np.full(d, place), np.tile(own, d)])
     stiff = np.sqrt(np.diag(sum(weights[weight] * part for weight, part in stiffness.items())))
     return tuple(
-        {w: np.where(np.abs(weights[w] * part) > NOISE * np.outer(size, size), part, 0.0) for w, part in terms.items()}
+        {
+            w: np.where(np.abs(weights[w] * part) > NOISE * np.outer(size, size), part, 0.0) if weights[w] else part
+            for w, part in terms.items()
+        }
         for terms, size in ((moments, of_fields), (stiffness, stiff))
     )
 

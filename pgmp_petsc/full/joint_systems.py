@@ -126,7 +126,7 @@ class JointEquations:
         rows = StatementRows(*(list(zip(*parts)) or ([], [])), unknowns.frame, unknowns.dimension)
         bodies = np.array(bodies, dtype=int)
         frames = np.array([unknowns.frame(node) for node in self._tree.nodes[bodies, 1]], dtype=int)
-        felt = (rows.dofs[:, :, None] == frames.reshape(bodies.size, 1, -1)).any(axis=2)
+        felt = (rows.dofs[:, :, None] == frames.reshape(bodies.size, 1, unknowns.frame(0).size)).any(axis=2)
         return Held(rows, np.array(places, dtype=int), bodies, felt)
 
     def multipliers_of_joints(self, q: np.ndarray, left: np.ndarray, loads: np.ndarray) -> np.ndarray:
