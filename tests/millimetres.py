@@ -149,6 +149,8 @@ def differences(one: Path, other: Path, alike: bool = False) -> dict[str, float]
                 far *= np.ptp(edges) / np.abs(edges).max() / (2 * edges.size)  # both ends of a bin
             elif kin.endswith("/deformation"):  # the difference of places, which are known to round-off
                 size = max(size, float(np.max(np.abs(si[place.replace("deformation", "displacement")]))))
+            elif re.match(r"statistics/\w+/(std|mean_standard_error)", place):  # of values that are known to round-off
+                size = max(size, float(np.max(np.abs(si["/".join([*place.split("/")[:2], "mean"])]))))
             sizes[kin], off[kin] = max(sizes.get(kin, 0.0), size), max(off.get(kin, 0.0), far)
     return {place: off[place] / (sizes[place] or 1.0) for place in off}
 

@@ -175,7 +175,7 @@ def _left_at(problem: ModalProblem, modes: ModeSet, k: int, value: float, loads_
 
 
 # shares of the ranges at which springs are looked at, far from every symmetry
-PLACES = np.array([[0.236, 0.414], [0.618, 0.732], [0.854, 0.142]])
+PLACES = np.array([[0.236, 0.414, 0.674], [0.618, 0.732, 0.281], [0.854, 0.142, 0.925]])
 RESISTED = 1e-10  # stiffness of a rigid motion, as a share of what its springs would have without cancellation
 NEGATIVE = 1e-12  # eigenvalue of a block, as a share of its largest one
 
