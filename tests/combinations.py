@@ -60,6 +60,20 @@ SPATIAL = PARAMETER + without_effects(IN_SPACE)
 OF_CELLS = 'element = "solid3d"\nmaterial = "steel"'
 IN_A_LINE = 'element = "beam3d"\nmaterial = "steel"\nsection = { shape = "circle", radius = "r1" }'
 
+HAND = """
+[bodies.hand]
+mesh = "0.0:0.3:2"
+element = "beam2d"
+material = "steel"
+section = { shape = "circle", radius = "r1" }
+[joints.wrist]
+type = "revolute"
+connect = ["lower:tip", "hand:hinge"]
+[coordinates.theta3]
+joint = "wrist"
+range = [-0.3, 0.6]
+"""
+
 #: A scene of every kind of mechanism; joints crank_hinge and elbow (shoulder and elbow of two coordinates).
 KINDS = {
     "beams": PLANE,
@@ -73,6 +87,7 @@ KINDS = {
     "rigid crank in space": SPATIAL.replace('mesh = "0.0:0.3:2"', 'mesh = "0.0:0.3:2"\nflexible = false'),
     "all rigid in space": SPATIAL.replace('material = "steel"', 'material = "steel"\nflexible = false'),
     "all rigid in the plane": PLANE.replace('material = "steel"', 'material = "steel"\nflexible = false'),
+    "three coordinates": PARAMETER + without_effects(DOUBLE_PENDULUM) + HAND,
 }
 WHEEL = (
     "bodies.wheel={{rigid={{mass=0.1,inertia={moments},points={{hub={origin}}}}}}}",
@@ -256,6 +271,8 @@ def scene_of(kind: str, feature: str) -> Scene:
     if feature != "free equilibrium":  # which may be anywhere; a short range saves nine tenths of the time
         for name in bare.coordinates:
             extra += [f"coordinates.{name}.range=[-0.3, 0.6]", f"coordinates.{name}.periodic=false"]
+    if len(bare.coordinates) > 2:
+        extra.append("reduction.angles=6")
     if any("strength" in entry for entry in asked):
         extra.append('parameters.strength={nominal=1.0,distribution={name="uniform",loc=0.9,scale=0.2}}')
     if any('"width"' in entry for entry in asked):

@@ -23,6 +23,7 @@ from mpi4py import MPI
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.shape import BodyShape, shape_in_scene
 from pgmp_petsc.cli.main import main
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import read_line_mesh
 from pgmp_petsc.mesh.line_mesh import straight_beam
@@ -30,6 +31,7 @@ from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.reduced.cells import Cells, place_of
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
@@ -49,6 +51,7 @@ IN_TURN = """
 import json, sys
 from mpi4py import MPI
 from pgmp_petsc.cli.main import main
+from pgmp_petsc.lanes.compiled import njit
 for argv in json.loads(sys.argv[1]):
     try:
         main(argv)
@@ -312,3 +315,9 @@ def besides_progress(stderr: str) -> str:
 def overridden(*entries: str) -> list[str]:
     """Return the arguments ``--override entry`` for every entry."""
     return [word for entry in entries for word in ("--override", entry)]
+
+
+@njit(entry=True)
+def place_in(cells: Cells, cell: int) -> int:
+    """Return where among the polynomials of a table those of a cell are."""
+    return place_of(cells, cell)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
@@ -12,10 +12,12 @@ from pgmp_petsc.api.declared import Argument, command
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of, tell, tell_remarks
 from pgmp_petsc.api.scenes import SCENE, Overrides, Parameters
 from pgmp_petsc.base.errors import InputError, counted
+from pgmp_petsc.base.progress import doing
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.ranks.agreement import on_root
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.check import describe_scene, describe_trial, summary_of_scene
@@ -56,8 +58,7 @@ class Checked:
 
 def _report(found: Checked, name: Path, said: object, strict: bool) -> str:
     """Return what was found besides the scene itself, which was printed before."""
-    lines = [] if found.picture is None else [f"  picture       {found.picture}"]
-    lines += [found.trial_text] if found.tried else []
+    lines = [found.trial_text] if found.tried else []
     return "\n".join([*lines, *([] if found.sizes is None else found.sizes.lines())])
 
 
@@ -78,7 +79,8 @@ def _status(found: Checked, strict: bool) -> int:
     effects=Argument("Also estimate the size of every available effect: what to keep, what to leave."),
     trial=Argument("Also factorise the largest continuum body, and predict time and memory."),
     picture=Argument(
-        "Also draw the assembled mechanism with the names of bodies, joints and points.", "--plot", "FILE.png"
+        "Also draw the assembled mechanism with the names of bodies, joints and points; beside it, as FILE_BODY.png, "
+        "each part of cells with its named faces.", "--plot", "FILE.png"
     ),
     shell={"strict": Argument("End with status 2 if there are warnings.")},
 )  # fmt: skip
@@ -111,11 +113,14 @@ def check(
     text = on_root(comm, describe_scene, loaded, meshes)
     tell(comm, text)
     tell_remarks(comm, loaded.remarks)
+    if target is not None:
+        for line in on_root(comm, _draw, loaded, meshes, target, inputs):
+            tell(comm, line)
     return Checked(
         loaded,
         meshes,
         text,
-        None if target is None else on_root(comm, _draw, loaded, meshes, target),
+        target,
         _tried(loaded, meshes, comm) if trial else None,
         _sizes(loaded, meshes, comm) if effects else None,
         trial,
@@ -123,13 +128,22 @@ def check(
     )
 
 
-def _draw(scene: Scene, meshes: Mapping[str, BodyShape], picture: Path) -> Path:
-    """Draw the assembled mechanism, and return the picture's path; by one process only."""
+def _draw(scene: Scene, meshes: Mapping[str, BodyShape], picture: Path, inputs: Sequence[Path]) -> list[str]:
+    """Draw the assembled mechanism and its parts of cells, and say where; by one process only."""
     from pgmp_petsc.figures.mechanism import assembly  # matplotlib takes a noticeable time
+    from pgmp_petsc.figures.part import meshed_part
     from pgmp_petsc.figures.style import save
     from pgmp_petsc.studies.field_frames import assembly_of
 
-    return save(assembly(assembly_of(scene, meshes)), picture)
+    parts = {name: mesh for name, mesh in meshes.items() if isinstance(mesh, SolidMesh)}
+    files = {name: picture.with_name(f"{picture.stem}_{name}.png") for name in parts}
+    for file in files.values():
+        check_output(file, "picture", inputs)
+    lines = [f"  picture       {save(assembly(assembly_of(scene, meshes)), picture)}"]
+    with doing("drawing parts"):
+        for name, file in files.items():
+            lines.append(f"  faces         {save(meshed_part(parts[name], name, scene.system.unit('m')), file)}")
+    return lines
 
 
 def _tried(scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm) -> Trial | None:

@@ -146,6 +146,8 @@ class Command:
     #: returns what its file is called behind the name of the scene, of what was given; None where it has to be named
     ending: Callable[[Mapping[str, Any]], str | None] | None
     shell: Mapping[str, Argument]  # options that the command line alone has
+    #: what to do next with its file, ``{file}``; a terminal then shows of its report the answer alone
+    then: str
 
     @property
     def arguments(self) -> dict[str, Argument]:
@@ -287,7 +289,7 @@ def command(
     figures: Callable[..., Mapping[str, object]] | None = summary, status: Callable[..., int] | None = None,
     choose: Callable[..., Callable[..., Any]] | None = None, others: Sequence[Callable[..., Any]] = (),
     about: str = "", ending: Callable[[Mapping[str, Any]], str | None] | None = None,
-    shell: Mapping[str, Argument] | None = None, gives: str = "", **arguments: Argument,
+    shell: Mapping[str, Argument] | None = None, then: str = "", gives: str = "", **arguments: Argument,
 ) -> Callable[[Function], Function]:  # fmt: skip
     """Declare a command by the attributes of `Command`, and its function as `interface` does."""
 
@@ -296,7 +298,7 @@ def command(
         call.__doc__ = f"{call.__doc__}\n\nThe command is ``pgmp {name}``."
         options = {key: one.filled(key, "bool", False, False) for key, one in (shell or {}).items()}
         call.command = Command(
-            name, help, place, call, tuple(others), petsc, report, figures, status, choose, about, ending, options
+            name, help, place, call, tuple(others), petsc, report, figures, status, choose, about, ending, options, then
         )
         return call
 

@@ -520,6 +520,7 @@ def exit_status(found: Ensemble | ShardSamples | RareEvent) -> int:
 
 @command(
     "montecarlo", "Many samples and their distributions.", 70, report=_report, status=exit_status, choose=choose,
+    then="pgmp report {file} -o report.html",
     ending=lambda given: None if {"shard", "failed"} & {*given} else "rare" if "event" in given else "samples",
     others=(retry_failed, rare_event), source=SOURCE, n=NUMBER, seed=SEED, sampler=SAMPLER, ranks_per_sample=PER_SAMPLE,
     samples=Argument(
@@ -604,7 +605,7 @@ def montecarlo(
 
 @command(
     "merge", "Join the shards of an ensemble.", 80, report=report_of_ensemble, status=exit_status,
-    ending=lambda _: "samples",
+    ending=lambda _: "samples", then="pgmp report {file} -o report.html",
     files=Argument("Files of all shards, in any order.", word="FILE", allowed="a list of names of shards' files"),
     gives="With the attributes of `results.Ensemble`.",
 )  # fmt: skip

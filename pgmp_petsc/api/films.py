@@ -206,7 +206,7 @@ def plot(
 @command(
     "report", "Write results as one page that needs no network.", 150, petsc=False,
     results=Argument(
-        "Results, or names of their files: trajectories, ensembles, trade-off studies and reduced models.", word="FILE",
+        "Results, or names of their files: trajectories, ensembles, trade-offs, fits and reduced models.", word="FILE",
         allowed="a list of results, or of names of files",
     ),
     path=Argument(
@@ -219,10 +219,11 @@ def write_report(
 ) -> Path:
     """Write result FILEs as one page that needs no network: for the screen, the phone and the printer.
 
-    FILEs are trajectories, ensembles, trade-off studies, and reduced models, whose choices are a part of the error
-    budget. It begins with a verdict in words and has the mechanism as a film, outputs with bands, distributions with
-    intervals, which parameters matter, the error budget, the balance of energy, samples that failed, warnings, costs,
-    the commands that repeat it, and the data as CSV. What is not known is said.
+    FILEs are trajectories, ensembles, trade-off studies, fits, and reduced models, whose choices are a part of the
+    error budget. Figures of several ensembles, or of several runs of one model, stand beside each other. It begins
+    with a verdict and has the mechanism as a film, outputs with bands, distributions with intervals, which parameters
+    matter, the error budget, the balance of energy, samples that failed, warnings, costs, the commands that repeat it,
+    and the data as CSV. What is not known is said.
 
     Results of different scenes get sections of their own, with the scenes' names.
 

@@ -28,8 +28,8 @@ from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.files.steps import LABEL, Steps
-from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model
-from pgmp_petsc.mechanism.kinematics import MOST_FOLLOWED, RigidKinematics
+from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model, why_no_grid
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.ranks.agreement import agreed, on_root
@@ -161,7 +161,7 @@ class _Job:
         """The model that runs and samples are of."""
         if not self.flexible:
             return "full"
-        return "reduced" if len(self.scene.coordinates) <= MOST_FOLLOWED else "components"
+        return "components" if why_no_grid(self.scene, self.kinematics.mechanism) else "reduced"
 
     @property
     def n_steps(self) -> float:

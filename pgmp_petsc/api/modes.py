@@ -31,7 +31,7 @@ from pgmp_petsc.texts.studies import report_of_tradeoff
 
 @command(
     "modes", "Eigenfrequencies over the configurations.", 50, report=report_of_modes, scene=SCENE,
-    ending=lambda _: "modes",
+    ending=lambda _: "modes", then="pgmp plot {file} -o pictures",
     rom=Argument("Add the frequencies of this reduced model, or of its file.", word="ROM.h5"),
     angles=Argument("Angles of each coordinate; reduction.angles if not given.", word="N", allowed=Range(2, 10**6)),
     gives="With the attributes of `results.ModesTable`.",
@@ -62,7 +62,7 @@ def frequencies(
 
 @command(
     "build", "Build the reduced or the component model of a scene (offline).", 40, report=report_of_build, scene=SCENE,
-    ending=lambda given: "components" if given.get("components") else "rom",
+    ending=lambda given: "components" if given.get("components") else "rom", then="pgmp montecarlo {file} -n 1000",
     components=Argument("Condense the bodies to a component model, of any number of coordinates."),
     gives="With the attributes of `reduction.rom.ReducedOrderModel`, or of `models.component_file.ComponentsFile`.",
 )  # fmt: skip

@@ -10,16 +10,19 @@ from typing import TypeVar
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.mesh.line_mesh import LineMesh, straight_beam
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.messages import problem
 
 #: What is condensed.
 ContinuumShape = SolidMesh | Assembled
 BodyShape = LineMesh | ContinuumShape | Component | FloatingBody
+NO_LENGTH = 1e-9  # share of its hinge's place that an element is longer than, so that seven digits of it are left
 
 
 def shape_in_scene(scene: Scene, name: str) -> LineMesh | None:
@@ -30,7 +33,7 @@ def shape_in_scene(scene: Scene, name: str) -> LineMesh | None:
     """
     body = scene.bodies[name]
     if body.line is not None:
-        return straight_beam(scene.number(body.line.length), body.line.elements, body.line.start, body.dimension)
+        return _line(scene, name)
     if body.rigid is None:
         return None
     names, places = zip(*body.rigid.places.items())
@@ -83,9 +86,21 @@ def at_lengths(scene: Scene, meshes: Mapping[str, AnyShape]) -> dict[str, AnySha
     for name, body in scene.bodies.items():
         is_line = body.line is not None and not isinstance(meshes[name], FloatingBody)
         if is_line and isinstance(body.line.length, str):
-            length, n_cells = scene.number(body.line.length), len(meshes[name].cells)
-            found[name] = straight_beam(length, n_cells, body.line.start, body.dimension)
+            found[name] = _line(scene, name, len(meshes[name].cells))
     return found
+
+
+def _line(scene: Scene, name: str, n_cells: int | None = None) -> LineMesh:
+    """Return the line of a body in the scene's run, of other than its own number of cells where one is given.
+
+    Raises `InputError` where its elements vanish beside the place of its hinge.
+    """
+    line = scene.bodies[name].line
+    length, n_cells = scene.number(line.length), line.elements if n_cells is None else n_cells
+    if not length / n_cells > NO_LENGTH * abs(line.start):
+        reason = f"the element's length of {length / n_cells:g} is lost in round-off there; start nearer to 0"
+        raise InputError(problem(f"bodies.{name}.line.start", reason, line.start))
+    return straight_beam(length, n_cells, line.start, scene.bodies[name].dimension)
 
 
 def length_share(scene: Scene, name: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:

@@ -1,7 +1,7 @@
 """The constants of a model in C: sizes, settings, and the tables of the reduced Lagrangian, weights taken out.
 
-The tables are those that `reduced.terms` interpolates, as samples or spline coefficients; the rigid inertia is
-in the polynomials of degree 7 that the compiled kernel takes. Poses come from the table of the assembly branch.
+The tables are those that `reduced.terms` interpolates, as samples or spline coefficients; that of the rigid inertia has
+beside it what makes polynomials of degree 7, as in `reduced.cells`. Poses come from the table of the assembly branch.
 
 What a model in C does not have, named by its entry in the scene.
 """
@@ -38,6 +38,7 @@ from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.outputs.joint_forces import InJoint, OfConnection, OfDrive, OfMotion
+from pgmp_petsc.reduced import action_kernel
 from pgmp_petsc.reduced import steps as reduced_steps
 from pgmp_petsc.reduced.actions import nodes_of
 from pgmp_petsc.reduced.gap_forces import GapForces
@@ -194,7 +195,6 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         "N_LAW": max([1, *(len(action.parameters) for action in actions)]),
         "N_EDGES": first_edges[-1],
         "MOST_EDGES": max([1, *(len(action.law.edges) for action in actions)]),  # an array in C has at least one
-        "RUBS": int(any(action.law.about_zero for action in actions)),
     }
     return Constants(
         name=scene.name,
@@ -330,9 +330,11 @@ def _tables(model: ReducedModel, nodes: Sequence[int], places: Interpolant | Non
     turned = of_all.displacements.rows
     turned = turned.reshape(*turned.shape[:-1], -1, n_dofs)[..., d:].reshape(*turned.shape[:-1], -1)
     shapes = np.concatenate([of_outputs.displacements.rows, turned], axis=-1)
-    points = np.concatenate([body.mesh.nodes for body in mechanism.bodies])
+    points, rigid = np.concatenate([body.mesh.nodes for body in mechanism.bodies]), terms.cells.rigid
     return {
-        "rigid_table": terms.cells.rigid.polynomials,
+        "rigid_table": rigid.rows,
+        "rigid_stencils": rigid.stencils,
+        "rigid_matrices": rigid.matrices,
         "terms_table": _flat(terms.terms.rows, 2),
         "loads_table": np.swapaxes(_flat(terms.load.rows, 2), 0, 1),
         "shapes_table": _flat(shapes, 2),
@@ -369,7 +371,10 @@ def _axes(model: ReducedModel, places: Interpolant | None) -> dict[str, list[Alo
     fine = [Along(0.0, 1.0, 1, 1, False)] * len(periodic) if places is None else [Along.of(a) for a in places.axes]
     return {
         "axes": [Along.of(axis) for axis in terms.terms.axes],
-        "rigid_axes": [Along(axis.lower, axis.step, axis.n_cells, 0, axis.periodic) for axis in terms.grid],
+        "rigid_axes": [
+            Along(cells.lower, cells.step, cells.n_cells, count_rows(rows), cells.periodic)
+            for cells, rows in zip(terms.grid, terms.rigid.axes)
+        ],
         "fine_axes": fine,
         "branch_axes": [
             Along(float(axis[0]), float(axis[1] - axis[0]), axis.size - 1, axis.size, turns)
@@ -401,7 +406,9 @@ def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, i
         "STRUCTURAL_DAMPING": int(layout.damping < layout.end),
         "QUADRATIC": int(layout.quadratic),
         "N_ROWS": len(tables["terms_table"]),
-        "N_CELLS": math.prod(axis.n_cells for axis in terms.grid),
+        "RIGID_ROWS": len(tables["rigid_table"]),
+        "RIGID_CELLS": tables["rigid_stencils"].shape[1],
+        "RIGID_REACH": tables["rigid_stencils"].shape[2],
         "N_TERMS": len(terms.weights),
         "N_LOAD_TERMS": len(terms.tables.load_weights),
         "N_PARAMETERS": len(tunable(model.scene)),
@@ -451,6 +458,7 @@ def _steps(model: ReducedModel) -> dict[str, int | float]:
         "CAUTION": alpha_step.CAUTION,
         "FIRST_CONTRACTION": alpha_step.FIRST_CONTRACTION,
         "LEAST_CONTRACTION": alpha_step.LEAST_CONTRACTION,
+        "UNBALANCED": action_kernel.UNBALANCED,
         "WORST_CONTRACTION": alpha_step.WORST_CONTRACTION,
     }
 

@@ -112,7 +112,9 @@ def _array(values: np.ndarray) -> str:
 
 def _tables(constants: Constants) -> str:
     dimensions = {
-        "rigid_table": "[N_CELLS][N_TERMS][PACKED(R) * RIGID_POWERS]",
+        "rigid_table": "[RIGID_ROWS][N_TERMS][PACKED(R)]",
+        "rigid_stencils": "[R][RIGID_CELLS][RIGID_REACH]",
+        "rigid_matrices": "[R][RIGID_CELLS][8][RIGID_REACH]",
         "terms_table": "[N_ROWS][N_TERMS][END]",
         "loads_table": "[AT_LEAST_ONE(N_LOAD_TERMS)][N_ROWS][LOAD_END]",
         "shapes_table": "[N_ROWS][N_FACTORS][N_SHAPES]",
@@ -129,7 +131,8 @@ def _tables(constants: Constants) -> str:
     parts = ['#include "tables.h"\n\n#include <math.h>\n']
     for name, shape in dimensions.items():
         table = constants.tables[name]
-        parts.append(f"const double {name}{shape} = {_array(table) if table.size else '{0}'};\n")
+        number = "int" if table.dtype.kind == "i" else "double"
+        parts.append(f"const {number} {name}{shape} = {_array(table) if table.size else '{0}'};\n")
     names, served = list(constants.parameters), constants.served
     lower = [served[name].low if name in served else -math.inf for name in names]
     upper = [served[name].high if name in served else math.inf for name in names]
@@ -262,7 +265,10 @@ def _combine(constants: Constants) -> str:
 
 def _action(action: ActionInC, first: int) -> str:
     last = first + len(action.parts)
-    numbers = (first, last, action.strength, action.edge, len(action.law.edges), action.role, int(action.controlled))
+    numbers = (
+        first, last, action.strength, action.edge, len(action.law.edges), action.role, int(action.controlled),
+        int(bool(action.law.about_zero)),
+    )  # fmt: skip
     return f"{{{', '.join(map(str, (*numbers, f'law_{action.law.name}')))}}}"
 
 

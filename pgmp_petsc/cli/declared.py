@@ -9,10 +9,13 @@ Commands of click from declarations: words and options by the kinds of arguments
 from __future__ import annotations
 
 import inspect
+import json
 import logging
 import math
+import shlex
+import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -23,7 +26,8 @@ from pgmp_petsc.api.arguments import Range, by_command_line
 from pgmp_petsc.api.declared import Argument, Command
 from pgmp_petsc.api.ranks import ABOUT, LOGGER, REMARK, RESULT, SCENE, WAY, petsc_is_seen_to
 from pgmp_petsc.base.errors import InputError, Remark, RunError, visible
-from pgmp_petsc.cli.session import say, take_json, take_quiet
+from pgmp_petsc.base.progress import doing
+from pgmp_petsc.cli.session import at_terminal, for_terminal, say, take_json, take_quiet, take_verbose
 from pgmp_petsc.files.claims import is_table
 from pgmp_petsc.ranks.agreement import on_root
 from pgmp_petsc.ranks.petsc import petsc_runs
@@ -47,7 +51,8 @@ def run_command(context: click.Context, command: Command, given: Mapping[str, An
         own = {"comm": session.comm, "on_all_ranks": False}
         own = {name: value for name, value in own.items() if name in inspect.signature(function).parameters}
         try:
-            result = function(**named, **own)
+            with doing(command.name):
+                result = function(**named, **own)
         except RunError as stopped:
             if getattr(stopped, "result", None) is not None:
                 _say_result(context, command, stopped.result, arguments, shell, said)
@@ -92,7 +97,12 @@ def _say_result(
 
     text = "" if session.quiet and not session.json else on_root(session.comm, describing_the_result)
     if text and session.comm.rank == 0:
-        click.echo(text)
+        if session.json or not at_terminal():
+            click.echo(text)
+            return
+        click.echo(for_terminal(text, bool(command.then) and not session.verbose))
+        if command.then and output is not None and not is_table(output):
+            click.echo(f"next: {command.then.format(file=shlex.quote(str(output)))}")
 
 
 class _Heard(logging.Handler):
@@ -130,6 +140,7 @@ class _Heard(logging.Handler):
 
 QUIET = "Write nothing but errors and warnings on standard error."
 PLUGIN = "Run a Python file that declares effects or outputs of your own; repeatable."
+VERBOSE = "Print all figures at a terminal too; elsewhere they are always printed."
 JSON = "Write the figures as JSON on standard output, and nothing else there."
 
 
@@ -204,6 +215,8 @@ class Declared(click.Command):
         )
         if command.has_figures:
             options.append(_of_session("--json", JSON, take_json))
+        if command.then:
+            options.append(_of_session("--verbose", VERBOSE, take_verbose))
         options.append(_of_session("--quiet", QUIET, take_quiet))
         super().__init__(command.name, params=[*words, *options], help=command.description, callback=self._called)
 
@@ -254,6 +267,7 @@ def _parameters(argument: Argument, command: Command) -> Iterator[click.Paramete
         return
     text = command.spelled(argument.meaning) + " Repeatable." * argument.repeated
     options = [name, *argument.options]
+    complete = _completing_parameters if argument.name == "parameters" else None
     if argument.kinds == ("bool",):
         yield click.Option(options, is_flag=True, help=text)
         return
@@ -262,7 +276,8 @@ def _parameters(argument: Argument, command: Command) -> Iterator[click.Paramete
         more |= {"default": argument.default, "show_default": True}
     yield click.Option(
         options, metavar=None if isinstance(kind, click.Choice) else argument.word, type=kind, help=text,
-        required=argument.required and "." not in argument.name, multiple=argument.repeated, **more,
+        required=argument.required and "." not in argument.name, multiple=argument.repeated, shell_complete=complete,
+        **more,
     )  # fmt: skip
 
 
@@ -286,6 +301,22 @@ def _completing(listed: Callable[[], Mapping[str, str]]) -> Callable[..., list[C
         return [CompletionItem(name, help=about) for name, about in listed().items() if name.startswith(begun)]
 
     return complete
+
+
+def _completing_parameters(context: click.Context, parameter: click.Parameter, begun: str) -> list[CompletionItem]:
+    """Complete ``NAME=`` by the parameters of the scene, the model or the result that the command line names."""
+    found: dict[str, Any] = {}
+    for file in filter(Path.is_file, map(Path, context.args)):  # click leaves words there where an option has no value
+        with suppress(OSError, ValueError, KeyError):  # a file that is no scene and no result has none
+            if file.suffix == ".toml":
+                entries = tomllib.loads(file.read_text(encoding="utf-8")).get("parameters", {})
+                found |= {name: entry.get("nominal", "") for name, entry in entries.items()}
+            else:
+                from h5py import File  # takes a noticeable time, and scenes do without
+
+                with File(file) as opened:
+                    found |= json.loads(opened.attrs["parameters"])
+    return [CompletionItem(f"{name}=", help=f"{value}") for name, value in found.items() if name.startswith(begun)]
 
 
 def _flag(argument: Argument, value: str) -> str:

@@ -28,7 +28,7 @@ from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, PgmpError, nearest_name, plain_reason, visible
 from pgmp_petsc.base.progress import beating
 from pgmp_petsc.base.surroundings import Comm, check_variables
-from pgmp_petsc.cli.session import Session
+from pgmp_petsc.cli.session import Session, at_terminal, complain, painter
 from pgmp_petsc.ranks.ending import LastingOutput, descriptor_of, ending_on_signals, release_petsc, what_is_kept
 from pgmp_petsc.ranks.petsc import start_mpi, unused_options, unused_remark
 
@@ -123,7 +123,7 @@ def main(argv: list[str] | None = None) -> NoReturn:
         comm = start_mpi()
     except InputError as error:
         if str(error):
-            print(f"pgmp: error: {error}", file=sys.stderr, flush=True)
+            complain(f"pgmp: error: {error}", sys.stderr)
         sys.exit(error.exit_status)
     # A communicator of its own: what a failed rank sends must not meet collectives that others still run.
     closing = comm.Dup()
@@ -192,7 +192,7 @@ def _standard_output(comm: Comm) -> Iterator[LastingOutput | None]:
         yield None
     else:
         sys.stdout.flush()
-        output = LastingOutput(descriptor)
+        output = LastingOutput(descriptor, painter(at_terminal()))
         with output.text(sys.stdout.encoding) as stream, redirect_stdout(stream):
             yield output
 
@@ -209,12 +209,12 @@ def _warn(session: Session, status: int) -> None:
     if session.petsc_started and status != InputError.exit_status:
         names = unused_options(session.petsc_options, session.comm)
         if names and session.comm.rank == 0:
-            print(f"pgmp: warning: {visible(unused_remark(names))}", file=sys.stderr, flush=True)
+            complain(f"pgmp: warning: {visible(unused_remark(names))}", sys.stderr)
     # a command that computes nothing never loaded numba
     compiled = sys.modules.get("pgmp_petsc.lanes.compiled")
     problem = None if compiled is None else compiled.cache_problem()
     if problem is not None and session.comm.rank == 0:
-        print(f"pgmp: warning: {problem}", file=sys.stderr, flush=True)
+        complain(f"pgmp: warning: {problem}", sys.stderr)
 
 
 def _usage_message(error: click.ClickException) -> str:
@@ -238,7 +238,7 @@ def _close(closing: Comm, status: int, message: str | None) -> int:
     """
     if closing.size == 1:
         if message is not None:
-            print(f"pgmp: error: {message}", file=sys.stderr, flush=True)
+            complain(f"pgmp: error: {message}", sys.stderr)
         return status
     import numpy as np
     from mpi4py import MPI
@@ -257,7 +257,7 @@ def _close(closing: Comm, status: int, message: str | None) -> int:
                 closing.Abort(status)
             time.sleep(0.001)
     if message is not None and closing.rank == -highest[1]:
-        print(f"pgmp: error: {message}", file=sys.stderr, flush=True)
+        complain(f"pgmp: error: {message}", sys.stderr)
     return int(highest[0])
 
 

@@ -13,8 +13,10 @@ from pgmp_petsc.api.found import found
 ABOUT = """# Commands
 
 Written from the declarations of the commands (`python -m pgmp_petsc.cli.page > docs/commands.md`);
-`pgmp COMMAND --help` says the same. Every command has `--quiet`: nothing is written but errors and warnings. Commands
-with `--json` write their figures as JSON on standard output, and nothing else there. In Python a function has the same
+`pgmp COMMAND --help` says the same. Every command has `--quiet`: nothing is written but errors and warnings. A
+terminal shows the answer and warnings of build, modes, simulate, montecarlo and merge, and with `--verbose` all
+figures; a pipe or a log always has these. Commands with `--json` write their figures as JSON on standard output, and
+nothing else there. In Python a function has the same
 arguments ([python.md](python.md)); `help(pgmp.simulate)` shows them.
 """
 

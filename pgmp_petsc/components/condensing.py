@@ -256,6 +256,7 @@ def try_largest(scene: Scene, shapes: Mapping[str, BodyShape], comm: Comm) -> Tr
 
 NOT_SLENDER = "leave geometric_stiffening out, or take pgmp simulate --full"
 OTHER = 1e-6  # of a field of norm 1 at other parameter values, the square of what is new
+SAME = 1e-12  # of fields of norm 1, the square of what round-off leaves beside the others
 DEPENDENT = 1e-9  # of a load, the part that deforms; of answers of norm 1, the square of what is new
 
 
@@ -317,21 +318,21 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
 def _fewest(component: Component, points: Sequence[Mapping[str, float]], n_modes: int, stressed: bool) -> np.ndarray:
     """Return the fewest fields that serve a mechanism's n_modes modes: the rigid motions, as many of the body's lowest
     at each of the parameter values, and what these miss of static answers there, shape (n, k)."""
-    d, basis, nominal = component.centres.shape[1], None, points[0]
+    d, nominal = component.centres.shape[1], points[0]
     inertia = weighted_sum_dense(component.mass, nominal)
+    basis = np.empty((len(inertia), 0))
     for values in points:
         mass, stiffness = (weighted_sum_dense(terms, values) for terms in (component.mass, component.stiffness))
         loads = np.eye(len(mass))[:, : component.n_frame_dofs]
         if stressed:  # inertia forces of rigid motion
             loads = np.hstack([loads, mass @ component.fields])
         here = _answering(*eigh(stiffness, mass), loads, d * (d + 1) // 2, n_modes, by_energy=stressed)
-        if basis is not None:
-            here = here / np.sqrt(np.einsum("ij,ik,kj->j", here, inertia, here))
-            here = here - basis @ (basis.T @ (inertia @ here))
-            squares, directions = eigh(here.T @ inertia @ here)
-            new = squares > OTHER
-            here = np.hstack([basis, here @ directions[:, new] / np.sqrt(squares[new])])
-        basis = here
+        # what hardly moves makes stresses: the first of the values keep all of their fields
+        here = here / np.sqrt(np.einsum("ij,ik,kj->j", here, inertia, here))
+        here = here - basis @ (basis.T @ (inertia @ here))
+        squares, directions = eigh(here.T @ inertia @ here)
+        new = squares > (OTHER if basis.size else SAME)
+        basis = np.hstack([basis, here @ directions[:, new] / np.sqrt(squares[new])])
     return basis
 
 

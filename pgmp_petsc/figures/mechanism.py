@@ -351,7 +351,7 @@ def assembly(shown: Assembly) -> Figure:
         *shapes.keys(),
     ]  # fmt: skip
     notes = [f"{left_out} more names of points are left out"] if left_out else []
-    style.top_legend(figure, keys, f"{shown.scene.replace('_', ' ')}: assembled at {shown.configuration}", notes)
+    style.top_legend(figure, keys, f"{shown.scene}: assembled at {shown.configuration}", notes)
     figure.canvas.draw()
     _place_labels(axes, names, labels, shapes)
     return figure

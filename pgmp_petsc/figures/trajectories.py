@@ -340,7 +340,7 @@ def design(found: Design, label: str = "") -> Figure:
     return captions.headed(figure, keys, f"Design, {found.goal}", found.record, label)
 
 
-MEASURED = style.PALETTE[0]
+DOTS = {"linestyle": "", "marker": ".", "markersize": 3.0, "color": style.PALETTE[0]}
 
 
 @style.styled
@@ -348,33 +348,42 @@ def fit(found: Fit, label: str = "") -> Figure:
     """Draw every output over time (left), and what is left of it (right), a row each."""
     figure = style.new_figure(8.6, 1.0 + 1.9 * len(found.outputs))
     panels = figure.subplots(len(found.outputs), 2, sharex=True, squeeze=False)
-    dots = {"linestyle": "", "marker": ".", "markersize": 3.0, "color": MEASURED}
-    for (left, right), (name, output) in zip(panels, found.outputs.items()):
-        factor, unit = style.axis_unit(output.unit, output.measured, output.fitted)
-        left.plot(found.time, factor * output.measured, **dots)
-        left.plot(found.time, factor * output.begun, color=style.QUIET, linestyle=":")
-        left.plot(found.time, factor * output.fitted, color=style.REDUCED_COLOUR)
-        left.set_ylabel(style.axis_label(name, unit))
-        rest = output.measured - output.fitted
-        factor, unit = style.axis_unit(output.unit, rest)
-        right.plot(found.time, factor * rest, **dots)
-        for side in (-2.0, 2.0):
-            right.axhline(factor * side * output.noise, color=style.QUIET, linewidth=0.8, linestyle="--")
-        right.set_ylabel(style.axis_label("left", unit))
+    for (left, right), name in zip(panels, found.outputs):
+        fitted(left, found, name)
+        residuals(right, found, name)
     for axes in panels[-1]:
-        style.span(axes, found.time[0], found.time[-1])
         axes.set_xlabel("time (s)")
-    values = ", ".join(_with_error(p) for p in found.parameters)
-    keys = [
-        Line2D([], [], label="measured", **dots),
-        Line2D([], [], color=style.QUIET, linestyle=":", label="begun with"),
-        Line2D([], [], color=style.REDUCED_COLOUR, label=f"fitted, {values}"),
-        Line2D([], [], color=style.QUIET, linewidth=0.8, linestyle="--", label="two deviations of the noise"),
-    ]
+    values = ", ".join(with_error(p) for p in found.parameters)
+    keys = [*panels[0, 0].get_legend_handles_labels()[0], *panels[0, 1].get_legend_handles_labels()[0][1:]]
+    keys[2].set_label(f"fitted, {values}")
     return captions.headed(figure, keys, "Fit", found.record, label)
 
 
-def _with_error(parameter: FittedParameter) -> str:
+def fitted(axes: Axes, found: Fit, name: str) -> None:
+    """Draw an output as it was measured, with the values at the start, and fitted."""
+    output = found.outputs[name]
+    factor, unit = style.axis_unit(output.unit, output.measured, output.fitted)
+    axes.plot(found.time, factor * output.measured, label="measured", **DOTS)
+    axes.plot(found.time, factor * output.begun, color=style.QUIET, linestyle=":", label="begun with")
+    axes.plot(found.time, factor * output.fitted, color=style.REDUCED_COLOUR, label="fitted")
+    axes.set_ylabel(style.axis_label(name, unit))
+    style.span(axes, found.time[0], found.time[-1])
+
+
+def residuals(axes: Axes, found: Fit, name: str) -> None:
+    """Draw what is left of an output, and two deviations of its noise to both sides."""
+    output = found.outputs[name]
+    rest = output.measured - output.fitted
+    factor, unit = style.axis_unit(output.unit, rest)
+    axes.plot(found.time, factor * rest, label="left", **DOTS)
+    look = {"color": style.QUIET, "linewidth": 0.8, "linestyle": "--"}
+    axes.axhline(2.0 * factor * output.noise, label="two deviations of the noise", **look)
+    axes.axhline(-2.0 * factor * output.noise, **look)
+    axes.set_ylabel(style.axis_label("left", unit))
+    style.span(axes, found.time[0], found.time[-1])
+
+
+def with_error(parameter: FittedParameter) -> str:
     """Return ``r1 = 6.001 ± 0.005 mm``."""
     factor, unit = style.axis_unit(parameter.unit, np.array([parameter.estimate]))
     shown = f"{parameter.name} = {factor * parameter.estimate:.4g}"

@@ -9,7 +9,6 @@ damping, floating bodies and constraints (`node_constraints`), `steps` the compi
 `layout` orders the unknowns for `batched_ldl`; `distributed` is one sample on many ranks, and statics, which
 `rank_solver` solves with PETSc.
 
-Component models take `joint_systems` in place of `systems`, wherever nothing hangs on forces in joints: `joint_tree`
-says which coordinates there are, `joint_map` what all frames are of them, `joint_matrix` and `joint_kernel` have a
-correction of the step.
+Component models take `joint_systems` in place of `systems`: `joint_tree` says which coordinates there are, `joint_map`
+what all frames are of them, `joint_matrix` and `joint_kernel` have a correction of the step.
 """

@@ -212,3 +212,20 @@ def correct_in_joints(
                 problem, joints, borrowed(factors.matrix)[block], block, amplitudes, angles, residual[block], own,
                 gains, typical_mass[block], lanes_of(active[block]), fresh, scale, size[block],
             )  # fmt: skip
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def carry_in_joints(problem, joints, factors, amplitudes, angles, state, typical_mass, loads):
+    """Fill what bodies ask of the frames that the tree's joints hold, a force on each frame with its directors about
+    the joint's point, shape (n_blocks, n_bodies d (d + 1), n_lanes), at the accelerations of a state."""
+    n_lanes, tree, d = state[0].shape[2], joints.tree, problem.dimension
+    itself, n = np.empty((0, n_lanes)), d * (d + 1)
+    for block in range(loads.shape[0]):
+        own = state[0][block], state[1][block], state[2][block], state[3][block], state[4][block]
+        evaluate_in_joints(
+            problem, joints, block, amplitudes, angles, itself, own, (0.0, 1.0, 0.0), typical_mass[block], False,
+            borrowed(factors.matrix)[block],
+        )  # fmt: skip
+        for k in range(tree.kinds.size):
+            at = n * tree.nodes[k, 1]
+            loads[block, n * k : n * (k + 1)] = joints.room.f[at : at + n]

@@ -1,25 +1,26 @@
 """Component models in joint coordinates as a second-order system for the integrator: batches of samples.
 
 The unknowns of a step are coordinates y of a tree of joints and the amplitudes of bodies (`joint_tree`); constraints
-are those alone that close loops, and what joints hold that are in no tree. Outputs, energies, and the forces in joints
-are of the unknowns q(y) of the full-order equations (`joint_map`), which this takes from a `FullBatch`.
+are those alone that close loops, and what joints hold that are in no tree. Outputs and energies are of the unknowns
+q(y) of the full-order equations (`joint_map`), which this takes from a `FullBatch`. Joints of the tree have no
+multipliers: theirs are those that balance what the bodies behind a joint ask of the frame that it holds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.full.batched_ldl import Pattern
-from pgmp_petsc.full.joint_kernel import Joints, correct_in_joints, unknowns_of
+from pgmp_petsc.full.joint_kernel import Joints, carry_in_joints, correct_in_joints, unknowns_of
 from pgmp_petsc.full.joint_map import N_TURNED, Room
 from pgmp_petsc.full.joint_matrix import N_SPARE, column_size
 from pgmp_petsc.full.joint_tree import BALL, BY_AXES, FREE, coordinates_of, motions_of, tree_of
-from pgmp_petsc.full.kernel import Factors, FullProblem
+from pgmp_petsc.full.kernel import Factors
 from pgmp_petsc.full.node_constraints import ConstraintParts
 from pgmp_petsc.full.part_reference import Reference
 from pgmp_petsc.full.parts import contiguous
@@ -30,6 +31,7 @@ from pgmp_petsc.lanes.lane_items import aligned
 from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.null_space import null_space
+from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.stepping.energies import Energies
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 from pgmp_petsc.stepping.second_order_system import State
@@ -49,6 +51,15 @@ class _Slopes(Layout):
         return np.arange(len(rows))
 
 
+class Held(NamedTuple):
+    """What the tree's joints hold of frames, and what drives them."""
+
+    rows: StatementRows  # n statements
+    places: np.ndarray  # of their multipliers among those of joints and driven angles, shape (n,)
+    bodies: np.ndarray  # number in the tree of the body that each joint moves, shape (n,)
+    felt: np.ndarray  # which slopes of the rows are in the unknowns of the frame that it holds, shape (n, 2 n_pose)
+
+
 class JointEquations:
     """The equations of a mechanism in joint coordinates for some samples.
 
@@ -62,6 +73,8 @@ class JointEquations:
         The equations in the unknowns, with the constraints alone that are left.
     joints
         What compiled functions take beside them.
+    references
+        Both, as these take them.
     """
 
     def __init__(self, equations: FullEquations, blocks: SampleBlocks) -> None:
@@ -79,18 +92,15 @@ class JointEquations:
         n_own = self._set.n_constraints - self._set.n_driven
         self._driven = self._driven_coordinates()
         drives = [n_own + k for k in range(self._set.n_driven) if k not in self._driven[:, 1]]
-        self._chosen = np.concatenate([held, directors]).astype(int)
-        every = np.sort(np.concatenate([self._chosen, drives]).astype(int))
-        self._chosen = every
-        joints = self._joints_of(every)
-        self.problem, self.joints = joints
+        every = np.sort(np.concatenate([held, directors, drives]).astype(int))
+        self._take(every)
         if every.size:
             kept = self._independent(q, every, n_own)
             if kept.size < every.size:
-                self._chosen = kept
-                self.problem, self.joints = self._joints_of(kept)
+                self._take(kept)
         self.n_statements = self._chosen.size
         self.n_left = self.n_statements + len(self._driven)
+        self._held = self._by_tree()
 
     def _of_tree(self) -> np.ndarray:
         """Return which of what joints and couplings hold the tree's joints hold, shape (n_held,)."""
@@ -102,6 +112,54 @@ class JointEquations:
             for part, _ in held:
                 found.append(motion is not None and (motion.kind != BALL or part.kind == 0))
         return np.array(found, dtype=bool)
+
+    def _by_tree(self) -> Held:
+        """Return what the tree's joints hold, and its driven coordinates."""
+        unknowns, order = self._unknowns, {motion.number: k for k, motion in enumerate(self._motions)}
+        mechanism = unknowns.mechanism
+        parts = [(i, part) for i, holder in enumerate(mechanism.holders) for part in holder.holding(moving=True)]
+        found = [(place, order[parts[place][0]], parts[place][1]) for place in np.flatnonzero(self._of_tree())]
+        prescribed = [(one.statement, one.sides) for one in mechanism.coordinates if one.prescribed]
+        bodies = np.searchsorted(self._tree.firsts[:, 5], self._driven[:, 0], side="right") - 1
+        found += [(len(parts) + k, body, prescribed[k]) for body, k in zip(bodies, self._driven[:, 1])]
+        places, bodies, parts = zip(*found) if found else ((), (), ())
+        rows = StatementRows(*(list(zip(*parts)) or ([], [])), unknowns.frame, unknowns.dimension)
+        bodies = np.array(bodies, dtype=int)
+        frames = np.array([unknowns.frame(node) for node in self._tree.nodes[bodies, 1]], dtype=int)
+        felt = (rows.dofs[:, :, None] == frames.reshape(bodies.size, 1, -1)).any(axis=2)
+        return Held(rows, np.array(places, dtype=int), bodies, felt)
+
+    def multipliers_of_joints(self, q: np.ndarray, left: np.ndarray, loads: np.ndarray) -> np.ndarray:
+        """Return the multipliers of joints and driven angles, shape (n, n_samples).
+
+        Parameters
+        ----------
+        q
+            Unknowns, shape (n_dofs, n_samples).
+        left
+            Multipliers of the constraints that are left, shape (n_left, n_samples).
+        loads
+            See `carry_in_joints`, shape (n_bodies, d (d + 1), n_samples).
+        """
+        every, d, held = np.zeros((self._set.n_constraints, q.shape[1])), self._unknowns.dimension, self._held
+        every[self._chosen] = left[: self.n_statements]
+        found = self._set.of_joints(every)
+        if not held.places.size:
+            return found
+        frames = self._unknowns.frames(q)[self._tree.nodes[:, 1]]
+        natural = np.array([self._unknowns.mechanism.space.natural(frame) for frame in frames])
+        directors = natural[:, d:].reshape(len(frames), d, d, -1)
+        parts = loads[:, d:].reshape(len(loads), d, d, -1)
+        parts = parts + self._tree.after[:, 0, :, None, None] * loads[:, None, :d]  # about the node
+        asked = np.concatenate([loads[:, :d], _moments(directors, parts)], axis=1)[held.bodies]
+        slopes = held.rows.gradients(q)[held.felt].reshape(held.places.size, -1, q.shape[1])
+        if d == 3:
+            turning = _moments(directors[held.bodies], slopes[:, d:].reshape(-1, d, d, q.shape[1]))
+            slopes = np.concatenate([slopes[:, :d], turning], axis=1)
+        products = np.einsum("ikn,jkn->nij", slopes, slopes) * (held.bodies[:, None] == held.bodies)
+        wanted = np.einsum("ikn,ikn->ni", slopes, asked)
+        found[held.places] = -np.linalg.solve(products, wanted[..., None])[..., 0].T
+        return found
 
     def _directors(self) -> np.ndarray:
         """Return the numbers of the constraints that make directors a rotation that are coordinates."""
@@ -124,8 +182,9 @@ class JointEquations:
                         found.append((own, number, -1 if motion.backwards else 1))
         return np.array(found, dtype=int).reshape(-1, 3)
 
-    def _joints_of(self, chosen: np.ndarray) -> tuple[FullProblem, Joints]:
-        """Return the equations, and what is beside them, with chosen constraints."""
+    def _take(self, chosen: np.ndarray) -> None:
+        """Make the equations, and what is beside them, with chosen constraints."""
+        self._chosen = chosen
         equations, tree, d = self._equations, self._tree, self._unknowns.dimension
         problem, n_dofs, lanes = equations.problem, equations.n_dofs, self._blocks.n_lanes
         parts = ConstraintParts(self._set, chosen, equations.size)
@@ -167,7 +226,8 @@ class JointEquations:
             pattern=Pattern(turn, nothing, nothing, problem.pattern.products),
         )  # fmt: skip
         joints = Joints(tree, room, self._units(), turn, row_starts, unknowns, n_packed, weights, self._driven)
-        return contiguous(changed), contiguous(joints)
+        self.problem, self.joints = contiguous(changed), contiguous(joints)
+        self.references = Reference(self.problem), Reference(self.joints)
 
     def _units(self) -> np.ndarray:
         """Return 1/size for lengths, 1 for rotations and directors, shape (n,)."""
@@ -204,7 +264,7 @@ class JointEquations:
     def mapped(self, y: np.ndarray, y1: np.ndarray, y2: np.ndarray) -> list[np.ndarray]:
         """Return unknowns, velocities and accelerations (n, n_dofs, n_lanes) of coordinates (n, n_y, n_lanes)."""
         found = [aligned((len(y), self._equations.n_dofs, y.shape[2])) for _ in range(3)]
-        unknowns_of(Reference(self.problem), Reference(self.joints), y, y1, y2, *found)
+        unknowns_of(*self.references, y, y1, y2, *found)
         return found
 
     def coordinates(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -260,7 +320,7 @@ class JointBatch(FullBatch):
         vars(self).update(vars(full))
         self.full = full
         own, blocks = JointEquations(self._equations, self._blocks), self._blocks
-        self.own, self._reference, self._joints = own, Reference(own.problem), Reference(own.joints)
+        self.own, (self._reference, self._joints) = own, own.references
         self.n_dofs, self.n_constraints = own.n, own.n_left
         self.moving_constraints = own.n_left > 0 and full.moving_constraints
         n = own.n + own.n_left
@@ -305,13 +365,17 @@ class JointBatch(FullBatch):
         forces[..., own.driven_rows(full.n_constraints), :] = state.multipliers[..., own.drives, :]
         return State(*own.mapped(state.q, state.v, state.a), forces, state.turns, state.beside)
 
-    def joint_multipliers(self, time: float, state: State) -> np.ndarray:
-        """Return the multipliers of joints and driven angles; see `FullSystem`."""
-        return self.full.joint_multipliers(time, self._in_unknowns(state))
-
     def multipliers_of_joints(self, time: float, state: State) -> np.ndarray:
-        """Return the multipliers of joints and driven angles: those of `joint_multipliers`."""
-        return self.joint_multipliers(time, state)
+        """Return the multipliers of joints and driven angles at the accelerations of a state; see `FullSystem`."""
+        now, blocks, n = self._sources.at(np.array([time])), self._blocks, len(self.own.joints.tree.kinds)
+        d = self.own.problem.dimension
+        loads = aligned((blocks.n_blocks, n * d * (d + 1), blocks.n_lanes))
+        carry_in_joints(
+            self._reference, self._joints, self._factors, (now.loads[0], now.actions[0]), now.angles[0], state.parts(),
+            self._typical_mass, loads,
+        )  # fmt: skip
+        loads = self.unpack(loads).reshape(n, d * (d + 1), self.n_samples)
+        return self.own.multipliers_of_joints(self.unknowns(state)[0], self.unpack(state.multipliers), loads)
 
     def _correct(
         self, time: float, state: State, gains: Gains, residual: np.ndarray, active: np.ndarray, fresh: bool
@@ -352,3 +416,10 @@ class JointBatch(FullBatch):
         parts = (np.concatenate(part) for part in zip(*(state.parts() for state in states)))
         every = self._in_unknowns(State(*parts))
         return [every.at(slice(k, k + 1)) for k in range(len(states))]
+
+
+def _moments(directors: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """Return moments of forces on directors, (m, d, d, n) each, shape (m, 1, n), in space (m, 3, n)."""
+    products, planes = np.einsum("mkan,mkbn->abmn", directors, forces), ((1, 2), (2, 0), (0, 1))
+    chosen = planes[2:] if len(products) == 2 else planes
+    return np.stack([products[a, b] - products[b, a] for a, b in chosen], axis=1)

@@ -59,7 +59,6 @@ class Feature:
     #: from matrices have not
     third_derivative: bool = False
     elements: bool = False  # whether it takes the elements of all bodies: flexible ones from matrices are refused
-    one_coordinate: bool = False  # whether more than one rigid coordinate is refused
     flexible_body: bool = False  # whether mechanisms without any flexible body are refused
     why_not: str = ""  # why it is refused for every mechanism; empty where it is not
     cure: str = "leave it out"  # what to do where it is refused
@@ -146,11 +145,6 @@ def _beside(scene: Scene) -> Iterator[str]:
     yield from _carried(scene)
 
 
-def _beyond_two(scene: Scene) -> Iterator[str]:
-    if len(scene.coordinates) > MOST_FOLLOWED:
-        yield f"coordinates: {', '.join(scene.coordinates)}"
-
-
 def _carried(scene: Scene) -> Iterator[str]:
     return (f"effects.{name}.coefficient" for name in scene.carried)
 
@@ -175,7 +169,7 @@ FEATURES = (
         cure='give it a number (--override), or leave reduction.effects = "auto" out',
     ),
     Feature("terms of second order", _reduction("second_order"), OF_THE_REDUCTION, third_derivative=True),
-    Feature("adaptive sampling", _reduction("sampling_tolerance"), OF_THE_REDUCTION, one_coordinate=True),
+    Feature("adaptive sampling", _reduction("sampling_tolerance"), OF_THE_REDUCTION),
     Feature("choice of the reduction by a tolerance", _reduction("tolerance"), OF_THE_REDUCTION),
     Feature(
         "choice of the step by a tolerance",
@@ -276,13 +270,6 @@ FEATURES = (
         cure="take pgmp simulate for this model",
     ),
     Feature(
-        "models in C and FMUs over three coordinates",
-        _beyond_two,
-        frozenset({Purpose.EXPORT}),
-        why_not="a model in C has one or two, as over three its tables would have 64 numbers an entry and cell",
-        cure="take pgmp simulate for this model",
-    ),
-    Feature(
         "static equilibrium beside clearance",
         _with(_loose, _at_rest),
         EVERYWHERE - {Purpose.MODES},
@@ -371,8 +358,6 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
                     _check_elements(scene, entry, feature.cure)
                 if feature.third_derivative:
                     _check_third_derivative(scene, entry, feature.cure)
-                if feature.one_coordinate:
-                    _check_single(scene, entry, feature.cure)
 
 
 def foretold(scene: Scene) -> Iterator[str]:
@@ -431,17 +416,16 @@ def why_no_full_model(scene: Scene) -> str:
     return f"there is no full-order model with {', '.join(given)}" if given else ""
 
 
-def _check_single(scene: Scene, what: str, cure: str) -> None:
-    n, names = len(scene.coordinates), ", ".join(scene.coordinates)
-    if n > 1:
-        raise InputError(f"{what}: for one rigid coordinate only, but the scene has {n}: {names}; {cure}")
+def _along_each(scene: Scene) -> int:
+    """Return the angles along each coordinate of a grid; adaptive sampling halves their distances at least once."""
+    return scene.reduction.angles * (1 if scene.reduction.sampling_tolerance is None else 2)
 
 
 def grid_price(scene: Scene, mechanism: Mechanism) -> tuple[float, float, float]:
     """Return the number of configurations on the grid of all coordinates, and what they would take: hours of
     eigenproblems on one rank, and bytes of tables and modes."""
     n, n_modes = len(scene.coordinates), scene.reduction.modes
-    count, n_eta = float(scene.reduction.angles) ** n, n + n_modes
+    count, n_eta = float(_along_each(scene)) ** n, n + n_modes
     tables = len(mechanism.mass_weights) * (n_eta**2 + n * n * n_modes) + len(mechanism.stiffness_weights) * n_modes**2
     n_bytes = count * (tables + mechanism.n_dofs * n_modes) * BYTES
     return count, count * (SECONDS + SECONDS_PER_UNKNOWN * mechanism.n_dofs) / 3600, n_bytes
@@ -450,11 +434,13 @@ def grid_price(scene: Scene, mechanism: Mechanism) -> tuple[float, float, float]
 def why_no_grid(scene: Scene, mechanism: Mechanism) -> str:
     """Return why the coordinates of a scene are not sampled on a grid, with the price and the cure; empty where they
     can be."""
-    n, names, angles = len(scene.coordinates), ", ".join(scene.coordinates), scene.reduction.angles
+    n, names, angles = len(scene.coordinates), ", ".join(scene.coordinates), _along_each(scene)
     count, hours, n_bytes = grid_price(scene, mechanism)
+    doubled = "" if angles == scene.reduction.angles else ", doubled by reduction.sampling_tolerance,"
     dear = (
-        f"reduction.angles = {angles} along each would make {angles}^{n} = {count:.3g} configurations: about "
-        f"{hours:.3g} hours of eigenproblems on one rank, and {n_bytes / 1e9:.3g} GB of tables and modes"
+        f"reduction.angles = {scene.reduction.angles} along each{doubled} would make {angles}^{n} = {count:.3g} "
+        f"configurations: about {hours:.3g} hours of eigenproblems on one rank, and {n_bytes / 1e9:.3g} GB of tables "
+        "and modes"
     )
     cure = "pgmp simulate SCENE --components or --full"
     if n > MOST_COORDINATES:

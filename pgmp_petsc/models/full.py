@@ -123,9 +123,7 @@ class FullModel:
         system = FullBatch(
             sized.kinematics, sized._effects, values, start, n_samples, sized._motions, settled, built_in
         )
-        # forces that hang on those that joints carry are of the scheme's own multipliers
-        in_joints = self.in_joints and not self.scene.beside
-        return sized._controlled(JointBatch(system) if in_joints else system, values)
+        return sized._controlled(JointBatch(system) if self.in_joints else system, values)
 
     def _controlled(self, system: SomeSystem, values: Mapping[str, np.ndarray]) -> SomeSystem:
         """Return a system of one sample with its controllers."""

@@ -172,6 +172,8 @@ class LastingOutput(io.RawIOBase):
     ----------
     descriptor
         Stays open.
+    paint
+        Colours whole lines; None: they stay as they are.
 
     Attributes
     ----------
@@ -179,8 +181,8 @@ class LastingOutput(io.RawIOBase):
         The first failure, or None.
     """
 
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
+    def __init__(self, descriptor: int, paint: Callable[[bytes], bytes] | None = None) -> None:
+        self._descriptor, self._paint = descriptor, paint
         self.failure: OSError | None = None
 
     def writable(self) -> bool:
@@ -198,6 +200,7 @@ class LastingOutput(io.RawIOBase):
     def write(self, data: bytes) -> int:
         """Write what can be written; what terminals obey is shown instead, as of `errors.visible`."""
         rest = _OBEYED.sub(lambda found: b"\\x%02x" % found[0][-1], bytes(data))
+        rest = rest if self._paint is None else self._paint(rest)
         if self.failure is None:
             clear_beat()
         while rest and self.failure is None:

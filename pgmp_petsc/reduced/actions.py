@@ -12,7 +12,6 @@ from pgmp_petsc.effects.action import NOTHING, Action, compile_actions, counted_
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.motion import Motion
 from pgmp_petsc.effects.time_function import TimeFunction, joined
-from pgmp_petsc.lanes.vectors import N_POWERS
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -88,9 +87,10 @@ class ReducedActions:
         if not first.actions:
             return first
         rigid, shapes = ([getattr(member.places, name) for member in members] for name in ("rigid", "shapes"))
+        turned = [_same_turns(one, rigid[0], first.places.winding) for one in rigid]
         places = first.places._replace(
-            rigid=_joined(grid, [_same_turns(one, rigid[0], first.places.winding) for one in rigid]),
-            shapes=_joined(grid, shapes),
+            rigid=rigid[0].with_rows(grid.coefficients(turned)),
+            shapes=shapes[0].with_rows(grid.coefficients([one.rows for one in shapes])),
             together=np.zeros(len(members), dtype=np.int64),
         )
         return cls(first.actions, places, first.dimension, None, grid.weights(first.weights))
@@ -99,7 +99,7 @@ class ReducedActions:
     def none(cls, n_theta: int) -> ReducedActions:
         """Return no actions."""
         nowhere, whole = (Grid(0.0, 1.0, 1, False),) * n_theta, np.zeros(1, dtype=np.int64)
-        empty, sides = Cells.of_polynomials(np.zeros((1, 1, 0))), np.zeros((0, 2), dtype=np.int64)
+        empty, sides = Cells.none(n_theta), np.zeros((0, 2), dtype=np.int64)
         return cls((), Places(nowhere, empty, empty, whole, np.zeros((0, n_theta)), sides, 0))
 
     def of_joints(self, mechanism: Mechanism) -> ReducedActions:
@@ -129,14 +129,6 @@ class ReducedActions:
         every = nodes_of(self.actions)
         nodes = [every.index(node) for node in nodes_of([self.actions[k] for k in numbers])]
         return Chosen(np.array(numbers, dtype=np.int64), np.array(nodes, dtype=np.int64))
-
-
-def _joined(grid: LengthGrid, members: Sequence[Cells]) -> Cells:
-    """Return those of any lengths from those at the points of a grid."""
-    first = members[0]
-    if not first.rows.size:
-        return Cells.of_polynomials(grid.coefficients([one.polynomials for one in members]))
-    return Cells.of_rows(grid.coefficients([one.rows for one in members]), first.counts, first.stencils, first.matrices)
 
 
 def nodes_of(actions: Sequence[Action]) -> list[int]:
@@ -174,18 +166,12 @@ def functions_of_time(
     )
 
 
-def _same_turns(rigid: Cells, other: Cells, winding: np.ndarray) -> Cells:
-    """Return `Places.rigid` with the turns of their angles, the last entries, counted as of others."""
-    n_parts, n_theta = winding.shape
-    if rigid.rows.size:
-        angles, name = slice(rigid.rows.shape[2] - n_parts, None), "rows"
-    else:
-        n_powers = N_POWERS**n_theta
-        angles, name = slice(rigid.polynomials.shape[2] - n_parts * n_powers, None, n_powers), "polynomials"
-    found = getattr(rigid, name).copy()  # a constant is in every row, and the first of the coefficients
-    away = found[0, 0, angles] - getattr(other, name)[0, 0, angles]
-    found[:, 0, angles] -= 2 * np.pi * np.rint(away / (2 * np.pi))
-    return rigid._replace(**{name: found})
+def _same_turns(rigid: Cells, other: Cells, winding: np.ndarray) -> np.ndarray:
+    """Return the rows of `Places.rigid` with the turns of their angles, the last entries, counted as of others."""
+    found, angles = rigid.rows.copy(), slice(rigid.rows.shape[2] - len(winding), None)
+    away = found[0, 0, angles] - other.rows[0, 0, angles]
+    found[:, 0, angles] -= 2 * np.pi * np.rint(away / (2 * np.pi))  # a constant is in every row
+    return found
 
 
 def _counted(

@@ -9,9 +9,9 @@ coordinate after the other,
 
     c_ij.. = sum_a B1_ia sum_b B2_jb ... rows_ab..,
 
-with the matrix B of the cell along each coordinate. Over one and two coordinates they are worked out before the first
-step, 4 and 16 numbers for each of the table; over three they would be 64, so that the rows are kept, and the
-polynomials of a cell are made when a sample enters it. Those of the last few cells stay, for the samples beside it.
+with the matrix B of the cell along each coordinate. They are made when a sample enters the cell, and stay, for the
+samples beside it and those that come later, until their room is needed: the coefficients of all cells would be 4 or 16
+times the rows over one or two coordinates, and 64 times over three.
 """
 
 from __future__ import annotations
@@ -36,11 +36,10 @@ from pgmp_petsc.lanes.vectors import (
     store,
 )
 from pgmp_petsc.reduction.interpolation import Interpolant
-from pgmp_petsc.reduction.stencil import N_ROWS, Axis, count_rows, stencil
+from pgmp_petsc.reduction.stencil import N_ROWS, OVERHAUSER, Axis, count_rows, stencil
 
 FURTHEST = 1e9  # rad
-MOST_WORKED_OUT = 2  # coordinates over which the polynomials of all cells are
-N_HELD = 16  # cells whose polynomials stay where they are made on the way
+FEWEST_HELD, MOST_HELD = 16, 2**22  # cells of which polynomials are held, and numbers that these take: 32 MB
 
 
 class Grid(NamedTuple):
@@ -53,36 +52,19 @@ class Grid(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """Polynomials in the cells of a table, of places in rad from their lower ends, or what they are made from."""
+    """Polynomials in cells of a table, of places in rad from their lower ends, and what they are made from."""
 
-    #: coefficients one after the other, shape (n_cells, n_terms, n_entries * n_powers**n_theta), those of the last
-    #: coordinate fastest; where they are made on the way of `N_HELD` cells alone
+    #: coefficients one after the other, shape (n_held, n_terms, n_entries * n_powers**n_theta), those of the last
+    #: coordinate fastest
     polynomials: np.ndarray
-    #: rows of the table, the last coordinate fastest, shape (n_rows, n_terms, n_entries); none where the polynomials of
-    #: all cells are there
-    rows: np.ndarray
+    held: np.ndarray  # numbers of the cells that they are of, -1 for none, shape (n_held,)
+    rows: np.ndarray  # rows of the table, the last coordinate fastest, shape (n_rows, n_terms, n_entries)
     counts: np.ndarray  # of cells and of rows along each coordinate, shape (n_theta, 2)
     #: stencils, matrices: numbers of the rows that reach into a cell along a coordinate, shape (n_theta, n_cells,
     #: n_reach), and coefficients from these, (n_theta, n_cells, n_powers, n_reach); of other coordinates' cells zero
     stencils: np.ndarray
     matrices: np.ndarray
-    held: np.ndarray  # numbers of the cells that polynomials are of, -1 for none, and where the next ones go
     room: np.ndarray  # for sums over some of the coordinates, shape (2, n)
-
-    @classmethod
-    def of_polynomials(cls, polynomials: np.ndarray) -> Cells:
-        """Return those of known polynomials."""
-        counts, stencils, held = (np.zeros((0,) * n_axes, dtype=np.int64) for n_axes in (2, 3, 1))
-        return cls(polynomials, np.zeros((0, 0, 0)), counts, stencils, np.zeros((0, 0, 0, 0)), held, np.zeros((0, 0)))
-
-    @classmethod
-    def of_rows(cls, rows: np.ndarray, counts: np.ndarray, stencils: np.ndarray, matrices: np.ndarray) -> Cells:
-        """Return those that are made on the way."""
-        (_, n_terms, n_entries), (n_theta, _, n_powers, n_reach) = rows.shape, matrices.shape
-        return cls(
-            np.zeros((N_HELD, n_terms, n_entries * n_powers**n_theta)), rows, counts, stencils, matrices,
-            np.append(np.full(N_HELD, -1), 0), np.empty((2, n_terms * n_entries * max(n_powers, n_reach) ** n_theta)),
-        )  # fmt: skip
 
     @classmethod
     def of(cls, part: Interpolant, grid: Sequence[Grid], n_powers: int = N_POWERS) -> Cells:
@@ -93,26 +75,34 @@ class Cells(NamedTuple):
         """
         found = [_along(axis, cells, n_powers) for axis, cells in zip(part.axes, grid)]
         counts = np.array([(cells.n_cells, count_rows(axis)) for axis, cells in zip(part.axes, grid)])
-        if len(grid) > MOST_WORKED_OUT:
-            n_cells, n_reach = counts[:, 0].max(), max(stencils.shape[1] for stencils, _ in found)
-            all_stencils = np.zeros((len(grid), n_cells, n_reach), dtype=np.int64)
-            all_matrices = np.zeros((len(grid), n_cells, n_powers, n_reach))
-            for k, (stencils, matrices) in enumerate(found):
-                all_stencils[k, : len(stencils), : stencils.shape[1]] = stencils
-                all_matrices[k, : len(stencils), :, : stencils.shape[1]] = matrices
-            return cls.of_rows(part.rows.reshape(-1, *part.shape), counts, all_stencils, all_matrices)
-        result, r = part.rows, len(grid)
+        n_cells, n_reach = counts[:, 0].max(), max(stencils.shape[1] for stencils, _ in found)
+        all_stencils = np.zeros((len(grid), n_cells, n_reach), dtype=np.int64)
+        all_matrices = np.zeros((len(grid), n_cells, n_powers, n_reach))
         for k, (stencils, matrices) in enumerate(found):
-            rows = np.moveaxis(result, 2 * k, 0)
-            made = np.empty((len(stencils), n_powers, *rows.shape[1:]))
-            for cell, (chosen, matrix) in enumerate(zip(stencils, matrices)):
-                made[cell] = np.tensordot(matrix, rows[chosen], 1)
-            # cells and powers of the coordinates before, rows of the next ones: two axes take the place of one
-            result = np.moveaxis(made, (0, 1), (2 * k, 2 * k + 1))
-        order = [*range(0, 2 * r, 2), 2 * r, 2 * r + 1, *range(1, 2 * r, 2)]
-        result = np.ascontiguousarray(result.transpose(order))
-        n_coefficients = part.shape[1] * n_powers**r
-        return cls.of_polynomials(result.reshape(math.prod(counts[:, 0]), part.shape[0], n_coefficients))
+            all_stencils[k, : len(stencils), : stencils.shape[1]] = stencils
+            all_matrices[k, : len(stencils), :, : stencils.shape[1]] = matrices
+        nothing = np.empty((0, 0, 0)), np.empty(0, dtype=np.int64), np.empty((0, 0, 0))
+        empty = cls(*nothing, counts, all_stencils, all_matrices, np.empty((0, 0)))
+        return empty.with_rows(part.rows.reshape(math.prod(counts[:, 1]), *part.shape))
+
+    @classmethod
+    def none(cls, n_theta: int) -> Cells:
+        """Return those of a table without entries."""
+        nowhere = (Axis(0.0, 1.0, 1, True, OVERHAUSER),) * n_theta
+        nothing = Interpolant(nowhere, np.zeros((*(1,) * n_theta, 1, 0)))
+        return cls.of(nothing, (Grid(0.0, 1.0, 1, True),) * n_theta)
+
+    def with_rows(self, rows: np.ndarray) -> Cells:
+        """Return those of another table over the same cells, none of which is held yet."""
+        (_, n_terms, n_entries), (n_theta, _, n_powers, n_reach) = rows.shape, self.matrices.shape
+        n_coefficients, n_cells = n_entries * n_powers**n_theta, math.prod(self.counts[:, 0])
+        n_held = min(n_cells, max(FEWEST_HELD, MOST_HELD // max(n_terms * n_coefficients, 1)))
+        return self._replace(
+            polynomials=np.zeros((n_held, n_terms, n_coefficients)),
+            held=np.full(n_held, -1),
+            rows=rows,
+            room=np.empty((2, n_terms * n_entries * max(n_powers, n_reach) ** n_theta)),
+        )
 
 
 def _along(axis: Axis, cells: Grid, n_powers: int) -> tuple[np.ndarray, np.ndarray]:
@@ -186,15 +176,10 @@ def _make(rows, counts, stencils, matrices, cell, room, made):
 @njit(error_model="numpy", counted=False)
 def place_of(cells, cell):
     """Return where among the polynomials those of a cell are; made where they are not there."""
-    if cells.rows.shape[0] == 0:
-        return cell
-    for place in range(N_HELD):
-        if cells.held[place] == cell:
-            return place
-    place = cells.held[N_HELD]
-    cells.held[N_HELD] = (place + 1) % N_HELD
-    cells.held[place] = cell
-    _make(cells.rows, cells.counts, cells.stencils, cells.matrices, cell, cells.room, cells.polynomials[place])
+    place = cell % cells.held.size
+    if cells.held[place] != cell:
+        cells.held[place] = cell
+        _make(cells.rows, cells.counts, cells.stencils, cells.matrices, cell, cells.room, cells.polynomials[place])
     return place
 
 

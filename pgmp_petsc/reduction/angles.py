@@ -1,8 +1,9 @@
 """Which angles a build adds to those it begins with, and how far stress outputs are off by those it has.
 
-Without a tolerance, angles of a single coordinate are halved, if they may be, where vectors of other parameter values
-turn too quickly for them (the basis is too uneven, or interpolated matrices are indefinite at some values), and where
-stress outputs are interpolated badly.
+With a tolerance, each coordinate has further angles where tables differ from those of the round before. Without one,
+angles of a single coordinate are halved, if they may be, where vectors of other parameter values turn too quickly for
+them (the basis is too uneven, or interpolated matrices are indefinite at some values), and where stress outputs are
+interpolated badly.
 
 The bodies answer a load L with stresses ``R = D S Psi K_r^-1 Psi^T L`` (D and S as in `missed_answers`), of which Psi,
 ``K_r = Psi^T K Psi`` and ``Psi^T L`` are interpolated each by itself. A force along a slender body is a small
@@ -17,7 +18,7 @@ that the static modes answer, each by itself: how strong they are together only 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,15 +82,15 @@ class AngleRounds:
     def wanted(self, samples: SampleGrid, previous: ContinuousBasis | None, current: ContinuousBasis) -> np.ndarray:
         """Return the configurations of the next round, shape (n, n_theta); none where these are enough."""
         scene, axis = self._scene, samples.axes[0]
-        found = np.zeros(0)
+        found, others = np.zeros(0), ()
         if scene.reduction.sampling_tolerance is not None:
-            found = _beyond_tolerance(scene, axis, previous, current)
+            found, *others = _beyond_tolerance(scene, samples, previous, current)
         elif self._refinable and 2 * axis.n <= scene.reduction.max_angles and _uneven(scene, current):
             self._reasons.setdefault(UNEVEN_VECTORS, {})
             found = _between(axis, scene.interpolation)
-        if not found.size and stressed_bodies(scene):
+        if not any(part.size for part in (found, *others)) and stressed_bodies(scene):
             found = self._for_stresses(axis, current)
-        return found.reshape(-1, 1) if found.size else np.empty((0, samples.n_coordinates))
+        return samples.further((found, *others))
 
     def _for_stresses(self, axis: Samples, basis: ContinuousBasis) -> np.ndarray:
         """Return the angles, shape (n,), that stress outputs need."""
@@ -147,27 +148,39 @@ def _between(samples: Samples, scheme: str) -> np.ndarray:
 
 
 def _beyond_tolerance(
-    scene: Scene, samples: Samples, previous: ContinuousBasis | None, current: ContinuousBasis
-) -> np.ndarray:
-    """Return the angles of the next round of adaptive sampling, shape (n,); none where the tolerance holds."""
-    tolerance = scene.reduction.sampling_tolerance
+    scene: Scene, grid: SampleGrid, previous: ContinuousBasis | None, current: ContinuousBasis
+) -> list[np.ndarray]:
+    """Return the angles of the next round of adaptive sampling along each coordinate, shape (n,); none where the
+    tolerance holds.
+
+    What an angle along one coordinate brought is seen where the others have angles of the round before.
+    """
     if previous is None:
-        return midpoints(samples)
-    new = np.setdiff1d(samples.theta, previous.tables.samples.axes[0].theta)
-    errors = interpolation_errors(previous, current, new, scene.nominal)
-    poor = new[errors > tolerance]
-    if samples.n > scene.reduction.max_angles and poor.size:
-        raise RunError(
-            f"reduction.sampling_tolerance = {tolerance:g}: with {samples.n} angles the tables still differ by "
-            f"{errors.max():.2g} near {', '.join(scene.coordinates)} = {new[np.argmax(errors)]:.4g}; raise "
-            f"reduction.max_angles ({scene.reduction.max_angles}) or the tolerance"
-        )
-    # both halves of the interval that a poor sample has split
-    theta = np.append(samples.theta, samples.upper) if samples.periodic else samples.theta
-    left = np.searchsorted(theta, poor)
-    chosen = np.zeros(theta.size - 1, dtype=bool)
-    chosen[left - 1] = chosen[left] = True
-    return midpoints(samples, chosen)
+        return [midpoints(axis) for axis in grid]
+    tolerance, wanted, before = scene.reduction.sampling_tolerance, [], previous.tables.samples
+    for k, (name, samples, old) in enumerate(zip(scene.coordinates, grid, before)):
+        new = np.setdiff1d(samples.theta, old.theta)
+        if not new.size:
+            wanted.append(new)
+            continue
+        beside = SampleGrid((*before.axes[:k], replace(old, theta=new), *before.axes[k + 1 :]))
+        errors = interpolation_errors(previous, current, beside.theta, scene.nominal).reshape(beside.shape)
+        errors = np.moveaxis(errors, k, 0).reshape(new.size, -1).max(axis=1)
+        poor = new[errors > tolerance]
+        if grid.n > scene.reduction.max_angles and poor.size:
+            what = "angles" if grid.n_coordinates == 1 else "configurations"
+            raise RunError(
+                f"reduction.sampling_tolerance = {tolerance:g}: with {grid.n} {what} the tables still differ by "
+                f"{errors.max():.2g} near {name} = {new[np.argmax(errors)]:.4g}; raise reduction.max_angles "
+                f"({scene.reduction.max_angles}) or the tolerance"
+            )
+        # both halves of the interval that a poor sample has split
+        theta = np.append(samples.theta, samples.upper) if samples.periodic else samples.theta
+        left = np.searchsorted(theta, poor)
+        chosen = np.zeros(theta.size - 1, dtype=bool)
+        chosen[left - 1] = chosen[left] = True
+        wanted.append(midpoints(samples, chosen))
+    return wanted
 
 
 def stress_errors(

@@ -359,7 +359,7 @@ def interpolation_errors(
         The round before, and this one with the new samples. A new sample is turned to the interpolated basis first,
         within the groups of the round before: more samples resolve more, so that groups can only become smaller.
     theta
-        The new samples, shape (n_new,).
+        The new samples, shape (n_new, n_theta).
     values
         Nominal parameters, which weight the terms.
 
@@ -369,11 +369,11 @@ def interpolation_errors(
         Largest relative difference at every new sample.
     """
     old = before.tables
-    rows = np.searchsorted(now.tables.samples.axes[0].theta, theta)
+    rows = now.tables.samples.nearest(theta)
     guessed = interpolant(old.samples, before.projection, "spline")(theta)
     rotations = np.array([_align(now.projection[row], guess, before.groups) for row, guess in zip(rows, guessed)])
     fresh = now.tables.at(rows).turned(rotations)
-    errors = np.zeros(theta.size)
+    errors = np.zeros(len(theta))
     for name, weights in (("mass", old.mass_weights), ("inertia", old.mass_weights), ("load", old.load_weights)):
         scale = 1.0 if name == "mass" else _largest(getattr(old, name), weights, values)
         errors = np.maximum(errors, _difference(name, old, fresh, theta, weights, values) / scale)
@@ -404,7 +404,7 @@ def _difference(
             :, :, : old.n_coordinates, : old.n_coordinates
         ]
     difference = np.abs(_weighted(guess - getattr(fresh, name), weights, values))
-    return difference.reshape(theta.size, -1).max(axis=1, initial=0.0)
+    return difference.reshape(len(theta), -1).max(axis=1, initial=0.0)
 
 
 def _largest(table: np.ndarray, weights: tuple, values: Mapping[str, float]) -> float:

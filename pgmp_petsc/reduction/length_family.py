@@ -97,7 +97,7 @@ def build_over_lengths(
     nominal = at(nominal_lengths)
     # vectors of other parameter values are of the same values at all lengths, at as many angles as they asked for
     points = on_root(comm, attrgetter("points"), nominal)
-    if samples is None and len(scene.coordinates) == 1:
+    if samples is None:
         samples, _ = on_root(comm, _common_samples, scene, [nominal])
     members = [nominal if _same(values, nominal_lengths) else at(values) for values in grid.points]
     between = nominal_lengths
@@ -119,22 +119,24 @@ def build_over_lengths(
 
 
 def _common_samples(scene: Scene, asked: Sequence[ReducedOrderModel]) -> tuple[SampleGrid, tuple[Remark, ...]]:
-    """Return all configurations that any of some models asked for, of one coordinate, and what is said of them.
+    """Return a grid of all angles that any of some models asked for, and what is said of them.
 
     Each begins with the same and halves distances, so that they have most in common. The tables of a mode that changes
     its sign in a turn go over two, with the same angles in both.
     """
-    (coordinate,) = scene.coordinates.values()
-    axis, turn = asked[0].tables.samples.axes[0], coordinate.range[1] - coordinate.range[0]
-    end = axis.lower + turn if axis.periodic else np.inf
-    each = [theta[theta < end] for theta in (model.tables.samples.axes[0].theta for model in asked)]
-    theta = np.unique(np.concatenate(each))
-    counts = ", ".join(str(part.size) for part in each)
+    first, axes, counts = asked[0].tables.samples, [], np.ones(len(asked), dtype=int)
+    for k, (axis, coordinate) in enumerate(zip(first, scene.coordinates.values())):
+        turn = coordinate.range[1] - coordinate.range[0]
+        end = axis.lower + turn if axis.periodic else np.inf
+        each = [theta[theta < end] for theta in (model.tables.samples.axes[k].theta for model in asked)]
+        axes.append(Samples(np.unique(np.concatenate(each)), axis.lower, axis.lower + turn, axis.periodic))
+        counts *= [part.size for part in each]
+    found, what = SampleGrid(tuple(axes)), "angles" if len(axes) == 1 else "configurations"
     said = note(
-        f"reduction.sampling_tolerance: {theta.size} angles, all that the nominal lengths and the ends of their ranges "
-        f"ask for ({counts}); models at other lengths have the same"
+        f"reduction.sampling_tolerance: {found.n} {what}, all that the nominal lengths and the ends of their ranges "
+        f"ask for ({', '.join(map(str, counts))}); models at other lengths have the same"
     )
-    return SampleGrid((Samples(theta, axis.lower, axis.lower + turn, axis.periodic),)), (said,)
+    return found, (said,)
 
 
 def _same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:

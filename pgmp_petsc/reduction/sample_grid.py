@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import product, zip_longest
 
 import numpy as np
 
@@ -146,6 +146,14 @@ class SampleGrid:
         """Join tables (n, ...) of the first and the second revolution along an axis, shape (2 n, ...)."""
         parts = [table.reshape(*self.shape, *table.shape[1:]) for table in (first, second)]
         return np.concatenate(parts, axis=axis).reshape(2 * self.n, *first.shape[1:])
+
+    def further(self, angles: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the configurations that the grid is without and has with further angles (n,) of the first coordinates,
+        shape (n, n_theta)."""
+        parts = zip_longest(self.axes, angles, fillvalue=np.zeros(0))
+        more = SampleGrid(tuple(replace(a, theta=np.union1d(a.theta, added)) for a, added in parts))
+        known = [np.isin(axis.theta, own.theta) for axis, own in zip(more, self)]
+        return more.theta[~np.logical_and.reduce(np.meshgrid(*known, indexing="ij")).ravel()]
 
     def tabulated(self, configurations: np.ndarray) -> SampleGrid:
         """Return a grid of these configurations (n, n_theta), in any order, over the same ranges."""

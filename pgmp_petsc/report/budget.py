@@ -292,15 +292,18 @@ def decision(sources: Sequence[Source], error: ModelError | None) -> Decision:
     lost = [f"all samples of {source.name} failed" for source in ensembles if source.result.status.all()]
     if stopped or lost:
         return Decision("failed", "Failed", "; ".join([*stopped, *lost]))
-    chances = [
-        (label, chance, float(np.fmax(chance.model_error, _of_runs(source.result, label, error))))
-        for source in ensembles
-        for label, chance in source.result.probabilities.items()
-    ]
+    chances = []
+    for source in ensembles:
+        for label, chance in source.result.probabilities.items():
+            known = float(np.fmax(chance.model_error, _of_runs(source.result, label, error)))
+            chances.append((f"{source.name}: {label}" if len(ensembles) > 1 else label, chance, known))
     events = [(label, chance.is_decided(known)) for label, chance, known in chances]
     events += [(source.result.event, source.result.reached) for source in of_kind(sources, RareEvent)]
     if not events:
-        return Decision("unasked", "No question asked", "the scene has no event (ensemble.probabilities) to decide")
+        asks = any(scene_of(source.record).get("ensemble", {}).get("probabilities") for source in sources)
+        if asks:
+            return Decision("unasked", "No probability known", "no samples are here: add a file of pgmp montecarlo")
+        return Decision("unasked", "No probability asked for", "the scene has no ensemble.probabilities")
     doubtful = [label for label, decided in events if not decided]
     if doubtful:
         return Decision("undecided", "Not decided by this model", ", ".join(dict.fromkeys(doubtful)))
@@ -557,25 +560,8 @@ def headline_of_ensemble(path: Path, *runs: Path) -> str:
     sources = [source for scene in read_sources(runs)[0] for source in scene] if runs else []
     error = model_error(sources, paired([source.result for source in sources]))
     failed = int(np.count_nonzero(ensemble.status))
-    parts = [f"{len(ensemble.status)} samples, {failed} failed"]
-    for label, chance in list(ensemble.probabilities.items())[:1]:
-        ends, of_runs = 100.0 * chance.interval, _of_runs(ensemble, label, error)
-        known = f"= {number_text(100 * chance.estimate, ends, 6)} % {interval_text(ends)}"
-        known = f"is not known {interval_text(ends)} %" if np.isnan(chance.estimate) else known
-        decided = np.isnan(chance.estimate) or chance.is_decided(of_runs)
-        parts.append(
-            f"P({chance.event}) {known if decided else f'is {chance.doubt(of_runs, _full_order_stops(sources))}'}"
-        )
-    if not ensemble.probabilities:
-        for name in list(ensemble.outputs)[-1:]:
-            s = ensemble.statistics[name]
-            unit = ensemble.units.get(name, "1")
-            factor, shown = axis_unit(unit, np.array([s.mean]))
-            mean, ends = factor * s.mean, factor * s.mean_interval
-            words = f"{mean:.7g}, constant" if s.constant else f"{number_text(mean, ends, 7)} {interval_text(ends)}"
-            words += "" if unit == "1" else f" {shown}"
-            parts.append(f"mean {name} {words if np.isfinite(s.mean) else 'is not known'}")
-    return f"{'; '.join(parts)}{_remarks(ensemble.record)}"
+    answer = ensemble.answer(lambda label: _of_runs(ensemble, label, error), _full_order_stops(sources))
+    return f"{len(ensemble.status)} samples, {failed} failed; {answer}{_remarks(ensemble.record)}"
 
 
 def _remarks(record: RunRecord) -> str:

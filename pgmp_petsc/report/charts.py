@@ -20,7 +20,8 @@ from matplotlib.ticker import MaxNLocator, NullFormatter
 from pgmp_petsc.figures.ensembles import COLOURS, N_PLACES, kernel_density, pairs_of
 from pgmp_petsc.figures.loads import DIAGRAMS
 from pgmp_petsc.figures.style import PALETTE, QUIET, PlainNumbers, axis_label, axis_unit, new_figure, span, styled
-from pgmp_petsc.results import Balance, Band, Sensitivity, Tradeoff, Trajectory
+from pgmp_petsc.figures.trajectories import fitted, residuals
+from pgmp_petsc.results import Balance, Band, Fit, Sensitivity, Tradeoff, Trajectory
 from pgmp_petsc.results.numbers import with_unit
 
 WIDTH, HEIGHT = 4.3, 2.5  # inches: on a phone type is then as large as in the text
@@ -276,6 +277,21 @@ def loads(run: Trajectory) -> list[Chart]:
             )
             found.append(replace(drawn, title=f"{titles[0]}{diagram.words}"))
     return found
+
+
+def fit(found: Fit) -> list[Chart]:
+    """Return for each output what was measured and fitted, and the residuals."""
+
+    def drawn(draw: Callable[[Axes, Fit, str], None], name: str, title: str) -> Chart:
+        def own(axes: Axes) -> None:
+            draw(axes, found, name)
+            axes.set_xlabel("time (s)")
+            _keys(axes)
+
+        return chart(own, f"{name}: {title}")
+
+    pairs = [(drawn(fitted, name, "fit"), drawn(residuals, name, "residuals")) for name in found.outputs]
+    return [one for pair in pairs for one in pair]
 
 
 def accuracy_and_time(study: Tradeoff, output: str) -> Chart:

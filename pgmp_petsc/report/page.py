@@ -23,6 +23,7 @@ import numpy as np
 
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, counted, visible
+from pgmp_petsc.figures.captions import tell_apart
 from pgmp_petsc.figures.ensembles import values_of
 from pgmp_petsc.figures.loads import OF_JOINTS, outputs_of
 from pgmp_petsc.figures.style import MODELS, axis_unit, quantity, scene_of
@@ -48,8 +49,8 @@ from pgmp_petsc.report.sources import (
     read_sources,
     sentence_case,
 )
-from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
-from pgmp_petsc.results.numbers import one_unit_each, plain
+from pgmp_petsc.results import Ensemble, Fit, Tradeoff, Trajectory
+from pgmp_petsc.results.numbers import ROUND_OFF, one_unit_each, plain
 from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.results.summary import Columns, columns_of, csv_text
 
@@ -90,6 +91,7 @@ class Section:
     energies: list[Chart]
     tradeoffs: list[tuple[Table, list[Chart], list[str]]]
     rare_events: list[Table]
+    fits: list[tuple[Table, list[Chart]]]
     failures: list[Table]
     remarks: list[tuple[str, str, str]]
     cost: Table
@@ -133,6 +135,7 @@ def section_of(sources: Sequence[Source]) -> Section:
         energies=list(_energies(runs)),
         tradeoffs=[_tradeoff(source) for source in studies],
         rare_events=[_rare_event(source) for source in of_kind(sources, RareEvent)],
+        fits=[(_fit(source), charts.fit(source.result)) for source in of_kind(sources, Fit)],
         failures=[_failures(source) for source in ensembles if source.result.status.any()],
         remarks=_remarks(sources),
         cost=_cost(sources),
@@ -141,6 +144,66 @@ def section_of(sources: Sequence[Source]) -> Section:
         downloads=[download for source in sources for download in downloads_of(source)],
         absent=list(_absent(runs, ensembles, film)),
     )
+
+
+def beside_each_other(sources: Sequence[Source]) -> Table | None:
+    """Return figures of several ensembles, else of several runs of one model, side by side; None where there are none.
+
+    Of two, the difference of the second from the first, with its interval from those of both, whose samples are taken
+    as independent of each other: where they share draws it is narrower.
+    """
+    chosen = of_kind(sources, Ensemble)
+    for model in MODELS if len(chosen) < 2 else ():
+        chosen = [one for one in of_kind(sources, Trajectory) if one.result.model == model]
+        if len(chosen) > 1:
+            break
+    if len(chosen) < 2:
+        return None
+    apart = tell_apart([one.record for one in chosen], files=[one.path for one in chosen])
+    head = ["figure", *(", ".join(dict.fromkeys(filter(None, (one.name, text)))) for one, text in zip(chosen, apart))]
+    of_all = [dict(_compared(one)) for one in chosen]
+    rows: list[list[Sentence]] = []
+    for name in of_all[0]:
+        if all(name in known for known in of_all):
+            values = [known[name] for known in of_all]
+            unit = values[0][2]
+            factor, unit = (100.0, unit) if unit == "%" else axis_unit(unit, *(of for of, _, _ in values))
+            shown = "" if unit in ("", "1") else f" {unit}"
+            row: list[Sentence] = [[name]]
+            row += [[f"{factor * of:.4g}{_to_both_sides(factor * half)}{shown}"] for of, half, _ in values]
+            if len(values) == 2:
+                (first, a, _), (second, b, _) = values
+                change, half = second - first, float(np.hypot(a, b))
+                alike = abs(change) <= max(np.nan_to_num(half), ROUND_OFF * max(abs(first), abs(second)))
+                said = "no difference is seen" if alike else "differs" if half > 0.0 else ""
+                by = f"{plain(factor * change, 3, '+')}{_to_both_sides(factor * half)}{shown}"
+                row.append([f"{'equal' if change == 0.0 else by}{f': {said}' if said and change else ''}"])
+            rows.append(row)
+    head += ["second less first"] if len(chosen) == 2 else []
+    what = "intervals of sampling" if isinstance(chosen[0].result, Ensemble) else "largest by size over each run"
+    return Table(head, rows, f"Of each file: {what}; errors of the models are in the error budget.") if rows else None
+
+
+def _to_both_sides(half: float) -> str:
+    return f" ± {plain(half)}" if half > 0.0 else ""
+
+
+def _compared(source: Source) -> Iterator[tuple[str, tuple[float, float, str]]]:
+    """Yield figures of a file by name: the value, half its interval, NaN where it has none, and the unit."""
+    result = source.result
+    if isinstance(result, Trajectory):
+        for name, values in result.outputs.items():
+            known = np.nan_to_num(values)
+            most = known[np.argmax(np.abs(known))]
+            yield name, (float(most), np.nan, result.units.get(name, "1"))
+        return
+    for label, chance in result.probabilities.items():
+        if np.isfinite(chance.estimate):
+            yield f"P({label})", (float(chance.estimate), 0.5 * float(np.diff(chance.interval)[0]), "%")
+    for name, s in result.statistics.items():
+        if s.count and name not in result.first_passages:
+            half = 0.0 if s.constant else 0.5 * float(np.diff(s.mean_interval)[0])
+            yield f"{name}, mean", (float(s.mean), half, result.units.get(name, "1"))
 
 
 def film_words(source: Source, scene: Mapping[str, Any], among_samples: bool) -> str:
@@ -412,6 +475,21 @@ def _rare_event(source: Source) -> Table:
     return Table(["", "value", "share"], rows, f"{note}{'' if likely is None else lines}.")
 
 
+def _fit(source: Source) -> Table:
+    """Return the fitted parameters with their standard errors and limits."""
+    found, rows = source.result, list[list[Sentence]]()
+    for k, p in enumerate(found.parameters):
+        factor, unit = axis_unit(p.unit, np.array([p.estimate]))
+        shown = "" if unit in ("", "1") else f" {unit}"
+        value = Datum(p.estimate, f"{factor * p.estimate:.6g}", source.name, "/estimates", str(k))
+        error = f"{factor * p.error:.2g}{shown}" if np.isfinite(p.error) else "not identifiable"
+        limits = f"{factor * p.lower:.6g} to {factor * p.upper:.6g}{shown}"
+        rows.append([[p.name], [value, shown], [error], [f"{factor * p.start:.6g}{shown}"], [limits]])
+    ended = "the fit converged" if found.converged else "the fit did not converge"
+    note = f"{source.name}: {ended}, after {found.n_runs} runs; errors are standard errors."
+    return Table(["parameter", "estimate", "error", "begun with", "searched in"], rows, note)
+
+
 def _remarks(sources: Sequence[Source]) -> list[tuple[str, str, str]]:
     """Return the files, kind and text of every remark, once, warnings first."""
     found: dict[tuple[str, str], list[str]] = {}
@@ -456,6 +534,9 @@ def _commands(sources: Sequence[Source]) -> list[str]:
     for source in sources:
         result, target = source.result, shlex.quote(source.name)
         if isinstance(result, Build):
+            continue
+        if isinstance(result, Fit):
+            found.append(f"pgmp fit {rom} MEASURED.csv -o {target}")
             continue
         if isinstance(result, Tradeoff):
             quick = " --quick" if result.quick else ""
@@ -589,10 +670,10 @@ def page_of(scenes: Sequence[Sequence], lines: Sequence[str]) -> str:
     environment.filters |= {"compact": compact_json, "sentence_case": sentence_case}
     with one_unit_each(_largest_of_units([source.result for sources in scenes for source in sources])):
         sections = [section_of(sources) for sources in scenes]
+        beside = beside_each_other([source for sources in scenes for source in sources])
     title = sections[0].name if len(sections) == 1 else ", ".join(section.name for section in sections)
     folder = resources.files("pgmp_petsc.report") / "page"
     css, *scripts = ((folder / name).read_text(encoding="utf-8") for name in ("page.css", "surfaces.js", "page.js"))
-    text = environment.get_template("page.html").render(
-        title=title, sections=sections, lines=lines, version=__version__, css=css, script="".join(scripts)
-    )
+    parts = {"title": title, "sections": sections, "beside": beside, "lines": lines, "version": __version__}
+    text = environment.get_template("page.html").render(parts, css=css, script="".join(scripts))
     return visible(re.sub(r"\n{2,}", "\n", text).lstrip())

@@ -19,7 +19,7 @@ import numpy as np
 from pgmp_petsc.figures.captions import mechanism_key, short_names
 from pgmp_petsc.figures.style import axis_unit
 from pgmp_petsc.files.hdf5 import RunRecord, open_file
-from pgmp_petsc.results import Ensemble, Selection, Tradeoff, Trajectory
+from pgmp_petsc.results import Ensemble, Fit, Selection, Tradeoff, Trajectory
 from pgmp_petsc.results.numbers import end_texts, number_text
 from pgmp_petsc.results.statistics import RareEvent
 
@@ -40,10 +40,10 @@ class Build:
 
 
 READERS = {
-    "trajectory": Trajectory, "ensemble": Ensemble, "tradeoff": Tradeoff, "rare_event": RareEvent, "rom": Build,
-    "components": Build,
+    "trajectory": Trajectory, "ensemble": Ensemble, "tradeoff": Tradeoff, "rare_event": RareEvent, "fit": Fit,
+    "rom": Build, "components": Build,
 }  # fmt: skip
-Result = Trajectory | Ensemble | Tradeoff | RareEvent | Build
+Result = Trajectory | Ensemble | Tradeoff | RareEvent | Fit | Build
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ Samples that failed have NaN in all that follows from a run.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,6 +34,7 @@ from pgmp_petsc.declare.records import (
 )
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results.estimates import BALANCE_WORDS, OF_REDUCED, OF_STEP, VALIDITY_WORDS
+from pgmp_petsc.results.numbers import axis_unit, interval_text, number_text
 from pgmp_petsc.results.statistics import MODELS, Band, Chance, Sensitivity, Statistics
 
 _UNIT = "as attribute units"
@@ -372,6 +373,32 @@ class Ensemble(Result):
         unknown = set(np.unique(self.status).tolist()) - self.meanings.keys()
         if unknown:
             raise ValueError(f"status {sorted(unknown)} has no meaning; known: {sorted(self.meanings)}")
+
+    def answer(self, model_error: Callable[[str], float] = lambda _: float("nan"), stops: bool = False) -> str:
+        """Return the probability of the first event or, without events, the mean of the last output, in words.
+
+        Parameters
+        ----------
+        model_error
+            Returns what is known besides of the model's error, as a share, of the label of an event.
+        stops
+            Whether the full-order run stops before its end, so that it decides nothing.
+        """
+        for label, chance in self.probabilities.items():
+            ends, error = 100.0 * chance.interval, model_error(label)
+            if np.isnan(chance.estimate):
+                return f"P({chance.event}) is not known {interval_text(ends)} %"
+            if chance.is_decided(error):
+                return f"P({chance.event}) = {number_text(100 * chance.estimate, ends, 6)} % {interval_text(ends)}"
+            return f"P({chance.event}) is {chance.doubt(error, stops)}"
+        for name in reversed([name for name in self.outputs if name in self.statistics]):
+            s, unit = self.statistics[name], self.units.get(name, "1")
+            factor, shown = axis_unit(unit, np.array([s.mean]))
+            mean, ends = factor * s.mean, factor * s.mean_interval
+            words = f"{mean:.7g}, constant" if s.constant else f"{number_text(mean, ends, 7)} {interval_text(ends)}"
+            words += "" if unit == "1" else f" {shown}"
+            return f"mean {name} {words if np.isfinite(s.mean) else 'is not known'}"
+        return "no output is described"
 
     @property
     def what_errors(self) -> str:

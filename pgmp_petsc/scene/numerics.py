@@ -69,7 +69,9 @@ class Reduction(Table):
         description="add angles until interpolated tables differ from fresh ones by no more than this share; `angles` "
         "is then the number to begin with; needs interpolation = spline",
     )
-    max_angles: Angles = Field(2000, ge=4, description="most angles that a build takes by itself")
+    max_angles: Angles = Field(
+        2000, ge=4, description="most angles, of several coordinates most configurations, that a build takes by itself"
+    )
     static_modes: bool = Field(False, description="extend the basis by the static answers to the scene's loads")
     spring_modes: bool = Field(
         True,

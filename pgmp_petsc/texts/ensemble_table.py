@@ -25,7 +25,8 @@ SHOWN = 12  # parameters of a design point
 
 def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return what is known of the outputs and parameters, what is not, and the estimated errors."""
-    lines = [f"{path}: {ensemble.model} model, {len(ensemble.status)} samples", *lines_of(ensemble)]
+    first = f"{path}: {ensemble.model} model, {len(ensemble.status)} samples; {ensemble.answer()}"
+    lines = [first, *lines_of(ensemble)]
     lines += [*of_ensemble(ensemble), *of_balance(ensemble)]
     return "\n".join([*lines, *closing(ensemble.record, said)])
 

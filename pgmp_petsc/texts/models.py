@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from pgmp_petsc.studies.building import Built
 
 SHOWN = 6
+IN_LINE = 3  # outputs in the first line of a run: the last ones of the scene
 LARGEST = 24  # characters of the column of largest values
 NOTHING = 1e-6  # of a mode's highest frequency
 
@@ -31,10 +32,10 @@ NOTHING = 1e-6  # of a mode's highest frequency
 def report_of_run(trajectory: Trajectory, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return the outputs at the end and their largest values, estimated errors and validity of a reduced run, and all
     remarks."""
-    lines = [f"{path}: {trajectory.model} model, {len(trajectory.time) - 1} steps to {trajectory.time[-1]:g} s"]
+    lines = [""]
     lines += [f"  {'':24s}{'at the end':>16s}{'largest by size':>{LARGEST}s}"] if trajectory.outputs else []
     length = 0.0 if trajectory.frames is None else trajectory.frames.extent
-    sizes = sizes_of(trajectory.outputs, trajectory.units, length)
+    sizes, peaks = sizes_of(trajectory.outputs, trajectory.units, length), list[str]()
     for name, values in trajectory.outputs.items():
         values = np.where(np.abs(values) <= ROUND_OFF * sizes[name], 0.0, values)
         factor, unit = axis_unit(trajectory.units[name], values)
@@ -44,6 +45,11 @@ def report_of_run(trajectory: Trajectory, path: Path, said: Sequence[Remark] = (
         width = max(9, LARGEST + 16 - len(end))
         largest = f"{factor * values[most]:>{width}.5g} at {trajectory.time[most]:.4g} s"
         lines.append(f"  {name:24s}{end}{largest if np.isfinite(values).any() else ''}")
+        if np.isfinite(values).any():
+            peaks.append(f"{name} {factor * values[most]:.4g}{'' if unit == '1' else f' {unit}'}")
+    first = f"{path}: {trajectory.model} model, {len(trajectory.time) - 1} steps to {trajectory.time[-1]:g} s"
+    more = f", and {len(peaks) - IN_LINE} more" if len(peaks) > IN_LINE else ""
+    lines[0] = f"{first}; at most {', '.join(peaks[-IN_LINE:])}{more}" if peaks else first
     lines += of_run(trajectory)
     # why it stopped is the error that ends the command
     return "\n".join([*lines, *closing(trajectory.record, said, trajectory.why_stopped or "")])
@@ -51,8 +57,11 @@ def report_of_run(trajectory: Trajectory, path: Path, said: Sequence[Remark] = (
 
 def report_of_modes(table: ModesTable, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return the range of every frequency, how far the reduced ones are from it, and all remarks."""
+    places = f"{len(table.full_hz)} {'angles' if table.theta.ndim == 1 else 'configurations'}"
+    first = table.full_hz[:, :1]
+    answer = f"; lowest frequency {first.min():.5g} to {first.max():.5g} Hz" if first.size else ""
     lines = [
-        f"{path}: {len(table.full_hz)} {'angles' if table.theta.ndim == 1 else 'configurations'}",
+        f"{path}: {places}{answer}",
         "  mode     lowest Hz    highest Hz   reduced, largest difference",
     ]
     for mode in range(min(SHOWN, table.full_hz.shape[1])):

@@ -12,7 +12,6 @@ from pgmp_petsc.c_export import constants, fmu
 from pgmp_petsc.c_export.constants import checked_scene, constants_of, left_out
 from pgmp_petsc.c_export.fmu import write_fmu
 from pgmp_petsc.c_export.source import write_sources
-from pgmp_petsc.mechanism.capabilities import foretold
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 
@@ -38,13 +37,6 @@ def loaded(name: str) -> Scene:
 def test_what_a_scene_asks_for(scene, entry) -> None:
     with pytest.raises(InputError, match=f"{entry}.*; it cannot be written"):
         checked_scene(scene(), "it")
-
-
-def test_three_coordinates_are_refused_by_name_and_foretold() -> None:
-    why = "coordinates: first, second, third: a model in C has one or two"
-    with pytest.raises(InputError, match=why):
-        checked_scene(loaded("platform_3rrr"), "it")
-    assert any(text.startswith(f"pgmp export: {why}") for text in foretold(loaded("platform_3rrr")))
 
 
 def test_a_stress_is_left_out_with_a_note(model) -> None:

@@ -37,6 +37,7 @@ REFUSED = cases("""
 * check RSSR & bodies.crank.orientation=[1.0, 0.0, 0.0] -> \
     bodies.crank.orientation = [1.0, 0.0, 0.0]: parallel to element 0
 * check RSSR & bodies.coupler.element="beam2d" -> bodies.coupler | beam2d | beam3d
+* check RSSR & bodies.coupler.line.start=1e30 -> bodies.coupler.line.start = 1e+30: | lost in round-off
 * check RSSR & bodies.coupler.line={length=5.0, elements=8} -> joints. | cannot close at theta = 0 rad | m remains
 # forces in joints
 * check SCENE & outputs.f={type="joint_force", joint="elbw"} -> outputs.f.joint = "elbw": there is no such joint

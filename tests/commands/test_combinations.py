@@ -1,6 +1,6 @@
 """Features with kinds of mechanism through a chain of commands: each works, or is refused by name with its cure.
 
-Every feature once, every kind with three or four of them; ``python tests/combinations.py`` tries all with all.
+Every feature once or twice, every kind with five or six of them; ``python tests/combinations.py`` tries all with all.
 """
 
 import pytest
@@ -22,9 +22,9 @@ PURPOSES = {
     "montecarlo --full": Purpose.FULL,
     "montecarlo --components": Purpose.COMPONENTS,
 }
-CHOSEN = [
-    (kind, feature) for k, kind in enumerate(KINDS) for f, feature in enumerate(FEATURES) if (f + k) % len(KINDS) == 0
-]
+APART = 11  # features of one kind
+CHOSEN = [(kind, feature) for k, kind in enumerate(KINDS) for f, feature in enumerate(FEATURES) if (f + k) % APART == 0]
+CHOSEN += [(f"{count} coordinates", "sampling tolerance") for count in ("two", "three")]
 
 
 @pytest.mark.parametrize(("kind", "feature"), CHOSEN, ids=[", ".join(pair) for pair in CHOSEN])

@@ -1,17 +1,25 @@
 """Results as CSV where a name ends so: the numbers of the HDF5 files, units in the first line; others are refused."""
 
 import csv
+import os
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 import synthetic
+from conftest import ROOT, TIMEOUT_SECONDS
 from runs import SMALL, paper_scene, rom_of, said
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.cli.main import main
+from pgmp_petsc.cli.session import painter
 from pgmp_petsc.results.summary import columns_of
+
+TEMPLATE = ROOT / "pgmp_petsc" / "scene" / "templates" / "slider_crank.toml"
 
 
 @pytest.fixture(scope="module")
@@ -138,6 +146,8 @@ def test_the_schema_is_written(tmp_path: Path) -> None:
         ("pgmp s", 1, {"simulate", "sensitivities", "schema"}, {"build", "new"}),
         ("pgmp simulate --c", 2, {"--components"}, {"--full"}),
         ("pgmp new s", 2, {"slider_crank", "solid_link", "spatial"}, {"four_bar"}),
+        (f"pgmp check {TEMPLATE} --set r", 4, {"radius="}, {"motor="}),
+        (f"pgmp check {__file__} --set r", 4, set(), {"radius="}),
     ],
 )
 def test_the_shell_completes(words: str, number: int, wanted: set, unwanted: set, monkeypatch, capfd) -> None:
@@ -150,3 +160,62 @@ def test_the_shell_completes(words: str, number: int, wanted: set, unwanted: set
     out, err = capfd.readouterr()  # click writes bytes
     told = {line.partition(",")[2] for line in out.splitlines()}
     assert wanted <= told and not unwanted & told and err == ""
+
+
+TERMINAL = """
+import fcntl, os, pty, struct, sys, termios
+child, terminal = pty.fork()
+if not child:
+    fcntl.ioctl(1, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 80, 0, 0))
+    os.execv(sys.executable, [sys.executable, "-m", "pgmp_petsc.cli.main", *sys.argv[1:]])
+try:
+    while seen := os.read(terminal, 65536):
+        sys.stdout.buffer.write(seen)
+except OSError:
+    pass
+sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+
+
+def at_terminal(folder: Path, *words: object, status: int = 0, **variables: str) -> str:
+    """Return what a person sees in a folder at a terminal of 80 columns."""
+    surroundings = {name: value for name, value in os.environ.items() if name != "NO_COLOR"} | variables
+    command = [sys.executable, "-c", TERMINAL, *map(str, words)]
+    surroundings = {"TERM": "xterm", "PYTHONPATH": str(ROOT)} | surroundings
+    done = subprocess.run(command, capture_output=True, env=surroundings, cwd=folder, timeout=TIMEOUT_SECONDS)
+    assert done.returncode == status, done
+    return done.stdout.decode().replace("\r\n", "\n")
+
+
+def test_a_terminal_shows_the_answer_and_what_to_do_next(rom: Path, tmp_path: Path) -> None:
+    """In colour and within its width; a pipe has all figures, without colours and without advice."""
+    words = ("montecarlo", rom, "-n", 8, "-o", "m.h5")
+    seen = at_terminal(tmp_path, *words)
+    lines = re.split(r"[\n\r]+", re.sub(r"\x1b\[\d*\w", "", seen.rstrip()))
+    answer = next(k for k, line in enumerate(lines) if line.startswith("m.h5: reduced model, 8 samples; mean "))
+    assert lines[-1] == "next: pgmp report m.h5 -o report.html"
+    assert "more lines of figures and notes: --verbose" in lines[-2] and len(lines) - answer < 20
+    assert "  quantiles at the end" not in seen
+    assert "  quantiles at the end" in at_terminal(tmp_path, *words, "--verbose")
+    assert max(len(line) for line in lines[answer:]) <= 80
+    out, _ = said(*words[:-1], tmp_path / "m.h5")
+    assert "quantiles at the end" in out and "next:" not in out and "\x1b" not in out
+    refused = ("simulate", rom, "--set", "r1=1000")
+    assert "\x1b[31m\x1b[1mpgmp: error:\x1b[0m " in at_terminal(tmp_path, *refused, status=2)
+    assert "\x1b[31m" not in at_terminal(tmp_path, *refused, status=2, NO_COLOR="1")
+
+
+@pytest.mark.parametrize(
+    ("text", "look"),
+    [
+        ("  warning: far off", "\x1b[33m  warning:\x1b[0m far off"),
+        ("m.h5: P(x above 1) = 5 % [4, 6], more", "m.h5: P(\x1b[32mx above 1) = 5 % [4, 6]\x1b[0m, more"),
+        ("P(x) is not decided by this model: no", "P(x) is \x1b[33mnot decided by this model\x1b[0m: no"),
+        ("8 samples, 0 failed", "8 samples, 0 failed"),
+        ("8 samples, 10 failed", "8 samples, \x1b[33m10 failed\x1b[0m"),
+    ],
+)
+def test_warnings_and_verdicts_have_colours(text: str, look: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    assert painter(True)(text.encode()).decode() == look and painter(False) is None

@@ -32,12 +32,9 @@ def test_a_feature_is_refused_where_it_is_used_and_nowhere_else(feature, purpose
     asked = ASKING[feature.name]
     check_capabilities(scene_of("beams", *asked), purpose)
     commands = (Purpose.SIZES,)  # it takes no such mechanism, whatever the scene asks for
-    for kind, refused in (("two coordinates", feature.one_coordinate), ("cells in the plane", False)):
+    for kind in ("two coordinates", "cells in the plane"):
         scene = scene_of(kind, *asked)
-        if refused and purpose in feature.purposes:
-            with pytest.raises(InputError, match=r"(effects|reduction|simulation)\..*coordinate only"):
-                check_capabilities(scene, purpose)
-        elif not any(other.name != feature.name and purpose in other.purposes and list(other.entries(scene))
+        if not any(other.name != feature.name and purpose in other.purposes and list(other.entries(scene))
                      for other in FEATURES) and purpose not in commands:  # fmt: skip
             check_capabilities(scene, purpose)
 

@@ -1,21 +1,16 @@
-"""Polynomials in the cells of a table, worked out before or made on the way, against the interpolant."""
+"""Polynomials in the cells of a table, made when they are asked for, against the interpolant."""
 
 import numpy as np
 import pytest
+from runs import place_in
 
-from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.reduced.cells import N_HELD, Cells, place_of
+from pgmp_petsc.reduced import cells as cells_module
+from pgmp_petsc.reduced.cells import FEWEST_HELD, Cells
 from pgmp_petsc.reduced.terms import grid_of
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 
 LOWER, UPPER, PERIODIC = (0.0, -0.3, 0.2), (2 * np.pi, 0.9, 1.7), (True, False, False)
-
-
-@njit(entry=True)
-def asked(cells: Cells, cell: int) -> int:
-    """Return where the polynomials of a cell are."""
-    return place_of(cells, cell)
 
 
 def sampled(n: tuple[int, ...]) -> SampleGrid:
@@ -26,13 +21,17 @@ def sampled(n: tuple[int, ...]) -> SampleGrid:
 @pytest.mark.parametrize("scheme", ["overhauser", "spline"])
 @pytest.mark.parametrize("n", [(9,), (9, 7), (9, 7, 6)])
 @pytest.mark.parametrize("n_powers", [4, 8])
-def test_the_polynomials_of_cells_are_the_interpolant(scheme: str, n: tuple[int, ...], n_powers: int) -> None:
-    """More cells are asked for than are held, some of them again."""
+@pytest.mark.parametrize("most_held", [0, 2**22])
+def test_the_polynomials_of_cells_are_the_interpolant(
+    scheme: str, n: tuple[int, ...], n_powers: int, most_held: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All cells are held, or more are asked for than are held, some of them again."""
+    monkeypatch.setattr(cells_module, "MOST_HELD", most_held)
     grid, r = sampled(n), len(n)
     found = interpolant(grid, np.random.default_rng(0).normal(size=(grid.n, 2, 3)), scheme)
     axes = grid_of(found)
     cells = Cells.of(found, axes, n_powers)
-    for theta in np.random.default_rng(1).uniform(LOWER[:r], UPPER[:r], size=(4 * N_HELD, r)).repeat(2, axis=0):
+    for theta in np.random.default_rng(1).uniform(LOWER[:r], UPPER[:r], size=(4 * FEWEST_HELD, r)).repeat(2, axis=0):
         number, powers = 0, np.ones(1)
         for x, axis in zip(theta, axes):
             cell = int((x - axis.lower) / axis.step)
@@ -41,7 +40,7 @@ def test_the_polynomials_of_cells_are_the_interpolant(scheme: str, n: tuple[int,
                 number * axis.n_cells + cell,
                 np.multiply.outer(powers, place ** np.arange(n_powers)).ravel(),
             )
-        of_cell = cells.polynomials[asked(cells, number)].reshape(2, 3, -1)
+        of_cell = cells.polynomials[place_in(cells, number)].reshape(2, 3, -1)
         np.testing.assert_allclose(of_cell @ powers, found(theta[None])[0], rtol=0, atol=1e-10)
 
 

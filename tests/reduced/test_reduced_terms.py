@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from runs import quick_return, rom_of
+from runs import place_in, quick_return, rom_of
 
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
@@ -90,7 +90,7 @@ def test_the_polynomials_of_the_rigid_inertia_are_as_good_as_its_spline(angles: 
     for theta in np.linspace(0.0, 2 * np.pi, 77, endpoint=False):
         cell, place = divmod(theta - grid.lower, grid.step)
         # one packed entry, its eight coefficients
-        found = terms.cells.rigid.polynomials[int(cell)] @ place ** np.arange(8.0)
+        found = terms.cells.rigid.polynomials[place_in(terms.cells.rigid, int(cell))] @ place ** np.arange(8.0)
         expected = terms.rigid(np.array([theta]))[0, :, 0]
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 

@@ -290,6 +290,51 @@ def test_a_light_says_whether_it_is_decided(tmp_path: Path) -> None:
         )
 
 
+def test_two_designs_stand_beside_each_other(tmp_path: Path) -> None:
+    """The difference of independent means has the root of the sum of squares of both half widths (Welch)."""
+    rng, names = np.random.default_rng(4), ("thin", "thick")
+    samples = {name: rng.normal(mean, 0.1, 400) for name, mean in zip(names, (1.0, 1.1))}
+    first = synthetic.ensemble("reduced", 400, 0)
+    for name, values in samples.items():
+        same = synthetic.statistics(np.full(400, 0.4))
+        known = {"crank_angle": synthetic.statistics(values), "slider_position": same}
+        replace(first, outputs=first.outputs | {"crank_angle": values}, statistics=known).write(tmp_path / f"{name}.h5")
+    write_report([tmp_path / f"{name}.h5" for name in names], tmp_path / "page.html")
+    tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
+    rows = {row[0]: row[1:] for row in rows_of(tree, "Beside each other")}
+    change, half = map(float, re.match(r"\+([\d.]+) ± ([\d.]+) rad: differs", rows["crank_angle, mean"][2]).groups())
+    assert change == pytest.approx(samples["thick"].mean() - samples["thin"].mean(), rel=5e-3)
+    # normal quantile of synthetic's level, two digits; the half widths are of t with 399 degrees of freedom
+    halves = [0.5 * np.ptp(synthetic.statistics(values).mean_interval) for values in samples.values()]
+    assert half == pytest.approx(np.hypot(*halves), rel=0.05)
+    assert rows["slider_position, mean"][2] == "equal"
+    # runs of one model, of which nothing is known but what they are; a run and its better model are no two designs
+    for name, factor in zip(names, (1.0, 1.2)):
+        run = synthetic.trajectory("reduced")
+        replace(run, outputs={key: factor * own for key, own in run.outputs.items()}).write(tmp_path / f"run_{name}.h5")
+    write_report([tmp_path / f"run_{name}.h5" for name in names], tmp_path / "page.html")
+    tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
+    values = {row[0]: [float(text.split()[0]) for text in row[1:]] for row in rows_of(tree, "Beside each other")}
+    for one, other, change in values.values():
+        assert change == pytest.approx(other - one, abs=2e-3 * abs(other))
+        assert other == pytest.approx(1.2 * one, rel=1e-3)
+    synthetic.trajectory("full").write(tmp_path / "full.h5")
+    write_report([tmp_path / "run_thin.h5", tmp_path / "full.h5"], tmp_path / "page.html")
+    assert "Beside each other" not in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
+def test_a_fit_has_its_picture_and_parameters(tmp_path: Path) -> None:
+    found = synthetic.fitted()
+    found.write(tmp_path / "fit.h5")
+    write_report([tmp_path / "fit.h5"], tmp_path / "page.html")
+    tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
+    titles = {words(item) for item in tree.iter("figcaption")}
+    assert {f"{name}: {what}" for name in found.outputs for what in ("fit", "residuals")} <= titles
+    assert [row[0] for row in rows_of(tree, "Fit")] == [p.name for p in found.parameters]
+    for item in shown(tree):
+        np.testing.assert_array_equal(float(item.get("value")), stored(tmp_path, item), err_msg=str(item.attrib))
+
+
 def test_nothing_comes_from_outside(page: str, tree: Element) -> None:
     assert "http:" not in page and "https:" not in page and "@import" not in page and "url(" not in re.sub(
         r'url\(#[\w-]+\)', "", page)  # fmt: skip

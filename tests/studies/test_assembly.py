@@ -11,6 +11,7 @@ from pictures import assert_inside, texts
 from runs import one_message, pgmp
 
 from pgmp_petsc.figures.mechanism import assembly
+from pgmp_petsc.figures.part import meshed_part
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.results.selection import Assembly
 from pgmp_petsc.studies.field_frames import assembly_of
@@ -50,7 +51,7 @@ def test_bodies_stand_where_their_joints_hold_them() -> None:
         np.testing.assert_allclose(found, wanted, atol=1e-9)
     np.testing.assert_allclose(shown.joints["slider"], slider, atol=1e-9)  # of what slides the point that moves
     np.testing.assert_allclose(shown.points["rod:tip"], slider, atol=1e-9)
-    assert texts(assembly(shown))[0] == "slider crank: assembled at theta = 0.5 rad"
+    assert texts(assembly(shown))[0] == "slider_crank: assembled at theta = 0.5 rad"
 
 
 def test_too_many_points_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,3 +65,25 @@ def test_the_command_draws_and_says_where(tmp_path: Path) -> None:
     assert f"  picture       {target}" in pgmp("check", scene, "--plot", target).stdout
     assert target.read_bytes().startswith(b"\x89PNG")
     assert "a picture is written as PNG" in one_message("check", scene, "--plot", tmp_path / "mechanism.pdf")
+
+
+@pytest.mark.parametrize("scene", ["slider_crank_solid2d", "slider_crank_solid3d"])
+def test_parts_of_cells_are_drawn_with_their_named_faces(scene: str, tmp_path: Path) -> None:
+    """Every named face has its colour, and its name beside it."""
+    out = pgmp("check", ROOT / "scenes" / f"{scene}.toml", "--plot", tmp_path / "m.png").stdout
+    for body in ("crank", "rod"):
+        assert f"  faces         {tmp_path / f'm_{body}.png'}" in out
+        assert (tmp_path / f"m_{body}.png").read_bytes().startswith(b"\x89PNG")
+    meshes = read_scene(ROOT / "scenes" / f"{scene}.toml", (), (), MPI.COMM_SELF, Purpose.CHECK)[1]
+    figure = meshed_part(meshes["rod"], "rod", "m")
+    figure.canvas.draw()
+    (axes,) = figure.axes
+    colours = {text.get_text(): text.get_color() for text in axes.texts}
+    assert colours.keys() == {"hinge", "tip"} and len(set(colours.values())) == 2
+    cells, *edges = axes.collections
+    if scene.endswith("2d"):
+        assert len(cells.get_paths()) == len(meshes["rod"].cells) and len(edges) == 2
+    else:  # of the faces on the surface those that are no steel
+        found = np.array(cells.get_facecolor())[:, :3]
+        grey = np.ptp(found / found.max(axis=1, keepdims=True), axis=1) < 0.1
+        assert np.count_nonzero(~grey) == sum(len(faces) for faces in meshes["rod"].groups.values())

@@ -200,7 +200,7 @@ def test_controllers_in_every_model(entries: tuple[str, ...]) -> None:
         np.testing.assert_allclose(components[name], full[name], rtol=0, atol=share * largest, err_msg=name)
 
 
-@pytest.mark.parametrize("model", ["full", "reduced"])
+@pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("entries", [ARM, (*ARM, *SAMPLED)], ids=["continuous", "sampled"])
 def test_the_work_of_controllers_closes_the_balance(entries: tuple[str, ...], model: str) -> None:
     """What the rule of trapezoids leaves of the works; jumps excite vibrations that steps of 1 ms hardly resolve."""

@@ -20,7 +20,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction import tables as of_reduction
 from pgmp_petsc.reduction.stencil import OVERHAUSER
-from pgmp_petsc.scene import scene_from_toml
+from pgmp_petsc.scene import load_scene, scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene
 from scenes import tables
 
@@ -238,6 +238,13 @@ def test_two_coordinates_of_a_closed_loop(tmp_path, monkeypatch) -> None:
     # so small a deformation is the difference of places known to round-off
     least = 64 * np.finfo(float).eps * model.kinematics.size
     np.testing.assert_allclose(found["bent"], bent, rtol=0.0, atol=max(least, 1e-9 * np.max(np.abs(bent))))
+
+
+def test_three_coordinates_of_closed_loops(tmp_path) -> None:
+    """Rows of the tables in three directions, a force in a joint, and deformations beside closed poses."""
+    force = 'outputs.force={type="joint_force",joint="first_elbow",component="x"}'
+    model = reduced_model(load_scene(ROOT / "scenes" / "platform_3rrr.toml", ("simulation.duration=0.1", force)))
+    exported.assert_same_in_c(model, tmp_path)
 
 
 def test_space(tmp_path) -> None:

@@ -197,11 +197,6 @@ FOURTH = (
     ("overrides", "message"),
     [
         (
-            (SPLINE, "reduction.sampling_tolerance=0.1"),
-            "reduction.sampling_tolerance = 0.1: for one rigid coordinate only, but the scene "
-            "has 2: theta1, theta2; leave it out",
-        ),
-        (
             THIRD + FOURTH,
             "coordinates: theta1, theta2, theta3, theta4: 4 independent coordinates were given; at most 3 are taken. "
             "reduction.angles = 8 along each would make 8^4 = 4.1e+03 configurations: about 0.0",
@@ -210,6 +205,11 @@ FOURTH = (
             (*THIRD, "reduction.angles=200"),
             "coordinates: theta1, theta2, theta3: reduction.angles = 200 along each would make 200^3 = 8e+06 "
             "configurations: about ",
+        ),
+        (
+            (*THIRD, SPLINE, "reduction.angles=100", "reduction.sampling_tolerance=0.1"),
+            "coordinates: theta1, theta2, theta3: reduction.angles = 100 along each, doubled by "
+            "reduction.sampling_tolerance, would make 200^3 = 8e+06 configurations: about ",
         ),
     ],
 )

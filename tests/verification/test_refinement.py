@@ -83,7 +83,7 @@ def test_a_sample_that_was_interpolated_exactly_has_no_error() -> None:
     own = np.broadcast_to(np.eye(rom.tables.n_modes), (48, rom.tables.n_modes, rom.tables.n_modes))
     basis = ContinuousBasis(rom.tables, rom.projection, groups, own, np.zeros((1, rom.tables.n_modes), dtype=bool))
     some = rom.tables.samples.axes[0].theta[[3, 17]]
-    errors = interpolation_errors(basis, basis, some, {"r1": RADIUS})
+    errors = interpolation_errors(basis, basis, some[:, None], {"r1": RADIUS})
     np.testing.assert_allclose(errors, 0.0, atol=1e-9)
 
 

@@ -234,7 +234,7 @@ static void give_forces(const struct pgmp_model *m, const struct moving nodes[],
 }
 
 void add_actions(const struct pgmp_model *m, const struct stencil *stencil, const double strengths[],
-                 const double q[N], const double v[N], double gain_v, int fresh, double about[], double depths[],
+                 const double q[N], const double v[N], double gain_v, int fresh, struct iterate kept[], double depths[],
                  struct response *response, double r[N], struct matrix *matrix, double forces[],
                  double loads[][N_DOFS]) {
     double given[AT_LEAST_ONE(N_ACTIONS)][3] = {{0}};
@@ -263,13 +263,20 @@ void add_actions(const struct pgmp_model *m, const struct stencil *stencil, cons
             memcpy(leading, projected, sizeof leading);
         }
         if (action->role == LEADS) {
-            if (about) about[number] = rate;
+            if (kept) kept[number].about = rate;
             continue;
         }
         double strength = action->strength < 0 ? 0.0 : strengths[action->strength];
-        action->law(action->controlled ? given[number] : m->laws[number], action->role == BY_LOAD ? speed : strength, place,
-                    action->role == BY_LOAD ? rate : speed, about && fresh ? about[number] : NAN, found);
-        if (about) about[number] = found[LAW_ABOUT];
+        double amplitude = action->role == BY_LOAD ? speed : strength, own = action->role == BY_LOAD ? rate : speed;
+        action->law(action->controlled ? given[number] : m->laws[number], amplitude, place, own,
+                    kept && fresh ? kept[number].about : NAN, found);
+        if (kept) kept[number].about = found[LAW_ABOUT];
+        if (kept && fresh && action->rubs) {
+            struct iterate *at = kept + number;
+            memcpy(at->along, action->role == LED ? leading : projected, sizeof projected);
+            at->s = place, at->rate = own, at->amplitude = amplitude;
+            at->force = found[LAW_FORCE], at->damping = found[LAW_DAMPING];
+        }
         for (int e = 0; depths && e < action->n_edges; e++) depths[action->edge + e] = found[LAW_END + e];
         for (int i = 0; i < N; i++) r[i] -= found[LAW_FORCE] * projected[i];
         if (forces) forces[number] = found[LAW_FORCE];
@@ -283,4 +290,18 @@ void add_actions(const struct pgmp_model *m, const struct stencil *stencil, cons
                                  found[LAW_FORCE] * bent[i][j];
     }
     if (fresh) add_to_matrix(tangent, matrix);
+}
+
+/* Whether the law of a friction is not linear from where it was evaluated last to the rates v. */
+int bends(const struct pgmp_model *m, const struct iterate kept[], const double v[N]) {
+    for (int number = 0; number < N_ACTIONS; number++) {
+        const struct iterate *at = kept + number;
+        double rate = 0.0, found[LAW_END + MOST_EDGES];
+        if (!actions[number].rubs) continue;
+        for (int i = 0; i < N; i++) rate += at->along[i] * v[i];
+        actions[number].law(m->laws[number], at->amplitude, at->s, rate, NAN, found);
+        double off = fabs(found[LAW_FORCE] - at->force + at->damping * (rate - at->rate));
+        if (!(off <= UNBALANCED * (fabs(found[LAW_FORCE]) + fabs(at->force)))) return 1;
+    }
+    return 0;
 }

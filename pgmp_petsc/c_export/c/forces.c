@@ -122,7 +122,7 @@ static double read_force(const struct force *f, const struct frame nodes[], cons
     return f->component == AXIAL ? axial : size_of(acting);
 }
 
-void find_forces(const struct pgmp_model *m, const double strengths[], const struct frame nodes[], double found[][3]) {
+void find_forces(struct pgmp_model *m, const double strengths[], const struct frame nodes[], double found[][3]) {
     double multipliers[AT_LEAST_ONE(N_GAPS + N_ACTIONS)], r[N] = {0}, forces_of[AT_LEAST_ONE(N_ACTIONS)] = {0};
     double loads[AT_LEAST_ONE(N_ACTION_NODES)][N_DOFS] = {{0}};
     struct stencil stencil;

@@ -1,7 +1,7 @@
 /* Tables over the rigid coordinates: weighted rows around a place, and functions of time.
 
-   Rows are samples (Overhauser's cubics) or coefficients of uniform cubic B-splines; of two coordinates the rows of the
-   second one run fastest.
+   Rows are samples (Overhauser's cubics) or coefficients of uniform cubic B-splines; of several coordinates the
+   rows of the last one run fastest.
 
    written by pgmp_petsc */
 
@@ -103,14 +103,33 @@ void add_rows(const struct stencil *stencil, int n_parts, int n, const double *t
     }
 }
 
+/* The coefficients of the rigid inertia in a cell, powers of the coordinates from number k on, from the rows that reach
+   into it, of which the numbers along the coordinates before are in `row`. */
+static void make_rigid(const struct pgmp_model *m, int k, const int cell[R], long row, double *made) {
+    double part[PACKED(R) * RIGID_POWERS / 8];
+    int n = PACKED(R);
+    if (k == R) {
+        memcpy(made, m->rigid_rows[row], sizeof m->rigid_rows[row]);
+        return;
+    }
+    for (int j = k + 1; j < R; j++) n *= 8;
+    memset(made, 0, 8 * (size_t)n * sizeof(double));
+    for (int j = 0; j < RIGID_REACH; j++) {
+        make_rigid(m, k + 1, cell, row * rigid_axes[k].n_rows + rigid_stencils[k][cell[k]][j], part);
+        for (int p = 0; p < 8; p++)
+            for (int i = 0; i < n; i++) made[p * n + i] += rigid_matrices[k][cell[k]][p][j] * part[i];
+    }
+}
+
 /* A polynomial of degree 7 in every coordinate from number k on, the powers of the last one running fastest, and its
    derivatives. */
 static double polynomial(const double *c, const double place[R], int k, double slopes[R]) {
-    int stride = k == R - 1 ? 1 : 8;
+    int stride = PACKED(R);
     double value = 0.0, inner[R] = {0};
     for (int j = k; j < R; j++) slopes[j] = 0.0;
+    for (int j = k + 1; j < R; j++) stride *= 8;
     for (int p = 7; p >= 0; p--) {
-        double part = k == R - 1 ? c[p] : polynomial(c + stride * p, place, k + 1, inner);
+        double part = k == R - 1 ? c[stride * p] : polynomial(c + stride * p, place, k + 1, inner);
         slopes[k] = slopes[k] * place[k] + value;
         value = value * place[k] + part;
         for (int j = k + 1; j < R; j++) slopes[j] = slopes[j] * place[k] + inner[j];
@@ -118,17 +137,20 @@ static double polynomial(const double *c, const double place[R], int k, double s
     return value;
 }
 
-void interpolate(const struct pgmp_model *m, const struct stencil *stencil, const double theta[R],
-                 const double strengths[], struct terms *t) {
+void interpolate(struct pgmp_model *m, const struct stencil *stencil, const double theta[R], const double strengths[],
+                 struct terms *t) {
     double place[R], slopes[R];
-    int cell = 0;
+    int cells[R], cell = 0;
     memset(t, 0, sizeof *t);
     for (int k = 0; k < R; k++) {
-        cell = cell * rigid_axes[k].n_cells + locate(rigid_axes + k, theta[k], place + k);
+        cells[k] = locate(rigid_axes + k, theta[k], place + k);
+        cell = cell * rigid_axes[k].n_cells + cells[k];
         place[k] *= rigid_axes[k].step;
     }
+    if (cell != m->rigid_cell) make_rigid(m, 0, cells, 0, m->rigid[0]);
+    m->rigid_cell = cell;
     for (int pair = 0; pair < PACKED(R); pair++) {
-        t->rigid[0][pair] = polynomial(m->rigid[cell] + RIGID_POWERS * pair, place, 0, slopes);
+        t->rigid[0][pair] = polynomial(m->rigid[0] + pair, place, 0, slopes);
         for (int k = 0; k < R; k++) t->rigid[1 + k][pair] = slopes[k];
     }
     add_rows(stencil, 1 + R, END, &m->terms[0][0], &t->table[0][0]);

@@ -1,7 +1,7 @@
 /* Poses of the undeformed bodies, from the table of the assembly branch and Newton's method.
 
    Of one coordinate the table's quintic Hermite polynomials close the loops to the last digit; where they do not, and of
-   two coordinates, CLOSURES steps of Newton's method lead from there to the poses that hold the joints together at the
+   several coordinates, CLOSURES steps of Newton's method lead from there to the poses that hold the joints together at the
    given coordinates. What is said twice is allowed: the steps are those of least squares.
 
    written by pgmp_petsc */

@@ -20,7 +20,8 @@
 #define PACKED(n) ((n) * ((n) + 1) / 2)
 #define N_PAIRS (SECOND_ORDER ? PACKED(M) : 0)
 #define N_FACTORS (M + N_PAIRS)
-#define RIGID_POWERS (R == 1 ? 8 : 64)
+#define TENSOR(n) (R == 1 ? (n) : R == 2 ? (n) * (n) : (n) * (n) * (n)) /* of each coordinate n */
+#define RIGID_POWERS TENSOR(8)
 #define N_FRAME (D * (D + 1))
 #define N_DOFS (D * (D + 1) / 2)
 #define N_POSE (D == 2 ? 3 : 12)
@@ -52,9 +53,12 @@ struct pgmp_model {
     double strengths[AT_LEAST_ONE(N_STRENGTHS)]; /* used where follows_scene is 0 */
     int follows_scene[AT_LEAST_ONE(N_STRENGTHS)];
     /* tables weighted with the parameters */
-    double rigid[N_CELLS][PACKED(R) * RIGID_POWERS], terms[N_ROWS][END];
+    double rigid_rows[RIGID_ROWS][PACKED(R)], terms[N_ROWS][END];
     double loads[AT_LEAST_ONE(N_LOADS)][N_ROWS][LOAD_END], laws[AT_LEAST_ONE(N_ACTIONS)][N_LAW];
     double controls[AT_LEAST_ONE(N_CONTROLS)][AT_LEAST_ONE(N_CONTROL)];
+    /* polynomials of the rigid inertia in the cell that it was asked for last, and the number of it, -1 for none */
+    double rigid[RIGID_POWERS][PACKED(R)];
+    int rigid_cell;
     /* state: theta and delta, their rates, accelerations, auxiliary ones, those of the step before */
     double q[N], v[N], a[N], auxiliary[N], before[N];
     int beyond[AT_LEAST_ONE(N_EDGES)]; /* whether each edge of a law is crossed */

@@ -86,7 +86,7 @@ static void find_displacements(const struct pgmp_model *m, double moved[3][N_SHA
         double weight[3] = {1.0, 0.0, 0.0}, part[3];
         long row = 0;
         for (int k = 0, digits = p; k < R; k++) { /* rows of the last coordinate run fastest */
-            int j = R == 2 && k == 0 ? digits / 4 : digits % 4;
+            int j = digits >> 2 * (R - 1 - k) & 3;
             double along[3] = {one[k][0][j], one[k][1][j], one[k][2][j]};
             row = row * axes[k].n_rows + rows[k][j];
             multiply(weight, along, weight);

@@ -29,12 +29,13 @@ void pgmp_initialise(struct pgmp_model *m) {
 void pgmp_weigh(struct pgmp_model *m) {
     double of_terms[N_TERMS], of_loads[AT_LEAST_ONE(N_LOAD_TERMS)];
     weigh(m->parameters, of_terms, of_loads, m->laws, m->q + (N - N_GIVEN), m->controls);
-    memset(m->rigid, 0, sizeof m->rigid);
+    m->rigid_cell = -1;
+    memset(m->rigid_rows, 0, sizeof m->rigid_rows);
     memset(m->terms, 0, sizeof m->terms);
     memset(m->loads, 0, sizeof m->loads);
     for (int t = 0; t < N_TERMS; t++) {
-        for (int c = 0; c < N_CELLS; c++)
-            for (int p = 0; p < PACKED(R) * RIGID_POWERS; p++) m->rigid[c][p] += of_terms[t] * rigid_table[c][t][p];
+        for (int k = 0; k < RIGID_ROWS; k++)
+            for (int e = 0; e < PACKED(R); e++) m->rigid_rows[k][e] += of_terms[t] * rigid_table[k][t][e];
         for (int k = 0; k < N_ROWS; k++)
             for (int e = 0; e < END; e++) m->terms[k][e] += of_terms[t] * terms_table[k][t][e];
     }
@@ -64,16 +65,16 @@ static void act(const struct pgmp_model *m, double time, double since, double st
         }
 }
 
-/* The Newton correction at (q, v, a), in r; about as for `obey` of each action, or none. */
-static void correct(const struct pgmp_model *m, const double strengths[], const double q[N], const double v[N],
-                    const double a[N], double gain_v, double gain_a, int fresh, double about[],
+/* The Newton correction at (q, v, a), in r; kept of each action, or none. */
+static void correct(struct pgmp_model *m, const double strengths[], const double q[N], const double v[N],
+                    const double a[N], double gain_v, double gain_a, int fresh, struct iterate kept[],
                     struct response *response, struct matrix *matrix, double r[N]) {
     struct stencil stencil;
     struct terms t;
     find_stencil(axes, q, &stencil);
     interpolate(m, &stencil, q, strengths, &t);
     evaluate_lagrangian(&t, q, v, a, gain_v, gain_a, fresh, r, matrix);
-    add_actions(m, &stencil, strengths, q, v, gain_v, fresh, about, 0, response, r, matrix, 0, 0);
+    add_actions(m, &stencil, strengths, q, v, gain_v, fresh, kept, 0, response, r, matrix, 0, 0);
     if (fresh) eliminate(matrix);
     solve(matrix, r);
 }
@@ -190,16 +191,17 @@ static int converge(struct pgmp_model *m, int attempt, int in_part, const double
     const int usual = attempt == EXTRAPOLATED && !in_part, careful = attempt == CAREFUL;
     const double tolerance = usual ? NEWTON_TOLERANCE : TOLERANCE_OF_TRIALS;
     const int least = usual ? CORRECTIONS : 0, most = careful ? CAREFUL_ITERATIONS : MAX_ITERATIONS;
-    double r[N], about[AT_LEAST_ONE(N_ACTIONS)], last = 0.0;
+    double r[N], last = 0.0;
+    struct iterate kept[AT_LEAST_ONE(N_ACTIONS)];
     struct matrix matrix;
     int active = 1;
-    for (int k = 0; k < AT_LEAST_ONE(N_ACTIONS); k++) about[k] = N_ACTIONS ? NAN : 0.0;
+    for (int k = 0; k < AT_LEAST_ONE(N_ACTIONS); k++) kept[k].about = N_ACTIONS ? NAN : 0.0;
     for (int number = 0; number < most && (active || number < least); number++) {
         double size = 0.0, share = 1.0, contraction = m->contraction;
         int fresh = attempt != EXTRAPOLATED || number % REFRESH_EVERY == 0;
         int limited = 0;
-        correct(m, strengths, t->q, t->v, t->a, gain_v, gain_a, fresh, about, &t->response, &matrix, r);
-        for (int k = 0; k < N_ACTIONS; k++) limited |= isnan(about[k]);
+        correct(m, strengths, t->q, t->v, t->a, gain_v, gain_a, fresh, kept, &t->response, &matrix, r);
+        for (int k = 0; k < N_ACTIONS; k++) limited |= isnan(kept[k].about);
         if (limited) last = 0.0; /* nothing follows from the size of the last correction */
         for (int i = 0; i < N && isfinite(size); i++) /* what is no number is not lost to a number behind it */
             size = fabs(r[i]) * scale[i] <= size ? size : fabs(r[i]) * scale[i];
@@ -210,6 +212,8 @@ static int converge(struct pgmp_model *m, int attempt, int in_part, const double
             t->v[i] -= gain_v * change;
             t->a[i] -= gain_a * change;
         }
+        /* how the iteration contracted before says nothing where the law of a friction bends */
+        if (number == 0 && bends(m, kept, t->v)) contraction = FIRST_CONTRACTION;
         if (number > 0) contraction = at_most(WORST_CONTRACTION, size / (last > 1e-300 ? last : 1e-300));
         if (number == 1 && active && !careful) {
             double known = at_most(WORST_CONTRACTION, CAUTION * contraction);
@@ -372,8 +376,8 @@ int pgmp_step(struct pgmp_model *m) {
     struct trial t;
     m->validity &= ~PGMP_NOT_CONVERGED; /* a step that was not taken has left nothing behind */
     if (jumps(m)) sample(m);
-    /* corrected twice, to see how it contracts; with friction always, which contracts otherwise in each step */
-    if (RUBS || (m->number + 1) % PROBED_EVERY == 0) m->contraction = FIRST_CONTRACTION;
+    /* corrected twice, to see how it contracts */
+    if ((m->number + 1) % PROBED_EVERY == 0) m->contraction = FIRST_CONTRACTION;
     if (!try_step(m, STEP, end, 0, &t)) return m->validity |= PGMP_NOT_CONVERGED;
     if (N_EDGES > 0 && first_crossed(m, t.depths, 0) < N_EDGES) {
         struct beginning kept;

@@ -7,7 +7,7 @@
 
 #include "model.h"
 
-#define N_STENCIL (R == 1 ? 4 : 16)
+#define N_STENCIL TENSOR(4)
 
 struct axis { double lower, step; int n_cells, n_rows, periodic, b_spline; };
 /* A piece of a function of time: a polynomial of t - origin, of the fourth degree for places of a base, and a sinusoid: amplitude, rate, phase. */
@@ -27,10 +27,14 @@ struct spline_piece { double begin, end, cubic[4]; };
 enum { LAW_FORCE, LAW_STIFFNESS, LAW_DAMPING, LAW_ABOUT, LAW_END };
 typedef void law_function(const double p[], double amplitude, double s, double rate, double about, double found[]);
 /* A local effect: number of the first part of its measure, which is the sum of them, and of the last one; of its strength,
-   and of its first edge among those of all; how many edges its law has; and whose measure the law is of. One that leads
+   and of its first edge among those of all; how many edges its law has; whose measure the law is of, and
+   whether it rubs. One that leads
    does nothing but measure, for the law of the one behind it. */
 enum { ALONE, LEADS, LED, BY_LOAD };
-struct action { int first, last, strength, edge, n_edges, role, controlled; law_function *law; };
+struct action { int first, last, strength, edge, n_edges, role, controlled, rubs; law_function *law; };
+/* Where the law of an effect was evaluated last in an iteration: about as above, and of one that `rubs`, whose iterates are
+   taken up from zero, what its rate follows from, its measure, rate and amplitude, and its force and damping there. */
+struct iterate { double about, along[N], s, rate, amplitude, force, damping; };
 /* A law of a controller, of its parameters, of time, reference and its rate, motions and their rates, and of its states:
    the force, its slopes by motions, rates and states, and the same of the rate of each state; and its first states. */
 typedef void control_function(const double p[], const double x[], const double z[], double found[]);
@@ -58,7 +62,11 @@ struct reading { int kind, axis, in_body; double origin; struct statement statem
 enum { MEASURE, ROTATION, POSITION, DEFORMATION };
 
 extern const struct axis axes[R], rigid_axes[R], fine_axes[R], branch_axes[R];
-extern const double rigid_table[N_CELLS][N_TERMS][PACKED(R) * RIGID_POWERS], terms_table[N_ROWS][N_TERMS][END];
+/* Rows of the rigid inertia; numbers of those that reach into a cell along a coordinate, and what makes the coefficients
+   of its polynomials of them. */
+extern const double rigid_table[RIGID_ROWS][N_TERMS][PACKED(R)], rigid_matrices[R][RIGID_CELLS][8][RIGID_REACH];
+extern const int rigid_stencils[R][RIGID_CELLS][RIGID_REACH];
+extern const double terms_table[N_ROWS][N_TERMS][END];
 extern const double loads_table[AT_LEAST_ONE(N_LOAD_TERMS)][N_ROWS][LOAD_END];
 extern const double shapes_table[N_ROWS][N_FACTORS][N_SHAPES];
 extern const double branch_table[N_BRANCH_PARTS][N_BRANCH][N_BODIES][N_POSE];
@@ -110,7 +118,7 @@ struct frame { double z[N_FRAME], angle; };
 
 int locate(const struct axis *axis, double theta, double *place);
 void find_stencil(const struct axis of[R], const double theta[R], struct stencil *stencil);
-void interpolate(const struct pgmp_model *m, const struct stencil *stencil, const double theta[R],
+void interpolate(struct pgmp_model *m, const struct stencil *stencil, const double theta[R],
                  const double strengths[], struct terms *t);
 void add_rows(const struct stencil *stencil, int n_parts, int n, const double *table, double *found);
 double evaluate_piece(int function, double time, double since, double rates[2]);
@@ -118,9 +126,11 @@ double evaluate_piece(int function, double time, double since, double rates[2]);
 void evaluate_lagrangian(const struct terms *t, const double q[N], const double rate[N], const double rates[N],
                          double gain_v, double gain_a, int fresh, double r[N], struct matrix *matrix);
 void add_actions(const struct pgmp_model *m, const struct stencil *stencil, const double strengths[],
-                 const double q[N], const double v[N], double gain_v, int fresh, double about[], double depths[],
+                 const double q[N], const double v[N], double gain_v, int fresh, struct iterate kept[],
+                 double depths[],
                  struct response *response, double r[N], struct matrix *matrix,
                  double forces[], double loads[][N_DOFS]);
+int bends(const struct pgmp_model *m, const struct iterate kept[], const double v[N]);
 void respond(const struct pgmp_model *m, double motions[][2], struct response *at, double given[][3]);
 void begin_response(const struct pgmp_model *m, double h, double time, struct response *at);
 void begin_sampling(const struct pgmp_model *m, int who, double time, struct response *at);
@@ -135,7 +145,7 @@ void turn_frame(const double rigid[N_FRAME], const double moved[N_DOFS], const d
 void attach(const struct side *side, const struct frame nodes[], struct frame *frame);
 double of_term(const struct term *term, double s, double *slope, double *bend);
 /* Forces in joints, and behind them what motions take, of the state with its accelerations. */
-void find_forces(const struct pgmp_model *m, const double strengths[], const struct frame nodes[], double found[][3]);
+void find_forces(struct pgmp_model *m, const double strengths[], const struct frame nodes[], double found[][3]);
 void find_strengths(const struct pgmp_model *m, double time, double since, double strengths[]);
 void place_bodies(const double theta[R], double open, struct frame bodies[N_BODIES]);
 
