@@ -31,15 +31,23 @@ from pgmp_petsc.files.steps import LABEL, Steps
 from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model, why_no_grid
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mesh.line_mesh import LineMesh, refined
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.ranks.agreement import agreed, on_root
-from pgmp_petsc.report.budget import headline_of_build, headline_of_comparison, headline_of_ensemble, headline_of_run
+from pgmp_petsc.report.budget import (
+    headline_of_build,
+    headline_of_comparison,
+    headline_of_ensemble,
+    headline_of_meshes,
+    headline_of_run,
+)
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate_full
 
 PAGE = "report.html"
-ROM, RUN, BETTER, MANY = "rom.h5", "run.h5", "better.h5", "samples.h5"
+ROM, RUN, BETTER, FINER, MANY = "rom.h5", "run.h5", "better.h5", "finer.h5", "samples.h5"
 
 
 @dataclass(frozen=True)
@@ -116,6 +124,7 @@ def run(
         job.build()
         job.simulate()
         job.compare()
+        job.refine()
         job.sample(n, seed)
         job.write_report(target)
         return Done(tuple(job.files), target, tuple(job.failures))
@@ -213,14 +222,41 @@ class _Job:
         self._say("compare", better.why)
 
         def make(target: Path, resume: bool) -> str:
-            with keeping("trajectory", self.comm, target, False, (self.path,)) as keeper:
-                model, _ = settled(better.model, self.comm)
-                data = simulate_full(model, self.comm)
-                keeper.result(data, self.path.parent)
-            why = self.comm.bcast("" if data is None else data.why_stopped)
+            why = self._run_full(better.model, target)
             return f"{why}; {target}, which the run is compared with, holds it up to there" if why else ""
 
         self._step("compare", BETTER, known, make, self._headline_of_comparison)
+
+    def refine(self) -> None:
+        """Run the full-order model on a mesh of twice the elements, where bodies are lines and that is affordable."""
+        lines = {name: mesh for name, mesh in self.meshes.items() if isinstance(mesh, LineMesh)}
+        cells = [name for name, body in self.scene.bodies.items() if body.flexible and name not in lines]
+        own = self._of(RUN if self.model == "full" else BETTER)
+        is_full = own in self.files and on_root(self.comm, lambda: Trajectory.read(own).model == "full")
+        if not self.flexible or cells or not is_full:
+            why = f"only lines are cut: {', '.join(cells)}; " if cells else "no run of the mesh to compare with; "
+            why = "no body deforms" if not self.flexible else f"{why}give the report a run with another mesh"
+            self._say("mesh", f"left out: {why}")
+            return
+        with agreed(self.comm, "preparing the finer mesh"):
+            model = FullModel(self.scene, dict(self.meshes) | {name: refined(mesh, 2) for name, mesh in lines.items()})
+            price = Price(step_seconds(model.kinematics.mechanism), self.n_steps)
+        if price.seconds > (budget := self.scene.reference.budget):
+            self._say("mesh", f"left out: it is predicted to take {price}, and reference.budget = {budget:g} s")
+            return
+
+        def make(target: Path, resume: bool) -> str:
+            return self._run_full(model, target)
+
+        self._step("mesh", FINER, (), make, lambda path: headline_of_meshes(own, path))
+
+    def _run_full(self, model: FullModel, target: Path) -> str:
+        """Run a model on meshes, write the trajectory, and return why it stopped; empty where it did not."""
+        with keeping("trajectory", self.comm, target, False, (self.path,)) as keeper:
+            settled_model, _ = settled(model, self.comm)
+            data = simulate_full(settled_model, self.comm)
+            keeper.result(data, self.path.parent)
+        return self.comm.bcast("" if data is None else data.why_stopped)
 
     def _headline_of_comparison(self, better: Path) -> str:
         return headline_of_comparison(self._of(RUN), better)
@@ -264,7 +300,7 @@ class _Job:
         known = (self._made_from(), n_samples, seed)
 
         def headline(path: Path) -> str:
-            return headline_of_ensemble(path, *(file for file in self.files if file.name in (RUN, BETTER)))
+            return headline_of_ensemble(path, *(file for file in self.files if file.name in (RUN, BETTER, FINER)))
 
         self._step("ensemble", MANY, known, make, headline)
 

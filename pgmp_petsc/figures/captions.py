@@ -95,14 +95,15 @@ def mechanism_key(record: RunRecord) -> tuple:
     return (scene.get("scene", {}).get("name", ""), *parts)
 
 
-def same_case(one: RunRecord, other: RunRecord) -> bool:
+def same_case(one: RunRecord, other: RunRecord, ignored: Collection[str] = ()) -> bool:
     """Tell whether the runs of two models show the same case: equal parameters, but for the last digits, and scenes
-    that differ in what concerns one model or the resolution in time alone."""
+    that differ in what concerns one model or the resolution in time alone, or in tables and entries that are ignored.
+    """
     mine, theirs = one.parameters, other.parameters
     alike = (np.isclose(mine[name], theirs[name], rtol=1e-9, atol=0.0) for name in mine)
     equal = mine.keys() == theirs.keys() and all(alike)
     different = _differing([scene_of(one), scene_of(other)])
-    return equal and not any(_counts(name, (*WITHOUT_EFFECT, *OF_THE_MODEL)) for name, _ in different)
+    return equal and not any(_counts(name, (*WITHOUT_EFFECT, *OF_THE_MODEL, *ignored)) for name, _ in different)
 
 
 def tell_apart(

@@ -18,6 +18,7 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, MOST_FOLLOWED
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.schema import ANGLES_OF_SEVERAL
 from pgmp_petsc.scene.uses import length_uses
 
 BYTES = 8
@@ -417,8 +418,12 @@ def why_no_full_model(scene: Scene) -> str:
 
 
 def _along_each(scene: Scene) -> int:
-    """Return the angles along each coordinate of a grid; adaptive sampling halves their distances at least once."""
-    return scene.reduction.angles * (1 if scene.reduction.sampling_tolerance is None else 2)
+    """Return the angles along each coordinate of a grid. A choice by a tolerance finds them, and is priced as a scene
+    that says nothing; adaptive sampling halves their distances at least once."""
+    reduction, n = scene.reduction, len(scene.coordinates)
+    is_open = reduction.tolerance is not None and "angles" not in reduction.model_fields_set
+    angles = ANGLES_OF_SEVERAL.get(n, reduction.angles) if is_open else reduction.angles
+    return angles * (1 if reduction.sampling_tolerance is None else 2)
 
 
 def grid_price(scene: Scene, mechanism: Mechanism) -> tuple[float, float, float]:
@@ -436,9 +441,11 @@ def why_no_grid(scene: Scene, mechanism: Mechanism) -> str:
     can be."""
     n, names, angles = len(scene.coordinates), ", ".join(scene.coordinates), _along_each(scene)
     count, hours, n_bytes = grid_price(scene, mechanism)
-    doubled = "" if angles == scene.reduction.angles else ", doubled by reduction.sampling_tolerance,"
+    before, doubled = angles, ""
+    if scene.reduction.sampling_tolerance is not None:
+        before, doubled = angles // 2, ", doubled by reduction.sampling_tolerance,"
     dear = (
-        f"reduction.angles = {scene.reduction.angles} along each{doubled} would make {angles}^{n} = {count:.3g} "
+        f"reduction.angles = {before} along each{doubled} would make {angles}^{n} = {count:.3g} "
         f"configurations: about {hours:.3g} hours of eigenproblems on one rank, and {n_bytes / 1e9:.3g} GB of tables "
         "and modes"
     )

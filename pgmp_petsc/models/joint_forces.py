@@ -28,7 +28,7 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.second_order_system import State
 
-AT_ONCE = 2048  # states whose local effects are evaluated together
+AT_ONCE = 8192  # states whose local effects are evaluated together
 MOST_TURNS, SETTLED = 100, 1e-12  # of forces carried and friction, found in turn
 
 
@@ -98,19 +98,29 @@ class ReducedMultipliers:
         times (s) and parameter values are numbers or of shape (n,)."""
         n = len(states.q)
         times, values = np.broadcast_to(times, n), {name: np.broadcast_to(one, n) for name, one in values.items()}
-        found = self._without_actions(times, states, values)
-        if not self._drives and not (self._actions.actions and self.rows.size):
-            return found
-        for first in range(0, n, AT_ONCE):
-            some = slice(first, min(first + AT_ONCE, n))
-            own = {name: one[some] for name, one in values.items()}
-            if self._kept is None or self._kept[0] != some.stop - first or not _same(self._kept[2], own):
-                own = {name: np.array(one) for name, one in own.items()}
-                self._kept = some.stop - first, self._system(some.stop - first, own), own
-            state = State(states.q[some], states.v[some], states.a[some], np.zeros(0))
-            loads, alone = np.zeros((len(self._carried), some.stop - first)), found[:, some].copy()
+        if self._drives or self._carried:  # what hangs on these is found state by state
+            return self._turn_by_turn(times, states, values)
+        n_samples, found = _side_by_side(times, values), self._nothing(n)
+        if self.rows.size:
+            own = {name: one[:n_samples] for name, one in values.items()}
+            system, together, loads = self._system_of(n_samples, own), n_samples * max(1, AT_ONCE // n_samples), []
+            for first in range(0, n, together):
+                some = slice(first, first + together)
+                loads.append(self._node_loads(system, times[some], _part(states, some)))
+            every = np.concatenate(loads)
+            found[self.rows] = -self.gaps.at(times, states, own, self._effects, every, n_samples)
+        return found
+
+    def _turn_by_turn(self, times: np.ndarray, states: State, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Return the multipliers where forces that joints carry, or drives, are in the equations."""
+        found = self._nothing(times.size)
+        for first in range(0, times.size, AT_ONCE):
+            some = slice(first, min(first + AT_ONCE, times.size))
+            own, state = {name: one[some] for name, one in values.items()}, _part(states, some)
+            system = self._system_of(some.stop - first, own)
+            loads = np.zeros((len(self._carried), some.stop - first))
             for _ in range(MOST_TURNS):
-                found[:, some], before = self._with(self._kept[1], loads, times[some], state, alone), loads
+                found[:, some], before = self._with(system, loads, times[some], state, own), loads
                 loads = self._loads(state, found[:, some], own)
                 if not np.any(np.abs(loads - before) > SETTLED * np.abs(loads)):
                     break
@@ -125,7 +135,7 @@ class ReducedMultipliers:
 
         def multipliers(time: float, state: State, loads: np.ndarray) -> np.ndarray:
             times = np.full(n_samples, time)
-            found = self._with(system, loads, times, state, self._without_actions(times, state, every))
+            found = self._with(system, loads, times, state, every)
             same = (kept[0] == state.a).all(axis=1)
             if same.any():
                 found[:, same] = kept[1][:, same]
@@ -134,24 +144,30 @@ class ReducedMultipliers:
 
         return multipliers
 
-    def _without_actions(self, times: np.ndarray, states: State, values: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Return the multipliers of joints, without what local effects add."""
-        found = np.full((self._n_held + len(self._motions), len(times)), np.nan)
-        if self.gaps is not None:
-            found[self.rows] = -self.gaps.at(times, states, values, self._effects)
-        return found
+    def _nothing(self, n: int) -> np.ndarray:
+        return np.full((self._n_held + len(self._motions), n), np.nan)
 
     def _with(
-        self, system: ReducedSystem, loads: np.ndarray, times: np.ndarray, state: State, alone: np.ndarray
-    ) -> np.ndarray:
-        """Return the multipliers where joints carry forces (n_carried, n), of those without local effects."""
-        found = alone.copy()
+        self, system: ReducedSystem, loads: np.ndarray, times: np.ndarray, state: State,
+        values: Mapping[str, np.ndarray],
+    ) -> np.ndarray:  # fmt: skip
+        """Return the multipliers where joints carry forces (n_carried, n)."""
+        found = self._nothing(times.size)
         system.put_forces(list(loads[..., None]))
         if self._drives:
             found[self._n_held :] = -system.residuals_at(times, state)[:, sorted(self._motions)].T
-        if self.rows.size and self._actions.actions:
-            found[self.rows] += self.gaps.work_of(system.node_loads(times, state), state)
+        if self.rows.size:
+            of_nodes = self._node_loads(system, times, state)
+            found[self.rows] = -self.gaps.at(times, state, values, self._effects, of_nodes, system.n_samples)
         return found
+
+    def _node_loads(self, system: ReducedSystem, times: np.ndarray, state: State) -> np.ndarray:
+        """Return what local effects do to their nodes in states of a system's samples, at one instant after the other,
+        (n, n_dofs)."""
+        if not self._actions.actions:
+            return np.empty((times.size, 0))
+        trail = np.stack([part.reshape(-1, system.n_samples, part.shape[1]) for part in (state.q, state.v)], axis=1)
+        return system.node_loads(times.reshape(len(trail), -1), trail).reshape(times.size, -1)
 
     def _loads(self, state: State, multipliers: np.ndarray, values: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return the forces that joints carry, (n_carried, n)."""
@@ -161,10 +177,31 @@ class ReducedMultipliers:
         at, moving = (dict(zip(self._nodes, part)) for part in jets)
         return np.array([one.value(at, moving, multipliers, values) for one in self._carried])
 
+    def _system_of(self, n: int, values: Mapping[str, np.ndarray]) -> ReducedSystem:
+        """Return n samples of the model; the last ones again where they are the same."""
+        if self._kept is None or self._kept[0] != n or not _same(self._kept[2], values):
+            values = {name: np.array(one) for name, one in values.items()}
+            self._kept = n, self._system(n, values), values
+        return self._kept[1]
+
     def _system(self, n: int, values: Mapping[str, np.ndarray]) -> ReducedSystem:
         """Return n samples of the model."""
         given = np.zeros((self._terms.tables.n_given, n))
         return ReducedSystem(self._terms, self._effects, values, (0.0, 0.0), n, self._motions, self._actions, given)
+
+
+def _part(states: State, some: slice) -> State:
+    return State(states.q[some], states.v[some], states.a[some], np.zeros(0))
+
+
+def _side_by_side(times: np.ndarray, values: Mapping[str, np.ndarray]) -> int:
+    """Return how many samples are at one instant after the other, of their times and values (n,); n where they are not
+    the same samples."""
+    n = times.size
+    found = int(np.argmin(times == times[:1])) if n else 0  # states at the first instant, 0 where all are
+    if not found or n % found or (times.reshape(-1, found) != times[::found, None]).any():
+        return n
+    return found if all((one.reshape(-1, found) == one[:found]).all() for one in values.values()) else n
 
 
 def _same(values: Mapping[str, np.ndarray], others: Mapping[str, np.ndarray]) -> bool:

@@ -115,8 +115,8 @@ class Frames(NamedTuple):
     #: rigid, rigid_slopes: tables at theta, and their derivatives, coordinate after coordinate
     rigid: np.ndarray
     rigid_slopes: np.ndarray
-    #: moved, moving: displacement and rotation of a node in its body's frame, (n_dofs), and derivatives, (n_dofs,
-    #: n_eta)
+    #: moved, moving: displacements and rotations of the nodes in their bodies' frames, (n_nodes, n_dofs), and
+    #: derivatives of one node's, (n_dofs, n_eta)
     moved: np.ndarray
     moving: np.ndarray
     #: turn, spin: ``exp(phi)`` in space and its change with a coordinate, (3, 3) and (3)
@@ -153,7 +153,7 @@ def place_node(places, node, grid, d, q, kept, work):
     n_theta, n_dofs, place = len(grid), d * (d + 1) // 2, load_rows(work.place, 0, 1, grid)
     n_shapes = kept.shapes.shape[0] // (N_POWERS**n_theta * n_dofs * places.n_nodes)
     for dof in range(n_dofs):
-        _displace(kept.shapes, (n_dofs * node + dof) * n_shapes, n_shapes, place, q, dof, work)
+        _displace(kept.shapes, (n_dofs * node + dof) * n_shapes, n_shapes, place, q, node, dof, work)
     if d == 2:
         _turn_in_plane(node, n_theta, work)
     else:
@@ -175,7 +175,7 @@ def _come_to_cells(table, together, grid, q, row, kept, into, place):
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def _displace(shapes, at, n_shapes, place, q, dof, work):
+def _displace(shapes, at, n_shapes, place, q, node, dof, work):
     """Fill ``Psi delta + 1/2 chi delta delta`` of one component and its derivatives; its shapes begin at `at`."""
     r, n = len(place), q.shape[0]
     m, first = n - r, dof * n
@@ -201,7 +201,7 @@ def _displace(shapes, at, n_shapes, place, q, dof, work):
         slopes = add_product(slopes, bends, 0.5 * delta * delta)
         add(work.moving, first + r + i, shape * delta)
         pair += i + 1
-    store(work.moved, dof, total)
+    store(work.moved, node * work.moved.shape[1] + dof, total)
     for k in range(r):
         store(work.moving, first + k, slopes[k])
 
@@ -211,7 +211,7 @@ def _turn_in_plane(node, r, work):
     """Turn a node's displacement and rotation from the body's frame, and add the rigid motion."""
     n_frame = 6
     frame, jacobian = items(work.frames, WIDE)[node], items(work.jacobians, WIDE)[node]
-    moved, moving = items(work.moved, WIDE), items(work.moving, WIDE)
+    moved, moving = items(work.moved, WIDE)[node], items(work.moving, WIDE)
     rigid, slopes = items(work.rigid, WIDE), items(work.rigid_slopes, WIDE)
     first = n_frame * node
     sine, cosine = sine_cosine(moved[2])
@@ -237,7 +237,7 @@ def _turn_in_space(node, r, work):
     """Turn a node's displacement and rotation from the body's frame, and add the rigid motion."""
     n_frame = 12
     frame, jacobian = items(work.frames, WIDE)[node], items(work.jacobians, WIDE)[node]
-    moved, moving = items(work.moved, WIDE), items(work.moving, WIDE)
+    moved, moving = items(work.moved, WIDE)[node], items(work.moving, WIDE)
     rigid, slopes = items(work.rigid, WIDE), items(work.rigid_slopes, WIDE)
     turn, spin = items(work.turn, WIDE), items(work.spin, WIDE)
     first = n_frame * node
@@ -280,8 +280,8 @@ def _turn_in_space(node, r, work):
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def pull_displacements(node, d, felt, work, loads):
     """Fill what a node's frame feels (n_frame,) as forces on its displacement and rotation in the body's frame,
-    (n_dofs,), items; the node is the one that was placed last."""
-    rigid, frame, moved = items(work.rigid, WIDE), items(work.frames, WIDE)[node], items(work.moved, WIDE)
+    (n_dofs,), items; the node has been placed."""
+    rigid, frame, moved = items(work.rigid, WIDE), items(work.frames, WIDE)[node], items(work.moved, WIDE)[node]
     first = d * (d + 1) * node
     for j in range(d):
         total = spread(0.0)

@@ -26,7 +26,7 @@ from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items
 from pgmp_petsc.lanes.vectors import LANES, N_POWERS, add, aligned_zeros, differing, load, spread, store
 from pgmp_petsc.mechanism.node_statements import is_itself, through_function
 from pgmp_petsc.mechanism.statements import evaluate
-from pgmp_petsc.reduced.action_frames import Frames, Places, place_node, place_nodes, pull_displacements
+from pgmp_petsc.reduced.action_frames import Frames, Places, place_nodes, pull_displacements
 
 POWER, STORED, FORCE = range(3)  # what is known of an action
 UNBALANCED = 1e-7  # of a law's force: what a step may leave of it out of balance
@@ -99,7 +99,7 @@ def allocate_local(local, r, n_eta):
         empty_lanes(r, LANES),
         empty_lanes(n_rigid, LANES),
         empty_lanes(r * n_rigid, LANES),
-        empty_lanes(n_dofs, LANES),
+        empty_lanes(n_nodes * n_dofs, LANES).reshape((n_nodes, n_dofs, LANES)),
         empty_lanes(n_dofs * n_eta, LANES).reshape((n_dofs, n_eta, LANES)),
         empty_lanes(9, LANES).reshape((3, 3, LANES)),
         empty_lanes(3, LANES),
@@ -201,7 +201,7 @@ def act(
             _stiffen(stiffness + damping, work, work.leading if role == LED else work.projected, acting.tangent)
             for term in range(first, last if differing(force, spread(0.0)) != 0 else first):
                 if not single:
-                    _measure_term(local, term, r, q, True, work)
+                    _measure_term(local, term, r, q, True, True, work)
                 _turn(force, work, acting.tangent)
 
 
@@ -274,7 +274,7 @@ def measure(local, action, n_theta, q, v, second, work):
     for i in range(n_eta):
         store(work.projected, i, 0.0)
     for term in range(firsts[action], firsts[action + 1]):
-        s += _measure_term(local, term, n_theta, q, second, work)
+        s += _measure_term(local, term, n_theta, q, True, second, work)
         _project(work)
     for i in range(n_eta):
         rate += load(work.projected, i) * load(v, i)
@@ -282,10 +282,11 @@ def measure(local, action, n_theta, q, v, second, work):
 
 
 @njit(error_model="numpy", counted=False)
-def _measure_term(local, term, n_theta, q, second, work):
-    """Return a term of a measure, and fill its two frames, their Jacobian, and its derivatives in them."""
+def _measure_term(local, term, n_theta, q, moving, second, work):
+    """Return a term of a measure, and fill its two frames, where they are `moving` their Jacobian, and its derivatives
+    in them."""
     places, statements = local.places, local.actions.statements
-    _attach(places, statements, term, work)
+    _attach(places, statements, term, moving, work)
     turned = load(work.frames.rigid, work.frames.rigid.shape[0] - places.sides.shape[0] + term)
     for k in range(n_theta):
         turned += places.winding[term, k] * load(q, k)
@@ -301,12 +302,12 @@ def _measure_term(local, term, n_theta, q, second, work):
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def _attach(places, statements, term, work):
-    """Fill the two frames of a term and their Jacobian."""
+def _attach(places, statements, term, moving, work):
+    """Fill the two frames of a term and, where they are `moving`, their Jacobian."""
     d, n = statements.axes.shape[2], statements.ground.shape[1] // 2
     z, jacobian = items(work.z, WIDE), items(work.jacobian, WIDE)
     frames, jacobians = items(work.frames.frames, WIDE), items(work.frames.jacobians, WIDE)
-    n_eta = jacobian.shape[1]
+    n_eta = jacobian.shape[1] if moving else 0
     for side in range(2):
         first, node = n * side, places.sides[term, side]
         if node < 0:
@@ -341,7 +342,7 @@ def _project(work):
 
 
 @njit(error_model="numpy", counted=False)
-def load_nodes(local, grid, q, known, samples, kept, work, loads):
+def load_nodes(local, grid, q, known, samples, work, loads):
     """Fill what the actions do to displacements and rotations of their nodes in body frames, (n_nodes, n_dofs, LANES),
     with the forces that are `known` since `act`, whose arguments the others are: ``F g`` in these."""
     places, actions, d = local.places, local.actions, local.actions.statements.axes.shape[2]
@@ -355,7 +356,7 @@ def load_nodes(local, grid, q, known, samples, kept, work, loads):
         for lane in range(LANES):
             force[lane] = known[samples[lane], FORCE, action]
         for term in range(actions.firsts[action], actions.firsts[action + 1]):
-            _measure_term(local, term, len(grid), q, False, work)
+            _measure_term(local, term, len(grid), q, False, False, work)
             for side in range(2):
                 node, arms = places.sides[term, side], actions.statements.arms[term, side]
                 for c in range(n_frame if node >= 0 else 0):
@@ -364,8 +365,6 @@ def load_nodes(local, grid, q, known, samples, kept, work, loads):
                     for j in range(d if c < d else 0):  # a point at an arm moves with the directors
                         felt[node, d + d * j + c] += arms[j] * pull
     for number in range(nodes.size):
-        if d == 3:  # its rotation is needed again
-            place_node(places, nodes[number], grid, d, q, kept, work.frames)
         pull_displacements(nodes[number], d, felt[nodes[number]], work.frames, items(loads, WIDE)[nodes[number]])
 
 

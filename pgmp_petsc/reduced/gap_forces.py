@@ -23,14 +23,17 @@ chi[f,g,i]  its curvature there              -F d_i
 D[g,x]      ``Y^T D [d rho, Psi]``           rate of x
 =========== ================================ ======================= =================================
 
-F and G are the same for all gaps, so that a row costs a product of these with the tables alone. ``1/2 a_k d_i`` is what
-skew gyroscopic terms leave out, as the inertia of Y and Psi changes with theta (`JointGaps.changing`).
+F and G are the same for all gaps, so that a row costs a product of these with the tables alone; while a sample stays in
+a cell, all terms of mass, stiffness and damping are one table with its parameters, and instants lie side by side. ``1/2
+a_k d_i`` is what skew gyroscopic terms leave out, as the inertia of Y and Psi changes with theta
+(`JointGaps.changing`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -38,11 +41,10 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.effects import Effect
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.vectors import LANES, add, aligned_zeros, load, number_at, spread, store
+from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, load, number_at, spread, store
 from pgmp_petsc.reduced.terms import ReducedDamping
 from pgmp_petsc.reduction.cell_products import (
-    by_cells,
-    end_of_cell,
+    cells_of,
     fill_lane_weights,
     stencil_room,
     tensor_stencil,
@@ -114,151 +116,217 @@ class GapForces:
         )  # fmt: skip
 
     def at(
-        self, times: np.ndarray, states: State, values: Mapping[str, np.ndarray], effects: Sequence[Effect]
-    ) -> np.ndarray:
-        """Return the rows (g, n) in states (n, n_eta) at times (n,), s, for parameter values (n,) each, without local
-        effects."""
+        self, times: np.ndarray, states: State, values: Mapping[str, np.ndarray], effects: Sequence[Effect],
+        loads: np.ndarray, n_samples: int,
+    ) -> np.ndarray:  # fmt: skip
+        """Return the rows (g, n) in states (n, n_eta) at times (n,), s.
+
+        States are those of all samples at one instant after the other, and parameter values those of the samples,
+        (n_samples,) each; `loads` are those of local effects on the unknowns that they act on, (n, n_dofs).
+        """
         n, by_name = len(states.q), {effect.name: effect for effect in effects}
-        counts = tuple(len(one) for one in self.weights)
-        weights = np.empty((sum(counts), n))
+        amplitudes = np.empty((len(self.load_effects), n))
+        weights = np.ones((sum(map(len, self.weights)) + 1, n_samples))  # the last one of local effects
         for row, weight in zip(weights, (weight for own in self.weights for weight in own)):
             row[:] = weight.evaluate(values)
-        for row, name in zip(weights[counts[0] + counts[1] :], self.load_effects):
-            row *= by_name[name].amplitude(times)
-        (g, n_factors), (r, m, _, driven), n_changing = self.table.shape, self.sizes, self.changing.shape[1]
-        found, n_bent = np.empty((g, n)), m * (m + 1) // 2
-        rows = (N_ROWS**r, N_ROWS, r + m, r + m, len(weights), n_factors, r * n_changing)
-        pairs = r * (r + 1) // 2
-        most = max(r + m + pairs + (pairs + r + driven) * m, 1 + m, m + n_bent)
-        work = tuple(aligned_zeros((size, LANES)) for size in (*rows, most, g))
-        theta = np.ascontiguousarray(states.q[:, :r])
-        tables = (part.rows.reshape(-1, *part.shape) for part in (self.table, self.changing))
+        instants = times if n_samples == n else times[::n_samples]
+        for row, name in zip(amplitudes, self.load_effects):
+            row.reshape(instants.size, -1)[:] = by_name[name].amplitude(instants)[:, None]
+        (g, _), r, n = self.table.shape, self.sizes[0], self.sizes[0] + self.sizes[1]
+        kinds = tuple((_vectors(length), *others) for length, *others in self.kinds)
+        n_factors = LANES * sum(length * tables for length, _, tables in kinds)
+        n_slopes = LANES * _vectors(self.changing.shape[1] // len(self.weights[0]))
+        sizes = (N_ROWS**r, N_ROWS, n, n, n, n_factors, r * n_slopes, g)
+        work = tuple(aligned_zeros((size, LANES)) for size in sizes)
+        ours = aligned_zeros((N_ROWS**r, g, n_factors)), aligned_zeros((N_ROWS**r, g, n_slopes))
+        theta, found = np.ascontiguousarray(states.q[:, :r]), np.empty((g, len(states.q)))
         _fill(
-            self.sizes, counts, self.mass_damping, self.quadratic, weights, (theta, states.q, states.v, states.a),
-            self.table.axes, *tables, *by_cells(theta, self.table.axes), work, found,
+            self.sizes, kinds, self.mass_damping, self.quadratic, weights, amplitudes, loads,
+            (theta, states.q, states.v, states.a), self.table.axes, *self.tables, cells_of(theta, self.table.axes),
+            work, ours, found,
         )  # fmt: skip
         return found
 
-    def work_of(self, loads: np.ndarray, states: State) -> np.ndarray:
-        """Return the work of forces on the unknowns that local effects act on, (n, n_dofs), in the gaps, (g, n)."""
-        r, _, second, _ = self.sizes
-        if second:
-            loads = np.concatenate([loads[..., None], loads[..., None] * states.q[:, None, r:]], axis=2)
-        return self.moved.product(states.q[:, :r], loads.reshape(len(loads), -1)).T
+    @cached_property
+    def kinds(self) -> tuple[tuple[int, int, int], ...]:
+        """Of terms of mass, stiffness, loads, damping and local effects the number of entries, that of terms that one
+        table is the sum of, and that of these tables; loads have one each, as each has an amplitude."""
+        (r, m, second, driven), pairs = self.sizes, self.sizes[0] * (self.sizes[0] + 1) // 2
+        counts = [len(one) for one in self.weights]
+        lengths = (
+            r + m + pairs + ((pairs + r + driven) * m if second else 0),
+            m + (m * (m + 1) // 2 if second else 0),
+            1 + (m if second else 0),
+            r + m,
+            self.moved.shape[0],
+        )
+        terms = counts[0], counts[1], 1, counts[3], 1
+        tables = 1, min(counts[1], 1), counts[2], min(counts[3], 1), min(lengths[4], 1)
+        return tuple(zip(lengths, terms, tables))
+
+    @cached_property
+    def tables(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows of `table` and of `changing`, with each term in whole vectors."""
+        of_terms = [n for n, terms, tables in self.kinds for _ in range(terms * tables)]
+        of_changes = [self.changing.shape[1] // len(self.weights[0])] * len(self.weights[0])
+        n_rows = self.table.rows.size // int(np.prod(self.table.shape))
+        table, changing, moved = (
+            part.rows.reshape(n_rows, *part.shape) for part in (self.table, self.changing, self.moved)
+        )
+        every = np.concatenate([table, np.swapaxes(moved, 1, 2)], axis=2)
+        return _in_vectors(every, of_terms), _in_vectors(changing, of_changes)
+
+
+def _vectors(n: int) -> int:
+    """Return how many vectors n numbers take."""
+    return -(-n // LANES)
+
+
+def _in_vectors(rows: np.ndarray, lengths: Sequence[int]) -> np.ndarray:
+    """Return the rows of a table, (n_rows, g, n), of entries that follow each other, so many a term, with each of these
+    in whole vectors."""
+    found, into, first = aligned_zeros((*rows.shape[:2], LANES * sum(map(_vectors, lengths)))), 0, 0
+    for n in lengths:
+        found[:, :, into : into + n] = rows[:, :, first : first + n]
+        into, first = into + LANES * _vectors(n), first + n
+    return found
 
 
 @njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"})
-def _fill(sizes, counts, mass_damping, quadratic, weights, states, axes, table, changing, cells, order, work, found):
-    """Fill the rows (g, n) of states (n, n_eta) with weights of the terms (n_terms, n), of the tables' rows (n_rows, g,
-    n_entries) and (n_rows, g, n_changing), LANES of a cell side by side.
+def _fill(
+    sizes, kinds, mass_damping, quadratic, weights, amplitudes, loads, states, axes, table, changing, cells, work, ours,
+    found,
+):  # fmt: skip
+    """Fill the rows (g, n) of states (n, n_eta), of samples with weights of the terms (n_terms, n_samples), at one
+    instant after the other, with amplitudes of loads (n_loads, n), loads of local effects (n, n_dofs) and tables as of
+    `GapForces.tables`, LANES of a sample that are in one cell (n,) side by side.
 
-    `work` has room for weights of rows and those along an axis, q, v, weights of terms, factors, slopes, monomials of a
-    kind of terms, and rows, all of them vectors.
+    `work` has room for weights of rows and those along an axis, q, v, a, factors, slopes and rows, all of them vectors;
+    `ours` for the tables of a sample in a cell.
     """
-    (theta, q, rates, accelerations), r = states, sizes[0]
-    of_rows, along, at, rate, of_terms, factors, slopes, monomials, sums = work
-    one_axis, n_rows = stencil_room(), N_ROWS ** len(axes)
-    rows, spare, first, n_slopes = np.empty(n_rows, dtype=np.int64), np.empty(n_rows), 0, changing.shape[2]
-    while first < order.size:
-        together = order[first : end_of_cell(cells, order, first)]
-        for lane in range(together.size):
-            s = together[lane]
-            for x in range(q.shape[1]):
-                at[x, lane], rate[x, lane], monomials[x, lane] = q[s, x], rates[s, x], accelerations[s, x]
-            for t in range(weights.shape[0]):
-                of_terms[t, lane] = weights[t, s]
-        _fill_factors(sizes, counts, mass_damping, quadratic, of_terms, at, rate, monomials, factors, slopes)
-        tensor_stencil(theta[together[0]], axes, -1, one_axis, rows, spare)
-        fill_lane_weights(theta, axes, together, -1, along, of_rows)
-        for g in range(table.shape[1]):
-            store(sums, g, 0.0)
-        _add(table, rows, of_rows, factors, 0, sums)
-        for k in range(r):
-            fill_lane_weights(theta, axes, together, k, along, of_rows)
-            _add(changing, rows, of_rows, slopes, k * n_slopes, sums)
-        for lane in range(together.size):
+    (theta, q, rates, accelerations), r, n_samples = states, sizes[0], weights.shape[1]
+    of_rows, along, at, rate, own, factors, slopes, sums = work
+    one_axis, n_rows, n_slopes = stencil_room(), N_ROWS ** len(axes), ours[1].shape[2]
+    rows, spare, together = np.empty(n_rows, dtype=np.int64), np.empty(n_rows), np.empty(LANES, dtype=np.int64)
+    of_changes = ((n_slopes // LANES, kinds[0][1], 1),)
+    for sample in range(n_samples):
+        first, cell = sample, -1
+        while first < q.shape[0]:
+            count = 0
+            while count < LANES and first < q.shape[0] and (count == 0 or cells[first] == cells[together[0]]):
+                together[count] = first
+                count, first = count + 1, first + n_samples
+            some = together[:count]
+            for lane in range(count):
+                s = together[lane]
+                for x in range(q.shape[1]):
+                    at[x, lane], rate[x, lane], own[x, lane] = q[s, x], rates[s, x], accelerations[s, x]
+            if cells[together[0]] != cell:
+                cell = cells[together[0]]
+                tensor_stencil(theta[together[0]], axes, -1, one_axis, rows, spare)
+                _weigh(table, rows, kinds, weights, sample, ours[0])
+                _weigh(changing, rows, of_changes, weights, sample, ours[1])
+            _fill_factors(
+                sizes, kinds, mass_damping, quadratic, amplitudes, loads, some, at, rate, own, factors, slopes
+            )
+            fill_lane_weights(theta, axes, some, -1, along, of_rows)
             for g in range(table.shape[1]):
-                found[g, together[lane]] = sums[g, lane]
-        first += together.size
+                store(sums, g, 0.0)
+            _add(ours[0], of_rows, factors, 0, sums)
+            for k in range(r):
+                fill_lane_weights(theta, axes, some, k, along, of_rows)
+                _add(ours[1], of_rows, slopes, k * n_slopes, sums)
+            for lane in range(count):
+                for g in range(table.shape[1]):
+                    found[g, together[lane]] = sums[g, lane]
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def _fill_factors(sizes, counts, mass_damping, quadratic, weights, q, rate, own, factors, slopes):
-    """Fill the factors F of `_fill` and, coordinate after coordinate, G; `own` has the accelerations, and room."""
-    (r, m, second, driven), (n_mass, n_stiffness, n_load, n_damping) = sizes, counts
+def _weigh(table, rows, kinds, weights, sample, found):
+    """Fill some rows of a table (n_rows, g, n) with the sums of their terms with the weights of a sample."""
+    n_gaps, across, into = table.shape[1], table.shape[2] // LANES, 0
+    for p in range(rows.size):
+        for g in range(n_gaps):
+            first, weight = (rows[p] * n_gaps + g) * across, 0
+            for n, n_terms, n_tables in kinds:
+                for _ in range(n_tables):
+                    for e in range(n):
+                        total = weights[weight, sample] * load(table, first + e)
+                        for t in range(1, n_terms):
+                            total += weights[weight + t, sample] * load(table, first + t * n + e)
+                        store(found, into + e, total)
+                    first, weight, into = first + n_terms * n, weight + n_terms, into + n
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _fill_factors(sizes, kinds, mass_damping, quadratic, amplitudes, loads, together, q, rate, own, factors, slopes):
+    """Fill the factors F of `_fill` and, coordinate after coordinate, G; `own` has the accelerations."""
+    r, m, second, driven = sizes
     n, moving = r + m, 1.0 if quadratic else 0.0
-    n_changing = m + (r * m if second else 0)
+    n_slopes = slopes.shape[0] // r
     for x in range(n):
-        add(own, x, mass_damping * load(rate, x))
+        store(factors, x, load(own, x) + mass_damping * load(rate, x))
     for k in range(r):
-        v, a = moving * load(rate, k), load(own, k)
+        v, a = moving * load(rate, k), load(factors, k)
         for i in range(m):
             d, vi = load(q, r + i), moving * load(rate, r + i)
-            _weigh(v * vi + 0.5 * a * d, weights, 0, n_mass, n_changing, k * n_mass * n_changing + i, slopes)
+            store(slopes, k * n_slopes + i, v * vi + 0.5 * a * d)
             for h in range(r if second else 0):
-                bend = -v * (moving * load(rate, h)) * d
-                into = k * n_mass * n_changing + m + h * m + i
-                _weigh(bend, weights, 0, n_mass, n_changing, into, slopes)
+                store(slopes, k * n_slopes + m + h * m + i, -v * (moving * load(rate, h)) * d)
     e = n
     for k in range(r):
         for j in range(k + 1):
-            store(own, e, moving * (1.0 if k == j else 2.0) * load(rate, k) * load(rate, j))
+            store(factors, e, moving * (1.0 if k == j else 2.0) * load(rate, k) * load(rate, j))
             e += 1
     if second:
         for pair in range(n, e):
             for i in range(m):
-                store(own, e, load(own, pair) * load(q, r + i))
+                store(factors, e, load(factors, pair) * load(q, r + i))
                 e += 1
         for h in range(r):
-            v, a = moving * load(rate, h), load(own, h)
+            v, a = moving * load(rate, h), load(factors, h)
             for i in range(m):
-                store(own, e, -2.0 * v * (moving * load(rate, r + i)) - a * load(q, r + i))
+                store(factors, e, -2.0 * v * (moving * load(rate, r + i)) - a * load(q, r + i))
                 e += 1
         for h in range(driven):
             for i in range(m):
-                store(own, e, load(own, h) * load(q, r + i))
+                store(factors, e, load(factors, h) * load(q, r + i))
                 e += 1
-    into = _weigh_all(own, e, weights, 0, n_mass, 0, factors)
-    for i in range(m):
-        store(own, i, load(q, r + i))
-    e = m
-    for i in range(m if second else 0):
+    e = begin = LANES * kinds[0][0]
+    for i in range(m if kinds[1][2] else 0):
+        store(factors, e, load(q, r + i))
+        e += 1
+    for i in range(m if second and kinds[1][2] else 0):
         for j in range(i + 1):
-            store(own, e, (0.5 if i == j else 1.0) * load(q, r + i) * load(q, r + j))
+            store(factors, e, (0.5 if i == j else 1.0) * load(q, r + i) * load(q, r + j))
             e += 1
-    into = _weigh_all(own, e, weights, n_mass, n_stiffness, into, factors)
-    store(own, 0, -1.0)
-    for i in range(m if second else 0):
-        store(own, 1 + i, -load(q, r + i))
-    e = 1 + m if second else 1
-    into = _weigh_all(own, e, weights, n_mass + n_stiffness, n_load, into, factors)
-    _weigh_all(rate, n, weights, n_mass + n_stiffness + n_load, n_damping, into, factors)
-
-
-@njit(inline="always")
-def _weigh(entry, weights, first, count, stride, into, found):
-    """Put an entry, with the weights of some terms, a stride apart."""
-    for term in range(count):
-        store(found, into + term * stride, load(weights, first + term) * entry)
-
-
-@njit(error_model="numpy", counted=False)
-def _weigh_all(entries, n, weights, first, count, into, found):
-    """Put n entries, with the weights of some terms, one after the other; return where they end."""
-    for e in range(n):
-        _weigh(load(entries, e), weights, first, count, n, into + e, found)
-    return into + count * n
+    begin += LANES * kinds[1][0] * kinds[1][2]
+    for number in range(amplitudes.shape[0]):
+        for lane in range(together.size):
+            factors[begin, lane] = -amplitudes[number, together[lane]]
+        for i in range(m if second else 0):
+            store(factors, begin + 1 + i, load(factors, begin) * load(q, r + i))
+        begin += LANES * kinds[2][0]
+    for x in range(n if kinds[3][2] else 0):
+        store(factors, begin + x, load(rate, x))
+    begin += LANES * kinds[3][0] * kinds[3][2]
+    for f in range(loads.shape[1] if kinds[4][2] else 0):
+        for lane in range(together.size):
+            factors[begin, lane] = -loads[together[lane], f]
+        for i in range(m if second else 0):
+            store(factors, begin + 1 + i, load(factors, begin) * load(q, r + i))
+        begin += 1 + (m if second else 0)
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def _add(table, rows, weights, factors, first, sums):
-    """Add products of some rows of a table (n_rows, g, n), with weights, and factors from the first one on to sums."""
-    n = table.shape[2]
-    for g in range(table.shape[1]):
+def _add(table, weights, factors, first, sums):
+    """Add products of the rows of a table (n_rows, g, n), with weights, and factors from the first one on to sums."""
+    n_gaps, n = table.shape[1], table.shape[2]
+    for g in range(n_gaps):
         total = load(sums, g)
-        for p in range(0, rows.size, N_ROWS):
-            at_0, at_1 = (rows[p] * table.shape[1] + g) * n, (rows[p + 1] * table.shape[1] + g) * n
-            at_2, at_3 = (rows[p + 2] * table.shape[1] + g) * n, (rows[p + 3] * table.shape[1] + g) * n
+        for p in range(0, table.shape[0], N_ROWS):
+            at_0, at_1 = (p * n_gaps + g) * n, ((p + 1) * n_gaps + g) * n
+            at_2, at_3 = ((p + 2) * n_gaps + g) * n, ((p + 3) * n_gaps + g) * n
             one, two, three, four = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
             for e in range(n):
                 x = load(factors, first + e)

@@ -246,8 +246,8 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
     known
         Result: as of `act`, shape (n_t, n_samples, 3, n_actions).
     loads
-        Result: as of `load_nodes` at the last instant, vectors (n_blocks, n_nodes, n_dofs, LANES); without blocks
-        where they are not wanted.
+        Result: as of `load_nodes`, vectors (n_t, n_blocks, n_nodes, n_dofs, LANES); without instants where they are
+        not wanted.
     """
     equations, memory = loaded(equations), loaded(memory)
     work, n_actions = allocate(equations.layout), amplitudes.shape[2]
@@ -269,11 +269,10 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
                     for row in range(known.shape[2]):
                         for k in range(n_actions):
                             known[instant, samples[lane], row, k] = memory.known[samples[lane], row, k]
-        if loads.shape[0] > 0:
-            load_nodes(
-                equations.local, equations.grid, work.q, memory.known, samples, places_of(memory, block), local,
-                loads[block],
-            )  # fmt: skip
+            if loads.shape[0] > 0:
+                load_nodes(
+                    equations.local, equations.grid, work.q, memory.known, samples, local, loads[instant, block]
+                )  # fmt: skip
 
 
 @njit(cache=True, entry=True, error_model="numpy")

@@ -35,7 +35,7 @@ from pgmp_petsc.stepping.status import Status
 LARGEST = 2**19  # numbers that are written down, of all samples and steps
 RESIDUALS = 2**9  # samples, at all instants, whose residuals are evaluated together
 FURTHEST = 2**21  # numbers of all samples and steps: in more of them samples that began side by side drift apart
-NO_LOADS = aligned((0, 0, 0, LANES))
+NO_LOADS = aligned((0, 0, 0, 0, LANES))
 STARTING_CORRECTIONS = 4  # one where stiffness does not change with the deformation
 
 
@@ -301,14 +301,15 @@ class ReducedSystem(SecondOrderSystem):
         evaluate_residual(*self._passed, self._lanes.packed(strengths.loads.T), _parts(state), result)
         return result
 
-    def node_loads(self, times: np.ndarray, state: State) -> np.ndarray:
-        """Return what local effects do to displacements and rotations of their nodes in body frames, on samples that
-        are each at a time of its own, (n_samples, n_nodes * n_dofs)."""
+    def node_loads(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:
+        """Return what local effects do to displacements and rotations of their nodes in body frames, in states (n_t, 2,
+        n_samples, n_eta) at times of their own, (n_t, n_samples): shape (n_t, n_samples, n_nodes * n_dofs)."""
         d, n_blocks = self._actions.dimension, len(self._memory.samples)
-        loads = aligned((n_blocks, self._actions.places.n_nodes, d * (d + 1) // 2, LANES))
-        amplitudes = amplitudes_over(self._actions.actions, times)[None]
-        self._known(times[:1], np.array([[state.q, state.v]]), amplitudes=amplitudes, loads=loads)
-        return self._lanes.unpacked(loads).reshape(-1, self.n_samples).T
+        loads = aligned((len(times), n_blocks, self._actions.places.n_nodes, d * (d + 1) // 2, LANES))
+        amplitudes = amplitudes_over(self._actions.actions, times.ravel()).reshape(*times.shape, -1)
+        self._known(times[:, 0], trail, amplitudes=amplitudes, loads=loads)
+        by_samples = self._lanes.unpacked(np.swapaxes(loads, 0, 1))
+        return np.moveaxis(by_samples.reshape(len(times), -1, self.n_samples), 1, 2)
 
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""

@@ -63,10 +63,16 @@ def products_of(
 
 def by_cells(theta: np.ndarray, axes: tuple[Axis, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Return the cell of every theta (k, n_theta), and an order that puts equal ones side by side, (k,) each."""
-    cells = np.empty(len(theta), dtype=np.int64)
-    _fill_cells(theta, axes, cells)
+    cells = cells_of(theta, axes)
     # in so few bits it is fast; were there more cells, some would only share fewer loads of the table
     return cells, np.argsort(cells.astype(np.uint16), kind="stable")
+
+
+def cells_of(theta: np.ndarray, axes: tuple[Axis, ...]) -> np.ndarray:
+    """Return the number of the cell of every theta (k, n_theta), shape (k,)."""
+    cells = np.empty(len(theta), dtype=np.int64)
+    _fill_cells(theta, axes, cells)
+    return cells
 
 
 @njit(error_model="numpy")

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.vectors import add, floor, load, store
+from pgmp_petsc.lanes.vectors import floor, load, store
 
 N_ROWS = 4
 OVERHAUSER, B_SPLINE = 0, 1
@@ -68,20 +68,11 @@ def locate(theta, axis):
 @njit(cache=True, error_model="numpy")
 def cell_stencil(cell, s, axis, rows, weights, slopes):
     """Fill the rows, weights and derivative weights for a place s, from 0 to 1, in a cell; see `stencil`."""
-    step, n, periodic, basis = axis.step, axis.n, axis.periodic, axis.basis
-    if basis == B_SPLINE:
-        values, rates = _b_spline_values(s), _b_spline_slopes(s, step)
-        first = cell - 1 if periodic else cell
-    else:
-        values, rates = _overhauser_values(s), _overhauser_slopes(s, step)
-        first = cell - 1
+    n, periodic, basis = axis.n, axis.periodic, axis.basis
+    values, rates = _weights(s, cell, axis, False), _weights(s, cell, axis, True)
+    first = cell if basis == B_SPLINE and not periodic else cell - 1
     for k in range(N_ROWS):
         rows[k], weights[k], slopes[k] = first + k, values[k], rates[k]
-    if basis == OVERHAUSER and not periodic:
-        if cell == 0:
-            _extrapolate(0, 1, 2, 3, weights, slopes)
-        if cell == n - 2:
-            _extrapolate(3, 2, 1, 0, weights, slopes)
     if periodic:
         row = first % n
         for k in range(N_ROWS):  # a division for each would take longer than all else here
@@ -91,6 +82,25 @@ def cell_stencil(cell, s, axis, rows, weights, slopes):
         # a row beyond an end has the weight zero
         for k in range(N_ROWS):
             rows[k] = min(max(rows[k], 0), n - 1)
+
+
+@njit(error_model="numpy", counted=False)
+def _weights(s, cell, axis, sloped):
+    """Return the weights of the rows of a cell for a place s in it, or a vector of places; where `sloped` those of the
+    derivative.
+
+    A row outside a limited range is replaced by quadratic extrapolation, 3 A_0 - 3 A_1 + A_2: the tangent at the end
+    becomes the one-sided one of second order.
+    """
+    if axis.basis == B_SPLINE:
+        return _b_spline_slopes(s, axis.step) if sloped else _b_spline_values(s)
+    one, two, three, four = _overhauser_slopes(s, axis.step) if sloped else _overhauser_values(s)
+    if not axis.periodic:
+        if cell == 0:
+            one, two, three, four = 0.0 * one, two + 3.0 * one, three - 3.0 * one, four + one
+        if cell == axis.n - 2:
+            one, two, three, four = one + four, two - 3.0 * four, three + 3.0 * four, 0.0 * four
+    return one, two, three, four
 
 
 @njit(error_model="numpy", counted=False)
@@ -141,20 +151,6 @@ def _b_spline_slopes(s, step):
     )
 
 
-@njit(cache=True, error_model="numpy")
-def _extrapolate(outside, end, second, third, weights, slopes):
-    """Replace the row outside a limited range by quadratic extrapolation, 3 A_0 - 3 A_1 + A_2.
-
-    The tangent at the end becomes the one-sided one of second order.
-    """
-    for table in (weights, slopes):
-        lost = table[outside]
-        table[outside] = 0.0
-        table[end] += 3.0 * lost
-        table[second] -= 3.0 * lost
-        table[third] += lost
-
-
 @njit(error_model="numpy", counted=False)
 def lane_stencil(cell, axis, sloped, lanes):
     """Replace thetas of one cell, the first of four vectors (4, LANES), by the weights of the cell's rows, or where
@@ -167,24 +163,6 @@ def lane_stencil(cell, axis, sloped, lanes):
         s = position - floor(position)
     else:
         s = position - float(cell)
-    if axis.basis == B_SPLINE:
-        values = _b_spline_slopes(s, axis.step) if sloped else _b_spline_values(s)
-    else:
-        values = _overhauser_slopes(s, axis.step) if sloped else _overhauser_values(s)
+    values = _weights(s, cell, axis, sloped)
     for k in range(N_ROWS):
         store(lanes, k, values[k])
-    if axis.basis == OVERHAUSER and not axis.periodic:
-        if cell == 0:
-            _extrapolate_lanes(0, 1, 2, 3, lanes)
-        if cell == axis.n - 2:
-            _extrapolate_lanes(3, 2, 1, 0, lanes)
-
-
-@njit(error_model="numpy", counted=False)
-def _extrapolate_lanes(outside, end, second, third, lanes):
-    """Do what `_extrapolate` does to weights side by side."""
-    lost = load(lanes, outside)
-    store(lanes, outside, 0.0)
-    add(lanes, end, 3.0 * lost)
-    add(lanes, second, -3.0 * lost)
-    add(lanes, third, lost)

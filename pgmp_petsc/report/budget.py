@@ -8,13 +8,14 @@ What is in a result file, in one line: for a command that goes through many step
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.figures import captions
+from pgmp_petsc.figures.captions import same_case
 from pgmp_petsc.figures.motion import WORDS
 from pgmp_petsc.figures.style import MODELS, axis_unit, scene_of
 from pgmp_petsc.figures.trajectories import Comparison, paired
@@ -63,6 +64,7 @@ class ModelError:
     doubt: float = 1.0  # so many times as large are no more than 5 % of errors
     absent: Mapping[str, str] = field(default_factory=dict)  # why outputs have no estimate, those that have none
     whole: bool = True  # whether it is of the whole run, and not of a part, beyond which it may be of any size
+    mesh: Mapping[str, float] = field(default_factory=dict)  # what another mesh differs by besides, as a share
 
     @property
     def worst(self) -> str | None:
@@ -78,13 +80,16 @@ class ModelError:
         shares = self.at_end if when == "end" else self.shares
         further = np.nan if self.with_step is None else self.with_step.bound(output, when)
         counts = self.whole or (when == "ever" and np.isfinite(further))
-        return float(np.fmax(self.doubt * shares.get(output, np.nan), further) if counts else further)
+        known = np.fmax(self.doubt * shares.get(output, np.nan), further) if counts else further
+        return float(known + self.mesh.get(output, 0.0))
 
 
 def model_error(sources: Sequence[Source], comparisons: Sequence[Comparison]) -> ModelError | None:
     """Return the error of the reduced model: measured where runs of a better one are there, else estimated."""
     estimated = _estimated(sources)
-    return _measured(comparisons, estimated) or estimated
+    found = _measured(comparisons, estimated) or estimated
+    mesh = {name: share for name, (share, _) in mesh_errors(sources).items()}
+    return None if found is None else replace(found, mesh=mesh)
 
 
 def _measured(comparisons: Sequence[Comparison], estimated: ModelError | None) -> ModelError | None:
@@ -135,7 +140,7 @@ def error_budget(sources: Sequence[Source], error: ModelError | None) -> list[Li
         *_of_model(sources, error),
         *_of_steps(sources),
         *_of_parts(builds),
-        *_of_mesh(studies),
+        *_of_mesh(sources, studies),
         *_of_sampling(sources),
         *_of_balance(sources),
         *_of_small_deformations(sources),
@@ -212,8 +217,50 @@ def _of_parts(builds: Sequence[Build]) -> Iterator[Line]:
         yield Line(", ".join(unknown), [], how)
 
 
-def _of_mesh(studies: Sequence[Source]) -> Iterator[Line]:
+def mesh_twins(sources: Sequence[Source]) -> list[tuple[Source, Source]]:
+    """Return runs with later ones of the same model and case on another mesh, of which they have other numbers of
+    nodes."""
+    runs, found = of_kind(sources, Trajectory), list[tuple[Source, Source]]()
+    for number, other in enumerate(runs):
+        for own in runs[:number]:
+            bodies = scene_of(own.record).get("bodies", {})
+            meshes = [f"bodies.{body}.{entry}" for body in bodies for entry in ("mesh", "mesh_size", "faces")]
+            alike = own.result.model == other.result.model and same_case(own.record, other.record, meshes)
+            if alike and n_nodes(own.result) != n_nodes(other.result):
+                found.append((own, other))
+                break
+    return found
+
+
+def mesh_errors(sources: Sequence[Source]) -> dict[str, tuple[float, str]]:
+    """Return the difference of a run on another mesh, a share of the largest value, and how it was measured, by output;
+    the largest one of several. The scene's own error is about 4/3 of that from a mesh of twice the elements."""
+    found: dict[str, tuple[float, str]] = {}
+    for own, other in mesh_twins(sources):
+        coarse, fine = sorted((own.result, other.result), key=n_nodes)
+        whose = "" if coarse is own.result else "; of the coarser mesh, the scene's own is less"
+        how = f"{n_nodes(coarse)} nodes against {n_nodes(fine)}, {MODELS[coarse.model]}{whose}"
+        for name in own.result.outputs:
+            error = Comparison(fine, coarse).error_percent(name) if name in other.result.outputs else None
+            if error is not None:
+                share = float(np.max(error[1]) / 100.0)
+                found[name] = max(found.get(name, (share, how)), (share, how))
+    return found
+
+
+def n_nodes(run: Trajectory) -> int:
+    """Return the number of nodes of all bodies of a run, as its frames know them; 0 without frames."""
+    frames = {} if run.frames is None else run.frames.nodes
+    return sum(len(run.fields[name].nodes if name in run.fields else nodes) for name, nodes in frames.items())
+
+
+def _of_mesh(sources: Sequence[Source], studies: Sequence[Source]) -> Iterator[Line]:
     """Yield the discretisation error."""
+    measured = mesh_errors(sources)
+    for name, (share, how) in measured.items():
+        yield Line(f"mesh: {name}", [Datum(share, share_text(share))], f"measured: {how}")
+    if measured:
+        return
     for source in studies:
         mesh = source.result.mesh
         own = np.flatnonzero(mesh.refinement == 1)
@@ -224,7 +271,8 @@ def _of_mesh(studies: Sequence[Source]) -> Iterator[Line]:
                 how = f"measured: {mesh.cells[own[0]]} cells against {mesh.cells[-1]}"
                 yield Line(f"mesh: {name}", [datum], how)
             return
-    yield Line("mesh", [], "pgmp tradeoff measures it for meshes of lines; compare solids with a finer mesh")
+    how = "add a run of the same model with another mesh (--override bodies.NAME.mesh=FILE); pgmp run does so for lines"
+    yield Line("mesh", [], how)
 
 
 def _of_sampling(sources: Sequence[Source]) -> Iterator[Line]:
@@ -334,6 +382,8 @@ def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentenc
         studies = [source.result for source in sources if isinstance(source.result, Tradeoff)]
         sentences += [[line] for study in studies for line in study.advice[:1]]
     sentences += _of_error(error, runs or ensembles, ensembles)
+    for name, (share, how) in sorted(mesh_errors(sources).items(), key=lambda item: -item[1][0])[:1]:
+        sentences.append(["Mesh: ", Datum(share, share_text(share)), f" of the largest {name}; measured: {how}."])
     sentences += _of_time_steps(sources)
     sentences += _of_failures(ensembles, runs)
     return sentences
@@ -551,6 +601,15 @@ def headline_of_comparison(path: Path, better: Path) -> str:
     return words
 
 
+def headline_of_meshes(own: Path, other: Path) -> str:
+    """Return by how much a run on a finer mesh differs."""
+    known = mesh_errors([source for scene in read_sources([own, other])[0] for source in scene])
+    if not known:
+        return "outputs are zero or not known, so no share of the mesh can be given"
+    worst = max(known, key=known.__getitem__)
+    return f"the mesh's share is at most {share_text(known[worst][0])} of the largest {worst}: {known[worst][1]}"
+
+
 def headline_of_ensemble(path: Path, *runs: Path) -> str:
     """Return how many samples are fine, and the probability of the scene's first event or an output's mean.
 
@@ -558,7 +617,8 @@ def headline_of_ensemble(path: Path, *runs: Path) -> str:
     """
     ensemble = Ensemble.read(path)
     sources = [source for scene in read_sources(runs)[0] for source in scene] if runs else []
-    error = model_error(sources, paired([source.result for source in sources]))
+    meshes = [other for _, other in mesh_twins(sources)]
+    error = model_error(sources, paired([source.result for source in sources if source not in meshes]))
     failed = int(np.count_nonzero(ensemble.status))
     answer = ensemble.answer(lambda label: _of_runs(ensemble, label, error), _full_order_stops(sources))
     return f"{len(ensemble.status)} samples, {failed} failed; {answer}{_remarks(ensemble.record)}"

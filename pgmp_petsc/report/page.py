@@ -31,7 +31,7 @@ from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired
 from pgmp_petsc.files.claims import check_output, named, replacing
 from pgmp_petsc.files.hdf5 import KINDS
 from pgmp_petsc.report import charts
-from pgmp_petsc.report.budget import Decision, Line, decision, error_budget, model_error, verdict
+from pgmp_petsc.report.budget import Decision, Line, decision, error_budget, mesh_twins, model_error, verdict
 from pgmp_petsc.report.charts import Chart, Curve
 from pgmp_petsc.report.film import Film, film_of
 from pgmp_petsc.report.sources import (
@@ -105,7 +105,8 @@ def section_of(sources: Sequence[Source]) -> Section:
     """Return the part of a scene."""
     scene = scene_of(sources[0].record)
     header = scene.get("scene", {})
-    runs = of_kind(sources, Trajectory)
+    meshes = [other for _, other in mesh_twins(sources)]  # the error budget has these
+    runs = [source for source in of_kind(sources, Trajectory) if source not in meshes]
     ensembles = of_kind(sources, Ensemble)
     studies = of_kind(sources, Tradeoff)
     comparisons = paired([source.result for source in runs])
@@ -152,9 +153,10 @@ def beside_each_other(sources: Sequence[Source]) -> Table | None:
     Of two, the difference of the second from the first, with its interval from those of both, whose samples are taken
     as independent of each other: where they share draws it is narrower.
     """
-    chosen = of_kind(sources, Ensemble)
+    chosen, meshes = of_kind(sources, Ensemble), [other for _, other in mesh_twins(sources)]
     for model in MODELS if len(chosen) < 2 else ():
-        chosen = [one for one in of_kind(sources, Trajectory) if one.result.model == model]
+        runs = [one for one in of_kind(sources, Trajectory) if one not in meshes]
+        chosen = [one for one in runs if one.result.model == model]
         if len(chosen) > 1:
             break
     if len(chosen) < 2:

@@ -145,10 +145,10 @@ def test_a_job_is_what_the_command_does(commands: Path, tmp_path: Path, caplog: 
     few = {"reduction.modes": 3, "reduction.angles": 24, "simulation.duration": 0.02, "ensemble.bands": 0}
     with caplog.at_level("INFO", logger="pgmp_petsc"):
         done = pgmp.run(PAPER_SCENE, tmp_path / "job", n=4, overrides=few)
-    assert [path.name for path in done.files] == ["rom.h5", "run.h5", "better.h5", "samples.h5"]
+    assert [path.name for path in done.files] == ["rom.h5", "run.h5", "better.h5", "finer.h5", "samples.h5"]
     assert done.failures == () and done.page == tmp_path / "job" / "report.html" and done.page.is_file()
     steps = [message.split()[0] for message in caplog.messages if not message.startswith(("warning", "note"))]
-    assert steps == ["check", "build", "simulate", "compare", "compare", "ensemble", "report"]
+    assert steps == ["check", "build", "simulate", "compare", "compare", "mesh", "ensemble", "report"]
 
 
 def test_what_the_first_rank_alone_has_is_said(run: pgmp.Result) -> None:

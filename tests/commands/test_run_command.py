@@ -1,6 +1,7 @@
 """`pgmp run`: every step, what a later run takes, what it leaves out, and the figures as JSON."""
 
 import json
+import re
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -20,7 +21,7 @@ SHORT = overridden(
     "simulation.duration=0.03", "simulation.step=1e-3", "reduction.modes=2", "reduction.angles=12", "ensemble.bins=10",
     "ensemble.extremes=false", "simulation.frames=5",
 )  # fmt: skip
-STEPS = ("check", "build", "simulate", "compare", "ensemble", "report")
+STEPS = ("check", "build", "simulate", "compare", "mesh", "ensemble", "report")
 
 
 def told(out: str) -> dict[str, list[str]]:
@@ -54,24 +55,27 @@ def test_every_step_says_a_line_and_leaves_a_file(scene: Path, first: str) -> No
     predicted, measured = lines["compare"]
     assert "is predicted to take" in predicted or "are predicted to take" in predicted
     assert measured.startswith("differs from full order, with the same time step, by at most ")
+    assert re.match(
+        r"the mesh's share is at most [\d.]+ % of the largest .*: 15 nodes against 28, full", lines["mesh"][-1]
+    )
     assert lines["ensemble"][-1].startswith("32 samples, 0 failed; P(slider_deformation above ")
-    assert lines["report"][0].startswith(f"{folder / 'report.html'}: 4 files, ")
+    assert lines["report"][0].startswith(f"{folder / 'report.html'}: 5 files, ")
     names = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
-    assert names == {"rom.h5", "run.h5", "better.h5", "samples.h5", "report.html", "steps.json"}
+    assert names == {"rom.h5", "run.h5", "better.h5", "finer.h5", "samples.h5", "report.html", "steps.json"}
 
 
 def test_a_later_run_takes_what_is_finished(scene: Path, first: str) -> None:
     folder = scene.with_name("mine_results")
     before = {path.name: path.stat().st_mtime_ns for path in folder.glob("*.h5")}
     lines = told(said("run", scene, "-n", 32, *SHORT)[0])
-    for name in ("build", "simulate", "compare", "ensemble"):
+    for name in ("build", "simulate", "compare", "mesh", "ensemble"):
         assert lines[name][-1].endswith("(finished before; --force does it again)"), lines
     assert {path.name: path.stat().st_mtime_ns for path in folder.glob("*.h5")} == before
     # another number of samples is another ensemble, of the same reduced model
     page = folder / "other.html"
     lines = told(said("run", scene, "-n", 24, "--report", page, *SHORT)[0])
     again = [name for name in lines if "(finished before" in lines[name][-1]]
-    assert again == ["build", "simulate", "compare"] and "24 samples" in lines["ensemble"][-1] and page.exists()
+    assert again == ["build", "simulate", "compare", "mesh"] and "24 samples" in lines["ensemble"][-1] and page.exists()
 
 
 def test_another_scene_is_done_anew(scene: Path, first: str) -> None:
@@ -79,7 +83,7 @@ def test_another_scene_is_done_anew(scene: Path, first: str) -> None:
     out, _ = said("run", scene, "-n", 8, *SHORT, *other)
     assert "(finished before" not in out
     replaced = {name: [text for text in texts if "replaces" in text] for name, texts in told(out).items()}
-    assert all(replaced[name] for name in ("build", "simulate", "compare", "ensemble"))
+    assert all(replaced[name] for name in ("build", "simulate", "compare", "mesh", "ensemble"))
     mine = scene.with_name("mine_results") / "run.h5"
     assert replaced["simulate"] == [f"replaces {mine} of {' '.join(SHORT)}; -o FOLDER keeps both"]
     out, _ = said("run", scene, "-n", 8, *SHORT, *other, "--force")
@@ -256,3 +260,12 @@ def test_scenes_of_many_coordinates_run_as_component_models(tmp_path: Path) -> N
     assert lines["build"] == ["left out: no reduced model (6 coordinates); runs are of the component model"]
     assert "predicted to take" in lines["compare"][0] and lines["compare"][1].startswith("differs from full order")
     assert "predicted to take" in lines["ensemble"][0] and "4 samples, 0 failed" in lines["ensemble"][1]
+
+
+def test_three_coordinates_run_as_a_reduced_model(tmp_path: Path) -> None:
+    short = "simulation.duration=0.02", "simulation.step=1e-3", "simulation.frames=3", "reduction.angles=5"
+    robot = ROOT / "scenes" / "platform_3rrr.toml"
+    lines = told(said("run", robot, "-o", tmp_path / "robot", "-n", 4, *overridden(*short))[0])
+    assert lines["build"][0].startswith("as the scene says; ") and lines["simulate"][0].startswith("reduced, 20 steps")
+    assert lines["compare"][1].startswith("differs from full order")
+    assert "4 samples, 0 failed" in lines["ensemble"][0]

@@ -40,7 +40,7 @@ def test_a_feature_is_refused_where_it_is_used_and_nowhere_else(feature, purpose
 
 
 @pytest.mark.parametrize("purpose", [Purpose.FULL, Purpose.CHECK, Purpose.BUILD, Purpose.TRADEOFF])
-@pytest.mark.parametrize("name", ["five_bar", "slider_crank_solid2d", "rssr_beams", "spatial_mixed"])
+@pytest.mark.parametrize("name", ["five_bar", "platform_3rrr", "slider_crank_solid2d", "rssr_beams", "spatial_mixed"])
 def test_every_kind_that_can_be_reduced_may_have_tolerances(name: str, purpose: Purpose) -> None:
     tolerances = ["simulation.tolerance=1e-2", "reduction.tolerance=1e-2"]
     read_scene(ROOT / "scenes" / f"{name}.toml", tolerances, [], MPI.COMM_SELF, purpose)
@@ -58,3 +58,10 @@ def test_rigid_mechanisms_have_nothing_to_reduce(purpose: Purpose) -> None:
         InputError, match="all are rigid, so there is nothing to reduce; run pgmp simulate SCENE --full"
     ):
         check_capabilities(scene_of("all rigid in the plane"), purpose)
+
+
+def test_angles_that_a_tolerance_finds_are_priced_as_those_that_nobody_gives(tmp_path) -> None:
+    """Three coordinates at 629 angles along each, the default of one, would be refused."""
+    text = (ROOT / "scenes" / "platform_3rrr.toml").read_text()
+    (tmp_path / "scene.toml").write_text(text.replace("angles = 6 ", "tolerance = 0.01 "))
+    read_scene(tmp_path / "scene.toml", [], [], MPI.COMM_SELF, Purpose.BUILD)

@@ -323,6 +323,41 @@ def test_two_designs_stand_beside_each_other(tmp_path: Path) -> None:
     assert "Beside each other" not in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
+def test_another_mesh_tells_the_share_of_the_mesh(tmp_path: Path) -> None:
+    """Runs of one model and case with other numbers of nodes; the share counts beside the model's error."""
+    full = with_event(synthetic.trajectory("full"))
+    fine = replace(full, outputs={name: 1.02 * values for name, values in full.outputs.items()})
+    nodes = {name: np.linspace(places[0], places[-1], 40) for name, places in full.frames.nodes.items()}
+    cells = {name: np.column_stack([np.arange(39), np.arange(1, 40)]) for name in nodes}
+    of = {name: np.repeat(at[:, :1], 40, axis=1) for name, at in full.frames.positions.items()}
+    turns = {name: np.repeat(at[:, :1], 40, axis=1) for name, at in full.frames.rotations.items()}
+    frames = replace(full.frames, nodes=nodes, cells=cells, positions=of, rotations=turns)
+    fine = replace(fine, frames=frames, fields={})
+    files = [tmp_path / f"{name}.h5" for name in ("run", "full", "fine", "many")]
+    many = with_event(synthetic.described())
+    late = replace(many.probabilities["late"], model_error=0.001, holds_to=0.2)
+    results = with_event(synthetic.trajectory("reduced")), full, fine, replace(many, probabilities={"late": late})
+    for path, result in zip(files, results):
+        result.write(path)
+    share = 0.02 / 1.02
+    for chosen in (files, [*files[:2], files[3]]):
+        write_report(chosen, tmp_path / "page.html")
+        tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
+        assert "decided" in next(with_class(tree, "verdict")).get("class").split()
+        budget = {row[0]: row[1:] for row in rows_of(tree, "Error budget")}
+        if files[2] in chosen:
+            assert budget["mesh: crank_angle"][0] == f"{100 * share:.2g} %"
+            assert "against 80, full order" in budget["mesh: crank_angle"][1]
+            assert "Mesh: 2 % of the largest" in words(next(with_class(tree, "verdict")))
+        else:
+            assert budget["mesh"][0] == "not known"
+    # what the event bears is less than model and mesh together
+    replace(many, probabilities={"late": replace(late, holds_to=0.5 * share)}).write(files[3])
+    write_report(files, tmp_path / "page.html")
+    tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
+    assert "undecided" in next(with_class(tree, "verdict")).get("class").split()
+
+
 def test_a_fit_has_its_picture_and_parameters(tmp_path: Path) -> None:
     found = synthetic.fitted()
     found.write(tmp_path / "fit.h5")

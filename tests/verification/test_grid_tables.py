@@ -10,6 +10,7 @@ from refusals import refusal
 from runs import rom_of
 from two_coordinates import double_pendulum, five_bar, over
 
+from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.body_frames import linear_motion, rigid_velocities
@@ -96,6 +97,24 @@ def test_the_order_of_interpolation_over_both_coordinates() -> None:
         errors.append(np.abs(found / exact - 1).max())
     # cubic splines: fourth order
     assert np.log2(errors[0] / errors[2]) / 2 > 3.7 and errors[-1] < 2e-5
+
+
+def test_adaptive_sampling_adds_angles_along_the_coordinate_that_needs_them() -> None:
+    """Modes of an open chain do not hang on the first coordinate, of which distances are halved once, to see that."""
+    part = (*PART, SPLINE, "reduction.modes=4", "reduction.angles=4")
+    shapes, errors = [], []
+    for tolerance in (1e-1, 1e-2, 1e-3):
+        scene = double_pendulum(*part, f"reduction.sampling_tolerance={tolerance}")
+        rom = rom_of(scene)
+        wanted = elsewhere(rom.tables.samples)
+        with ModalProblem(kinematics_of(scene), scene.nominal, 4, MPI.COMM_SELF) as problem:
+            exact = np.array([problem.solve(theta).frequencies_hz for theta in wanted])
+        shapes.append(rom.tables.samples.shape)
+        errors.append(np.abs(reduced_frequencies(rom.tables, "spline", scene.nominal, wanted) / exact - 1).max())
+        assert errors[-1] < tolerance
+    assert {shape[0] for shape in shapes} == {7} and shapes[0][1] < shapes[1][1] < shapes[2][1]
+    with pytest.raises(RunError, match=r"with 49 configurations the tables still differ by .* near theta2 = .*; raise"):
+        rom_of(double_pendulum(*part, "reduction.sampling_tolerance=1e-6", "reduction.max_angles=20"))
 
 
 def test_a_basis_over_full_turns_is_continuous_everywhere() -> None:
