@@ -71,7 +71,8 @@ def make_environment(folder: Path, newest: bool) -> Path:
     run(base, "-m", "venv", folder / "bare")
     versions = [] if newest else [f"{name}=={metadata.version(name)}" for name in OF_NUMBERS]
     (folder / "versions.txt").write_text("\n".join(versions))
-    run(python, *pip, "install", "--constraint", folder / "versions.txt", *folder.glob("*.whl"))
+    wheel = next(folder.glob("*.whl"))
+    run(python, *pip, "install", "--constraint", folder / "versions.txt", f"{wheel}[all]")
     return python
 
 

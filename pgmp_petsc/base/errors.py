@@ -67,6 +67,21 @@ def plain_reason(error: BaseException) -> str | None:
     return None
 
 
+#: Packages that a wheel comes without, and the extra that brings each.
+EXTRAS = {
+    "meshio": "mesh", "skfem": "mesh", "matplotlib": "plot", "mpl_toolkits": "plot", "pyvista": "plot",
+    "imageio_ffmpeg": "plot", "jinja2": "report",
+}  # fmt: skip
+
+
+def missing_extra(error: ImportError) -> InputError | None:
+    """Return the refusal of what needs a package of an extra that is not installed; None of any other one."""
+    name = str(error.name or "").partition(".")[0]
+    if name not in EXTRAS:
+        return None
+    return InputError(f"this needs {name}, which is not installed: pip install 'pgmp_petsc[{EXTRAS[name]}]'")
+
+
 def nearest_name(name: str, known: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the known name closest to ``name``, or the list of known names."""
     known = sorted(known)

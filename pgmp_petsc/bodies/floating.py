@@ -37,6 +37,9 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.recovery import Recovery
 
 PAIR_SECONDS = 3.3e-8  # of a processor, of two amplitudes in a step
+NOISE = (
+    1e-10  # share of both fields' own moments or stiffness that is none of theirs: products of fields that are apart
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +96,26 @@ class FloatingBody:
         )
         both = second_moments(moments, self.centres.shape[1])[2]
         return np.einsum("kkii->i", both), np.diagonal(stiffness)
+
+
+def without_noise(
+    moments: Mapping[Monomial, np.ndarray],
+    stiffness: Mapping[Monomial, np.ndarray],
+    nominal: Mapping[str, float],
+    d: int,
+) -> tuple[dict[Monomial, np.ndarray], dict[Monomial, np.ndarray]]:
+    """Return moments and stiffness with zeros for what is round-off at nominal parameters, as between fields that bend
+    a straight body in two planes."""
+    weights = {weight: float(weight.evaluate(nominal)) for weight in {*moments, *stiffness}}
+    whole = sum(weights[weight] * part for weight, part in moments.items())
+    own = np.sqrt(np.einsum("kkii->i", second_moments(whole, d)[2]))
+    place = np.sqrt(np.trace(whole[1 : 1 + d, 1 : 1 + d]))
+    of_fields = np.concatenate([[np.sqrt(whole[0, 0])], np.full(d, place), np.tile(own, d)])
+    stiff = np.sqrt(np.diag(sum(weights[weight] * part for weight, part in stiffness.items())))
+    return tuple(
+        {w: np.where(np.abs(weights[w] * part) > NOISE * np.outer(size, size), part, 0.0) for w, part in terms.items()}
+        for terms, size in ((moments, of_fields), (stiffness, stiff))
+    )
 
 
 def first_moments(moments: np.ndarray, d: int) -> tuple[np.ndarray, np.ndarray]:

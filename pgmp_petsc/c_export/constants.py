@@ -239,28 +239,17 @@ def _gaps_of(model: ReducedModel) -> tuple[GapForces | None, dict[str, np.ndarra
     n_rows, gaps = len(_flat(model.terms.terms.rows, 2)), model.multipliers and model.multipliers.gaps
     if gaps is None:
         return None, {"gap_table": np.zeros((n_rows, 1, 1)), "gap_changes": np.zeros((n_rows, 1, 1))}
-    by_loads = np.swapaxes(_flat(gaps.moved.rows, 2), 1, 2)
-    table = np.concatenate([_flat(gaps.table.rows, 2), by_loads], axis=2)
-    return gaps, {"gap_table": table, "gap_changes": _flat(gaps.changing.rows, 2)}
+    return gaps, {"gap_table": _flat(gaps.table.rows, 2), "gap_changes": _flat(gaps.changing.rows, 2)}
 
 
 def _sizes_of_gaps(gaps: GapForces | None, tables: Mapping[str, np.ndarray]) -> dict[str, int]:
     mass, stiffness, loads, damping = (0, 0, 0, 0) if gaps is None else map(len, gaps.weights)
-    names = (
-        "N_GAPS",
-        "N_GAP_ENTRIES",
-        "N_GAP_CHANGES",
-        "GAPS_CURVED",
-        "GAPS_DRIVEN",
-        "GAP_MASS",
-        "GAP_STIFFNESS",
-        "GAP_DAMPING",
-    )
-    sizes = (
-        (0,) * 5 if gaps is None else (*tables["gap_table"].shape[1:], tables["gap_changes"].shape[2], *gaps.sizes[2:])
-    )
-    counts = zip((*names, "N_GAP_TERMS"), (*sizes, mass, stiffness, damping, mass + stiffness + loads + damping))
-    return {name: int(count) for name, count in counts}
+    sizes = (0,) * 5
+    if gaps is not None:
+        sizes = (*tables["gap_table"].shape[1:], tables["gap_changes"].shape[2], *gaps.sizes[2:])
+    names = "N_GAPS N_GAP_ENTRIES N_GAP_CHANGES GAPS_CURVED GAPS_DRIVEN GAP_MASS GAP_STIFFNESS GAP_DAMPING N_GAP_TERMS"
+    counts = (*sizes, mass, stiffness, damping, mass + stiffness + loads + damping)
+    return {name: int(count) for name, count in zip(names.split(), counts, strict=True)}
 
 
 def in_c(scene: Scene, name: str) -> bool:

@@ -25,7 +25,7 @@ from click.shell_completion import CompletionItem
 
 from pgmp_petsc.api.found import Found, found
 from pgmp_petsc.base import __version__
-from pgmp_petsc.base.errors import InputError, PgmpError, nearest_name, plain_reason, visible
+from pgmp_petsc.base.errors import InputError, PgmpError, missing_extra, nearest_name, plain_reason, visible
 from pgmp_petsc.base.progress import beating
 from pgmp_petsc.base.surroundings import Comm, check_variables
 from pgmp_petsc.cli.session import Session, at_terminal, complain, painter
@@ -172,6 +172,9 @@ def _run(arguments: list[str], session: Session) -> tuple[int, str | None]:
         if comm.rank == 0:
             message = f"{message}: {what_is_kept()}"
     except BaseException as error:
+        refusal = missing_extra(error) if isinstance(error, ModuleNotFoundError) else None
+        if refusal is not None:
+            return refusal.exit_status, str(refusal)
         plain = plain_reason(error)
         status, message = 1, traceback.format_exc() if plain is None else f"pgmp: error: {plain}"
     where = f"pgmp: rank {comm.rank}:\n" if comm.size > 1 else ""

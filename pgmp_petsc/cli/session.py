@@ -60,7 +60,7 @@ _COLOURS = (
     (re.compile(rb"^(pgmp: )?error:"), {"fg": "red", "bold": True}),
     (re.compile(rb"^ *(pgmp: )?warning:|not decided by this model|NOT MET|\b[1-9]\d* failed"), {"fg": "yellow"}),
     (re.compile(rb"^ *note:"), {"dim": True}),
-    (re.compile(rb"(?<=P\()[^()]*\)\s+=\s[^;\]]*\]"), {"fg": "green"}),
+    (re.compile(rb"P\([^()]*\)\s+=\s[^;\]]*\]"), {"fg": "green"}),
 )
 _KEPT = re.compile(r"^ *warning:|not decided by this model|NOT MET|\d failed")  # of what a terminal shows in short
 

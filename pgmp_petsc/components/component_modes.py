@@ -54,7 +54,7 @@ from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.face_frame import FaceFrame
-from pgmp_petsc.bodies.floating import FloatingBody, second_moments
+from pgmp_petsc.bodies.floating import FloatingBody, second_moments, without_noise
 from pgmp_petsc.bodies.linear_fields import incommensurate, linear_fields, rigid_motions
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.solid import Solid
@@ -438,7 +438,8 @@ def in_floating_frame(
     rigid = component.fields @ rigid_motions(np.zeros(d))
     n_frames, n = len(component.frames), modes.shape[1]
     stiffness = {weight: modes.T @ matrix @ modes for weight, matrix in component.stiffness.items()}
-    shapes, moments = modes[: component.n_frame_dofs].reshape(n_frames, -1, n), _moments_of(component, modes)
+    shapes = modes[: component.n_frame_dofs].reshape(n_frames, -1, n)
+    moments, stiffness = without_noise(_moments_of(component, modes), stiffness, nominal, d)
     bent, curved = np.zeros((n_frames, d, n, n)), {}
     if component.foreshortening is not None and basis is None:
         bent, curved = foreshortened(component.foreshortening, shapes, moments)

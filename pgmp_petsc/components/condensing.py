@@ -35,7 +35,7 @@ from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.component import Component, rigid_component
-from pgmp_petsc.bodies.floating import FloatingBody
+from pgmp_petsc.bodies.floating import FloatingBody, without_noise
 from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
 from pgmp_petsc.bodies.large_deformation import SLENDER, LongAxis
 from pgmp_petsc.bodies.linear_fields import linear_fields
@@ -366,7 +366,8 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
     modes = basis @ (elastic / np.max(np.abs(moved @ elastic), axis=0))
     shapes = modes.reshape(body.n_nodes, per_node, -1)[held]
     reduced = {weight: modes.T @ matrix @ modes for weight, matrix in stiffness.items()}
-    moments, n = _moments_of_beams(body, modes), modes.shape[1]
+    moments, reduced = without_noise(_moments_of_beams(body, modes), reduced, scene.nominal, d)
+    n = modes.shape[1]
     bent, curved = np.zeros((held.size, d, n, n)), {}
     if scene.static_stiffening:
         third, *resistance = _energy_of_beams(body, modes, scene.nominal)

@@ -43,8 +43,6 @@ def of_blocks(values: np.ndarray, names: list[str], confidence: float, n_replica
     n_replicates
         Number of independent Sobol sequences that blocks are of in turn.
     """
-    from SALib.analyze.sobol import first_order, total_order
-
     d = len(names)
     blocks = values.reshape(-1, d + 2)
     known = np.isfinite(blocks).all(axis=1)
@@ -55,8 +53,10 @@ def of_blocks(values: np.ndarray, names: list[str], confidence: float, n_replica
     scaled = (blocks - blocks[known].mean()) / blocks[known].std()
 
     def indices(chosen: np.ndarray) -> np.ndarray:
-        a, mixed, b = scaled[chosen, 0], scaled[chosen, 1:-1], scaled[chosen, -1]
-        return np.array([[f(a, mixed[:, k], b) for k in range(d)] for f in (first_order, total_order)])
+        # Saltelli et al. 2010, table 2: (b) of first indices, (f) of total ones, which is Jansen's
+        a, mixed, b = scaled[chosen, :1], scaled[chosen, 1:-1], scaled[chosen, -1:]
+        parts = np.mean(b * (mixed - a), axis=0), 0.5 * np.mean((a - mixed) ** 2, axis=0)
+        return np.array(parts) / np.concatenate([a, b]).var()
 
     found = indices(known)
     ends = intervals.of_replicates(found, np.array([indices(part) for part in parts]), confidence)

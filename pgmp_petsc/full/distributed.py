@@ -168,7 +168,9 @@ class FullDistributed(FullSystem):
         if self._equations.actions:
             amplitudes = self._sources.at(np.array([time])).actions[0]
             turns = state.turns[state.turns.size - len(self._problem.actions.dofs) :, None]
-            own = act(Reference(self._problem.actions), 0, amplitudes, q, v, turns, 0.0, False).depths[0]
+            own = act(
+                Reference(self._problem.actions), self._problem.width, 0, amplitudes, q, v, turns, 0.0, False
+            ).depths[0]
         return np.concatenate(self.comm.allgather(own[self._counted_edges]))[:, None]
 
     def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:

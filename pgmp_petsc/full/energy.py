@@ -111,8 +111,8 @@ def energies_of(problem, conservative, strengths, blocks, q, v, multipliers, tur
             add_energies_of_masses(problem.masses, problem.rayleigh, block, v[k], result[KINETIC], powers)
         if problem.floating.body.size:
             add_energies_of_floating(
-                problem.floating, problem.width, problem.dimension, problem.rayleigh, block, strengths.loads[k], q[k],
-                v[k], result, powers, result[loads:actions],
+                problem.floating, problem.width, problem.rayleigh, block, strengths.loads[k], q[k], v[k], result,
+                powers, result[loads:actions],
             )  # fmt: skip
         if n_modal:
             add_modal_damping(problem.modal, problem.dimension, q[k], v[k], unwanted, nowhere, result[modal:loads])
@@ -127,8 +127,9 @@ def energies_of(problem, conservative, strengths, blocks, q, v, multipliers, tur
                 result[loads + number, lane] += problem.loads.values[entry] * strength * moved
         if n_actions:
             now = act(
-                problem.actions, block, strengths.actions[k], q[k], v[k], turns[k, n_angles:], 0.0, np.bool_(False)
-            )
+                problem.actions, problem.width, block, strengths.actions[k], q[k], v[k], turns[k, n_angles:], 0.0,
+                np.bool_(False),
+            )  # fmt: skip
             for action in range(n_actions):
                 if problem.actions.counted[action]:
                     result[actions + action] = now.powers[action]

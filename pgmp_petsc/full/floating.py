@@ -24,12 +24,13 @@ from __future__ import annotations
 from pgmp_petsc.full.forces import add_entry
 from pgmp_petsc.full.layout import n_pose_of, n_words, places_of, view_of
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import empty_lanes, items, keep, sine_cosine
+from pgmp_petsc.lanes.lane_items import empty_lanes, fused, items, keep, sine_cosine
 
 
 @njit(error_model="numpy")
-def _read(dofs, d, alpha, q, v, a, one):
+def _read(dofs, axes, alpha, q, v, a, one):
     """Fill what a body does; accelerations are with alpha times the velocities, those of the directors too."""
+    d = len(axes)
     n_pose = n_pose_of(d)
     zero = q[dofs[0]] * 0.0
     for c in range(d):
@@ -59,10 +60,11 @@ def _read(dofs, d, alpha, q, v, a, one):
 
 
 @njit(error_model="numpy")
-def _shape(table, d, one, shaped):
-    """Fill the moments of the deformed body from its table (n_words,)."""
-    n, zero = one.x.size, one.p[0] * 0.0
-    places = places_of(d, n)
+def _shape(body, axes, one, shaped):
+    """Fill the moments of the deformed body, a `View`."""
+    d = len(axes)
+    n, zero, table, rows, columns = one.x.size, one.p[0] * 0.0, body.table, body.rows, body.columns
+    places = places_of(d, n, rows)
     squares, fields, mixed, both = places.squares, places.fields, places.mixed, places.both
     for k in range(d):
         s, s1, s2 = table[1 + k], zero, zero
@@ -74,17 +76,15 @@ def _shape(table, d, one, shaped):
         shaped.h[j] = zero
     for l in range(d):
         for k in range(d):
-            at = mixed + (l * d + k) * n
-            for j in range(n):
-                shaped.g[l, k, j] = table[at + j]
+            at = (l * d + k) * n
             spin = one.spin[k, l]
-            for i in range(n):
-                x, turned = one.x[i], spin * one.x1[i]
-                row = both + ((l * d + k) * n + i) * n
-                for j in range(n):
-                    entry = table[row + j]
-                    shaped.g[l, k, j] += x * entry  # int rho w_l Psi_k
-                    shaped.h[j] += turned * entry
+            for j in range(n):
+                total, rate = table[mixed + at + j], zero
+                for entry in range(rows[at + j], rows[at + j + 1]):
+                    total = fused(table[both + entry], one.x[columns[entry]], total)
+                    rate = fused(table[both + entry], one.x1[columns[entry]], rate)
+                shaped.g[l, k, j] = total  # int rho w_l Psi_k
+                shaped.h[j] = fused(spin, rate, shaped.h[j])
             shaped.bent[l, k] = shaped.bending[l, k] = zero
             for i in range(n if table.size > places.curved else 0):
                 x, rate = one.x[i], one.x1[i]
@@ -102,18 +102,19 @@ def _shape(table, d, one, shaped):
             j1, j2 = zero, shaped.bending[l, k]
             for i in range(n):
                 g = shaped.g[l, k, i]
-                j0 += (table[at + i] + g) * one.x[i]
-                j1 += g * one.x1[i]
-                j2 += g * one.x2[i]
+                j0 = fused(table[at + i] + g, one.x[i], j0)
+                j1 = fused(g, one.x1[i], j1)
+                j2 = fused(g, one.x2[i], j2)
             shaped.j[l, k], shaped.j1[l, k], shaped.j2[l, k] = j0, j1, j2
 
 
 @njit(error_model="numpy")
-def _push(table, d, beta, one, shaped, force, pull):
+def _push(body, axes, beta, one, shaped, force, pull):
     """Fill the forces on p, d_l and xi, one after the other."""
-    n = one.x.size
-    places = places_of(d, n)
-    fields, own, stiffness, viscous = places.fields, places.mass, places.stiffness, places.viscous
+    d = len(axes)
+    n, table, rows, columns = one.x.size, body.table, body.rows, body.columns
+    places = places_of(d, n, rows)
+    fields, own, stiffness, viscous = places.fields, places.both, places.stiffness, places.viscous
     for c in range(d):
         total = table[0] * one.p[c]  # m p''
         for k in range(d):
@@ -141,20 +142,24 @@ def _push(table, d, beta, one, shaped, force, pull):
             for c in range(d):
                 turned += one.d[k, c] * one.d2[l, c]  # d_k.d_l''
             for j in range(n):
-                force[d + d * d + j] += turned * shaped.g[l, k, j]
-    for i in range(n):
-        x2, bent = one.x2[i], one.x[i] + beta * one.x1[i]
-        for j in range(n):
-            force[d + d * d + j] += table[own + i * n + j] * x2 + table[stiffness + i * n + j] * bent
+                force[d + d * d + j] = fused(turned, shaped.g[l, k, j], force[d + d * d + j])
+    for j in range(n):
+        total = force[d + d * d + j]
+        for entry in range(rows[d * d * n + j], rows[d * d * n + j + 1]):
+            i = columns[entry]
+            total = fused(table[own + entry], one.x2[i], total)
+            total = fused(table[stiffness + entry], fused(beta, one.x1[i], one.x[i]), total)
+        force[d + d * d + j] = total
 
 
 @njit(error_model="numpy")
-def _add_matrix(table, positions, d, gain_m, gain_v, gain_k, one, shaped, diagonal, lower):
+def _add_matrix(body, positions, axes, gain_m, gain_v, gain_k, one, shaped, diagonal, lower):
     """Add the tangents of a body: unknowns of the frame first, the packed lower triangle row by row."""
-    n = one.x.size
+    d = len(axes)
+    n, table, rows, columns = one.x.size, body.table, body.rows, body.columns
     n_pose = n_pose_of(d)
-    places = places_of(d, n)
-    fields, own, stiffness = places.fields, places.mass, places.stiffness
+    places = places_of(d, n, rows)
+    fields, own, stiffness = places.fields, places.both, places.stiffness
     zero = table[0] * 0.0
     at = 0
     for i in range(n_pose):
@@ -173,29 +178,35 @@ def _add_matrix(table, positions, d, gain_m, gain_v, gain_k, one, shaped, diagon
             add_entry(positions[at], gain_m * value, diagonal, lower)
             at += 1
     for i in range(n):
-        for j in range(n_pose):
+        for c in range(d):
             value = zero
-            if j < d:
+            for k in range(d):
+                value = fused(one.d[k, c], table[fields + k * n + i], value)
+            add_entry(positions[at + c], gain_m * value, diagonal, lower)
+        if d == 2:
+            value = shaped.g[0, 1, i] - shaped.g[1, 0, i]  # sum_kl (J d_k).d_l int rho w_k Psi_l
+            add_entry(positions[at + 2], gain_m * value, diagonal, lower)
+        for l in range(d if d == 3 else 0):
+            for c in range(d):
+                value = zero
                 for k in range(d):
-                    value += one.d[k, j] * table[fields + k * n + i]
-            elif d == 2:
-                value = shaped.g[0, 1, i] - shaped.g[1, 0, i]  # sum_kl (J d_k).d_l int rho w_k Psi_l
-            else:
-                for k in range(3):
-                    value += one.d[k, j % 3] * shaped.g[j // 3 - 1, k, i]
-            add_entry(positions[at], gain_m * value, diagonal, lower)
-            at += 1
-        for j in range(i + 1):
-            value = gain_m * table[own + i * n + j] + gain_k * table[stiffness + i * n + j]
+                    value = fused(one.d[k, c], shaped.g[l, k, i], value)
+                add_entry(positions[at + d + d * l + c], gain_m * value, diagonal, lower)
+        at += n_pose
+        for entry in range(rows[d * d * n + i], rows[d * d * n + i + 1]):
+            j = columns[entry]
+            if j > i:
+                continue
+            value = gain_m * table[own + entry] + gain_k * table[stiffness + entry]
             if i == j:
                 value += gain_v * table[places.viscous + i]
-            add_entry(positions[at], value, diagonal, lower)
-            at += 1
+            add_entry(positions[at + j], value, diagonal, lower)
+        at += i + 1
 
 
 @njit(cache=True, apart=True, error_model="numpy")
 def add_floating(
-    floating, width, d, rayleigh, block, amplitudes, share, q, v, a, gains, fresh, x, place, diagonal, lower
+    floating, width, rayleigh, block, amplitudes, share, q, v, a, gains, fresh, x, place, diagonal, lower
 ):  # fmt: skip
     """Add inertia, weight, elastic and damping forces of all bodies to x, and their tangents to the matrix.
 
@@ -205,19 +216,21 @@ def add_floating(
     weights, x = items(floating.gravity, width), items(x, width)
     diagonal, lower = items(diagonal, width), items(lower, width)
     gain_v, gain_a, gain_k = gains
+    axes, d = floating.axes, len(floating.axes)
     n_pose = n_pose_of(d)
     space = empty_lanes(n_words(floating, d), len(width))
     work = items(space, width)
     for k in range(floating.body.size):
         beta, alpha = rayleigh[floating.body[k], 0], rayleigh[floating.body[k], 1]
-        n, dofs, table, one, shaped, force, pull = view_of(work, floating, k, tables[block], d)
-        _read(dofs, d, alpha, q, v, a, one)
+        body = view_of(work, floating, k, tables[block], d)
+        n, dofs, one, shaped, force = body.n, body.dofs, body.one, body.shaped, body.force
+        _read(dofs, axes, alpha, q, v, a, one)
         for number in range(floating.gravity_loads.size):
             strength = share * amplitudes[floating.gravity_loads[number]]
             for c in range(d):
                 one.p[c] -= strength * weights[block, number, c]
-        _shape(table, d, one, shaped)
-        _push(table, d, beta, one, shaped, force, pull)
+        _shape(body, axes, one, shaped)
+        _push(body, axes, beta, one, shaped, force, body.pull)
         for c in range(d):
             x[place[dofs[c]]] += force[c]
         if d == 2:
@@ -231,17 +244,17 @@ def add_floating(
         if fresh:
             positions = floating.positions[floating.firsts[k, 2] : floating.firsts[k + 1, 2]]
             gain_m, stiffer = gain_a + alpha * gain_v, gain_k * (1.0 + beta * gain_v)
-            _add_matrix(table, positions, d, gain_m, gain_v, stiffer, one, shaped, diagonal, lower)
+            _add_matrix(body, positions, axes, gain_m, gain_v, stiffer, one, shaped, diagonal, lower)
     keep(space)
 
 
 @njit(cache=True, apart=True, error_model="numpy")
-def add_energies_of_floating(floating, width, d, rayleigh, block, amplitudes, q, v, result, powers, weights):
+def add_energies_of_floating(floating, width, rayleigh, block, amplitudes, q, v, result, powers, weights):
     """Add kinetic and strain energy of the bodies that are counted here, the power of their damping (n_bodies,
     n_lanes), and the potential energy of their weight to that of the loads (n_loads, n_lanes)."""
     q, v, tables = items(q, width), items(v, width), items(floating.table, width)
     result, powers, weights = items(result, width), items(powers, width), items(weights, width)
-    falls = items(floating.gravity, width)
+    falls, axes, d = items(floating.gravity, width), floating.axes, len(floating.axes)
     space = empty_lanes(n_words(floating, d), len(width))
     work = items(space, width)
     for b in range(floating.body.size):
@@ -249,11 +262,12 @@ def add_energies_of_floating(floating, width, d, rayleigh, block, amplitudes, q,
             continue
         body = floating.body[b]
         beta, alpha = rayleigh[body, 0], rayleigh[body, 1]
-        n, dofs, table, one, shaped, _, _ = view_of(work, floating, b, tables[block], d)
-        _read(dofs, d, 0.0, q, v, v, one)
-        _shape(table, d, one, shaped)
-        places = places_of(d, n)
-        own, stiffness = places.mass, places.stiffness
+        view = view_of(work, floating, b, tables[block], d)
+        n, dofs, table, rows, one, shaped = view.n, view.dofs, view.table, view.rows, view.one, view.shaped
+        _read(dofs, axes, 0.0, q, v, v, one)
+        _shape(view, axes, one, shaped)
+        places = places_of(d, n, rows)
+        own, stiffness = places.both, places.stiffness
         moving, strain, viscous, braked = one.p[0] * 0.0, one.p[0] * 0.0, one.p[0] * 0.0, one.p[0] * 0.0
         for c in range(d):
             moving += table[0] * one.p[c] * one.p[c]  # p is p' here
@@ -264,10 +278,11 @@ def add_energies_of_floating(floating, width, d, rayleigh, block, amplitudes, q,
                     moving += 2.0 * one.d1[l, c] * one.d[k, c] * shaped.j1[l, k]  # d_l' w_l . d_k w_k'
         for i in range(n):
             braked += one.x1[i] * one.x1[i] * table[places.viscous + i]
-            for j in range(n):
-                moving += one.x1[i] * one.x1[j] * table[own + i * n + j]
-                strain += one.x[i] * one.x[j] * table[stiffness + i * n + j]
-                viscous += one.x1[i] * one.x1[j] * table[stiffness + i * n + j]
+            for entry in range(rows[d * d * n + i], rows[d * d * n + i + 1]):
+                j = view.columns[entry]
+                moving += one.x1[i] * one.x1[j] * table[own + entry]
+                strain += one.x[i] * one.x[j] * table[stiffness + entry]
+                viscous += one.x1[i] * one.x1[j] * table[stiffness + entry]
         result[0] += 0.5 * moving
         result[1] += 0.5 * strain
         powers[body] -= beta * viscous + alpha * moving + braked

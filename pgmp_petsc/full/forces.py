@@ -17,21 +17,23 @@ from pgmp_petsc.effects.action import BY_LOAD, LED, Actions
 from pgmp_petsc.effects.law import Laws, obey
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import ALONE, items, keep
+from pgmp_petsc.lanes.lane_items import empty_lanes, items, keep
 from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, state
 
 
 @njit(cache=True, apart=True, error_model="numpy")
 def evaluate_actions(
-    actions, entries, amplitudes, y, rates, known, gain_v, with_tangents, about, forces, slopes, stiffness, tangents,
-    powers, stored, depths
+    actions, width, entries, amplitudes, y, rates, known, gain_v, with_tangents, about, forces, slopes, stiffness,
+    tangents, powers, stored, depths
 ):  # fmt: skip
-    """Evaluate all actions for all samples.
+    """Evaluate all actions for all samples: statements side by side, in lanes, and laws one by one.
 
     Parameters
     ----------
     actions, amplitudes
         As from `compile_actions`, `amplitudes_over`.
+    width
+        As many numbers as there are samples; see `lane_items`.
     entries
         Which entries of the tangents are wanted: first one of each action (n_actions + 1,), rows and columns among the
         unknowns of the nodes of its terms, each (n_entries,).
@@ -62,25 +64,33 @@ def evaluate_actions(
         Result: how far each edge of a law is crossed, negative where it is not, shape (n_samples, n_edges).
     """
     starts, rows, columns = entries
-    firsts, statements, width, most = actions.firsts, actions.statements, y.shape[1], 1
+    firsts, statements, m, n_lanes, most = actions.firsts, actions.statements, y.shape[1], y.shape[2], 1
     for k in range(firsts.size - 1):
         most = max(most, firsts[k + 1] - firsts[k])
-    scratch, own, near = scratch_of(statements, width // 2, ALONE), np.zeros((width, 1)), np.empty(1)
-    g, h = np.zeros((most, width, 1)), np.zeros((most, width, width, 1))
-    leading = np.zeros((2, y.shape[2]))  # measures of the actions that lead, and their rates
+    scratch, h = (
+        scratch_of(statements, m // 2, width),
+        empty_lanes(most * m * m, n_lanes).reshape((most, m, m, n_lanes)),
+    )
+    leading = np.zeros((2, n_lanes))  # measures of the actions that lead, and their rates
+    measured = empty_lanes(2, n_lanes)
+    of, moved, all_slopes = items(measured, width), items(rates, width), items(slopes, width)
     for k in range(actions.laws.addresses.size):
         first = firsts[k]
         n_terms = firsts[k + 1] - first
-        for sample in range(y.shape[2]):
+        curved = with_tangents and starts[k + 1] > starts[k]
+        for term in range(n_terms):
+            at = first + term
+            s = state(statements, at, y[at], known[at], curved, scratch, width, slopes[at], h[term])
+            rate = 0.0 * s
+            for i in range(m):
+                rate += all_slopes[at, i] * moved[at, i]
+            if term == 0:
+                of[0], of[1] = s, rate
+            else:
+                of[0], of[1] = of[0] + s, of[1] + rate
+        for sample in range(n_lanes):
             p = actions.parameters[k, sample]
-            s = rate = 0.0
-            for term in range(n_terms):
-                for i in range(width):
-                    own[i, 0] = y[first + term, i, sample]
-                near[0] = known[first + term, sample]
-                s += state(statements, first + term, own, near, with_tangents, scratch, ALONE, g[term], h[term])
-                for i in range(width):
-                    rate += g[term, i, 0] * rates[first + term, i, sample]
+            s, rate = measured[0, sample], measured[1, sample]
             led, by_load, amplitude = actions.roles[k] == LED, actions.roles[k] == BY_LOAD, amplitudes[k]
             at, at_rate = s, rate
             if led or by_load:
@@ -98,18 +108,20 @@ def evaluate_actions(
                 about[k, sample] = found.about
             powers[k, sample] = (found.force - (0.0 if led else found.elastic)) * rate
             stored[k, sample] = 0.0 if led else found.stored
-            for term in range(n_terms):
-                for i in range(width):
-                    forces[first + term, i, sample] = found.force * g[term, i, 0]
-                    slopes[first + term, i, sample] = g[term, i, 0]
+            for term in range(first, first + n_terms):
+                for i in range(m):
+                    forces[term, i, sample] = found.force * slopes[term, i, sample]
             own_stiffness = 0.0 if led else (0.0 if by_load else found.stiffness) + gain_v * found.damping
             stiffness[k, sample] = own_stiffness
-            for entry in range(starts[k], starts[k + 1] if with_tangents else starts[k]):
-                one, other = rows[entry] // width, columns[entry] // width
-                i, j = rows[entry] - one * width, columns[entry] - other * width
+            for entry in range(starts[k], starts[k + 1] if curved else starts[k]):
+                one, other = rows[entry] // m, columns[entry] // m
+                i, j = rows[entry] - one * m, columns[entry] - other * m
                 # a force that turns with its body has no symmetric tangent; its mean serves the factorisation
-                bent = 0.5 * found.force * (h[one, i, j, 0] + h[one, j, i, 0]) if one == other else 0.0
-                tangents[entry, sample] = own_stiffness * g[one, i, 0] * g[other, j, 0] - bent
+                bent = 0.5 * found.force * (h[one, i, j, sample] + h[one, j, i, sample]) if one == other else 0.0
+                both = slopes[first + one, i, sample] * slopes[first + other, j, sample]
+                tangents[entry, sample] = own_stiffness * both - bent
+    keep(measured)
+    keep(h)
 
 
 class Loads(NamedTuple):
@@ -165,7 +177,7 @@ def add_loads(loads, width, block, amplitudes, share, x, place):
 
 
 @njit(cache=True, apart=_ACTED, error_model="numpy")
-def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents, iterating=False):
+def act(actions, width, block, amplitudes, q, v, turns, gain_v, with_tangents, iterating=False):
     """Evaluate the actions of a block at q and v (n_dofs, n_lanes), for an iteration in time or as they are.
 
     Angles are those nearest to `turns`, shape (n_terms, n_lanes), rad, or (0, n_lanes) in the plane, where they count
@@ -173,7 +185,7 @@ def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents, iteratin
     """
     (n_terms, m), n, n_lanes = actions.dofs.shape, actions.firsts.size - 1, q.shape[1]
     y, rates, forces = np.zeros((n_terms, m, n_lanes)), np.zeros((n_terms, m, n_lanes)), np.empty((n_terms, m, n_lanes))
-    slopes, stiffness = np.empty((n_terms, m, n_lanes)), np.empty((n, n_lanes))
+    slopes, stiffness = np.zeros((n_terms, m, n_lanes)), np.empty((n, n_lanes))
     powers, stored = np.empty((n, n_lanes)), np.empty((n, n_lanes))
     laws = loaded(actions.laws)
     depths = np.empty((n_lanes, laws.edges[n]))
@@ -186,7 +198,7 @@ def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents, iteratin
     known = turns if turns.shape[0] else np.zeros((n_terms, n_lanes))
     about = actions.about[block][: n if iterating else 0]
     evaluate_actions(
-        Actions(loaded(actions.statements), laws, actions.parameters[block], actions.roles, actions.firsts),
+        Actions(loaded(actions.statements), laws, actions.parameters[block], actions.roles, actions.firsts), width,
         actions.entries, amplitudes, y, rates, known, gain_v, with_tangents, about, forces, slopes, stiffness, tangents,
         powers, stored, depths,
     )  # fmt: skip
@@ -196,7 +208,7 @@ def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents, iteratin
 @njit(cache=True, apart=True, error_model="numpy")
 def add_actions(actions, width, block, amplitudes, share, q, v, turns, gains, fresh, x, place, diagonal, lower):
     """Take a share of the forces of all actions from x, and add their tangents to the matrix; `turns` as for `act`."""
-    now = act(actions, block, amplitudes, q, v, turns, gains[0], fresh, gains[0] != 0.0)
+    now = act(actions, width, block, amplitudes, q, v, turns, gains[0], fresh, gains[0] != 0.0)
     forces, tangents = items(now.forces, width), items(now.tangents, width)
     x, diagonal, lower = items(x, width), items(diagonal, width), items(lower, width)
     n, m = actions.dofs.shape

@@ -75,7 +75,7 @@ def evaluate_in_joints(problem, joints, block, amplitudes, angles, residual, sta
         )
     if problem.floating.body.size:
         add_floating(
-            problem.floating, width, d, problem.rayleigh, block, amplitudes[0], 1.0, q, v, a, gains, fresh, x,
+            problem.floating, width, problem.rayleigh, block, amplitudes[0], 1.0, q, v, a, gains, fresh, x,
             joints.turn, entries, entries,
         )  # fmt: skip
     if problem.modal.kinds.size:
@@ -111,7 +111,7 @@ def _add_actions(problem, joints, block, amplitudes, y, turns, gains, fresh, mat
     matrix."""
     width, room, actions = problem.width, joints.room, problem.actions
     of_actions = turns[problem.angles.dofs.shape[0] :]
-    now = act(actions, block, amplitudes, room.q, room.v, of_actions, gains[0], fresh, gains[0] != 0.0)
+    now = act(actions, width, block, amplitudes, room.q, room.v, of_actions, gains[0], fresh, gains[0] != 0.0)
     forces, slopes, stiffness = items(now.forces, width), items(now.slopes, width), items(now.stiffness, width)
     x, one, row, matrix = items(room.x, width), items(room.one, width), items(room.row, width), items(matrix, width)
     n_terms, m = actions.dofs.shape

@@ -57,8 +57,9 @@ class Room(NamedTuple):
 
 
 @njit(error_model="numpy")
-def _frame(z, at, place, turn, d, out, to):
+def _frame(z, at, place, turn, axes, out, to):
     """Fill the frame at a place and a turn in another: ``p + D c``, ``D A``."""
+    d = len(axes)
     for c in range(d):
         total = z[at + c]
         for k in range(d):
@@ -73,8 +74,9 @@ def _frame(z, at, place, turn, d, out, to):
 
 
 @njit(error_model="numpy")
-def _held(z, at, arm, turn, d, out, to):
+def _held(z, at, arm, turn, axes, out, to):
     """Fill the frame that a joint holds from the joint's: ``D B^T``, ``p - D B^T c``."""
+    d = len(axes)
     for k in range(d):
         for c in range(d):
             total = turn[k, 0] * z[at + d + c]
@@ -89,8 +91,9 @@ def _held(z, at, arm, turn, d, out, to):
 
 
 @njit(error_model="numpy")
-def _move(tree, k, d, y, y1, y2, e):
+def _move(tree, k, axes, y, y1, y2, e):
     """Move the frames e of a joint, its own, their rates and accelerations, by what it turns and slides."""
+    d = len(axes)
     n, turning, sliding = d * (d + 1), tree.firsts[k, 0], tree.firsts[k, 1]
     if sliding >= 0:
         s, s1, s2 = y[sliding], y1[sliding], y2[sliding]
@@ -115,8 +118,9 @@ def _move(tree, k, d, y, y1, y2, e):
 
 
 @njit(error_model="numpy")
-def _deform(tree, face, d, n, x, x1, x2, first, ways, turned):
+def _deform(tree, face, axes, n, x, x1, x2, first, ways, turned):
     """Fill how a face is displaced and turned in its body, amplitudes x (n,) from `first` on."""
+    d = len(axes)
     n_turns, m = 1 if d == 2 else 3, d * d
     own, to = ways[face], turned[face]
     at, bent = tree.at[face, 0], tree.at[face, 1]
@@ -209,7 +213,7 @@ def _rotate(to, zero):
 @njit(cache=True, apart=True, error_model="numpy")
 def place(tree, width, y, y1, y2, room):
     """Fill the unknowns of all frames and amplitudes, their rates and accelerations from coordinates (n_y, n_lanes)."""
-    d = len(tree.axes)
+    axes, d = tree.axes, len(tree.axes)
     n = d * (d + 1)
     y, y1, y2 = items(y, width), items(y1, width), items(y2, width)
     q, v, a = items(room.q, width), items(room.v, width), items(room.a, width)
@@ -224,7 +228,7 @@ def place(tree, width, y, y1, y2, room):
             at = tree.internal[k] + i
             q[at], v[at], a[at] = y[first + i], y1[first + i], y2[first + i]
         for face in range(tree.faces[k], tree.faces[k + 1]):
-            _deform(tree, face, d, n_own, y, y1, y2, first, ways, turned)
+            _deform(tree, face, axes, n_own, y, y1, y2, first, ways, turned)
         if tree.kinds[k] == FREE:
             if d == 3:
                 for c in range(n):
@@ -251,9 +255,9 @@ def place(tree, width, y, y1, y2, room):
                         e[d + d * j + c] = zero + tree.before[k, 1 + c, j]
             else:
                 spot, triad = tree.before[k, 0], tree.before[k, 1:]
-                _frame(z, n * on, spot, triad, d, e, 0)
-                _frame(z1, n * on, spot, triad, d, e, n)
-                _frame(z2, n * on, spot, triad, d, e, 2 * n)
+                _frame(z, n * on, spot, triad, axes, e, 0)
+                _frame(z1, n * on, spot, triad, axes, e, n)
+                _frame(z2, n * on, spot, triad, axes, e, 2 * n)
                 if d == 2:
                     angle, angle1, angle2 = q[3 * on + 2], v[3 * on + 2], a[3 * on + 2]
             to = n * held
@@ -269,11 +273,11 @@ def place(tree, width, y, y1, y2, room):
                         p, p1, p2 = p - arm[j] * z[at], p1 - arm[j] * z1[at], p2 - arm[j] * z2[at]
                     z[to + c], z1[to + c], z2[to + c] = p, p1, p2
             else:
-                _move(tree, k, d, y, y1, y2, e)
+                _move(tree, k, axes, y, y1, y2, e)
                 arm, triad = tree.after[k, 0], tree.after[k, 1:]
-                _held(e, 0, arm, triad, d, z, to)
-                _held(e, n, arm, triad, d, z1, to)
-                _held(e, 2 * n, arm, triad, d, z2, to)
+                _held(e, 0, arm, triad, axes, z, to)
+                _held(e, n, arm, triad, axes, z1, to)
+                _held(e, 2 * n, arm, triad, axes, z2, to)
                 angle = angle + tree.rest[k]
                 if tree.firsts[k, 0] >= 0:
                     turning = tree.firsts[k, 0]
@@ -282,7 +286,7 @@ def place(tree, width, y, y1, y2, room):
                 q[3 * held + 2], v[3 * held + 2], a[3 * held + 2] = angle, angle1, angle2
             for face in range(tree.faces[k], tree.faces[k + 1]):
                 if tree.face_nodes[face] == held:
-                    _inward_frame(ways[face], turned[face], d, n * held, n * base, z, z1, z2)
+                    _inward_frame(ways[face], turned[face], axes, n * held, n * base, z, z1, z2)
                     if d == 2:
                         for i in range(n_own):
                             slope = ways[face][3 * d + d * n_own + i]
@@ -294,7 +298,7 @@ def place(tree, width, y, y1, y2, room):
             node = tree.face_nodes[face]
             if node == held and tree.kinds[k] != FREE:
                 continue
-            _outward_frame(ways[face], turned[face], d, n * base, n * node, z, z1, z2)
+            _outward_frame(ways[face], turned[face], axes, n * base, n * node, z, z1, z2)
             if d == 2:
                 turn, turn1, turn2 = angle, angle1, angle2
                 for i in range(n_own):
@@ -309,8 +313,9 @@ def place(tree, width, y, y1, y2, room):
 
 
 @njit(error_model="numpy")
-def _outward_frame(own, turn, d, at, to, z, z1, z2):
+def _outward_frame(own, turn, axes, at, to, z, z1, z2):
     """Fill a face's frame from the floating one."""
+    d = len(axes)
     m = d * d
     for c in range(d):
         p, p1, p2 = z[at + c], z1[at + c], z2[at + c]
@@ -331,8 +336,9 @@ def _outward_frame(own, turn, d, at, to, z, z1, z2):
 
 
 @njit(error_model="numpy")
-def _inward_frame(own, turn, d, at, to, z, z1, z2):
+def _inward_frame(own, turn, axes, at, to, z, z1, z2):
     """Fill the floating frame from that of a face."""
+    d = len(axes)
     m = d * d
     for c in range(d):
         for l in range(d):
@@ -353,7 +359,7 @@ def _inward_frame(own, turn, d, at, to, z, z1, z2):
 
 
 @njit(error_model="numpy")
-def natural_forces(d, x, f, z, n_nodes):
+def natural_forces(x, f, z, n_nodes):
     """Turn forces on ``(x, y, phi)`` of nodes in the plane into those on frames."""
     for node in range(n_nodes):
         f[6 * node], f[6 * node + 1], moment = x[3 * node], x[3 * node + 1], x[3 * node + 2]
@@ -362,8 +368,9 @@ def natural_forces(d, x, f, z, n_nodes):
 
 
 @njit(error_model="numpy")
-def to_floating(own, turn, d, f, at, out, to):
+def to_floating(own, turn, axes, f, at, out, to):
     """Add forces on a face's frame to those on the floating one, amplitudes held."""
+    d = len(axes)
     for c in range(d):
         push = f[at + c]
         out[to + c] += push
@@ -375,8 +382,9 @@ def to_floating(own, turn, d, f, at, out, to):
 
 
 @njit(error_model="numpy")
-def to_face(own, turn, d, f, at, out, to):
+def to_face(own, turn, axes, f, at, out, to):
     """Add forces on the floating frame to those on the face's that holds it, amplitudes held."""
+    d = len(axes)
     for c in range(d):
         push = f[at + c]
         out[to + c] += push
@@ -387,9 +395,10 @@ def to_face(own, turn, d, f, at, out, to):
 
 
 @njit(error_model="numpy")
-def on_face(own, turn, d, z, base, f, at, g):
+def on_face(own, turn, axes, z, base, f, at, g):
     """Fill what forces on a face's frame do on its ways and turns in the body, g (d + n_turns,), with the floating
     frame held."""
+    d = len(axes)
     for l in range(d):
         total = z[base + d + d * l] * f[at]
         for c in range(1, d):
@@ -407,8 +416,9 @@ def on_face(own, turn, d, z, base, f, at, g):
 
 
 @njit(error_model="numpy")
-def on_floating(own, turn, d, z, base, held, f, at, g):
+def on_floating(own, turn, axes, z, base, held, f, at, g):
     """Fill what forces on the floating frame do on ways and turns of the face that holds it, with that held."""
+    d = len(axes)
     for l in range(d):
         total = z[base + d + d * l] * f[at]
         for c in range(1, d):
@@ -426,12 +436,13 @@ def on_floating(own, turn, d, z, base, held, f, at, g):
 
 
 @njit(error_model="numpy")
-def to_joint(tree, k, d, cos, sin, s, z, f, at, to):
+def to_joint(tree, k, axes, cos, sin, s, z, f, at, to):
     """Add forces on the frame that a joint holds to those on the frame that it is on; return what they do along and
     about the joint. Those on the held frame are left as about the joint's point.
 
     `s`, `cos` and `sin` are of the joint's motion, `at` and `to` where both frames begin, the latter -1 on the ground.
     """
+    d = len(axes)
     zero = 0.0 * f[at]
     arm, triad, spot, frame = tree.after[k, 0], tree.after[k, 1:], tree.before[k, 0], tree.before[k, 1:]
     by_axes, turns, slides = tree.kinds[k] == BY_AXES, tree.firsts[k, 0] >= 0, tree.firsts[k, 1] >= 0
@@ -469,13 +480,13 @@ def to_joint(tree, k, d, cos, sin, s, z, f, at, to):
 def gather_forces(tree, width, y, x, room, into):
     """Fill forces on coordinates, (n_y, n_lanes), from those on unknowns, x (n_dofs or more, n_lanes), which are used
     up; frames and faces are as `place` left them."""
-    d = len(tree.axes)
+    axes, d = tree.axes, len(tree.axes)
     n, n_turns = d * (d + 1), 1 if d == 2 else 3
     z, ways, turned, x = items(room.z, width), items(room.ways, width), items(room.turned, width), items(x, width)
     f, g, into, y = items(room.f, width), items(room.local, width), items(into, width), items(y, width)
     zero = 0.0 * y[0]
     if d == 2:
-        natural_forces(d, x, f, z, f.size // n)
+        natural_forces(x, f, z, f.size // n)
     else:
         f = x
     for k in range(tree.kinds.size - 1, -1, -1):
@@ -487,15 +498,15 @@ def gather_forces(tree, width, y, x, room, into):
         for face in range(tree.faces[k], tree.faces[k + 1]):
             node = tree.face_nodes[face]
             if node != held or tree.kinds[k] == FREE:
-                on_face(ways[face], turned[face], d, z, at, f, n * node, g)
-                to_floating(ways[face], turned[face], d, f, n * node, f, at)
+                on_face(ways[face], turned[face], axes, z, at, f, n * node, g)
+                to_floating(ways[face], turned[face], axes, f, n * node, f, at)
                 for t in range(d + n_turns):
                     for i in range(n_own):
                         into[first + i] += g[t] * ways[face][3 * d + t * n_own + i]
         for face in range(tree.faces[k], tree.faces[k + 1] if tree.kinds[k] != FREE else 0):
             if tree.face_nodes[face] == held:
-                on_floating(ways[face], turned[face], d, z, at, n * held, f, at, g)
-                to_face(ways[face], turned[face], d, f, at, f, n * held)
+                on_floating(ways[face], turned[face], axes, z, at, n * held, f, at, g)
+                to_face(ways[face], turned[face], axes, f, at, f, n * held)
                 for t in range(d + n_turns):
                     for i in range(n_own):
                         into[first + i] += g[t] * ways[face][3 * d + t * n_own + i]
@@ -511,7 +522,7 @@ def gather_forces(tree, width, y, x, room, into):
         turning, sliding = tree.firsts[k, 0], tree.firsts[k, 1]
         sin, cos = sine_cosine(y[turning] if turning >= 0 else zero)
         s = y[sliding] if sliding >= 0 else zero
-        about, along = to_joint(tree, k, d, cos, sin, s, z, f, n * held, n * on if on >= 0 else -1)
+        about, along = to_joint(tree, k, axes, cos, sin, s, z, f, n * held, n * on if on >= 0 else -1)
         if turning >= 0:
             into[turning] = about
         if sliding >= 0:

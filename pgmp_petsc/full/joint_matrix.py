@@ -41,8 +41,9 @@ def column_size(d):
 
 
 @njit(error_model="numpy")
-def _add_inertia(d, z, at, inertia, first, to, spare):
+def _add_inertia(axes, z, at, inertia, first, to, spare):
     """Add an inertia of a frame, of 1 and its axes, to one of 1 and the ground's, ``E P E^T``."""
+    d = len(axes)
     n = 1 + d
     for i in range(n):
         for j in range(n):
@@ -65,8 +66,9 @@ def _add_inertia(d, z, at, inertia, first, to, spare):
 
 
 @njit(error_model="numpy")
-def _add_masses(problem, width, block, gains, inertia, d, z, spare):
+def _add_masses(problem, width, block, gains, inertia, axes, z, spare):
     """Add the inertia of all nodes' own masses."""
+    d = len(axes)
     n, (gain_v, gain_a, _), zero = (1 + d) * (1 + d), gains, 0.0 * z[0]
     if d == 3:
         densities = items(problem.masses.density, width)
@@ -75,7 +77,7 @@ def _add_masses(problem, width, block, gains, inertia, d, z, spare):
             node = problem.masses.dofs[k, 0] // 12
             for i in range(16):
                 spare[STEP + i] = gain * densities[block, k, i // 4, i % 4]
-            _spread(d, z, 12 * node, spare, inertia, n * node)
+            _spread(axes, z, 12 * node, spare, inertia, n * node)
     else:
         masses, sections = items(problem.lumps.mass, width), items(problem.section, width)
         for k in range(problem.lumps.dofs.size):
@@ -87,21 +89,23 @@ def _add_masses(problem, width, block, gains, inertia, d, z, spare):
                 spare[STEP] = gain * masses[block, k]
             elif part == 2:
                 spare[STEP + 4] = spare[STEP + 8] = 0.5 * gain * masses[block, k]
-            _spread(d, z, 6 * node, spare, inertia, n * node)
+            _spread(axes, z, 6 * node, spare, inertia, n * node)
 
 
 @njit(error_model="numpy")
-def _spread(d, z, at, spare, inertia, to):
+def _spread(axes, z, at, spare, inertia, to):
     """Add the inertia of a frame that is in the spare room to one of the ground's frame."""
-    _add_inertia(d, z, at, spare, STEP, WHOLE, spare)
+    d = len(axes)
+    _add_inertia(axes, z, at, spare, STEP, WHOLE, spare)
     for i in range((1 + d) * (1 + d)):
         inertia[to + i] += spare[WHOLE + i]
         spare[WHOLE + i] = 0.0 * z[0]
 
 
 @njit(error_model="numpy")
-def _own_inertia(packed, d, z, at, spare, inertia, to):
+def _own_inertia(packed, axes, z, at, spare, inertia, to):
     """Add a flexible body's own inertia from its packed tangents."""
+    d = len(axes)
     if d == 3:
         spare[STEP] = packed[0]
         for i in range(3):
@@ -120,12 +124,13 @@ def _own_inertia(packed, d, z, at, spare, inertia, to):
         spare[STEP + 2] = spare[STEP + 6] = other
         spare[STEP + 4] = spare[STEP + 8] = 0.5 * turning
         spare[STEP + 5] = spare[STEP + 7] = 0.0 * turning
-    _spread(d, z, at, spare, inertia, to)
+    _spread(axes, z, at, spare, inertia, to)
 
 
 @njit(error_model="numpy")
-def _own_column(packed, line, d, z, at, columns, to, tensors):
+def _own_column(packed, line, axes, z, at, columns, to, tensors):
     """Fill the column of an amplitude, its frame held, from the packed tangents."""
+    d = len(axes)
     if d == 2:
         x, y = packed[line], packed[line + 1]
         columns[to], columns[to + 1] = x, y
@@ -151,8 +156,9 @@ def _moment(columns, to):
 
 
 @njit(error_model="numpy")
-def _forces(inertia, at, d, way, first, out, to, tensors):
+def _forces(inertia, at, axes, way, first, out, to, tensors):
     """Fill the force of a rigid motion: its sum and moment, and its tensor where that is wanted."""
+    d = len(axes)
     if d == 2:
         x, y, turn = way[first], way[first + 1], way[first + 2]
         m, s, t = inertia[at], inertia[at + 1], inertia[at + 2]
@@ -177,7 +183,8 @@ def _forces(inertia, at, d, way, first, out, to, tensors):
 
 
 @njit(error_model="numpy", forceinline=True)
-def _dot(d, one, first, other, second):
+def _dot(axes, one, first, other, second):
+    d = len(axes)
     total = one[first] * other[second]
     for i in range(1, 3 if d == 2 else 6):
         total = fused(one[first + i], other[second + i], total)
@@ -185,8 +192,9 @@ def _dot(d, one, first, other, second):
 
 
 @njit(error_model="numpy")
-def _face_motions(own, turn, d, n_own, z, base, node, spare, moves):
+def _face_motions(own, turn, axes, n_own, z, base, node, spare, moves):
     """Fill the motion of what is on a face for every amplitude, the floating frame held, moves (n_own, n_s)."""
+    d = len(axes)
     n_turns = 1 if d == 2 else 3
     n_ways = d + n_turns
     for t in range(n_turns):
@@ -223,9 +231,10 @@ def _face_motions(own, turn, d, n_own, z, base, node, spare, moves):
 
 
 @njit(error_model="numpy")
-def _flexible(tree, k, d, z, ways, turned, packed, inertia, columns, moves, forces, matrix, spare, n_all):
+def _flexible(tree, k, axes, z, ways, turned, packed, inertia, columns, moves, forces, matrix, spare, n_all):
     """Fill columns and entries of a flexible body's amplitudes, and add its inertia and what its faces carry to that of
     the frame that holds it."""
+    d = len(axes)
     n, m, n_ways, size = d * (d + 1), (1 + d) * (1 + d), d + (1 if d == 2 else 3), column_size(d)
     held, base, first, n_own = tree.nodes[k, 1], tree.nodes[k, 2], tree.firsts[k, 3], tree.n_amplitudes[k]
     tensors, n_pose, zero, free = tree.tensors, 3 if d == 2 else 12, 0.0 * z[0], tree.kinds[k] == FREE
@@ -234,16 +243,16 @@ def _flexible(tree, k, d, z, ways, turned, packed, inertia, columns, moves, forc
         own[i] = zero
     for face in range(tree.faces[k], tree.faces[k + 1] if not free else 0):
         if tree.face_nodes[face] == held:
-            _face_motions(ways[face], turned[face], d, n_own, z, n * base, n * held, spare, own)
+            _face_motions(ways[face], turned[face], axes, n_own, z, n * base, n * held, spare, own)
             for i in range(n_ways * n_own):
                 own[i] = -own[i]
-    _own_inertia(packed, d, z, n * base, spare, inertia, m * base)
+    _own_inertia(packed, axes, z, n * base, spare, inertia, m * base)
     for i in range(n_own):
         line, to = (n_pose + i) * (n_pose + i + 1) // 2, size * (first + i)
-        _own_column(packed, line, d, z, n * base, columns, to, tensors)
+        _own_column(packed, line, axes, z, n * base, columns, to, tensors)
         for t in range(n_ways):  # kept: what the amplitude does alone
             moves[1][n_ways * i + t] = columns[to + t]
-        _forces(inertia, m * base, d, own, n_ways * i, forces, size * i, tensors)
+        _forces(inertia, m * base, axes, own, n_ways * i, forces, size * i, tensors)
         for t in range(size if tensors or d == 2 else 6):
             columns[to + t] += forces[size * i + t]
     for i in range(n_own):
@@ -259,23 +268,23 @@ def _flexible(tree, k, d, z, ways, turned, packed, inertia, columns, moves, forc
         if not tree.carries[node] or (node == held and not free):
             continue
         out = moves[1]
-        _face_motions(ways[face], turned[face], d, n_own, z, n * base, n * node, spare, out)
+        _face_motions(ways[face], turned[face], axes, n_own, z, n * base, n * node, spare, out)
         for i in range(n_ways * n_own):
             out[i] += own[i]
         for i in range(n_own):
-            _forces(inertia, m * node, d, out, n_ways * i, forces, size * i, tensors)
+            _forces(inertia, m * node, axes, out, n_ways * i, forces, size * i, tensors)
             for t in range(size if tensors or d == 2 else 6):
                 columns[size * (first + i) + t] += forces[size * i + t]
         for j in range(n_own):
             at = first_of(first + j, n_all) + first
             for i in range(j, n_own):
-                matrix[at + i] += _dot(d, out, n_ways * j, forces, size * i)
+                matrix[at + i] += _dot(axes, out, n_ways * j, forces, size * i)
         for child in range(k + 1, tree.kinds.size):
             if tree.nodes[child, 0] == node:
                 for i in range(n_own):
                     at = first_of(first + i, n_all)
                     for j in range(tree.firsts[child, 5], tree.firsts[child, 4]):
-                        matrix[at + j] = _dot(d, out, n_ways * i, columns, size * j)
+                        matrix[at + j] = _dot(axes, out, n_ways * i, columns, size * j)
         for i in range(m):
             inertia[m * base + i] += inertia[m * node + i]
     if not free:
@@ -284,8 +293,9 @@ def _flexible(tree, k, d, z, ways, turned, packed, inertia, columns, moves, forc
 
 
 @njit(error_model="numpy")
-def _by_axes(tree, k, d, z, inertia, columns, matrix, spare, n_all):
+def _by_axes(tree, k, axes, z, inertia, columns, matrix, spare, n_all):
     """Fill columns and entries of what a joint turns and slides."""
+    d = len(axes)
     n, m, size, zero = d * (d + 1), (1 + d) * (1 + d), column_size(d), 0.0 * z[0]
     at, start, end = n * tree.nodes[k, 1], tree.firsts[k, 5], tree.firsts[k, 4]
     arm, triad, n_own = tree.after[k, 0], tree.after[k, 1:], tree.firsts[k, 3] - tree.firsts[k, 5]
@@ -312,16 +322,17 @@ def _by_axes(tree, k, d, z, inertia, columns, matrix, spare, n_all):
                 spare[own + c] = spare[STEP + d + c]
         first = first_of(start + u, n_all)
         for j in range(start + n_own, end):
-            matrix[first + j] = _dot(d, spare, own, columns, size * j)
-        _forces(inertia, m * tree.nodes[k, 1], d, spare, own, columns, size * (start + u), tree.tensors)
+            matrix[first + j] = _dot(axes, spare, own, columns, size * j)
+        _forces(inertia, m * tree.nodes[k, 1], axes, spare, own, columns, size * (start + u), tree.tensors)
         for j in range(u + 1):
             entry = first_of(start + j, n_all) + start + u
-            matrix[entry] = _dot(d, spare, BASIS + 6 * j, columns, size * (start + u))
+            matrix[entry] = _dot(axes, spare, BASIS + 6 * j, columns, size * (start + u))
 
 
 @njit(error_model="numpy")
 def _free_in_plane(tree, k, z, inertia, columns, matrix, spare, n_all):
     """Fill columns and entries of the frame of a body in the plane that nothing holds."""
+    axes = tree.axes
     at, start, end, zero = 6 * tree.nodes[k, 2], tree.firsts[k, 5], tree.firsts[k, 4], 0.0 * z[0]
     for u in range(3):
         own = BASIS + 6 * u
@@ -331,16 +342,17 @@ def _free_in_plane(tree, k, z, inertia, columns, matrix, spare, n_all):
         if u == 2:
             spare[own], spare[own + 1] = z[at + 1], -z[at]
         for j in range(start + 3, end):
-            matrix[first_of(start + u, n_all) + j] = _dot(2, spare, own, columns, 3 * j)
-        _forces(inertia, 9 * tree.nodes[k, 2], 2, spare, own, columns, 3 * (start + u), False)
+            matrix[first_of(start + u, n_all) + j] = _dot(axes, spare, own, columns, 3 * j)
+        _forces(inertia, 9 * tree.nodes[k, 2], axes, spare, own, columns, 3 * (start + u), False)
         for j in range(u + 1):
             entry = first_of(start + j, n_all) + start + u
-            matrix[entry] = _dot(2, spare, BASIS + 6 * j, columns, 3 * (start + u))
+            matrix[entry] = _dot(axes, spare, BASIS + 6 * j, columns, 3 * (start + u))
 
 
 @njit(error_model="numpy")
 def _directors(tree, k, z, inertia, columns, matrix, spare, n_all):
     """Fill columns and entries of directors that are coordinates, and of the place of a free frame."""
+    axes = tree.axes
     ball, zero = tree.kinds[k] == BALL, 0.0 * z[0]
     node, first, end = tree.nodes[k, 1], tree.firsts[k, 2], tree.firsts[k, 4]
     at, mass = 12 * node, 16 * node
@@ -358,7 +370,7 @@ def _directors(tree, k, z, inertia, columns, matrix, spare, n_all):
         for i in range(6):
             spare[BASIS + i] = zero
         spare[BASIS + c] = zero + 1.0
-        _forces(inertia, mass, 3, spare, BASIS, columns, WIDE_COLUMN * (first + c), True)
+        _forces(inertia, mass, axes, spare, BASIS, columns, WIDE_COLUMN * (first + c), True)
         matrix[entry + first + c] = inertia[mass]
         for other in range(c):
             matrix[first_of(first + other, n_all) + first + c] = zero
@@ -419,7 +431,7 @@ def _on_director(z, at, k, c, lever, columns, to):
 def fill_matrix(problem, tree, width, block, gains, room, matrix, n_all):
     """Fill the packed lower triangle of the matrix, (n, n_lanes), of n_all rows; frames, faces and packed tangents of
     floating bodies are in the room."""
-    d = len(tree.axes)
+    axes, d = tree.axes, len(tree.axes)
     m = (1 + d) * (1 + d)
     z, ways, turned, packed = (
         items(room.z, width), items(room.ways, width), items(room.turned, width), items(room.entries, width)
@@ -435,14 +447,14 @@ def fill_matrix(problem, tree, width, block, gains, room, matrix, n_all):
         matrix[i] = zero
     for i in range(spare.size):
         spare[i] = zero
-    _add_masses(problem, width, block, gains, inertia, d, z, spare)
+    _add_masses(problem, width, block, gains, inertia, axes, z, spare)
     for k in range(tree.kinds.size - 1, -1, -1):
         on, held, number = tree.nodes[k, 0], tree.nodes[k, 1], tree.floating[k]
         if number >= 0:
             own = packed[problem.floating.firsts[number, 2] :]
-            _flexible(tree, k, d, z, ways, turned, own, inertia, columns, moves, forces, matrix, spare, n_all)
+            _flexible(tree, k, axes, z, ways, turned, own, inertia, columns, moves, forces, matrix, spare, n_all)
         if tree.kinds[k] == BY_AXES:
-            _by_axes(tree, k, d, z, inertia, columns, matrix, spare, n_all)
+            _by_axes(tree, k, axes, z, inertia, columns, matrix, spare, n_all)
         elif d == 2:
             _free_in_plane(tree, k, z, inertia, columns, matrix, spare, n_all)
         else:

@@ -174,12 +174,9 @@ class JointEquations:
         prescribed = [coordinate for coordinate in mechanism.coordinates if coordinate.prescribed]
         for number, coordinate in enumerate(prescribed):
             for k, motion in enumerate(self._motions):
-                if motion.number < 0 or coordinate.connection is not mechanism.connections[motion.number]:
-                    continue
-                for column, kind in enumerate(("turning", "sliding")):
-                    own = self._tree.firsts[k, column]
-                    if own >= 0 and coordinate.statement == coordinate.connection.measure(kind):
-                        found.append((own, number, -1 if motion.backwards else 1))
+                own = self._tree.firsts[k, 0 if coordinate.turns else 1]
+                if own >= 0 and coordinate.connection is mechanism.connections[motion.number]:
+                    found.append((own, number, -1 if motion.backwards else 1))
         return np.array(found, dtype=int).reshape(-1, 3)
 
     def _take(self, chosen: np.ndarray) -> None:

@@ -1,26 +1,32 @@
 """Where what belongs to a body in a floating frame lies: in its table, and in the work space of compiled functions.
 
 For each body and sample the table has, one after the other: mass and ``int rho X``; ``int rho X_k X_l``; ``int rho
-Psi_k``; ``int rho X_k Psi_l``; the mass of the amplitudes; their stiffness; what damps each of them by itself; ``int
-rho Psi_k Psi_l``; and, of a body that follows its foreshortening, ``int rho X_k chi_l``. Work space is made once a
-call, for the body with most amplitudes, and viewed anew for each body.
+Psi_k``; ``int rho X_k Psi_l``; what damps each amplitude by itself; ``int rho Psi_k Psi_l``; the mass of the
+amplitudes; their stiffness; and, of a body that follows its foreshortening, ``int rho X_k chi_l``. Of the three before
+the last those entries alone are there that are not zero for all samples (`entries_of`): of a straight beam, whose
+fields stretch, twist or bend it in one of two planes, a fifth. Work space is made once a call, for the body with most
+amplitudes, and viewed anew for each body.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.bodies.floating import first_moments, second_moments
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.floating import NOISE, first_moments, second_moments
 from pgmp_petsc.lanes.compiled import njit
 
 
 class FloatingBodies(NamedTuple):
     """Flexible bodies in floating frames."""
 
+    axes: tuple[float, ...]  # as many numbers as there are dimensions: compiled loops over them are of known length
     dofs: np.ndarray  # unknowns of all bodies, body after body: of the floating frame, then the amplitudes
-    #: where the unknowns, the words of the table and the positions of each body begin, and their ends, shape (n + 1, 3)
+    #: where the unknowns, the words of the table, the positions, the rows and the columns of each body begin, and their
+    #: ends, shape (n + 1, 5)
     firsts: np.ndarray
     body: np.ndarray  # number of the body, shape (n,)
     table: np.ndarray  # moments and stiffness, shape (n_blocks, n_words, n_lanes)
@@ -28,10 +34,33 @@ class FloatingBodies(NamedTuple):
     gravity_loads: np.ndarray  # the load whose amplitude each of them has, shape (n_gravity,)
     positions: np.ndarray  # where the matrix stores the packed lower triangle of each body
     counted: np.ndarray  # whether a body is counted here, in sums over all ranks, shape (n,)
+    #: rows, columns: see `entries_of`
+    rows: np.ndarray
+    columns: np.ndarray
+
+
+def entries_of(
+    moments: Mapping[Monomial, np.ndarray], stiffness: Mapping[Monomial, np.ndarray], d: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return which entries of a body's matrices are not zero whatever the parameters: where each row of ``int rho Psi_k
+    Psi_l``, (l, k, j) over i, and behind them of mass and stiffness, begins, (d d n + n + 1,), all columns, and both as
+    masks (d, d, n, n), (n, n)."""
+    parts = [second_moments(part, d)[2].swapaxes(2, 3) for part in moments.values()]
+    both = np.any([part != 0.0 for part in parts], axis=0)
+    squares = [np.einsum("kkij->kij", part) for part in parts]
+    own = np.any([np.abs(part.sum(axis=0)) > NOISE * np.abs(part).sum(axis=0) for part in squares], axis=0)
+    own |= np.any([part != 0.0 for part in stiffness.values()], axis=0) | np.eye(len(own), dtype=bool)
+    every = np.concatenate([both.reshape(-1, len(own)), own | own.T])
+    return np.concatenate([[0], np.cumsum(every.sum(axis=1))]), np.nonzero(every)[1], both, own | own.T
 
 
 def body_tables(
-    moments: np.ndarray, stiffness: np.ndarray, viscous: np.ndarray, curved: np.ndarray, d: int
+    moments: np.ndarray,
+    stiffness: np.ndarray,
+    viscous: np.ndarray,
+    curved: np.ndarray,
+    d: int,
+    masks: tuple[np.ndarray, np.ndarray],
 ) -> np.ndarray:
     """Lay out a body's table, shape (n_words, n_samples).
 
@@ -45,37 +74,52 @@ def body_tables(
         ``int rho X_k chi_l``, shape (d, d, n, n, n_samples), or of size zero.
     d
         Dimension.
+    masks
+        See `entries_of`.
     """
     places, of_fields = first_moments(moments, d)
     squares, mixed, both = second_moments(moments, d)
-    own = np.einsum("kkij...->ij...", both)
-    parts = (places, squares, of_fields, mixed, own, stiffness, viscous, both, curved)
+    own = np.einsum("kkij...->ij...", both)[masks[1]]
+    parts = (
+        places,
+        squares,
+        of_fields,
+        mixed,
+        viscous,
+        both.swapaxes(2, 3)[masks[0]],
+        own,
+        stiffness[masks[1]],
+        curved,
+    )
     return np.concatenate([part.reshape(-1, moments.shape[2]) for part in parts])
 
 
 class Places(NamedTuple):
-    """Where the parts of a body's table begin; mass and ``int rho X`` are its first 1 + d words."""
+    """Where the parts of a body's table begin; mass and ``int rho X`` are its first 1 + d words.
+
+    Entries of matrices are counted as in `entries_of`: those of the mass follow those of `both`, and `stiffness` has
+    the same ones.
+    """
 
     squares: int
     fields: int
     mixed: int
-    mass: int
-    stiffness: int
     viscous: int
     both: int
+    stiffness: int
     curved: int
 
 
 @njit(inline="always")
-def places_of(d, n):
+def places_of(d, n, rows):
     """Return where the parts of the table of a body with n amplitudes begin, as `body_tables` lays them out."""
     squares = 1 + d
     fields = squares + d * d
     mixed = fields + d * n
-    mass = mixed + d * d * n
-    viscous = mass + 2 * n * n
+    viscous = mixed + d * d * n
     both = viscous + n
-    return Places(squares, fields, mixed, mass, mass + n * n, viscous, both, both + d * d * n * n)
+    stiffness = both + rows[d * d * n + n] - rows[d * d * n]
+    return Places(squares, fields, mixed, viscous, both, stiffness, stiffness + rows[d * d * n + n])
 
 
 class Moving(NamedTuple):
@@ -110,12 +154,14 @@ class Shaped(NamedTuple):
 
 
 class View(NamedTuple):
-    """A body in work space: number n of its amplitudes, its unknowns, its table (n_words,), what it does, and room for
-    the forces on p, d_l and xi, one after the other, and for ``d_l.p''`` (d,)."""
+    """A body in work space: number n of its amplitudes, its unknowns, its table (n_words,) with the rows and columns of
+    entries, what it does, and room for the forces on p, d_l and xi, one after the other, and for ``d_l.p''`` (d,)."""
 
     n: int
     dofs: np.ndarray
     table: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
     one: Moving
     shaped: Shaped
     force: np.ndarray
@@ -160,4 +206,7 @@ def view_of(work, floating, k, tables, d):
         work[g : g + m * n].reshape((d, d, n)), work[g + m * n : bent],
         work[bent : bent + m].reshape((d, d)), work[bent + m : force].reshape((d, d)),
     )  # fmt: skip
-    return View(n, dofs, tables[firsts[k, 1] : firsts[k + 1, 1]], one, shaped, work[force:pull], work[pull : pull + d])
+    return View(
+        n, dofs, tables[firsts[k, 1] : firsts[k + 1, 1]], floating.rows[firsts[k, 3] : firsts[k + 1, 3]],
+        floating.columns[firsts[k, 4] : firsts[k + 1, 4]], one, shaped, work[force:pull], work[pull : pull + d],
+    )  # fmt: skip

@@ -21,7 +21,7 @@ from pgmp_petsc.effects.loads import Weights
 from pgmp_petsc.full.damping import BodyDampings
 from pgmp_petsc.full.elements import N_SECTION, N_VECTORS, Beams, Masses, Solids
 from pgmp_petsc.full.kernel import Elements, FullProblem, Lumps
-from pgmp_petsc.full.layout import FloatingBodies, body_tables, n_pose_of, places_of
+from pgmp_petsc.full.layout import FloatingBodies, body_tables, entries_of, n_pose_of, places_of
 from pgmp_petsc.full.rank_solver import Layout
 from pgmp_petsc.mechanism.unknowns import N_POSE, Unknowns
 from pgmp_petsc.mesh.solid_mesh import reference_element
@@ -244,7 +244,8 @@ def floating_bodies(
 ) -> tuple[FloatingBodies, Pattern]:
     """Return the flexible bodies in floating frames; `gravity` are effects with the numbers of their loads."""
     d, n_samples = unknowns.dimension, share.blocks.n_samples
-    firsts, numbers, dofs, tables = [np.zeros(3, dtype=int)], [], [np.zeros(0, dtype=int)], [np.zeros((0, n_samples))]
+    starts, chosen = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)]
+    firsts, numbers, dofs, tables = [np.zeros(5, dtype=int)], [], [np.zeros(0, dtype=int)], [np.zeros((0, n_samples))]
     rows, columns, counted = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)], []
     for number, floating in share.blocks_of("floating"):
         body = share.bodies[number]
@@ -258,17 +259,22 @@ def floating_bodies(
         low = np.tril_indices(own.size)
         numbers.append(number)
         dofs.append(own[0])
-        tables.append(body_tables(moments, stiffness, braking, curved, d))
+        first, which, *masks = entries_of(floating.moments, floating.stiffness, d)
+        starts.append(first)
+        chosen.append(which)
+        tables.append(body_tables(moments, stiffness, braking, curved, d, tuple(masks)))
         rows.append(own[0, low[0]])
         columns.append(own[0, low[1]])
         counted.append(share.owns(own)[0, 0])
-        firsts.append(firsts[-1] + [own.size, len(tables[-1]), low[0].size])
+        firsts.append(firsts[-1] + [own.size, len(tables[-1]), low[0].size, first.size, which.size])
     pattern = np.concatenate(rows), np.concatenate(columns)
     falls = [np.multiply.outer(effect.direction, share.quantity(effect.acceleration)) for _, effect in gravity]
     part = FloatingBodies(
-        np.concatenate(dofs), np.array(firsts), np.array(numbers, dtype=int), share.blocks.pack(np.concatenate(tables)),
+        (0.0,) * d, np.concatenate(dofs), np.array(firsts), np.array(numbers, dtype=int),
+        share.blocks.pack(np.concatenate(tables)),
         share.blocks.pack(np.array(falls).reshape(len(falls), d, n_samples)),
         np.array([load for load, _ in gravity], dtype=int), np.zeros(0, dtype=int), np.array(counted, dtype=bool),
+        np.concatenate(starts), np.concatenate(chosen),
     )  # fmt: skip
     return part, pattern
 
@@ -303,9 +309,12 @@ def _mass_of_floating(problem: FullProblem, k: int, turned: float) -> np.ndarray
     d, (first, last) = problem.dimension, problem.floating.firsts[k : k + 2]
     table = problem.floating.table[:, first[1] : last[1]]
     n = last[0] - first[0] - n_pose_of.py_func(d)
-    at = places_of.py_func(d, n)
+    rows = problem.floating.rows[first[3] : last[3]]
+    at, of_mass = places_of.py_func(d, n, rows), slice(rows[d * d * n], rows[-1])
+    columns = problem.floating.columns[first[4] : last[4]][of_mass]
+    diagonal = columns == np.repeat(np.arange(n), np.diff(rows[d * d * n :]))
     turning = table[:, at.squares : at.fields : d + 1].sum(axis=1)
-    own = table[:, at.mass : at.stiffness : n + 1].sum(axis=1)
+    own = table[:, at.both + rows[d * d * n] + np.flatnonzero(diagonal)].sum(axis=1)
     return d * table[:, 0] + (1.0 if d == 2 else 3.0) * turned * turning + own
 
 

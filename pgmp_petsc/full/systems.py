@@ -393,7 +393,8 @@ class FullBatch(FullSystem):
         actions = Reference(self._equations.problem.actions)
         for block in range(self._blocks.n_blocks):
             turns = state.turns[block, len(state.turns[block]) - len(self._equations.problem.actions.dofs) :]
-            now = act(actions, block, amplitudes, state.q[block], state.v[block], turns, 0.0, False)
+            width = self._equations.problem.width
+            now = act(actions, width, block, amplitudes, state.q[block], state.v[block], turns, 0.0, False)
             found.append(now.depths.T)
         return self._blocks.unpack(np.array(found))
 

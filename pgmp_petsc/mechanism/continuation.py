@@ -23,6 +23,7 @@ Poses of a rigid mechanism with many coordinates: Newton's method along straight
 A grid over four coordinates or more would have too many configurations to follow the assembly branch on, and one over
 three has many: a run visits only a line of them. Each configuration is reached over places of a lattice on its line,
 which are kept. A place follows from its numbers alone, so that no other configuration has a part in the digits of one.
+Poses of an open chain follow from its coordinates along the tree, and nothing is iterated.
 """
 
 from __future__ import annotations
@@ -37,6 +38,9 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.records import Record, array, attribute
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE, SINGULAR_TOLERANCE, LoopClosure
+from pgmp_petsc.mechanism.joints import Connection
+from pgmp_petsc.mechanism.mechanism import Coordinate
+from pgmp_petsc.mechanism.space import cross_matrix
 
 POSES = "m of positions, rad of angles, 1 of directors"
 MOST_HALVINGS = 3
@@ -441,10 +445,16 @@ class Walk:
         Configuration where it is assembled, shape (n_theta,), rad.
     poses
         Its poses there, shape (n_bodies, n_pose, 1).
+
+    Attributes
+    ----------
+    chain
+        The mechanism, where it is an open chain.
     """
 
     def __init__(self, closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> None:
         self._closure, self._theta, self._assembled = closure, theta, poses[..., 0]
+        self.chain = Chain.of(closure, theta, self._assembled)
         self._steps = LONGEST * closure.scales
         self._kept: dict[tuple[int, ...], np.ndarray] = {}  # poses by the numbers of a place
 
@@ -458,6 +468,8 @@ class Walk:
 
         Raises `InputError` if the mechanism cannot be closed somewhere on the way.
         """
+        if self.chain is not None:
+            return self._closure.close(self.chain.poses(theta), theta)
         numbers = np.nan_to_num((theta - self._theta) / self._steps, nan=0.0, posinf=0.0, neginf=0.0)
         places = [tuple(place) for place in numbers.astype(int).tolist()]
         self._go_to(places)
@@ -484,3 +496,92 @@ class Walk:
             begun = np.stack([self._at(one) for one in before[far].values()], axis=-1)
             reached = self._closure.close(begun, theta, tolerance=ON_THE_WAY)
             self._kept.update(zip(before[far], np.moveaxis(reached, -1, 0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A body of an open chain, and the joint that moves it on the one before."""
+
+    body: int
+    on: int  # the body before it, -1 for the ground
+    columns: tuple[int, int]  # of the coordinates that it turns and slides by, -1 where it does not
+    sign: float  # -1 where coordinates measure how the body before it moves
+    axis: np.ndarray  # in the frame of the body before it, shape (d,)
+    spin: np.ndarray  # the cross product with it, in the plane a right angle's rotation, shape (d, d)
+    rest: np.ndarray  # directors in the frame of the body before it, as assembled, one a column, shape (d, d)
+    at: np.ndarray  # from that frame to the joint, as assembled, shape (d,), m
+    arm: np.ndarray  # from the body's own frame to there, shape (d,), m
+
+
+class Chain:
+    """Poses of an open chain as a function of its coordinates, along the tree of its joints, without an iteration.
+
+    A body turns about the axis of its joint, and slides along it, from where it is assembled.
+    """
+
+    def __init__(self, closure: LoopClosure, theta: np.ndarray, assembled: np.ndarray) -> None:
+        self._space, self._theta, self._assembled = closure.mechanism.space, theta, assembled
+        reached, links = {-1}, []
+        waiting = list(closure.mechanism.connections)
+        while waiting:
+            one = next((c for c in waiting if (c.a.body in reached) != (c.b.body in reached)), None)
+            if one is None:
+                break
+            waiting.remove(one)
+            links.append(self._link(one, closure.mechanism.coordinates, one.b.body in reached))
+            reached.add(links[-1].body)
+        self._links = links
+        used = [column for link in links for column in link.columns if column >= 0]
+        self.whole = len(links) == len(assembled) and sorted(used) == list(range(theta.size))
+
+    @classmethod
+    def of(cls, closure: LoopClosure, theta: np.ndarray, assembled: np.ndarray) -> Chain | None:
+        """Return the chain that a mechanism is; None where poses of other coordinates do not close it."""
+        chain = cls(closure, theta, assembled)
+        if not chain.whole:
+            return None
+        other = theta[None] + np.random.default_rng(0).uniform(0.1, 0.5, (1, theta.size)) * closure.scales
+        return chain if closure.open_and_gap(chain.poses(other), other)[0][0] < CLOSURE_TOLERANCE else None
+
+    def _link(self, joint: Connection, coordinates: Sequence[Coordinate], backwards: bool) -> Link:
+        sides = (joint.b, joint.a) if backwards else (joint.a, joint.b)
+        columns = [-1, -1]
+        for column, coordinate in enumerate(coordinates):
+            if coordinate.connection is joint:
+                columns[0 if coordinate.turns else 1] = column
+        (place, before), (own, after) = (self._frame(side.body, self._assembled) for side in sides)
+        axis = joint.axes[int(backwards)][:, 0]
+        spin = np.array([[0.0, -1.0], [1.0, 0.0]]) if axis.size == 2 else cross_matrix(axis)
+        at = before @ (own + sides[1].point @ after - place)
+        sign = -1.0 if backwards else 1.0
+        return Link(
+            sides[1].body, sides[0].body, tuple(columns), sign, axis, spin, before @ after.T, at, sides[1].point
+        )
+
+    def _frame(self, body: int, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return position (d, ...) and directors (d, d, ...) of a body or the ground at poses (n_bodies, n_pose,
+        ...)."""
+        d, pose = self._space.dimension, self._space.identity if body < 0 else poses[body]
+        natural = self._space.natural(pose)
+        natural = natural.reshape(-1, *(1,) * (poses.ndim - natural.ndim - 1), *natural.shape[1:])
+        return natural[:d], natural[d:].reshape(d, d, *natural.shape[1:])
+
+    def poses(self, theta: np.ndarray) -> np.ndarray:
+        """Return the poses (n_bodies, n_pose, n) at configurations (n, n_theta)."""
+        moved, found = (theta - self._theta).T, np.empty((*self._assembled.shape, len(theta)))
+        for link in self._links:
+            turn, way = (link.sign * moved[column] if column >= 0 else np.zeros(len(theta)) for column in link.columns)
+            place, axes = self._frame(link.on, found)
+            spun = np.multiply.outer(link.spin, np.sin(turn)) + np.multiply.outer(
+                link.spin @ link.spin, 1 - np.cos(turn)
+            )
+            turned = np.einsum("ijn,jk->ikn", np.eye(len(link.axis))[..., None] + spun, link.rest)
+            directors = (turned[:, :, None] * axes[:, None]).sum(axis=0)
+            at = link.at[:, None] + np.multiply.outer(link.axis, way)
+            place = place + (at[:, None] * axes).sum(axis=0) - np.einsum("k,kcn->cn", link.arm, directors)
+            if len(place) == 3:
+                found[link.body] = np.concatenate([place, directors.reshape(9, -1)])
+            else:
+                before = 0.0 if link.on < 0 else found[link.on, 2] - self._assembled[link.on, 2]
+                found[link.body] = np.concatenate([place, [self._assembled[link.body, 2] + before + turn]])
+        return found

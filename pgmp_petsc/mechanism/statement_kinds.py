@@ -293,7 +293,7 @@ def _text(expression: Any) -> str:
             return repr(float(one))
 
         def _print_Pow(self, one: Any, rational: bool = False) -> str:
-            if one.exp == 0.5:
+            if float(one.exp) == 0.5:  # of sympy 1.13 and later no rational number is equal to 0.5
                 return f"square_root({self._print(one.base)})"
             base = self._print(one.base)
             product = " * ".join([base if one.base.is_Symbol else f"({base})"] * abs(int(one.exp)))

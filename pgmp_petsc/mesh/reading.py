@@ -125,11 +125,11 @@ def usable(received: str) -> Iterator[None]:
     Raises
     ------
     InputError
-        Instead of any other exception within the block.
+        Instead of any other exception within the block, but for a package that is not installed.
     """
     try:
         yield
-    except PgmpError:
+    except (PgmpError, ModuleNotFoundError):
         raise
     except Exception as error:  # of numpy and meshio, on arrays of impossible shapes and kinds
         reason = " ".join(str(error).split())[:MAX_REASON]

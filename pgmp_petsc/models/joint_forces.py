@@ -28,7 +28,8 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.second_order_system import State
 
-AT_ONCE = 8192  # states whose local effects are evaluated together
+AT_ONCE = 4096  # states whose local effects are evaluated together
+MOST_KEPT = 3  # systems that are used again: of all samples, of many states, and of those that are left
 MOST_TURNS, SETTLED = 100, 1e-12  # of forces carried and friction, found in turn
 
 
@@ -77,7 +78,7 @@ class ReducedMultipliers:
         self._carried, scheme = carried, scene.interpolation
         self._nodes = sorted({node for one in carried for node in one.nodes})
         self._frames = Reconstruction(kinematics, rom, scheme, self._nodes) if self._nodes else None
-        self._kept: tuple[int, ReducedSystem, Mapping[str, np.ndarray]] | None = None
+        self._kept: dict[int, tuple[ReducedSystem, Mapping[str, np.ndarray]]] = {}  # by numbers of samples
         self.rows = rows_of((*forces, *carried), n_held)
         if self.rows.size:
             gaps = gaps.of_rows(self.rows)
@@ -89,7 +90,7 @@ class ReducedMultipliers:
     def under(self, effects: Sequence[Effect]) -> Self:
         """Return the multipliers under effects that differ in what acts over time alone."""
         other = copy(self)
-        other._effects, other._kept = effects, None
+        other._effects, other._kept = effects, {}
         other._actions = replace(self._actions, actions=actions_of(effects))
         return other
 
@@ -98,7 +99,7 @@ class ReducedMultipliers:
         times (s) and parameter values are numbers or of shape (n,)."""
         n = len(states.q)
         times, values = np.broadcast_to(times, n), {name: np.broadcast_to(one, n) for name, one in values.items()}
-        if self._drives or self._carried:  # what hangs on these is found state by state
+        if self._carried or not n:
             return self._turn_by_turn(times, states, values)
         n_samples, found = _side_by_side(times, values), self._nothing(n)
         if self.rows.size:
@@ -109,10 +110,14 @@ class ReducedMultipliers:
                 loads.append(self._node_loads(system, times[some], _part(states, some)))
             every = np.concatenate(loads)
             found[self.rows] = -self.gaps.at(times, states, own, self._effects, every, n_samples)
+        for first in range(0, n if self._drives else 0, AT_ONCE):
+            some = slice(first, min(first + AT_ONCE, n))
+            system = self._system_of(some.stop - first, {name: one[some] for name, one in values.items()})
+            found[self._n_held :, some] = self._of_drives(system, times[some], _part(states, some))
         return found
 
     def _turn_by_turn(self, times: np.ndarray, states: State, values: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Return the multipliers where forces that joints carry, or drives, are in the equations."""
+        """Return the multipliers where forces that joints carry are in the equations."""
         found = self._nothing(times.size)
         for first in range(0, times.size, AT_ONCE):
             some = slice(first, min(first + AT_ONCE, times.size))
@@ -155,11 +160,14 @@ class ReducedMultipliers:
         found = self._nothing(times.size)
         system.put_forces(list(loads[..., None]))
         if self._drives:
-            found[self._n_held :] = -system.residuals_at(times, state)[:, sorted(self._motions)].T
+            found[self._n_held :] = self._of_drives(system, times, state)
         if self.rows.size:
             of_nodes = self._node_loads(system, times, state)
             found[self.rows] = -self.gaps.at(times, state, values, self._effects, of_nodes, system.n_samples)
         return found
+
+    def _of_drives(self, system: ReducedSystem, times: np.ndarray, state: State) -> np.ndarray:
+        return -system.residuals_at(times, state)[:, sorted(self._motions)].T
 
     def _node_loads(self, system: ReducedSystem, times: np.ndarray, state: State) -> np.ndarray:
         """Return what local effects do to their nodes in states of a system's samples, at one instant after the other,
@@ -179,10 +187,12 @@ class ReducedMultipliers:
 
     def _system_of(self, n: int, values: Mapping[str, np.ndarray]) -> ReducedSystem:
         """Return n samples of the model; the last ones again where they are the same."""
-        if self._kept is None or self._kept[0] != n or not _same(self._kept[2], values):
+        if n not in self._kept or not _same(self._kept[n][1], values):
             values = {name: np.array(one) for name, one in values.items()}
-            self._kept = n, self._system(n, values), values
-        return self._kept[1]
+            if len(self._kept) > MOST_KEPT:
+                self._kept.clear()
+            self._kept[n] = self._system(n, values), values
+        return self._kept[n][0]
 
     def _system(self, n: int, values: Mapping[str, np.ndarray]) -> ReducedSystem:
         """Return n samples of the model."""
@@ -198,7 +208,7 @@ def _side_by_side(times: np.ndarray, values: Mapping[str, np.ndarray]) -> int:
     """Return how many samples are at one instant after the other, of their times and values (n,); n where they are not
     the same samples."""
     n = times.size
-    found = int(np.argmin(times == times[:1])) if n else 0  # states at the first instant, 0 where all are
+    found = int(np.argmin(times == times[0]))  # states at the first instant, 0 where all are
     if not found or n % found or (times.reshape(-1, found) != times[::found, None]).any():
         return n
     return found if all((one.reshape(-1, found) == one[:found]).all() for one in values.values()) else n

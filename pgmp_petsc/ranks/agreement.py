@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, PgmpError, RunError, plain_reason
+from pgmp_petsc.base.errors import InputError, PgmpError, RunError, missing_extra, plain_reason
 from pgmp_petsc.base.surroundings import Comm
 
 Result = TypeVar("Result")
@@ -54,7 +54,8 @@ def agreed(comm: Comm, activity: str) -> Iterator[None]:
     except PgmpError as error:
         failure = error
     except Exception as error:
-        failure = _unexpected(error, activity, comm.rank)
+        failure = missing_extra(error) if isinstance(error, ModuleNotFoundError) else None
+        failure = failure or _unexpected(error, activity, comm.rank)
     lowest = _lowest_failing_rank(comm, failure is not None)
     if lowest is None:
         return

@@ -60,14 +60,14 @@ from pgmp_petsc.stepping.second_order_system import State
 class GapForces:
     """Rows of g gaps, as a sum of products over a basis of r rigid and m flexible coordinates."""
 
-    #: entries of all terms as in the table above, mass terms first, then those of stiffness, loads and damping, rows
-    #: of shape (g, n_entries)
+    #: entries of all terms as in the table above, mass terms first, then those of stiffness, loads, damping and local
+    #: effects, rows of shape (g, n_entries)
     table: Interpolant
     #: M[g,i] and A of every mass term, whose derivatives are taken, rows of shape (g, n_changing)
     changing: Interpolant
-    #: Y at the unknowns that local effects act on and, of second order, its curvature in pairs with the basis, rows of
-    #: shape (n_dofs * (1 + m), g)
-    moved: Interpolant
+    #: of each of these kinds the number of entries of a term, that of terms that one table is the sum of, and that of
+    #: these tables: one, but of loads one for each, as each has an amplitude
+    kinds: tuple[tuple[int, int, int], ...]
     #: monomials of the terms of mass, stiffness, loads and damping
     weights: tuple[tuple[Monomial, ...], ...]
     load_effects: tuple[str, ...]  # names, of the load terms
@@ -86,31 +86,37 @@ class GapForces:
         second = gaps.cubic is not None
         driven = gaps.curved_mass.shape[2] if second else 0
         (k, h), (i, j) = np.tril_indices(r), np.tril_indices(m)
-        parts, changing = [], []
+        mass, stiffness, loads, changing = [], [], [], []
         for t in range(len(tables.mass_weights)):
             inertia = 0.5 * (gaps.inertia[:, t, k, h] + gaps.inertia[:, t, h, k])
             along = [gaps.mass[:, t, :, r:]]
-            parts += [gaps.mass[:, t], np.swapaxes(inertia, 1, 2)]
+            parts = [gaps.mass[:, t], np.swapaxes(inertia, 1, 2)]
             if second:
                 swing = np.swapaxes(gaps.curved_inertia[:, t] - gaps.spread[:, t], 1, 2)
                 along.append(np.swapaxes(gaps.gyroscopic[:, t], 1, 2).reshape(n, g, r * m))
                 pushed = np.swapaxes(gaps.curved_mass[:, t], 1, 2).reshape(n, g, driven * m)
                 parts += [swing.reshape(n, g, k.size * m), along[-1], pushed]
+            mass.append(np.concatenate(parts, axis=2))
             changing += along
         for t in range(len(tables.stiffness_weights)):
-            parts += [gaps.stiffness[:, t], *([gaps.cubic[:, t][:, :, i, j]] if second else [])]
+            bent = [gaps.cubic[:, t][:, :, i, j]] if second else []
+            stiffness.append(np.concatenate([gaps.stiffness[:, t], *bent], axis=2))
         for t in range(len(tables.load_weights)):
-            parts += [gaps.load[:, t, :, None], *([gaps.curved_load[:, t]] if second else [])]
+            bent = [gaps.curved_load[:, t]] if second else []
+            loads.append(np.concatenate([gaps.load[:, t, :, None], *bent], axis=2))
         damped = () if damping is None else damping.weights
-        parts += [damping.table[:, t, r + m :, : r + m] for t in range(len(damped))]
+        dampers = [damping.table[:, t, r + m :, : r + m] for t in range(len(damped))]
         dofs = np.concatenate([*loaded, np.zeros(0, dtype=int)])
         moved = gaps.shapes[:, dofs, :, None]
         if gaps.curvature is not None:
             moved = np.concatenate([moved, gaps.curvature[:, dofs]], axis=3)
+        local = [np.swapaxes(moved, 1, 2).reshape(n, g, -1)] if dofs.size else []
+        kinds = [(own[0].shape[2], len(own), 1) if own else (0, 1, 0) for own in (mass, stiffness, dampers, local)]
+        kinds.insert(2, (1 + (m if second else 0), 1, len(loads)))
+        every = [*mass, *stiffness, *loads, *dampers, *local]
         return cls(
-            interpolant(tables.samples, np.concatenate(parts, axis=2), scheme),
-            interpolant(tables.samples, np.concatenate(changing, axis=2), scheme),
-            interpolant(tables.samples, np.swapaxes(moved, 2, 3).reshape(n, -1, g), scheme),
+            interpolant(tables.samples, np.concatenate(every, axis=2), scheme),
+            interpolant(tables.samples, np.concatenate(changing, axis=2), scheme), tuple(kinds),
             (tables.mass_weights, tables.stiffness_weights, tables.load_weights, damped),
             tables.load_effects, (r, m, second, driven), 0.0 if damping is None else damping.mass, quadratic,
         )  # fmt: skip
@@ -148,33 +154,11 @@ class GapForces:
         return found
 
     @cached_property
-    def kinds(self) -> tuple[tuple[int, int, int], ...]:
-        """Of terms of mass, stiffness, loads, damping and local effects the number of entries, that of terms that one
-        table is the sum of, and that of these tables; loads have one each, as each has an amplitude."""
-        (r, m, second, driven), pairs = self.sizes, self.sizes[0] * (self.sizes[0] + 1) // 2
-        counts = [len(one) for one in self.weights]
-        lengths = (
-            r + m + pairs + ((pairs + r + driven) * m if second else 0),
-            m + (m * (m + 1) // 2 if second else 0),
-            1 + (m if second else 0),
-            r + m,
-            self.moved.shape[0],
-        )
-        terms = counts[0], counts[1], 1, counts[3], 1
-        tables = 1, min(counts[1], 1), counts[2], min(counts[3], 1), min(lengths[4], 1)
-        return tuple(zip(lengths, terms, tables))
-
-    @cached_property
     def tables(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows of `table` and of `changing`, with each term in whole vectors."""
         of_terms = [n for n, terms, tables in self.kinds for _ in range(terms * tables)]
         of_changes = [self.changing.shape[1] // len(self.weights[0])] * len(self.weights[0])
-        n_rows = self.table.rows.size // int(np.prod(self.table.shape))
-        table, changing, moved = (
-            part.rows.reshape(n_rows, *part.shape) for part in (self.table, self.changing, self.moved)
-        )
-        every = np.concatenate([table, np.swapaxes(moved, 1, 2)], axis=2)
-        return _in_vectors(every, of_terms), _in_vectors(changing, of_changes)
+        return _in_vectors(self.table, of_terms), _in_vectors(self.changing, of_changes)
 
 
 def _vectors(n: int) -> int:
@@ -182,9 +166,10 @@ def _vectors(n: int) -> int:
     return -(-n // LANES)
 
 
-def _in_vectors(rows: np.ndarray, lengths: Sequence[int]) -> np.ndarray:
+def _in_vectors(table: Interpolant, lengths: Sequence[int]) -> np.ndarray:
     """Return the rows of a table, (n_rows, g, n), of entries that follow each other, so many a term, with each of these
     in whole vectors."""
+    rows = table.rows.reshape(-1, *table.shape)
     found, into, first = aligned_zeros((*rows.shape[:2], LANES * sum(map(_vectors, lengths)))), 0, 0
     for n in lengths:
         found[:, :, into : into + n] = rows[:, :, first : first + n]

@@ -209,7 +209,7 @@ def test_a_terminal_shows_the_answer_and_what_to_do_next(rom: Path, tmp_path: Pa
     ("text", "look"),
     [
         ("  warning: far off", "\x1b[33m  warning:\x1b[0m far off"),
-        ("m.h5: P(x above 1) = 5 % [4, 6], more", "m.h5: P(\x1b[32mx above 1) = 5 % [4, 6]\x1b[0m, more"),
+        ("m.h5: P(x above 1) = 5 % [4, 6], more", "m.h5: \x1b[32mP(x above 1) = 5 % [4, 6]\x1b[0m, more"),
         ("P(x) is not decided by this model: no", "P(x) is \x1b[33mnot decided by this model\x1b[0m: no"),
         ("8 samples, 0 failed", "8 samples, 0 failed"),
         ("8 samples, 10 failed", "8 samples, \x1b[33m10 failed\x1b[0m"),

@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -107,3 +108,29 @@ def test_the_python_interface(commands: Path, without: Path, tmp_path: Path) -> 
     of_ranks, of_bodies, loaded = done.stdout.splitlines()
     assert of_ranks.startswith("comm = 3: allowed is ") and "need PETSc and SLEPc" in of_bodies and loaded == "False"
     assert_same(tmp_path / "run.h5", commands / "run.h5")
+
+
+@pytest.mark.parametrize(
+    ("words", "lacks"),
+    [
+        ("simulate ROM -o F.h5", None),
+        ("montecarlo ROM -n 8 -o M.h5", None),
+        ("info ROM", None),
+        ("plot RUN -o pictures", "matplotlib, which is not installed: pip install 'pgmp_petsc[plot]'"),
+        ("report RUN -o page.html", "matplotlib, which is not installed: pip install 'pgmp_petsc[plot]'"),
+        (f"check {SOLIDS}", "meshio, which is not installed: pip install 'pgmp_petsc[mesh]'"),
+    ],
+)
+def test_without_extras_what_was_built_runs(words: str, lacks: str | None, commands: Path, tmp_path: Path) -> None:
+    """A wheel without extras; what needs one says which, with exit status 2 and without a traceback."""
+    files = {"ROM": commands / "rom.h5", "RUN": commands / "run.h5"}
+    refused = "matplotlib,mpl_toolkits,pyvista,vtk,jinja2,meshio,skfem,imageio_ffmpeg,pandas,SALib,xarray"
+    command = [sys.executable, str(LAUNCHER), "-m", "pgmp_petsc.cli.main"]  # a warm start has some of them loaded
+    command += [str(files.get(word, word)) for word in words.split()]
+    surroundings = os.environ | {"REFUSED": refused, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        command, capture_output=True, text=True, env=surroundings, cwd=tmp_path, timeout=TIMEOUT_SECONDS
+    )
+    assert done.returncode == (2 if lacks else 0), done.stderr
+    if lacks:
+        assert besides_progress(done.stderr) == f"pgmp: error: this needs {lacks}\n"

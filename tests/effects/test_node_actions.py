@@ -43,7 +43,7 @@ class LocalForces:
 
     def evaluate(self, q: np.ndarray, v: np.ndarray, gain_v: float) -> Acted:
         """Evaluate it."""
-        return act(self._actions, 0, np.array([1.5]), q, v, self.turns, gain_v, True)
+        return act(self._actions, (0.0,), 0, np.array([1.5]), q, v, self.turns, gain_v, True)
 
     def add_forces(self, now: Acted, total: np.ndarray) -> None:
         """Add the forces to those on all unknowns."""

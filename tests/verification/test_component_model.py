@@ -145,7 +145,7 @@ def test_forces_are_those_of_lagrange(make, effects: tuple[str, ...]) -> None:
     def lagrangian(q: np.ndarray, v: np.ndarray) -> float:
         found, powers, weights = np.zeros((2, 1)), np.zeros((len(problem.rayleigh), 1)), np.zeros((1, 1))
         add_energies_of_floating(
-            floating, problem.width, d, problem.rayleigh, 0, np.zeros(1), q[:, None].copy(), v[:, None].copy(), found,
+            floating, problem.width, problem.rayleigh, 0, np.zeros(1), q[:, None].copy(), v[:, None].copy(), found,
             powers, weights,
         )  # fmt: skip
         return found[0, 0] - found[1, 0]
@@ -162,7 +162,7 @@ def test_forces_are_those_of_lagrange(make, effects: tuple[str, ...]) -> None:
     chosen = dofs if d == 2 else np.concatenate([np.r_[own[:3], own[n_pose:]] for own in bodies])
     forces = np.zeros((n + system.n_constraints, 1))
     add_floating(
-        floating, problem.width, d, problem.rayleigh, 0, np.zeros(1), 1.0, q[:, None].copy(), v[:, None].copy(),
+        floating, problem.width, problem.rayleigh, 0, np.zeros(1), 1.0, q[:, None].copy(), v[:, None].copy(),
         a[:, None].copy(), (0.0, 0.0, 0.0), False, forces, np.arange(len(forces)), np.zeros((len(forces), 1)),
         np.zeros((system._equations.layout.n_lower, 1)),
     )  # fmt: skip
