@@ -14,6 +14,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from pgmp_petsc.bench.which import cheapest_from
 from pgmp_petsc.results.numbers import share_text, with_unit
 from pgmp_petsc.results.tradeoff import Tradeoff
 
@@ -61,6 +62,7 @@ def advise(
     first, errors = next(iter(bounds.items()))
     return (
         *advice,
+        *_model_sentences(study, first, errors),
         *_break_even(study, first, errors),
         *_margin_sentences(study, from_mesh),
         *_size_sentences(study, sizes),
@@ -188,6 +190,31 @@ def _break_even(study: Tradeoff, target: str, errors: np.ndarray) -> Iterator[st
             yield f"{100 * threshold:g} % in {target}: {few}; {later}."
 
 
+MODELS = {"full": "the mesh", "components": "component modes", "reduced": "the reduced model"}
+
+
+def _model_sentences(study: Tradeoff, target: str, errors: np.ndarray) -> Iterator[str]:
+    """Say which model to take: the cheapest setting of each that is good enough, and how many times dearer it is
+    online, by the errors of every setting in a target, shape (n,)."""
+    families, total = np.array(study.families), study.total_seconds(study.samples)
+    for threshold in THRESHOLDS:
+        each = {name: cheapest(study, errors, threshold, study.own_mesh & (families == name)) for name in MODELS}
+        found = sorted((row for row in each.values() if row is not None), key=total.__getitem__)
+        if len(found) < 2:
+            continue
+        least, online = found[0], study.times.batch
+        others = [
+            f"{MODELS[study.families[row]]} {online[row] / online[least]:.2g} times that ({study.name(row)})"
+            for row in found[1:]
+        ]
+        none = [title for name, title in MODELS.items() if each[name] is None and (families == name).any()]
+        yield (
+            f"Which model, for {100 * threshold:g} % in {target}: {MODELS[study.families[least]]}, "
+            f"{1e3 * online[least]:.2g} ms a sample; {', '.join(others)}"
+            + (f"; {' and '.join(none)} not at any setting tried." if none else ".")
+        )
+
+
 def envelope(study: Tradeoff, errors: np.ndarray, threshold: float) -> list[tuple[int, int]]:
     """Return from how many samples on which simulation is the cheapest one that is good enough: pairs of the number of
     samples and the setting, beginning with one sample; none where nothing is good enough."""
@@ -196,17 +223,7 @@ def envelope(study: Tradeoff, errors: np.ndarray, threshold: float) -> list[tupl
     rows = np.flatnonzero(good)
     if not rows.size:
         return []
-    n, pieces = 1, []
-    while True:
-        total = offline[rows] + n * online[rows]
-        now = int(rows[np.lexsort((online[rows], total))[0]])
-        pieces.append((n, now))
-        cheaper = rows[online[rows] < online[now]]
-        if not cheaper.size:
-            return pieces
-        # where the lines cross: the first whole number of samples at which the cheaper one is
-        crossing = (offline[cheaper] - offline[now]) / (online[now] - online[cheaper])
-        n = int(np.floor(crossing.min())) + 1
+    return [(n, int(rows[row])) for n, row in cheapest_from(offline[rows], online[rows])]
 
 
 def _surface_sentences(study: Tradeoff) -> Iterator[str]:

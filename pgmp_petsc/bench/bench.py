@@ -473,11 +473,12 @@ class Bench:
 
     def warm_up(self, setting: Setting, second_order: bool) -> None:
         """Load and compile what the first measurement would otherwise pay for."""
-        few = setting.with_reduction(
-            modes=1, parameter_modes=0, angles=WARM_UP_ANGLES, second_order=second_order, interpolation="spline",
-            sampling_tolerance=None,
-        )  # fmt: skip
-        for warm in (few, Setting("full", setting.n_steps)):
+        if setting.reduction is not None:
+            setting = setting.with_reduction(
+                modes=1, parameter_modes=0, angles=WARM_UP_ANGLES, second_order=second_order, interpolation="spline",
+                sampling_tolerance=None,
+            )  # fmt: skip
+        for warm in (setting, Setting("full", setting.n_steps)):
             try:
                 model = self._model(warm)[0]
                 simulation = self.scene.simulation

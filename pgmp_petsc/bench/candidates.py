@@ -45,8 +45,9 @@ from pgmp_petsc.bench.finished import LOCAL_EFFECT, duration_text
 from pgmp_petsc.bench.reference import start_of_coordinates, takes_second_order
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, patterns_of
+from pgmp_petsc.mechanism.capabilities import why_no_grid
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.scene import Scene
@@ -163,6 +164,7 @@ class Limits:
     n_condensed: int | None = None
     # whether all flexible bodies have a long axis: terms of second order are then tried with static stretching too
     slender: bool = True
+    gridded: bool = True  # whether reduced models go over the coordinates on a grid
     refinable: bool = True  # whether meshes can be cut into finer ones and run as the reference: those of lines
 
     def most_modes(self, beside: int) -> int:
@@ -194,7 +196,8 @@ class Limits:
         # where effects add terms of second order, there is nothing to choose
         n_inertia, curved = n * (n + 1) // 2 + len(clamped), not scene.second_order and takes_second_order(scene)
         slender = all(body.has_long_axis for body in mechanism.bodies)
-        return cls(n_modes, n_static, n_terms, bool(uncertain_names(scene)), n, n_inertia, curved, served, slender)
+        uncertain, gridded = bool(uncertain_names(scene)), not why_no_grid(scene, mechanism)
+        return cls(n_modes, n_static, n_terms, uncertain, n, n_inertia, curved, served, slender, gridded)
 
 
 @dataclass(frozen=True)
@@ -329,7 +332,7 @@ class Sweep:
         """Return the sweep for a number of coordinates: of several, angles along each of them and fewer."""
         if n_coordinates == 1:
             return self
-        along = ALONG_EACH[n_coordinates]
+        along = ALONG_EACH[min(n_coordinates, MOST_COORDINATES)]
         few, own = (tuple(dict.fromkeys(round(n**along) for n in angles)) for angles in (self.angles, self.own_angles))
         schemes = tuple(scheme for scheme in self.schemes if scheme != "spectral")
         tensor = round(self.tensor_angles**along)
@@ -349,18 +352,31 @@ QUICK = Sweep(
 )  # fmt: skip
 
 
-def own_setting(scene: Scene) -> Setting:
-    """Return what the scene says."""
+def own_setting(scene: Scene, gridded: bool = True) -> Setting:
+    """Return what the scene says: its reduced model, or where no grid goes over its coordinates its component model."""
+    if not gridded:
+        return Setting("components", own_steps(scene), component_modes=scene.reduction.modes)
     return Setting("reduced", own_steps(scene), reduction=scene.reduction)
 
 
 def first_settings(scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
     """Return the scene's own setting, first, the lines through it, the tensor, the full order and the surfaces."""
-    own = own_setting(scene)
+    own = own_setting(scene, limits.gridded)
     n = own_steps(scene)
-    static = _static(limits)
-    settings = [own]
-    settings += [own.with_reduction(modes=round(factor * own.reduction.modes)) for factor in sweep.own_modes]
+    settings = [own, *(_reduced_settings(own, sweep, limits) if limits.gridded else ())]
+    settings += [Setting("full", steps) for steps in _steps(n, sweep.finer, sweep.coarser)]
+    settings += [Setting("full", n, refinement) for refinement in (sweep.refinements if limits.refinable else ())]
+    settings += [Setting("components", n, component_modes=modes) for modes in sweep.component_modes]
+    last = Setting("components", n, component_modes=sweep.component_modes[-1]) if sweep.component_modes else None
+    settings += [replace(last, n_steps=steps) for steps in _steps(n, sweep.finer, sweep.coarser) if last]
+    settings += [Setting("surface", n, nodes=k) for k in node_counts(len(uncertain_names(scene)), sweep.surfaces)]
+    return _once(settings)
+
+
+def _reduced_settings(own: Setting, sweep: Sweep, limits: Limits) -> list[Setting]:
+    """Return the lines of reduced models through the scene's own setting, and the tensor."""
+    n, static = own.n_steps, _static(limits)
+    settings = [own.with_reduction(modes=round(factor * own.reduction.modes)) for factor in sweep.own_modes]
     if sweep.own_others:
         settings += [own.with_reduction(static_modes=value) for value in static]
         settings += _sampled(own, sweep.own_angles, sweep.schemes)
@@ -372,13 +388,7 @@ def first_settings(scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
     for modes, value, steps in product(_within(sweep.tensor_modes, limits), static, coarse):
         plain = {"inertia_modes": False, "parameter_modes": 0}
         settings.append(replace(few, n_steps=steps).with_reduction(modes=modes, static_modes=value, **plain))
-    settings += [Setting("full", steps) for steps in _steps(n, sweep.finer, sweep.coarser)]
-    settings += [Setting("full", n, refinement) for refinement in (sweep.refinements if limits.refinable else ())]
-    settings += [Setting("components", n, component_modes=modes) for modes in sweep.component_modes]
-    last = Setting("components", n, component_modes=sweep.component_modes[-1]) if sweep.component_modes else None
-    settings += [replace(last, n_steps=steps) for steps in _steps(n, sweep.finer, sweep.coarser) if last]
-    settings += [Setting("surface", n, nodes=k) for k in node_counts(len(uncertain_names(scene)), sweep.surfaces)]
-    return _once(settings)
+    return settings
 
 
 def settings_around(best: Sequence[Setting], scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:

@@ -72,7 +72,7 @@ def _name(kind: str, task: object) -> str:
     return f"{kind}-{hashlib.sha256(repr(task).encode()).hexdigest()[:32]}"
 
 
-LOCAL_EFFECT = 1.5e-5  # s, of a step of a sample, Newton corrections included
+LOCAL_EFFECT = 1.5e-6  # s, of a step of a sample, Newton corrections included
 
 
 @dataclass(frozen=True)

@@ -36,9 +36,10 @@ from pgmp_petsc.bench.reference import (
     choose_reference,
     distance_from_mesh,
 )
-from pgmp_petsc.bodies.floating import PAIR_SECONDS
+from pgmp_petsc.bench.which import amplitudes, component_step, reduced_step
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.files.hdf5 import RunRecord
+from pgmp_petsc.mechanism.capabilities import why_no_grid
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.ranks.agreement import agreed, on_root
@@ -49,7 +50,6 @@ from pgmp_petsc.scene.uses import length_names, with_numbers
 
 MORE_MODES = 1.5  # of the component model as a reference, for each that a basis or another component model has
 COARSER = 4  # of the scene's steps, for the distance of the component model from the mesh
-FRAME_FIELDS = 12  # amplitudes of a body beside its modes, for a rough price
 
 
 def measure_tradeoff(
@@ -104,9 +104,8 @@ def measure_tradeoff(
                 limits = candidates.Limits.of(scene, subject.kinematics, subject.n_modes)
                 lines = all(isinstance(mesh, LineMesh) for mesh in meshes.values())
                 bench = Bench(reference, training, alone(), subject, own, finished=finished, timed=shared)
-                bench.warm_up(candidates.own_setting(scene), limits.second_order)
+                bench.warm_up(candidates.own_setting(scene, limits.gridded), limits.second_order)
                 dealer = Dealer(comm.size, _prices(subject, reference, sweep), bench.batch, sweep.repeats)
-                dealer.n_coordinates = len(scene.coordinates)
         study = _Study(scene, sweep, bench, replace(limits, refinable=lines and reference.is_mesh))
         with timings.phase("settings and references"):
             for title, plan in (("first settings", study.first), ("further settings", study.further)):
@@ -118,7 +117,9 @@ def measure_tradeoff(
     timings = timings.maximum(comm)
     if comm.rank > 0:
         return None
-    remarks = (*scene.remarks, *(() if finished is None else finished.remarks))
+    no_grid = "" if limits.gridded else why_no_grid(scene, subject.kinematics.mechanism)
+    without = (note(f"no reduced model is compared: {no_grid}"),) if no_grid else ()
+    remarks = (*scene.remarks, *without, *(() if finished is None else finished.remarks))
     record = RunRecord(scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict(), remarks)
     result = study.result(record, reference.model.outputs.units, times)
     result = replace(result, samples=n_samples, quick=quick, waiting=waiting)
@@ -175,10 +176,12 @@ def _prepared(
 def _prices(subject: Subject, reference: Reference, sweep: candidates.Sweep) -> Prices:
     """Return what steps of the families are predicted to take."""
     full = FullModel(subject.scene, subject.meshes, subject.kinematics)
-    n = max((*sweep.component_modes, 1)) + FRAME_FIELDS
-    flexible = sum(body.flexible for body in subject.scene.bodies.values())
-    components = PAIR_SECONDS * n**2 * flexible if reference.is_mesh else reference.price.step
-    return Prices(step_seconds(full.kinematics.mechanism), components, reference.price.step, TIMED)
+    mechanism = full.kinematics.mechanism
+    components = reference.price.step
+    if reference.is_mesh:
+        fields = amplitudes(subject.scene, mechanism, max((*sweep.component_modes, 1)))
+        components = component_step(fields)
+    return Prices(step_seconds(mechanism), components, reference.price.step, TIMED, len(subject.scene.coordinates))
 
 
 def _work(bench: Bench, dealt: Sequence[Sequence[Task]], title: str, comm: Comm) -> dict[Setting, Measured] | None:
@@ -397,7 +400,6 @@ Task = tuple[Setting, ...]  # what one rank does in one go: settings with the sa
 # s, on a common processor: of an angle and of a model, of a step of a batch whatever its size, of a step of a sample
 ANGLE, MODEL = 0.01, 0.6
 STEP, HISTORY_STEP = 1.0e-4, 3.0e-4
-REDUCED_SAMPLE, REDUCED_ENTRY = 1.0e-6, 2.0e-8
 N_VALUES = 8  # test values of a history
 
 
@@ -418,13 +420,14 @@ class Prices:
     components: float
     reference: float
     timed: float  # most processor time of one run that is timed, s; longer ones are timed by their first steps
+    n_coordinates: int = 1  # rigid coordinates
 
     def of(self, work: Setting) -> float:
         """Return what a step of a sample takes."""
         if work.family in ("reference", "surface"):
             return work.refinement * self.reference
         if work.reduction is not None:
-            return REDUCED_SAMPLE + REDUCED_ENTRY * work.reduction.modes**2
+            return reduced_step(work.reduction.modes + self.n_coordinates, self.n_coordinates)
         return work.refinement * (self.components if work.family == "components" else self.full)
 
 
@@ -436,7 +439,6 @@ class Dealer:
     prices: Prices  # what steps take
     batch: int  # batch, repeats: samples timed together, and how often
     repeats: int
-    n_coordinates: int = 1  # rigid coordinates, along each of which a setting has its angles
     _loads: list[float] = field(init=False)
     _builds: dict[tuple, int] = field(default_factory=dict)
 
@@ -457,7 +459,7 @@ class Dealer:
     def seconds(self, task: Task) -> float:
         """Estimate how long a task takes, its share of the times included."""
         first = task[0]
-        angles = first.reduction.angles**self.n_coordinates if first.reduction else 0
+        angles = first.reduction.angles**self.prices.n_coordinates if first.reduction else 0
         build = 0.0 if first.family == "reference" else MODEL + ANGLE * angles
         return build + sum(map(self._run, task))
 

@@ -45,7 +45,7 @@ class Purpose(Enum):
 OF_THE_REDUCTION = frozenset({Purpose.CHECK, Purpose.SIZES, Purpose.BUILD, Purpose.REDUCED, Purpose.TRADEOFF})
 EVERYWHERE = frozenset(Purpose) - {Purpose.EXPORT}  # where models in Python run
 #: What goes over all configurations of the coordinates.
-OVER_CONFIGURATIONS = EVERYWHERE - {Purpose.CHECK, Purpose.FULL, Purpose.COMPONENTS}
+OVER_CONFIGURATIONS = EVERYWHERE - {Purpose.CHECK, Purpose.FULL, Purpose.COMPONENTS, Purpose.TRADEOFF}
 
 
 @dataclass(frozen=True)

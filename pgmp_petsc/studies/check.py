@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, counted
+from pgmp_petsc.bench.cases import own_steps
+from pgmp_petsc.bench.which import choice, prospects
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.assembled import MassProperties
 from pgmp_petsc.bodies.linear_fields import directors
@@ -59,7 +61,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     # how many loads there are takes no rows of large matrices
     matrices = assemble(mechanism.bodies, range(0 if large else mechanism.n_dofs))
     effects = effects_of(scene, mechanism)
-    loads, n_patterns = loads_of(effects, matrices), patterns_of(effects, matrices).wanted(scene.reduction).n
+    loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
+    n_patterns = patterns.wanted(scene.reduction).n
     coordinates = kinematics.coordinates
     pose = kinematics.poses([coordinate.lower for coordinate in coordinates])[..., 0]
     clamped = [coordinate for coordinate in coordinates if coordinate.prescribed]
@@ -100,7 +103,11 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     lines += _effects(scene, effects, loads)
     lines += [f"  clearance     {name}: {words}" for name, words in impacts(scene, mechanism)]
     lines += [f"  refused       {text}" for text in foretold(scene)]
-    if no_grid:
+    if flexible_bodies:
+        models = prospects(scene, meshes, mechanism, sum(flexible.values()), patterns.n)
+        lines += [f"  model         {one.text}" for one in models]
+        lines.append(f"  take          {choice(models, own_steps(scene))}")
+    elif no_grid:
         lines.append(f"  refused       pgmp build: {no_grid}")
     lines += [f"  {remark}" for remark in kinematics.remarks]
     lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")

@@ -9,6 +9,7 @@ from conftest import ROOT
 from runs import PAPER_SCENE, PGMP, overridden, pgmp
 
 from pgmp_petsc.results import Ensemble, Trajectory
+from pgmp_petsc.results.tradeoff import Tradeoff
 
 QUICK = overridden("reduction.modes=3", "simulation.duration=0.02")
 
@@ -72,7 +73,6 @@ FREEDOM = "joints: they leave the rigid mechanism 3 degrees of freedom"
             ("build", DELTA, *overridden("reduction.angles=200")),
             "are the most for a grid. Take fewer reduction.angles or reduction.modes, or pgmp simulate SCENE",
         ),
-        (("tradeoff", ARM), "Take pgmp simulate SCENE --components or --full"),
     ],
 )
 def test_what_is_refused(arguments: tuple, message: str, tmp_path: Path) -> None:
@@ -87,6 +87,22 @@ def test_sizes_of_effects_over_many_coordinates_are_refused_with_what_helps() ->
     assert "6 independent coordinates were given, waist, shoulder" in done.stderr
     assert "hand; at most 3 are taken; take pgmp check without --effects" in done.stderr
     pgmp("check", ARM)
+
+
+def test_which_model_to_take_is_predicted_and_measured(tmp_path: Path) -> None:
+    """By sizes for scenes of one, three and four coordinates; measured without a reduced model where no grid goes."""
+    for scene, taken in (
+        (ROOT / "scenes/slider_crank.toml", "take          mesh, reduced from"),
+        (DELTA, "take          components; 10000"),
+    ):
+        said = pgmp("check", scene).stdout
+        assert taken in said and all(f"  model         {name}: " in said for name in ("mesh", "components", "reduced"))
+    assert "reduced is left out by its error" in said
+    quick = overridden("simulation.duration=0.02", "reduction.modes=1", "initial={}")
+    said = pgmp("tradeoff", PALLETIZER, "--quick", *quick, "-o", tmp_path / "costs.h5").stdout
+    assert "no reduced model is compared: coordinates: waist, shoulder, drive, wrist" in said
+    assert "Which model, for 1 % in every output: component modes" in said
+    assert set(Tradeoff.read(tmp_path / "costs.h5").families) == {"components", "full", "surface"}
 
 
 def test_fewer_coordinates_than_degrees_of_freedom(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 
 CONSISTENT = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
-NODE_SECONDS = {2: 4.0e-7, 3: 4.0e-5}  # of a step, by the dimension
+NODE_SECONDS = {2: 1.0e-7, 3: 6.0e-6}  # of a step, by the dimension
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 
-UNKNOWN_SECONDS = {2: 7.0e-7, 3: 3.0e-5}  # of a step, by the dimension
+UNKNOWN_SECONDS = {2: 3.0e-7, 3: 3.0e-5}  # of a step, by the dimension
 
 
 @dataclass(frozen=True, kw_only=True)
