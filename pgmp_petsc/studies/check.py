@@ -107,8 +107,6 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
         models = prospects(scene, meshes, mechanism, sum(flexible.values()), patterns.n)
         lines += [f"  model         {one.text}" for one in models]
         lines.append(f"  take          {choice(models, own_steps(scene))}")
-    elif no_grid:
-        lines.append(f"  refused       pgmp build: {no_grid}")
     lines += [f"  {remark}" for remark in kinematics.remarks]
     lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")
     if large:
