@@ -47,6 +47,8 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[ScalingCase, Pat
     """Return the record of the plane slider-crank on the meshes of the repository, and its reduced model's file."""
     path = tmp_path_factory.mktemp("scaling") / "case_small.h5"
     group = RankGroup.split(MPI.COMM_SELF, 1)
+    # the first condensing of a process imports and compiles, which is of no phase
+    build.measure(SOLIDS, SMALL, group, path.with_name("first.h5"), fresh_up_to=10**4)
     return build.measure(SOLIDS, SMALL, group, path, fresh_up_to=10**4), path
 
 
@@ -57,8 +59,7 @@ def test_a_build_is_measured_phase_by_phase(measured: tuple[ScalingCase, Path]) 
     assert (found.dimension, found.bodies, found.modes, found.angles, found.ranks) == (2, 2, 4, 6, 1)
     for times in (found.wall, found.processor):
         assert all(seconds >= 0.0 for seconds in times.values())
-        # beside its parts: what the first condensing of a process imports and compiles
-        assert 0.0 < sum(times[part] for part in OF_CONDENSING) <= times[phases.CONDENSING]
+        assert 0.5 * times[phases.CONDENSING] < sum(times[part] for part in OF_CONDENSING) <= times[phases.CONDENSING]
         assert times[phases.FACTORISATION] + times[phases.EIGENSOLVER] == pytest.approx(times[phases.MODES])
         assert times[phases.FRESH] > 0.0
     # the second one counts eigenvalues
