@@ -102,11 +102,12 @@ def _refused(scene: Scene, purpose: Purpose, meshes: Mapping[str, BodyShape]) ->
     return ""
 
 
-def choice(found: Sequence[Prospect], n_steps: int) -> str:
+def choice(scene: Scene, meshes: Mapping[str, BodyShape], found: Sequence[Prospect], n_steps: int) -> str:
     """Return which model to take for how many samples of so many steps, in words; among those whose error is small."""
     good = [one for one in found if not one.refused and one.error <= GOOD]
+    compared = not _refused(scene, Purpose.TRADEOFF, meshes)
     if not good:
-        return "no model is predicted to be good enough; pgmp tradeoff measures them"
+        return "no model is predicted to be good enough" + ("; pgmp tradeoff measures them" if compared else "")
     offline, online = (np.array([getattr(one, name) for one in good]) for name in ("build", "step"))
     pieces = cheapest_from(offline, n_steps * online)
     names = [good[row].model for _, row in pieces]
@@ -118,7 +119,7 @@ def choice(found: Sequence[Prospect], n_steps: int) -> str:
     return (
         f"{', '.join(said)}; {MANY} samples of {n_steps} steps are predicted to take {many} with {good[row].model}"
         + (f"; {', '.join(left)} is left out by its error" if left else "")
-        + "; pgmp tradeoff measures times and errors"
+        + ("; pgmp tradeoff measures times and errors" if compared else "")
     )
 
 

@@ -106,7 +106,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     if flexible_bodies:
         models = prospects(scene, meshes, mechanism, sum(flexible.values()), patterns.n)
         lines += [f"  model         {one.text}" for one in models]
-        lines.append(f"  take          {choice(models, own_steps(scene))}")
+        lines.append(f"  take          {choice(scene, meshes, models, own_steps(scene))}")
     lines += [f"  {remark}" for remark in kinematics.remarks]
     lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")
     if large:
