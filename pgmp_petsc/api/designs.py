@@ -25,6 +25,7 @@ from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results.gradients import Design, Fit
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import to_own
 from pgmp_petsc.texts.studies import report_of_design, report_of_fit
 
 
@@ -91,7 +92,10 @@ def fit(
         origin.require_differentiable()
     with keeping("fit", comm, output, on_all_ranks, (origin.path, measured), plot) as keeper:
         prepared = origin.settled(comm)
-        history = on_root(comm, read_history, Path(measured), prepared.outputs, prepared.scene.simulation.duration)
+        scene, units = prepared.scene, prepared.outputs.units
+        duration = scene.simulation.duration
+        history = on_root(comm, read_history, Path(measured), prepared.outputs, duration, scene.system)
+        deviations = {name: scene.system.size_of(units.get(name, "1")) * one for name, one in deviations.items()}
         found = fitted(prepared, history, tuple(names), deviations, comm)
         return keeper.result(found, origin.directory, prepared.scene.remarks)
 
@@ -160,18 +164,21 @@ def optimize(
     with keeping("design", comm, output, on_all_ranks, (origin.path,), plot) as keeper:
         prepared = origin.settled(comm)
         with agreed(comm, "reading the goal"):
-            question = _question(prepared.scene, tuple(prepared.outputs.functions), goal, subject_to, names, robust)
+            question = _question(prepared.scene, prepared.outputs.units, goal, subject_to, names, robust)
         return keeper.result(designed(prepared, question, comm), origin.directory, prepared.scene.remarks)
 
 
 def _question(
-    scene: Scene, outputs: Sequence[str], goal: str, subject_to: Sequence[str], names: Sequence[str],
+    scene: Scene, outputs: Mapping[str, str], goal: str, subject_to: Sequence[str], names: Sequence[str],
     robust: Robust | None,
 ) -> Question:  # fmt: skip
     """Return what is to be designed; raises `InputError` where a text is no goal or constraint of the scene."""
     if not outputs:
         raise InputError("outputs: none is given, so there is nothing to design for; add a table [outputs.NAME]")
-    known = (outputs, scene.parameters)
+    known = (
+        {name: 1.0 / scene.system.size_of(unit) for name, unit in outputs.items()},
+        {name: to_own(scene, name) for name in scene.parameters},
+    )
     constraints = tuple(read_constraint(text, *known) for text in subject_to)
     figures = () if robust is None else (robust.deviations, robust.n, robust.seed)
     return Question(read_goal(goal, *known), constraints, designed_parameters(scene, names), *figures)

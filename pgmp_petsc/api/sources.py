@@ -18,6 +18,7 @@ from pgmp_petsc.api.result import MODELS, Result, Rom, in_memory
 from pgmp_petsc.base.errors import InputError, Remark
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.declare.records import Result as RunResult
 from pgmp_petsc.files.claims import check_folder, claimed, form_of, is_table, named
 from pgmp_petsc.files.seal import BrokenSeal, seal_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
@@ -300,11 +301,13 @@ class Keeper:
     plot: Path | None = None  # folder for its picture; None where there is none
 
     def result(self, data: Any, directory: Path, said: Sequence[Remark] = ()) -> Result:
-        """Return the result of what the first rank has, written where that is asked for. Collective on `comm`.
+        """Return the result of what the first rank has, in the units of its scene, written where that is asked for.
 
-        Its remarks are printed, except those in `said`, which were printed before. Raises `RunError` if the system
+        Collective on `comm`. Its remarks are printed, except those in `said`, which were printed before. Raises `RunError` if the system
         fails to write.
         """
+
+        data = data.in_own_units() if isinstance(data, RunResult) else data
 
         def writing_the_result() -> None:
             from pgmp_petsc.results.summary import write_result  # loads h5py, which without a file nobody needs

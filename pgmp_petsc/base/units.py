@@ -1,8 +1,9 @@
-"""Consistent units: those of SI, of mm, t and s, and others that programs are fed with.
+"""Consistent units: those of SI, in which everything is computed, of mm, t and s, and others that programs are fed
+with.
 
-All equations hold in any consistent units, so that the numbers of a scene are computed with as they are, and everything
-is in its units. What has a size of its own asks for them: the acceleration of gravity that is not said, what is judged
-in m/s or kg/m3, and whoever names a unit.
+A scene that says its units is converted where it is read (`scene.border`), and what is shown and written is converted
+back (`UnitSystem.text`, `declare.records`); nothing between knows of them. A scene that says none is computed with its
+numbers as they are.
 
 Dimensions of units, and numbers that are texts with their unit: ``"500 mm"``.
 
@@ -19,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pgmp_petsc.base.errors import nearest_name
 
@@ -45,6 +46,11 @@ class UnitSystem:
     energy: str = ""  # where it has a name of its own
 
     @property
+    def is_si(self) -> bool:
+        """Whether they are as large as those of SI, whatever they are called."""
+        return self.length == self.mass == self.time == 1.0
+
+    @property
     def gravity(self) -> float:
         """The Earth's acceleration in these units."""
         return STANDARD_GRAVITY * self.time**2 / self.length
@@ -57,6 +63,18 @@ class UnitSystem:
     def size(self, dimension: Dimension) -> float:
         """Return how many of the SI unit one of a dimension is."""
         return self.mass ** dimension[0] * self.length ** dimension[1] * self.time ** dimension[2]
+
+    def size_of(self, unit: str) -> float:
+        """Return how many of the SI unit one is here of what a unit measures: of these, or of SI."""
+        return 1.0 if self.is_si else self.size(dimension_of(unit))
+
+    def shown(self, value: Any, si: str) -> Any:
+        """Return a number or an array of an SI unit in these units."""
+        return value if self.is_si else value / self.size_of(si)
+
+    def text(self, value: float, si: str, form: str = ".3g") -> str:
+        """Return a number of an SI unit in these units, with the unit: ``12.5 mm``."""
+        return f"{self.shown(value, si):{form}} {self.unit(si)}"
 
     def unit(self, si: str) -> str:
         """Return what numbers are in here that would be in an SI unit, ``mm`` for ``m``, ``t/mm3`` for ``kg/m3``."""
@@ -136,6 +154,7 @@ UNITS: dict[str, Dimension] = {
     "rad/s": (0, 0, -1),
     "s/rad": (0, 0, 1),
     "s/m": (0, -1, 1),
+    "1/m": (0, -1, 0),
     "1/s": (0, 0, -1),
     "N": (1, 1, -2),
     "N m": (1, 2, -2),
@@ -209,7 +228,7 @@ def measure(unit: str) -> tuple[float, Dimension]:
     # newton metres as engineers write them, and exponents without a sign: kNm/rad, kg/m3
     text = re.sub(r"\b([kM]?N)(mm|cm|m)(s?)\b", lambda found: " ".join(filter(None, found.groups())), text)
     text = re.sub(r"([A-Za-z])([0-9])", r"\1**\2", text)
-    if re.search(r"\d{2}|[\d)]\s*\*\*", text):  # powers of powers, which would be worked out
+    if re.search(r"(?<![.\d])\d{2}|[\d)]\s*\*\*", text):  # powers of powers, which would be worked out
         raise UnknownUnit(NEEDED)
     registry = _registry()
     try:
@@ -222,6 +241,23 @@ def measure(unit: str) -> tuple[float, Dimension]:
     if strange or not (math.isfinite(factor) and factor > 0.0):
         raise UnknownUnit(f"made from {', '.join(strange) or 'no'} units, which scenes have no use for; {NEEDED}")
     return factor, tuple(dimension.get(name, 0) for name in BASE)
+
+
+@cache
+def dimension_of(unit: str) -> Dimension:
+    """Return the dimension of a unit, also of a density by another one, such as ``1/N m``. Raises `UnknownUnit`."""
+    if unit.startswith("1/"):
+        return tuple(-power for power in dimension_of(unit.removeprefix("1/").strip("()")))
+    return measure(unit)[1]
+
+
+def si_name(dimension: Dimension) -> str:
+    """Return the SI unit of a dimension."""
+    known = next((unit for unit, own in UNITS.items() if tuple(own) == tuple(dimension) and "rad" not in unit), None)
+    above, below = ([(n, abs(p)) for n, p in zip(("kg", "m", "s"), dimension) if sign * p > 0] for sign in (1, -1))
+    over, under = (" ".join(f"{n}{'' if p == 1 else f'{p:g}'}" for n, p in part) for part in (above, below))
+    under = f"({under})" if " " in under else under
+    return known or (f"{over or 1}/{under}" if under else over)
 
 
 def take_unit(unit: str) -> None:
@@ -255,7 +291,7 @@ def number_of(text: str, units: Sequence[str], system: UnitSystem) -> float | No
     if not unit:
         raise UnknownUnit('a number in quotes has its unit behind it, such as "500 mm"; leave the quotes out otherwise')
     factor, dimension = measure(unit)
-    wanted = {UNITS["1/s"] if one == HERTZ else UNITS[one]: one for one in units}
+    wanted = {UNITS["1/s"] if one == HERTZ else dimension_of(one): one for one in units}
     if wanted and dimension not in wanted:
         kinds = " or ".join(f"{named(one)} ({system.unit(label)})" for one, label in wanted.items())
         raise UnknownUnit(f"'{unit}' is the unit of {named(dimension)}; needed is {kinds}")

@@ -46,6 +46,7 @@ from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.uses import length_names, with_numbers
 
 MORE_MODES = 1.5  # of the component model as a reference, for each that a basis or another component model has
@@ -120,7 +121,7 @@ def measure_tradeoff(
     no_grid = "" if limits.gridded else why_no_grid(scene, subject.kinematics.mechanism)
     without = (note(f"no reduced model is compared: {no_grid}"),) if no_grid else ()
     remarks = (*scene.remarks, *without, *(() if finished is None else finished.remarks))
-    record = RunRecord(scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict(), remarks)
+    record = RunRecord(scene_to_toml(scene), own_values(scene), None, comm.size, timings.as_dict(), remarks)
     result = study.result(record, reference.model.outputs.units, times)
     result = replace(result, samples=n_samples, quick=quick, waiting=waiting)
     return replace(result, advice=advise(result, reference.from_mesh, study.sizes()))

@@ -1,4 +1,4 @@
-"""A body's matrices and nodes from the files that a scene names, in the scene's units.
+"""A body's matrices and nodes from the files that a scene names, in SI units.
 
 What matrices of a free body of displacements have to be; each check says what was found and the cure.
 
@@ -95,7 +95,7 @@ def check_diagonal(matrix: sp.coo_matrix, kind: str, labels: np.ndarray, d: int,
     Parameters
     ----------
     matrix
-        In the scene's units, of shape (d n_nodes, d n_nodes).
+        In SI units, of shape (d n_nodes, d n_nodes).
     kind
         ``"stiffness"`` or ``"mass"``.
     labels
@@ -103,7 +103,7 @@ def check_diagonal(matrix: sp.coo_matrix, kind: str, labels: np.ndarray, d: int,
     received
         The scene's entry and its value, with which messages begin.
     unit
-        That of the file in the scene's units.
+        That of the file in SI units.
     """
     diagonal = matrix.diagonal() / unit
     held = np.flatnonzero(np.abs(diagonal) >= PENALTY)
@@ -233,11 +233,12 @@ def check_stated(found: MassProperties, stated: Stated, entry: str, system: Unit
         if wanted.shape != values.shape:
             raise InputError(f"{entry}.{key} = {wanted.tolist()}: {values.size} numbers are needed for this body")
         if np.abs(values - wanted).max() > stated.within * sizes[key]:
-            units = system.unit({"mass": "kg", "centre": "m", "inertia": "kg m2"}[key])
+            unit = {"mass": "kg", "centre": "m", "inertia": "kg m2"}[key]
+            wanted, values = system.shown(wanted, unit), system.shown(values, unit)
             shown = values.tolist() if values.size > 1 else float(values[0])
             raise InputError(
                 f"{entry}.{key} = {wanted.tolist() if wanted.size > 1 else float(wanted[0])}: the matrices have "
-                f"{shown} {units}, which differs by more than {entry}.within = {stated.within:g} of "
+                f"{shown} {system.unit(unit)}, which differs by more than {entry}.within = {stated.within:g} of "
                 f"{'the radius of gyration' if key == 'centre' else 'it'}; check units, and the frame of the nodes"
             )
 

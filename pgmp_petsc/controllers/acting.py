@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.controllers.law import ControlLaw
+from pgmp_petsc.controllers.law import LIMITS, ControlLaw
 from pgmp_petsc.controllers.measured import Measured
 from pgmp_petsc.effects.action import NOTHING, Action
 from pgmp_petsc.effects.effect import ActionEffect
@@ -25,7 +25,9 @@ from pgmp_petsc.mechanism.statements import along, angle, distance
 from pgmp_petsc.outputs.of_frames import Deformation, Distance, Rotation
 from pgmp_petsc.outputs.readings import AXES
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import to_own
 from pgmp_petsc.scene.controllers import ControllerEntry
+from pgmp_petsc.scene.outputs import unit_of
 from pgmp_petsc.scene.uses import slides
 
 #: Among the parameters, where the law notes the measure that it meets, and its rate.
@@ -125,9 +127,15 @@ def measured_by(scene: Scene, entry: ControllerEntry) -> Measured:
 
 
 def law_of(scene: Scene, entry: ControllerEntry) -> ControlLaw:
-    """Return the law of a controller, of the motions that it measures."""
-    found = measured_by(scene, entry)
-    return entry.law().measuring(found.seen, len(found.motions), found.constants)
+    """Return the law of a controller, of the motions that it measures; it computes in the units of the scene."""
+    found, system, reference = measured_by(scene, entry), scene.system, entry.reference.constant
+    law = entry.law().measuring(found.seen, len(found.motions), found.constants)
+    if system.is_si:
+        return law
+    named = entry.parameters() | dict(zip(LIMITS, entry.limits or ())) | {"r": reference, "reference_rate": reference}
+    scales = {name: to_own(scene, value) for name, value in named.items() if isinstance(value, str)}
+    scales |= {name: 1.0 / system.size_of(unit_of(scene, output)) for name, output in entry.measured.items()}
+    return law.scaled(scales | {"force": system.size_of("N" if slides(scene, entry) else "N m")})
 
 
 def parameters_of(scene: Scene, entry: ControllerEntry) -> dict[str, float | str]:

@@ -86,6 +86,9 @@ class ControlLaw(Printed):
     measured: tuple[tuple[str, Seen], ...] = (("y", OfMotion(0)),)
     rate_of: str = "y"
     n_motions: int = 1
+    #: factors of what is measured, of `GIVEN` and parameters, by which expressions have them in the units of the scene,
+    #: and of the ``force``, by which it leaves them
+    scales: tuple[tuple[str, float], ...] = ()
     place: str = ""  # file and line of the declaration
 
     def __post_init__(self) -> None:
@@ -107,6 +110,10 @@ class ControlLaw(Printed):
         """Return the law of what is measured by the names it has, with parameters of that behind its own."""
         same = tuple(measured) == self.measured and n_motions == self.n_motions
         return self if same else _measuring(self, tuple(measured), n_motions, tuple(parameters))
+
+    def scaled(self, scales: Mapping[str, float]) -> ControlLaw:
+        """Return the law in other units, by the factors other than 1 of `scales`."""
+        return _scaled(self, tuple((name, factor) for name, factor in scales.items() if factor != 1.0))
 
     @property
     def n_found(self) -> int:
@@ -134,12 +141,14 @@ class ControlLaw(Printed):
     def _printed(self) -> str:
         import sympy as sp
 
-        names = {name: sp.Symbol(name, real=True) for name in (*GIVEN, *self.states, *self.parameters, *LIMITS)}
+        scales = dict(self.scales)
+        given = (*GIVEN, *self.states, *self.parameters, *LIMITS)
+        names = {name: scales.get(name, 1) * sp.Symbol(name, real=True) for name in given}
         states, lower, upper = [names[one] for one in self.states], names["lower"], names["upper"]
         pairs = [tuple(sp.Symbol(f"{name}_{k}", real=True) for name in "sv") for k in range(self.n_motions)]
         motions = list(itertools.chain(*pairs))
         # what is measured has names of its own: where it has cases, comparisons of it are no expressions of sympy
-        seen = {name: one.symbolic(pairs, names) for name, one in self.measured}
+        seen = {name: scales.get(name, 1) * one.symbolic(pairs, names) for name, one in self.measured}
         seen["rate"] = rate_of(seen[self.rate_of], pairs, names["t"]) if self.rate_of else sp.Integer(0)
         slopes = {(name, by): sp.diff(one, by) for name, one in seen.items() for by in motions}
         slope_names = {key: sp.Symbol(f"{key[0]}_by_{key[1]}", real=True) for key, one in slopes.items() if one != 0}
@@ -154,7 +163,7 @@ class ControlLaw(Printed):
 
         found = [
             part
-            for one in (limited, *rates)
+            for one in (scales.get("force", 1) * limited, *rates)
             for part in (one, *(slope(one, by) for by in motions), *(sp.diff(one, state) for state in states))
         ]
         starts = [symbolic(self.starts.get(one, "0"), names) for one in self.states]
@@ -222,6 +231,12 @@ def _measuring(
         law, name=f"{law.name}_{mark}", measured=measured, n_motions=n_motions,
         parameters=(*law.parameters, *parameters),
     )  # fmt: skip
+
+
+@functools.cache
+def _scaled(law: ControlLaw, scales: tuple[tuple[str, float], ...]) -> ControlLaw:
+    mark = hashlib.sha256(repr(scales).encode()).hexdigest()[:12]
+    return replace(law, name=f"{law.name}_{mark}", scales=scales) if scales else law
 
 
 @intrinsic

@@ -88,7 +88,7 @@ class Measured:
             if isinstance(entry, RateOfOutput):
                 return RateOf(seen(entry.of))
             if isinstance(entry, FormulaOfOutputs):
-                text, used = entry.in_declarations(scene)
+                text, used = entry.in_si(scene)
                 named = [one for one in scene.parameters if one in used]
                 constants.update({f"seen_{one}": one for one in named})
                 parts = tuple((f"of_{one}", seen(one)) for one in entry.made_in(scene))

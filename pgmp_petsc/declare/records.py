@@ -175,7 +175,7 @@ class Context(NamedTuple):
         unit, around = self.text(template), self
         while around is not None and not hasattr(around.own, "record"):
             around = around.outer
-        return unit if around is None else around.own.record.system.unit(unit)
+        return unit if around is None or around.own.internal else around.own.record.system.unit(unit)
 
     def text(self, template: str) -> str:
         """Return a text of a declaration."""
@@ -306,6 +306,17 @@ class Record:
         """Return what a file has in its place."""
         return self
 
+    def converted(self, convert: Callable[[Any, str], Any], outer: Context | None = None) -> Self:
+        """Return it in other units; `convert` takes an array or number and its unit, and of a text the text's."""
+        context = Context(self, {} if outer is None else outer.words, outer)
+        known = ((one, getattr(self, one.name)) for one in declared(type(self)))
+        found = {one.name: _converted(one, value, context, convert, one.depth) for one, value in known}
+        return replace(self, **found | self.converted_by_itself(convert))
+
+    def converted_by_itself(self, convert: Callable[[Any, str], Any]) -> dict[str, Any]:
+        """Return what `converted` does not know of, by the names of the fields that are not declared for it."""
+        return {}
+
     @classmethod
     def is_in(cls, group: h5py.Group) -> bool:
         """Return whether a group has one: the first name of its first place is there."""
@@ -313,9 +324,28 @@ class Record:
 
 
 class Result(Record):
-    """A record with a file of its own, of a kind of `files.claims.KINDS`, and a field `record`."""
+    """A record with a file of its own, of a kind of `files.claims.KINDS`, and a field `record`.
+
+    Results of runs are in the units of the scene once they leave the program (`in_own_units`), and in SI units where it
+    takes them in again (`in_si_units`). Models, and what is kept on the way, are in SI units.
+    """
 
     kind: ClassVar[str]
+    internal: ClassVar[bool] = False  # whether it stays in SI units
+
+    def in_own_units(self) -> Self:
+        """Return what was computed in the units of its scene."""
+        system = self.record.system
+        if system.is_si or self.internal:
+            return self
+        return self.converted(lambda value, unit: system.unit(unit) if value is None else system.shown(value, unit))
+
+    def in_si_units(self) -> Self:
+        """Return what is in the units of its scene as it was computed; names of units stay."""
+        system = self.record.system
+        if system.is_si or self.internal:
+            return self
+        return self.converted(lambda value, unit: unit if value is None else value * system.size_of(unit))
 
     def write(self, path: str | os.PathLike[str], *parts: Callable[[h5py.File], None]) -> None:
         """Write the file, to which `parts` add; by one process only.
@@ -342,6 +372,62 @@ class Result(Record):
             with shapes_of(file):
                 found = cls.take(file)
             yield found
+
+
+NAMES_OF_UNITS = ("unit", "units", "coordinate_units", "parameter_units")  # fields that have these
+UNKNOWN_UNITS = ("SI", "as attribute units")  # of numbers that stay, or are converted by their record
+
+
+def _converted(one: Holding, value: Any, context: Context, convert: Callable[[Any, str], Any], depth: int) -> Any:
+    """Return a value of a record in other units."""
+    entry = one.entry
+    if value is None:
+        return None
+    if one.name in NAMES_OF_UNITS:
+        if isinstance(value, str):
+            return convert(None, value)
+        if isinstance(value, tuple):
+            return tuple(convert(None, unit) for unit in value)
+        return {name: convert(None, unit) for name, unit in value.items()}
+    if depth:
+
+        def of(key: str) -> Any:
+            return _converted(one, value[key], context.of_key(entry, key), convert, depth - 1)
+
+        return Converted(value, of) if type(value) is not dict else {key: of(key) for key in value}
+    if one.is_rows:
+        return tuple(row.converted(convert, context) for row in value)
+    if one.is_record:
+        if one.depth == 0 and entry.words is not None:
+            context = context._replace(words={**context.words, **entry.words(context.own, "", context)})
+        return value.converted(convert, context)
+    is_number = isinstance(value, float) or getattr(value, "dtype", None) is not None and value.dtype.kind == "f"
+    if not is_number or entry.unit in UNKNOWN_UNITS:
+        return value
+    units = context.text(entry.unit).split(", ")
+    if entry.columns is not None:
+        units = list(getattr(context.own, entry.columns).values())
+    if len(units) == 1:
+        return convert(value, units[0])
+    axis = next(k for k, size in enumerate(entry.sizes) if str(size).rstrip("?") in ("coordinate", "parameter"))
+    parts = [convert(part, unit) for part, unit in zip(np.moveaxis(value, axis, 0), units)]
+    return np.moveaxis(np.array(parts).reshape(len(units), *np.delete(value.shape, axis)), 0, axis)
+
+
+class Converted(Mapping[str, Any]):
+    """Arrays by name that are converted when they are asked for."""
+
+    def __init__(self, given: Mapping[str, Any], of: Callable[[str], Any]) -> None:
+        self._given, self._of = given, of
+
+    def __getitem__(self, name: str) -> Any:
+        return self._of(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._given)
+
+    def __len__(self) -> int:
+        return len(self._given)
 
 
 class Leaf(NamedTuple):

@@ -42,6 +42,7 @@ from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import Fit, FittedOutput, FittedParameter
 from pgmp_petsc.results.numbers import plain
 from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
 from pgmp_petsc.scene.uses import length_names
@@ -222,7 +223,7 @@ class _Fitting:
             for k, name in enumerate(history.outputs)
         }  # fmt: skip
         record = RunRecord(
-            scene_to_toml(scene), scene.values | solution.values, None, n_ranks, timings.as_dict(), remarks
+            scene_to_toml(scene), own_values(scene, scene.values | solution.values), None, n_ranks, timings.as_dict(), remarks
         )
         return Fit(record, history.time, outputs, tuple(parameters), correlation, self.n_runs, solution.converged)
 

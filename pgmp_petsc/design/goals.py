@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -135,7 +135,11 @@ class Constraint:
     right: Expression
 
 
-def read_goal(text: str, outputs: Collection[str], parameters: Collection[str]) -> Goal:
+#: Names, and by what their values are multiplied for the units in which goals and constraints are written.
+Names = Mapping[str, float]
+
+
+def read_goal(text: str, outputs: Names, parameters: Names) -> Goal:
     """Read a goal.
 
     Raises
@@ -153,7 +157,7 @@ def read_goal(text: str, outputs: Collection[str], parameters: Collection[str]) 
     return Goal(text, SENSES[word], expression)
 
 
-def read_constraint(text: str, outputs: Collection[str], parameters: Collection[str]) -> Constraint:
+def read_constraint(text: str, outputs: Names, parameters: Names) -> Constraint:
     """Read a constraint; raises as `read_goal`."""
     parser = _Parser("--subject-to", text, outputs, parameters)
     left = parser.sum()
@@ -169,7 +173,7 @@ def read_constraint(text: str, outputs: Collection[str], parameters: Collection[
 class _Parser:
     """Reads one text, token by token."""
 
-    def __init__(self, entry: str, text: str, outputs: Collection[str], parameters: Collection[str]) -> None:
+    def __init__(self, entry: str, text: str, outputs: Names, parameters: Names) -> None:
         self._entry, self._text, self._outputs, self._parameters = entry, text, outputs, parameters
         self._end = self._depth = 0
         if len(text) > LONGEST:
@@ -256,7 +260,10 @@ class _Parser:
         if name not in self._parameters:
             self.refuse(f"there is no such parameter or figure{nearest_name(name, [*self._parameters, *FIGURES])}")
         self.advance()
-        return lambda outcome: Dual(outcome.values[name], np.array([float(name == other) for other in outcome.names]))
+        factor = self._parameters[name]
+        return lambda outcome: Dual(
+            factor * outcome.values[name], np.array([factor * (name == other) for other in outcome.names])
+        )
 
     def _figure(self, figure: Callable[[np.ndarray, np.ndarray, np.ndarray], Dual]) -> Expression:
         self._expect("(")
@@ -267,13 +274,14 @@ class _Parser:
         output = self.token
         if output not in self._outputs:
             self.refuse(f"there is no such output{nearest_name(output, self._outputs)}")
+        factor = self._outputs[output]
         self.advance()
         self._expect(")")
         if absolute:
             self._expect(")")
 
         def of(outcome: Outcome) -> Dual:
-            values, slopes = outcome.run.outputs[output], outcome.slopes(output)
+            values, slopes = factor * outcome.run.outputs[output], factor * outcome.slopes(output)
             if absolute:
                 values, slopes = np.abs(values), np.sign(values) * slopes
             return figure(outcome.run.time, values, slopes)

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, plain_reason, shortened
+from pgmp_petsc.base.units import SI, UnitSystem
 from pgmp_petsc.files.hdf5 import csv_table
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene.fields import LARGEST
@@ -35,8 +36,9 @@ class MeasuredHistory:
     remarks: tuple[Remark, ...] = ()  # what is to be said of the file
 
 
-def read_history(path: Path, outputs: OutputSet, duration: float) -> MeasuredHistory:
-    """Read a file, and check that it fits the outputs of a scene and a run of some duration (s).
+def read_history(path: Path, outputs: OutputSet, duration: float, system: UnitSystem = SI) -> MeasuredHistory:
+    """Read a file in the units of a system, and check that it fits the outputs of a scene and a run of some duration
+    (s); return it in SI units.
 
     Raises
     ------
@@ -45,7 +47,7 @@ def read_history(path: Path, outputs: OutputSet, duration: float) -> MeasuredHis
     """
     try:
         with open(path, encoding="utf-8-sig", newline="") as stream:
-            names, rows = csv_table(stream, f"'{path}'", {TIME: "s", **outputs.units})
+            names, rows = csv_table(stream, f"'{path}'", {TIME: "s", **{name: system.unit(unit) for name, unit in outputs.units.items()}})
             used = _used(path, names, outputs)
             places = {name: names.index(name) for name in used}
             table, lines = _all_at_once(path, len(names), list(places.values()), duration), []
@@ -65,7 +67,8 @@ def read_history(path: Path, outputs: OutputSet, duration: float) -> MeasuredHis
         _check_times(path, time, lines, duration)
     others = [name for name in names if name not in used]
     remarks = (note(f"columns of '{path}' that are no outputs have no part: {', '.join(others)}"),) if others else ()
-    return MeasuredHistory(time, columns, remarks)
+    found = {name: system.size_of(outputs.units[name]) * values for name, values in columns.items()}
+    return MeasuredHistory(time, found, remarks)
 
 
 def _all_at_once(path: Path, n_columns: int, places: list[int], duration: float) -> np.ndarray | None:

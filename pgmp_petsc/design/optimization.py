@@ -34,6 +34,7 @@ from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import Design, DesignConstraint, DesignParameter
 from pgmp_petsc.results.numbers import interval_text, percent
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.border import own_values
 
 MOST_ITERATIONS = 200
 PRECISE = 1e-7  # of goal and constraints, in units of their sizes: what iterations of runs leave stays below
@@ -128,7 +129,7 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
         for name, *row in zip(question.names, start, best, *figures.limits.T)
     ]
     return Design(
-        RunRecord(scene_to_toml(scene), values, question.seed if question.deviations is not None else None, comm.size,
+        RunRecord(scene_to_toml(scene), own_values(scene, values), question.seed if question.deviations is not None else None, comm.size,
                   timings.as_dict(), remarks),
         question.goal.text, sense * first[0].value, sense * last[0].value, tuple(parameters), tuple(described),
         np.array(figures.tried), sense * np.array(figures.goals), question.deviations, figures.n_samples,

@@ -20,6 +20,7 @@ from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instants
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import correlation_matrix
 
@@ -83,7 +84,7 @@ def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: Comm) -> Deriv
     without = [note(f"no output depends on {', '.join(idle)} in this run")] if idle else []
     return Derivatives(
         RunRecord(
-            scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict(),
+            scene_to_toml(scene), own_values(scene), None, comm.size, timings.as_dict(),
             (*run_remarks(model, run), *own, *without, *scene.remarks),
         ),
         run.time,

@@ -28,10 +28,11 @@ from pgmp_petsc.effects.over_joint import led_over
 from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import to_own
 from pgmp_petsc.scene.effects import OnJoint, OverMotion
 from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Unit, exactly_one, refusal
 from pgmp_petsc.scene.references import over_problems
-from pgmp_petsc.scene.uses import Use
+from pgmp_petsc.scene.uses import Use, motion_over, slides
 
 #: Names of the state in a formula, and what they are in a law.
 STATE = {"s": "s", "v": "rate", "t": "amplitude"}
@@ -123,8 +124,17 @@ class FormulaEffect(OnJoint):
             yield Use(f"{entry}.constants.{name}", value, "any", ())
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
-        """Return the law on the joint's motion, or on the distance."""
-        text, used = declared(self.force, known(self.constants), WORDS)
+        """Return the law on the joint's motion, or on the distance; the formula is in the units of the scene."""
+        scene, acts, names = mechanism.scene, slides(mechanism.scene, self), known(self.constants)
+        if not scene.system.is_si:
+            measured = acts if self.over is None else motion_over(scene, self) == "sliding"
+            units = ("m", "m/s") if measured else ("rad", "rad/s")
+            factors = {name: 1.0 / scene.system.size_of(unit) for name, unit in zip("sv", units)}
+            factors |= {name: to_own(scene, one) for name, one in self.constants.items() if isinstance(one, str)}
+            names |= {name: f"({factor!r} * {names[name]})" for name, factor in factors.items() if factor != 1.0}
+        text, used = declared(self.force, names, WORDS)
+        size = scene.system.size_of("N" if acts else "N m")
+        text = text if size == 1.0 else f"({size!r} * {text})"
         names = tuple(sorted(self.constants))
         parameters = tuple(Quantity.of(self.constants[one]) for one in names)
         time, place = TIME if "t" in used else None, place_of(mechanism, name, self)

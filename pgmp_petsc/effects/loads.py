@@ -16,9 +16,9 @@ from itertools import product
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, ValidationInfo, model_validator
+from pydantic import Field, model_validator
 
-from pgmp_petsc.base.units import SI, STANDARD_GRAVITY
+from pgmp_petsc.base.units import STANDARD_GRAVITY
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.action import Action
@@ -144,17 +144,8 @@ class Gravity(EffectEntry):
     )
     acceleration: Annotated[NumberOrParameter, Unit("m/s2")] = Field(
         STANDARD_GRAVITY,
-        description="acceleration (m/s2), a number or a parameter's name; that of the Earth, in the units that the "
-        "scene says, where it is not given",
+        description="acceleration (m/s2), a number or a parameter's name; that of the Earth where it is not given",
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _of_the_earth(cls, data: Any, info: ValidationInfo) -> Any:
-        """Give it the Earth's acceleration in units other than SI."""
-        system = (info.context or {}).get("system", SI)
-        missing = isinstance(data, dict) and "acceleration" not in data and system != SI
-        return {**data, "acceleration": system.gravity} if missing else data
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if it has no direction in space."""
@@ -168,7 +159,7 @@ class Gravity(EffectEntry):
             return np.nan, "not known: the mechanism rests, so that no energy is moved around"
         risen = np.max(np.abs(run.heights - run.heights[0]), axis=0)
         axis = 1 if risen.size == 2 else int(np.argmax(risen))
-        share = scene.system.gravity * float(risen[axis]) / exchanged
+        share = STANDARD_GRAVITY * float(risen[axis]) / exchanged
         return share, f"work of weights along -{'xyz'[axis]}, of the energy moved around"
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:

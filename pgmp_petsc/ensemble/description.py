@@ -39,6 +39,7 @@ from pgmp_petsc.models import REDUCED, LengthLanes, Model
 from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble
 from pgmp_petsc.results.statistics import DOUBT, Band, Chance, Statistics
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.numerics import Event, count_steps
 from pgmp_petsc.stepping.generalised_alpha import instants
 from pgmp_petsc.stepping.static_equilibrium import starts_remarks
@@ -135,7 +136,7 @@ def describe_ensemble(
     said, seed = (*scene.remarks, *remarks), None if plan.file else plan.seed
     return Ensemble(
         model=origin.model,
-        record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
+        record=RunRecord(scene_to_toml(scene), own_values(scene), seed, ranks, timings.as_dict(), said),
         parameters=parameters,
         outputs=outputs,
         units=units,

@@ -34,6 +34,7 @@ from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.reduction.rom import outside_of
 from pgmp_petsc.results.statistics import MostLikely, RareEvent
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 from pgmp_petsc.scene.numerics import Ensemble, Event
 from pgmp_petsc.scene.parameters import uncertain_names
@@ -230,7 +231,7 @@ def _result(
         said += _of_own_error(model, event, found, runs.names, parameters, value)
     return RareEvent(
         model=model.name,
-        record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
+        record=RunRecord(scene_to_toml(scene), own_values(scene), seed, ranks, timings.as_dict(), said),
         event=words,
         text=text,
         output=event.output,

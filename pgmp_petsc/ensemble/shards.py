@@ -22,6 +22,7 @@ from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results.ensemble import Ensemble, Place, ShardSamples
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
+from pgmp_petsc.scene.border import own_values
 
 CHECKSUM = 64  # characters
 OUTPUTS = "outputs."  # before the names of columns that are outputs
@@ -36,7 +37,7 @@ def shard_of(origin: Origin, plan: Plan, checkpoint: Checkpoint, ranks: int, tim
     seed = None if file is not None else plan.seed
     return ShardSamples(
         origin.model,
-        RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), scene.remarks),
+        RunRecord(scene_to_toml(scene), own_values(scene), seed, ranks, timings.as_dict(), scene.remarks),
         place,
         origin.units,
         origin.said,

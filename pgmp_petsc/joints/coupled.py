@@ -148,6 +148,15 @@ class SumOfMotions(CouplingEntry):
         """Return the terms."""
         return [Share(joint, motion(joint, None), "terms", factor) for joint, factor in self.terms.items()]
 
+    def measured(self, scene, entry):
+        """Yield the factors, of a sum that is in the unit of the first joint's motion."""
+        yield from super().measured(scene, entry)
+        first, *_ = shares = self.shares_in(scene)
+        for share in shares:
+            above, below = ("m" if one.motion == "sliding" else "1" for one in (first, share))
+            unit = "1" if above == below else f"1/{below}" if above == "1" else above
+            yield f"{entry}.terms.{share.joint}", share.factor, unit
+
 
 class Cam(CouplingEntry):
     """A joint follows a cam: its motion is a cubic spline, of the turning of another, that repeats with every turn."""
@@ -169,3 +178,9 @@ class Cam(CouplingEntry):
         first, second = self.joints
         follower = motion(second, self.motion)
         return [Share(second, follower, "joints"), Share(first, "turning", "joints", -1.0, table=self.table)]
+
+    def measured(self, scene, entry):
+        """Yield the follower's motion."""
+        yield from super().measured(scene, entry)
+        unit = "m" if self.shares_in(scene)[0].motion == "sliding" else "rad"
+        yield from ((f"{entry}.table[{k}][1]", 0.0, unit) for k in range(len(self.table)))

@@ -190,7 +190,7 @@ def served_by(bodies: Mapping[str, ModelBodyFile], built: Scene) -> dict[str, Se
 class ComponentsFile(Result):
     """A component model's file."""
 
-    kind = "components"
+    kind, internal = "components", True
     bodies: dict[str, ModelBodyFile] = array(ordered=True)
     record: RunRecord = run_record()
 

@@ -36,6 +36,7 @@ from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.missed_answers import Missed
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import si_values
 
 AT_ONCE = 2**22  # strains that are evaluated together: 32 MB
 
@@ -75,7 +76,8 @@ class ReducedStrains:
     def __init__(
         self, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str, numbers: Collection[int]
     ) -> None:
-        self.bodies, self._nominal = kinematics.mechanism.bodies, rom.record.parameters
+        self.bodies = kinematics.mechanism.bodies
+        self._nominal = si_values(kinematics.mechanism.scene, rom.record.parameters)
         self._curved, self._n_theta = rom.curvature is not None, rom.tables.n_coordinates
         self._shapes = {number: rom.displacements(scheme, self.bodies[number].dofs) for number in numbers}
         self._strained = {

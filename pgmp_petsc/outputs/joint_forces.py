@@ -201,7 +201,7 @@ class Power(OfDrive):
 
     def unit_in(self, scene: Scene) -> str:
         """Return the energy in a second, which is a W in SI units."""
-        return "W" if scene.system is SI else "J/s"
+        return "W" if scene.system == SI else "J/s"
 
 
 class ControlForce(OutputEntry):

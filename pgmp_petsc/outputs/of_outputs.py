@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from pgmp_petsc.base.units import UNITS, Dimension, UnknownUnit, measure
+from pgmp_petsc.base.units import UnknownUnit, measure, si_name
 from pgmp_petsc.declare.formulas import (
     NUMBER,
     DimensionError,
@@ -33,6 +33,7 @@ from pgmp_petsc.declare.formulas import (
 )
 from pgmp_petsc.outputs.readings import AnyReading, Jet, Needs, Rate, Seen
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import to_own
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import OutputEntry, per_second, unit_of
 from pgmp_petsc.scene.uses import Use, uses_of
@@ -107,6 +108,16 @@ class FormulaOfOutputs(OutputEntry):
         names = {name: f"of_{name}" for name in (*scene.outputs, *scene.parameters) if name.isidentifier()}
         return declared(self.formula, names | {"t": TIME}, "the names of outputs and parameters, the time t")
 
+    def in_si(self, scene: Scene) -> tuple[str, set[str]]:
+        """Return the formula, which is in the units of the scene, of what it names in SI units."""
+        text, used = self.in_declarations(scene)
+        if scene.system.is_si:
+            return text, used
+        factors = {one: 1.0 / scene.system.size_of(unit_of(scene, one)) for one in self.made_in(scene)}
+        factors |= {one: to_own(scene, one) for one in scene.parameters if one in used}
+        names = {one: f"({factor!r} * of_{one})" for one, factor in factors.items()} | {"t": TIME}
+        return f"({scene.system.size_of(self.unit_in(scene))!r} * {declared(self.formula, names, '')[0]})", used
+
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if it is no formula, or its units do not fit."""
         entry = f"outputs.{name}.formula"
@@ -142,7 +153,7 @@ class FormulaOfOutputs(OutputEntry):
             yield problem(entry, str(error), given)
             return
         if abs(factor - 1.0) > 1e-12 and abs(factor / scene.system.size(dimension) - 1.0) > 1e-12:
-            words = f"outputs are in the units of the scene, here {scene.system.unit(_name_of(dimension))}; take that"
+            words = f"outputs are in the units of the scene, here {scene.system.unit(si_name(dimension))}; take that"
             yield problem(entry, words, given)
         elif found.dimension is not None and found.value is None and found.dimension != dimension:
             words = f"the formula is in {found.text}; a number that has a unit is a parameter with it"
@@ -156,7 +167,7 @@ class FormulaOfOutputs(OutputEntry):
             found = self._measured(scene)
         except (FormulaError, DimensionError):
             return "1"
-        return found.unit or _name_of(found.dimension or NUMBER.dimension)
+        return found.unit or si_name(found.dimension or NUMBER.dimension)
 
     def _measured(self, scene: Scene) -> Measured:
         text, used = self.in_declarations(scene)
@@ -172,7 +183,7 @@ class FormulaOfOutputs(OutputEntry):
 
     def combined(self, name: str, parts: Mapping[str, AnyReading], scene: Scene) -> AnyReading:
         """Return the formula of what it names."""
-        text, used = self.in_declarations(scene)
+        text, used = self.in_si(scene)
         return Combined(
             text, {f"of_{one}": part for one, part in parts.items()},
             {f"of_{one}": one for one in scene.parameters if one in used}, "t" in used,
@@ -198,14 +209,6 @@ def _measured(unit: str) -> Measured:
         return Measured(tuple(float(power) for power in measure(unit)[1]), unit)
     except UnknownUnit:
         return Measured()
-
-
-def _name_of(dimension: Dimension) -> str:
-    """Return the SI unit of a dimension."""
-    known = next((unit for unit, own in UNITS.items() if tuple(own) == tuple(dimension) and "rad" not in unit), None)
-    above, below = ([(n, abs(p)) for n, p in zip(("kg", "m", "s"), dimension) if sign * p > 0] for sign in (1, -1))
-    over, under = (" ".join(f"{n}{'' if p == 1 else f'{p:g}'}" for n, p in part) for part in (above, below))
-    return known or (f"{over or 1}/{under}" if under else over)
 
 
 @dataclass(frozen=True, eq=False)

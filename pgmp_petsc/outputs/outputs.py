@@ -209,7 +209,9 @@ class OutputSet:
                 reached = rigid.reached
         bases = _bases(scene) if needs.base else ()
         of_bases = {name for base in bases for name, _ in base.factor.monomial.powers}
-        units = {name: scene.system.unit(entry.unit_in(scene)) for name, entry in scene.outputs.items()}
+        # SI units, and where a scene does not say its own, what these are called
+        label = scene.system.unit if scene.system.is_si else str
+        units = {name: label(entry.unit_in(scene)) for name, entry in scene.outputs.items()}
         return cls(
             tuple(sorted(needs.nodes)), units, n_frame, mechanism.space.n_pose, functions, tuple(stresses), forces,
             reached, rigid, order, needs.time, tuple(sorted(needs.parameters | of_bases)), bases,

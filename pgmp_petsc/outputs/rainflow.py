@@ -100,6 +100,11 @@ class Rainflow(OutputEntry):
         description="of a life: the longest that counts (s); what lives longer does not fail",
     )
 
+    def measured(self, entry: str) -> Iterator[Use]:
+        """Yield the amplitudes of the curve's rows."""
+        rows = range(len(self.curve.table or ()))
+        yield from (Use(f"{entry}.curve.table[{k}][0]", 0.0, "any", ("Pa",)) for k in rows)
+
     @model_validator(mode="after")
     def _strength(self) -> Self:
         if (self.mean_stress == "goodman") != (self.ultimate is not None):

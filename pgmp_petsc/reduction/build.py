@@ -69,6 +69,7 @@ from pgmp_petsc.reduction.tables import (
     rigid_inertia,
 )
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.references import stressed_bodies
 from pgmp_petsc.scene.uses import length_names
@@ -294,7 +295,7 @@ def _built(
         cosines=joined.cosines,
         meshes=dict(meshes),
         n_redundant=n_redundant,
-        record=RunRecord(scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict(), remarks),
+        record=RunRecord(scene_to_toml(scene), own_values(scene, scene.nominal), None, group.world.size, timings.as_dict(), remarks),
         curvature=basis.curvature,
         points=replace(points, n_vectors=n_parameter),
         indefinite=indefinite,

@@ -35,6 +35,7 @@ from pgmp_petsc.reduction.rom import LengthCheck, LengthFamily, ReducedOrderMode
 from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints, SampleGrid, Samples
 from pgmp_petsc.reduction.tables import indefinite_between, mode_changes
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.uses import extremes, held, length_names
 
@@ -229,7 +230,7 @@ def _joined(
             timings[phase] = timings.get(phase, 0.0) + time
     remarks = (*nominal.record.remarks, *_remarks(family, len(built), cosine, indefinite))
     record = replace(
-        nominal.record, scene_toml=scene_to_toml(scene), parameters=scene.nominal, timings=timings, remarks=remarks
+        nominal.record, scene_toml=scene_to_toml(scene), parameters=own_values(scene, scene.nominal), timings=timings, remarks=remarks
     )
     return replace(nominal, record=record, family=family, indefinite=nominal.indefinite or indefinite)
 

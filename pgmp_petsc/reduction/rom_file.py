@@ -551,6 +551,6 @@ class LengthsFile(Record):
 class RomFile(ModelFile, Result):
     """A reduced model's file."""
 
-    kind = "rom"
+    kind, internal = "rom", True
     lengths: LengthsFile | None = array(absent=None)
     record: RunRecord = run_record()

@@ -60,6 +60,19 @@ class Stopping(Record):
         "rule", "look", 2, unit=_UNIT, about="confidence interval of each rule's figure at each look", gaps=True
     )
 
+    def converted_by_itself(self, convert: Callable[[Any, str], Any]) -> dict[str, Any]:
+        """Return figures, each in the unit of its rule; shares have none."""
+        units = ["1" if is_share else unit for unit, is_share in zip(self.units, self.relative)]
+        return {
+            "wanted": np.array([convert(x, unit) for x, unit in zip(self.wanted, units)]),
+            **{
+                key: np.array([convert(row, unit) for row, unit in zip(getattr(self, key), self.units)]).reshape(
+                    getattr(self, key).shape
+                )
+                for key in ("estimates", "intervals")
+            },
+        }
+
     @property
     def is_met(self) -> bool:
         """Whether all rules are."""
@@ -116,7 +129,7 @@ class ShardSamples(Result):
     `columns` are by ``<kind>.<name>``, and ``status`` and ``failure_time``; arrays of a file are read one by one.
     """
 
-    kind = "shard"
+    kind, internal = "shard", True
     model: str = attribute("@model", allowed=MODELS, about="full, components or reduced")
     record: RunRecord = run_record()
     place: Place = attribute(

@@ -72,8 +72,9 @@ class EstimatedErrors(Record):
         label="error.{name}",
     )  # fmt: skip
     largest: dict[str, float] = attribute(
-        "{key}@largest", names=lambda _, taken: taken["outputs"], about="largest size of the output over the run"
-    )
+        "{key}@largest", names=lambda _, taken: taken["outputs"], unit="{unit}",
+        about="largest size of the output over the run",
+    )  # fmt: skip
     what: str = attribute("@what", absent=OF_REDUCED, about="what the errors are of")
     absent: dict[str, str] = attribute(
         "{key}@not_estimated", absent={}, names=lambda _, taken: taken["outputs"], about="why there is no estimate"

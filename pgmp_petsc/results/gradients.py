@@ -146,6 +146,11 @@ class Derivatives(Result):
                 raise ValueError(f"derivatives of '{output}' are not with the parameters of the run")
         super().__post_init__()
 
+    def converted_by_itself(self, convert: Callable[[Any, str], Any]) -> dict[str, Any]:
+        """Return the changes."""
+        found = {name: (float(convert(x, self.units[name])), what) for name, (x, what) in self.changes.items()}
+        return {"changes": found}
+
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters, in the order of n_parameters."""

@@ -7,7 +7,9 @@ The probability of a rare event, and the samples that it follows from.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import h5py
@@ -258,6 +260,20 @@ class RareEvent(Result):
             about="of beyond these values, as the levels know it",
         ),
     )  # fmt: skip
+
+    def converted_by_itself(self, convert: Callable[[Any, str], Any]) -> dict[str, Any]:
+        """Return the curve, and values of parameters, whose units are in the scene."""
+        units = {name: one.get("unit", "1") for name, one in tomllib.loads(self.record.scene_toml)["parameters"].items()}
+
+        def of(parameters: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+            return {name: convert(values, units[name]) for name, values in parameters.items()}
+
+        likely = self.most_likely
+        return {
+            "curve": (convert(self.curve[0], self.unit), self.curve[1]),
+            "parameters": of(self.parameters),
+            "most_likely": None if likely is None else replace(likely, parameters=of(likely.parameters)),
+        }
 
     @property
     def reached(self) -> bool:

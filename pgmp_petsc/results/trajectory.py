@@ -24,7 +24,8 @@ One mode of vibration of a mechanism at a configuration, as it can be seen.
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import h5py
@@ -49,6 +50,7 @@ from pgmp_petsc.results.statistics import MODELS
 GROUP = "fields"
 PLACES = ("at_nodes", "at_cells")
 ANSWERS = {"static_modes": "loads", "inertia_modes": "inertia forces"}
+_LENGTHS = ("positions", "nodes")  # of frames
 _VECTOR = ("frame", "node", "dimension")
 
 
@@ -150,6 +152,11 @@ class Frames(Record):
     cells: dict[str, np.ndarray]  # line cells, numbered within the body
     rigid: frozenset[str] = frozenset()  # the bodies that do not deform
     STORED = FrameTable
+
+    def converted(self, convert: Callable[[Any, str], Any], outer: Any = None) -> Self:
+        """Return the frames in other units."""
+        found = {key: {name: convert(part, "m") for name, part in getattr(self, key).items()} for key in _LENGTHS}
+        return replace(self, **found)
 
     @property
     def extent(self) -> float:

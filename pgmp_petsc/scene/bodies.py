@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from pgmp_petsc.base.units import UnitSystem, UnknownUnit, measure, times
+from pgmp_petsc.base.units import UnitSystem, UnknownUnit, measure
 from pgmp_petsc.declare.ideas import SECTIONS, Found, refuse
 from pgmp_petsc.scene.fields import (
     NAMED,
@@ -158,10 +158,10 @@ class FileUnits(Table):
         return value
 
     def factors(self, system: UnitSystem) -> tuple[float, float, float]:
-        """Return how many of a system's unit those of length, mass and time are."""
+        """Return how many SI units those of length, mass and time are, which are of a system where none is said."""
         given = ((getattr(self, key), dimension) for key, (dimension, _) in QUANTITIES.items())
         length, mass, time = (
-            1.0 if unit is None else times(measure(unit)[0], 1.0 / system.size(dimension)) for unit, dimension in given
+            system.size(dimension) if unit is None else measure(unit)[0] for unit, dimension in given
         )
         return length, mass, time
 

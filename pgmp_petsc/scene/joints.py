@@ -150,6 +150,12 @@ class Clearance(Table):
             raise refusal("without effect, as there is no friction; leave it out", "friction_speed")
         return self
 
+    def of_stiffness(self, entry: str, slides: bool) -> Iterator[tuple[str, Any, str]]:
+        """Yield the stiffness with its unit, as `JointTable.measured`; none where samples have exponents of their own."""
+        if not isinstance(self.exponent, str):
+            unit = f"N/m^{self.exponent:g}" if slides else "N m"
+            yield f"{entry}.clearance.stiffness", self.stiffness, unit
+
     @property
     def structure(self) -> tuple[Any, ...]:
         """What a built model is made of: that there is a clearance, and whether it rubs."""
@@ -157,6 +163,9 @@ class Clearance(Table):
 
     def problems(self, scene: AnyScene, entry: str) -> Iterator[str]:
         """Yield a line if exponent or restitution, or a value that a parameter of them has, is none that can be."""
+        if isinstance(self.exponent, str) and not scene.system.is_si:
+            words = "a number is needed in a scene in mm, where the unit of the stiffness, N/mm^exponent, hangs on it"
+            yield problem(f"{entry}.exponent", f"{words}; or give the scene in SI units", self.exponent)
         for key, low, high, words in (
             ("exponent", 1.0, math.inf, "must be at least 1, so that the force begins without a jump of its slope"),
             ("restitution", 0.0, 1.0, "must be above 0 and at most 1: no impact makes anything faster"),
@@ -316,6 +325,11 @@ class JointTable(Table):
         """Return the number of statements in the plane or in space."""
         raise NotImplementedError
 
+    def measured(self, scene: AnyScene, entry: str) -> Iterator[tuple[str, Any, str]]:
+        """Yield entries whose unit hangs on the rest of the scene: the dotted name, the value and the unit; `entry` is
+        the joint's."""
+        yield from ()
+
     def problems(self, scene: AnyScene, name: str) -> Iterator[str]:
         """Yield a line for each entry that does not fit the rest of the scene."""
         yield from ()
@@ -363,6 +377,11 @@ class JointEntry(JointTable):
         of = handler.resolve_ref_schema(found)
         of["description"] = f"{of['description']} {where.capitalize()}{free}."
         return found
+
+    def measured(self, scene: AnyScene, entry: str) -> Iterator[tuple[str, Any, str]]:
+        """As of `JointTable`."""
+        if self.clearance is not None:
+            yield from self.clearance.of_stiffness(entry, True)
 
     @property
     def gives_way(self) -> str:
@@ -480,6 +499,11 @@ class CouplingEntry(JointTable):
             return said if found is None else found.motion_of(said, MEASURED, scene.dimension)
 
         return self.shares(motion)
+
+    def measured(self, scene: AnyScene, entry: str) -> Iterator[tuple[str, Any, str]]:
+        """As of `JointTable`."""
+        if self.clearance is not None:
+            yield from self.clearance.of_stiffness(entry, self.shares_in(scene)[0].motion == "sliding")
 
     def problems(self, scene: AnyScene, name: str) -> Iterator[str]:
         """Yield a line for each joint that there is not, or that does not move as is needed."""

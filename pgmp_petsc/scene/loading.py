@@ -25,6 +25,7 @@ from pgmp_petsc.base.errors import InputError, irregular, nearest_name, shortene
 from pgmp_petsc.base.units import SI, UnitSystem, UnknownUnit
 from pgmp_petsc.files.claims import replacing
 from pgmp_petsc.files.seal import SIGNATURE, SIZE
+from pgmp_petsc.scene.border import in_own_units, in_si
 from pgmp_petsc.scene.messages import DEEPEST, dotted_name, explain, problem, toml_text
 from pgmp_petsc.scene.parameters import add_field_parameters
 from pgmp_petsc.scene.schema import Scene
@@ -274,14 +275,14 @@ def scene_from_tables(
     apply_settings(data, settings, system)  # after the conversion: they are in the scene's units
     context = {"directory": directory, "units": given, "system": system, "raw": data}
     try:
-        return Scene.model_validate(data, context=context)
+        return in_si(Scene.model_validate(data, context=context))
     except ValidationError as error:
         raise explain(error, Scene, given, system) from error
 
 
 def scene_to_toml(scene: Scene) -> str:
     """Return the scene with all defaults and set values; `scene_from_toml` reads it back unchanged."""
-    return tomli_w.dumps(scene.model_dump(exclude_none=True))
+    return tomli_w.dumps(in_own_units(scene).model_dump(exclude_none=True))
 
 
 def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:
@@ -453,5 +454,5 @@ def changed(scene: Scene, overrides: Sequence[str], settings: Sequence[str]) -> 
     """
     if not overrides and not settings:
         return scene
-    tables = scene.model_dump(exclude_none=True, exclude_unset=True)
+    tables = in_own_units(scene, every=False).model_dump(exclude_none=True, exclude_unset=True)
     return scene_from_tables(tables, scene.directory, overrides, settings)

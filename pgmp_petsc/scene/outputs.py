@@ -121,6 +121,10 @@ class OutputEntry(Table):
         for key, *use in named_numbers(self):
             yield Use(f"{entry}.{key}", *use)
 
+    def measured(self, entry: str) -> Iterator[Use]:
+        """Yield the entries that no parameter can be, and whose unit is not that of their field."""
+        yield from ()
+
     def doubts(self, scene: AnyScene, name: str) -> Iterator[Finding]:
         """Yield what probably is not meant."""
         yield from ()

@@ -1,8 +1,9 @@
-"""The scene: everything that a user says about a mechanism, validated. Numbers are in the units that it says."""
+"""The scene: everything that a user says about a mechanism, validated. Numbers are in SI units once it is read."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -114,8 +115,13 @@ class Scene(Table):
 
     @property
     def system(self) -> UnitSystem:
-        """Consistent units of its numbers: those that it says, or else `material_units`; SI if these are none."""
-        return SAID[self.scene.units] if self.scene.units else self.material_units or SI
+        """Units in which it is shown and written: those that it says, while its numbers are in SI units (`border`).
+
+        One that says none is computed with its numbers as they are, and shown with the names of `material_units`.
+        """
+        if self.scene.units:
+            return SAID[self.scene.units]
+        return replace(self.material_units or SI, length=1.0, mass=1.0, time=1.0)
 
     @property
     def material_units(self) -> UnitSystem | None:

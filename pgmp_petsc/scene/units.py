@@ -17,6 +17,7 @@ from pgmp_petsc.base.units import (
     ANGULAR,
     IN_TURNS,
     QUANTITY,
+    ROUNDING,
     SAID,
     SI,
     UNITS,
@@ -28,6 +29,7 @@ from pgmp_petsc.base.units import (
     named,
     number_of,
     plain,
+    si_name,
     times,
 )
 from pgmp_petsc.scene.fields import AnyScene, is_number
@@ -71,8 +73,8 @@ def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, st
             if texts and "unit" not in parameter:
                 raise InputError(problem(f"parameters.{name}", str(error), texts[0])) from error
             continue
-        label = label_of(unit, dimension, system)
-        if label is None or not texts and plain(unit) in _own_names(system):
+        label, own = label_of(unit, dimension, system), abs(factor / system.size(dimension) - 1.0) < ROUNDING
+        if not texts and (plain(unit) in _own_names(system) or own and dimension not in UNITS.values()):
             continue
         given[name] = unit
         # numbers beside a text are in the scene's units, where the parameter says no other
@@ -82,13 +84,12 @@ def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, st
     return given
 
 
-def label_of(unit: str, dimension: Dimension, system: UnitSystem) -> str | None:
-    """Return the unit of a dimension in a system, with angles where `unit` has them; None where scenes hold no such
-    numbers."""
+def label_of(unit: str, dimension: Dimension, system: UnitSystem) -> str:
+    """Return the unit of a dimension in a system, with angles where `unit` has them."""
     fitting = [label for label, known in UNITS.items() if known == dimension]
     angular = any(turn in plain(unit) for turn in ANGULAR)
     fitting.sort(key=lambda label: ("rad" in label) != angular)
-    return system.unit(fitting[0]) if fitting else None
+    return system.unit(fitting[0] if fitting else si_name(dimension))
 
 
 def setting_of(text: str, parameter: dict[str, Any], system: UnitSystem) -> float | None:
@@ -105,7 +106,7 @@ def setting_of(text: str, parameter: dict[str, Any], system: UnitSystem) -> floa
     if isinstance(own, str) and own and (wanted := measure(own)[1]) != dimension:
         raise UnknownUnit(f"'{unit}' is the unit of {named(dimension)}; needed is {named(wanted)} ({own})")
     if not own:
-        parameter["unit"] = label_of(unit, dimension, system) or ""
+        parameter["unit"] = label_of(unit, dimension, system)
     return value
 
 

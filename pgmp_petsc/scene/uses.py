@@ -101,7 +101,7 @@ def _of_body(entry: str, body: Any) -> Iterator[Use]:
 
 
 def measured_uses(scene: AnyScene) -> Iterator[Use]:
-    """Yield entries that no parameter can be, and whose unit hangs on what the rest of the scene says."""
+    """Yield entries whose unit hangs on what the rest of the scene says, most of which no parameter can be."""
     of = {name: slides(scene, coordinate) for name, coordinate in scene.coordinates.items()}
     for name, slid in of.items():
         yield Use(f"coordinates.{name}.range", 0.0, "any", ("m" if slid else "rad",))
@@ -111,6 +111,11 @@ def measured_uses(scene: AnyScene) -> Iterator[Use]:
         yield Use(f"simulation.initial.{name}.velocity", 0.0, "any", ("m/s" if slid else "rad/s",))
     for name, effect in scene.effects.items():
         yield from effect.measured(scene, f"effects.{name}")
+    for name, joint in scene.joints.items():
+        for entry, value, unit in joint.measured(scene, f"joints.{name}"):
+            yield Use(entry, value, "any", (unit,))
+    for name, output in scene.outputs.items():
+        yield from output.measured(f"outputs.{name}")
     for label, event in scene.ensemble.probabilities.items():
         output = scene.outputs.get(event.output)
         for key in ("above", "below") if output is not None else ():

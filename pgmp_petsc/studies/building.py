@@ -29,6 +29,7 @@ from pgmp_petsc.reduction.build import BuildCheckpoint, build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import EffectSizes, Selection
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.uses import extremes, length_names
 from pgmp_petsc.stepping.static_equilibrium import require_balance
 from pgmp_petsc.studies.effect_sizes import choose_effects, remarks_on_sizes
@@ -149,7 +150,7 @@ def build_components(scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm) 
         model.require_taken()
         remarks = (*condensed_alone(model), *model.kinematics.remarks, *scene.remarks)
     timings = timings.maximum(comm)
-    record = RunRecord(scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict(), remarks)
+    record = RunRecord(scene_to_toml(scene), own_values(scene), None, comm.size, timings.as_dict(), remarks)
     return ComponentsFile(bodies=bodies, record=record) if comm.rank == 0 else None
 
 

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from os import PathLike
+from typing import TypeVar
+
+import numpy as np
 
 from pgmp_petsc.base.errors import shortened
 from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.base.units import SI, times
 from pgmp_petsc.bodies.random_fields import field_remarks
 from pgmp_petsc.bodies.shape import BodyShape, shape_in_scene
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.mesh.line_mesh import read_line_mesh
+from pgmp_petsc.mesh.line_mesh import LineMesh, read_line_mesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.ranks.agreement import on_root
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.scene.loading import changed
 from pgmp_petsc.scene.references import stressed_bodies
 from pgmp_petsc.studies.plausibility import plausibility
+
+AnyMesh = TypeVar("AnyMesh", LineMesh, SolidMesh)
 
 
 def read_scene(
@@ -57,15 +65,23 @@ def _mesh_of(scene: Scene, name: str) -> BodyShape:
 
         return read_assembled(scene, name)
     path, entry = scene.path_of(body.mesh), f"bodies.{name}.mesh"
+    length = scene.system.length
     if not body.continuum:
-        return read_line_mesh(path, entry, body.dimension)
+        return in_metres(read_line_mesh(path, entry, body.dimension), length)
     # take a noticeable time, and only runs with continuum bodies need them
     from pgmp_petsc.mesh.cad_part import read_part, with_groups
     from pgmp_petsc.mesh.solid_mesh_reading import read_solid_mesh
 
     if body.of_cad:
-        length = scene.system.size((0, 1, 0))
-        mesh = read_part(path, shortened(f'{entry} = "{path}"'), length, body.mesh_size).mesh
+        mesh = read_part(path, shortened(f'{entry} = "{path}"'), SI.length, body.mesh_size).mesh
     else:
-        mesh = read_solid_mesh(path, body.dimension, entry)
+        mesh = in_metres(read_solid_mesh(path, body.dimension, entry), length)
     return with_groups(mesh, body.faces, f"bodies.{name}.faces")
+
+
+def in_metres(mesh: AnyMesh, length: float) -> AnyMesh:
+    """Return a mesh with nodes in m, of which its unit is so many; through decimals, as entries of scenes are."""
+    if length == 1.0:
+        return mesh
+    nodes = [times(number, length) for number in mesh.nodes.ravel().tolist()]
+    return replace(mesh, nodes=np.array(nodes).reshape(mesh.nodes.shape))

@@ -44,6 +44,7 @@ from pgmp_petsc.reduction.static_loads import BuiltInStress
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.results.trajectory import ModesTable
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.uses import offset_directions, offset_values
 
 
@@ -189,7 +190,7 @@ def _tabulated(
     full = np.concatenate(arcs)
     remarks = (*scene.remarks, *said, *_unstable(full, theta, coordinates), note(MESH_ERROR))
     return ModesTable(
-        record=RunRecord(scene_to_toml(scene), scene.values, None, group.world.size, timings.as_dict(), remarks),
+        record=RunRecord(scene_to_toml(scene), own_values(scene), None, group.world.size, timings.as_dict(), remarks),
         theta=theta[:, 0] if len(coordinates) == 1 else theta.T,
         full_hz=full,
         reduced_hz=reduced,

@@ -43,6 +43,7 @@ from pgmp_petsc.reduction.tables import smoother
 from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.generalised_alpha import (
     Attempt,
@@ -359,7 +360,7 @@ def _described(
     said = (*remarks, *model.kinematics.remarks, *scene.remarks)
     return {
         "model": model.name,
-        "record": RunRecord(scene_to_toml(scene), scene.values, None, n_ranks, timings.as_dict(), said),
+        "record": RunRecord(scene_to_toml(scene), own_values(scene), None, n_ranks, timings.as_dict(), said),
         "time": part.time,
         "outputs": part.outputs,
         "units": model.outputs.units,

@@ -1,0 +1,174 @@
+"""The border of a scene: its numbers become SI where it is read, and those of its own units where it is written.
+
+Between, a `Scene` is in SI units, whatever `scene.units` says: that is what results are shown and written in. Numbers
+are converted by the unit that their entry declares, or that follows from what a joint turns or slides, through decimals:
+123.4 mm are bit for bit the 0.1234 m of the same scene in SI units. What formulas and controllers have of their own
+stays as it is written, since these compute in the units of the scene (`to_own`, `from_own`). Entries that the scene
+leaves out have their defaults, which are in SI units.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+from pydantic import BaseModel
+
+from pgmp_petsc.base.units import SI, UNITS, dimension_of, times
+from pgmp_petsc.scene.fields import AnyScene, Unit, _notes, is_number
+from pgmp_petsc.scene.units import label_of
+from pgmp_petsc.scene.uses import measured_uses, uses_of
+
+SomeScene = TypeVar("SomeScene", bound=BaseModel)
+#: Converts a number, or numbers in lists, of a unit of SI.
+Convert = Callable[[Any, str], Any]
+
+
+def in_si(scene: SomeScene) -> SomeScene:
+    """Return a scene whose numbers are in its own units in SI units."""
+    system = scene.system
+    if system.is_si:
+        return scene
+
+    def label(unit: str) -> str:
+        found = label_of(unit, dimension_of(unit), SI)
+        return found if found in UNITS else unit
+
+    return _whole(scene, lambda value, unit: _times(value, system.size_of(unit)), label, False)
+
+
+def in_own_units(scene: SomeScene, every: bool = True) -> SomeScene:
+    """Return a scene in SI units in its own ones, to be written; of `every` entry or of those that were given."""
+    system = scene.system
+    if system.is_si:
+        return scene
+    return _whole(scene, lambda value, unit: _times(value, 1.0 / system.size_of(unit)), system.unit, every)
+
+
+def own_values(scene: AnyScene, values: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return values of parameters, numbers or arrays, in the units of the scene; those of a single run if not given."""
+    values = scene.values if values is None else values
+    return {name: _times(value, to_own(scene, name)) for name, value in values.items()}
+
+
+def si_values(scene: AnyScene, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values of parameters that are in the units of the scene, numbers or arrays, in SI units."""
+    return {name: _times(value, 1.0 / to_own(scene, name)) for name, value in values.items()}
+
+
+def to_own(scene: AnyScene, parameter: str) -> float:
+    """Return what the value of a parameter is multiplied by for formulas, which have it in the units of the scene."""
+    return 1.0 / scene.system.size_of(scene.parameters[parameter].unit or "1")
+
+
+def entry_units(scene: AnyScene) -> dict[str, str]:
+    """Return the SI units of the numbers that a scene gives, by their dotted names."""
+    found, parameters = _units(scene), _parameter_units(scene)
+
+    def note(table: BaseModel, entry: str) -> None:
+        _converted(table, entry, found, lambda value, unit: value, False, found)
+
+    note(scene, "")
+    for name, unit in parameters.items():
+        found |= dict.fromkeys((f"parameters.{name}.{key}" for key in ("nominal", "value", "bounds")), unit or "1")
+    return found
+
+
+def _whole(scene: SomeScene, convert: Convert, label: Callable[[str], str], every: bool) -> SomeScene:
+    """Return a scene with other numbers, and other units of its parameters."""
+    units, of_parameters = _units(scene), _parameter_units(scene)
+    changed = _converted(scene, "", units, convert, every, {})
+    parameters = {
+        name: _parameter(parameter, of_parameters[name], convert, label)
+        for name, parameter in scene.parameters.items()
+    }
+    return changed.model_copy(update={"parameters": parameters} if parameters else {})
+
+
+def _units(scene: AnyScene) -> dict[str, str]:
+    """Return the units of entries that hang on the rest of a scene, by their dotted names."""
+    found = {use.entry: use.units[0] for use in (*measured_uses(scene), *uses_of(scene)) if use.units}
+    for name, effect in scene.effects.items():
+        scale = getattr(effect, "scale", None)
+        if isinstance(scale, str) and any(dimension_of(scene.parameters[scale].unit or "1")):
+            # a table is of numbers where the parameter that scales it has its unit
+            of_values = [key for key in found if re.match(rf"effects\.{name}\.(table\[\d+\]$|harmonic\.)", key)]
+            found |= dict.fromkeys(of_values, "1")
+    return found
+
+
+def _parameter_units(scene: AnyScene) -> dict[str, str]:
+    """Return the unit of each parameter: its own, or that of the entries that name it, empty where any may be."""
+    uses = {use.parameter: use.units[0] for use in (*measured_uses(scene), *uses_of(scene)) if use.units}
+    return {name: parameter.unit or uses.get(name, "") for name, parameter in scene.parameters.items()}
+
+
+def _parameter(parameter: Any, unit: str, convert: Convert, label: Callable[[str], str]) -> Any:
+    """Return a parameter with other numbers, and another unit."""
+    if not any(dimension_of(unit or "1")):
+        return parameter
+
+    def law(own: Any) -> Any:
+        if own is None:
+            return None
+        changed = {key: convert(getattr(own, key), unit) for key in ("values",) if own.values is not None}
+        if own.of is not None:
+            changed["of"] = tuple(map(law, own.of))
+        found = own.model_copy(update=changed)
+        if own.values is None and own.of is None:  # scipy's default for scale is 1, of the unit
+            given = {"scale": 1.0} | own.arguments
+            moved = {key: convert(given[key], unit) for key in ("loc", "scale") if key in given}
+            object.__setattr__(found, "__pydantic_extra__", given | moved)
+        return found
+
+    keys = ("nominal", "value", "bounds")
+    numbers = {key: convert(getattr(parameter, key), unit) for key in keys if getattr(parameter, key) is not None}
+    return parameter.model_copy(
+        update=numbers | {"unit": label(unit)}
+        | ({} if parameter.distribution is None else {"distribution": law(parameter.distribution)})
+    )
+
+
+def _converted(
+    table: Any, entry: str, units: Mapping[str, str], convert: Convert, every: bool, noted: dict[str, str]
+) -> Any:
+    """Return a table with other numbers; note the units of its entries."""
+    changed: dict[str, Any] = {}
+    for name, field in type(table).model_fields.items():
+        value, own = getattr(table, name), f"{entry}.{name}".removeprefix(".")
+        if value is None or own == "parameters" or not (every or name in table.model_fields_set):
+            continue
+        notes = [note for note in (*field.metadata, *_notes(field.annotation)) if isinstance(note, Unit)]
+        unit = notes[-1].on_turning if notes else "1"
+
+        def of(value: Any, own: str, unit: str) -> Any:
+            unit = units.get(own, unit) or "1"
+            if isinstance(value, BaseModel):
+                return _converted(value, own, units, convert, every, noted)
+            if isinstance(value, dict):
+                return {key: of(one, f"{own}.{key}", unit) for key, one in value.items()}
+            if isinstance(value, tuple) and re.search(r"\.table$", own):
+                return tuple(
+                    (convert(x, units.get(f"{own}[{k}][0]", "1")),
+                     convert(y, units.get(f"{own}[{k}][1]", units.get(f"{own}[{k}]", "1"))))
+                    for k, (x, y) in enumerate(value)
+                )  # fmt: skip
+            if isinstance(value, tuple) and any(isinstance(one, BaseModel) for one in value):
+                return tuple(of(one, f"{own}[{k}]", unit) for k, one in enumerate(value))
+            noted[own] = unit
+            return convert(value, unit)
+
+        new = of(value, own, unit)
+        if new != value:
+            changed[name] = new
+    return table.model_copy(update=changed) if changed else table
+
+
+def _times(value: Any, factor: float) -> Any:
+    """Return numbers times the factor; texts, flags and what is infinite as they are."""
+    if isinstance(value, (list, tuple)):
+        return type(value)(_times(one, factor) for one in value)
+    if hasattr(value, "dtype"):
+        return value if factor == 1.0 else value * factor
+    return times(value, factor) if factor != 1.0 and isinstance(value, float) and is_number(value) else value
