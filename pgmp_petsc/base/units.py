@@ -72,6 +72,10 @@ class UnitSystem:
         """Return a number or an array of an SI unit in these units."""
         return value if self.is_si else value / self.size_of(si)
 
+    def converting(self, value: Any, unit: str) -> Any:
+        """Return a number or an array of an SI unit in these units, or without one the unit."""
+        return self.unit(unit) if value is None else self.shown(value, unit)
+
     def text(self, value: float, si: str, form: str = ".3g") -> str:
         """Return a number of an SI unit in these units, with the unit: ``12.5 mm``."""
         return f"{self.shown(value, si):{form}} {self.unit(si)}"

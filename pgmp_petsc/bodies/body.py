@@ -201,7 +201,7 @@ class Body(ABC):
         """Return the body in words: nodes and cells, and its size in units of a system."""
         n = len(self.mesh.cells)
         length = self.mesh.lengths.sum()
-        return f"{self.n_nodes} nodes, {n} element{'s' * (n > 1)}, {length:.6g} {system.unit('m')}"
+        return f"{self.n_nodes} nodes, {n} element{'s' * (n > 1)}, {system.text(length, 'm', '.6g')}"
 
     @property
     @abstractmethod

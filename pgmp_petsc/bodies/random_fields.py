@@ -110,8 +110,8 @@ def field_remarks(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> I
         size = float(np.max(np.ptp(mesh.nodes[mesh.cells], axis=1).max(axis=1)))
         if size > COARSE * field.length:
             yield warning(
-                f"fields.{name}.length = {field.length:g}: cells of {field.body} are up to {size:.3g} "
-                f"{scene.system.unit('m')} long, more than half of it, and each has one value; take a finer mesh"
+                f"fields.{name}.length = {scene.system.shown(field.length, 'm'):g}: cells of {field.body} are up to "
+                f"{scene.system.text(size, 'm')} long, more than half of it, and each has one value; take a finer mesh"
             )
 
 

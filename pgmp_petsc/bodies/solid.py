@@ -96,7 +96,7 @@ class Solid:
 
     def described(self, system: UnitSystem) -> str:
         """Return the body in words: cells and volume, in units of a system."""
-        return f"{self.mesh.n_cells} {self.mesh.kind}, {self.volume:.6g} {system.unit(f'm{self.mesh.dimension}')}"
+        return f"{self.mesh.n_cells} {self.mesh.kind}, {system.text(self.volume, f'm{self.mesh.dimension}', '.6g')}"
 
     @property
     def volume(self) -> float:

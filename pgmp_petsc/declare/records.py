@@ -338,7 +338,7 @@ class Result(Record):
         system = self.record.system
         if system.is_si or self.internal:
             return self
-        return self.converted(lambda value, unit: system.unit(unit) if value is None else system.shown(value, unit))
+        return self.converted(system.converting)
 
     def in_si_units(self) -> Self:
         """Return what is in the units of its scene as it was computed; names of units stay."""

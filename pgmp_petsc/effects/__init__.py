@@ -70,8 +70,8 @@ def start_of(scene: Scene, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray
     for number, motion in motions.items():
         if scene.initial.equilibrium and abs(velocities[number]) * scene.simulation.duration > AT_REST:
             raise InputError(
-                f"effects.{motion.name}: it moves {motion.coordinate} at {velocities[number]:.6g} "
-                f"{mechanism.coordinates[number].unit}/s at time zero, "
+                f"effects.{motion.name}: it moves {motion.coordinate} at "
+                f"{mechanism.coordinates[number].text(velocities[number])}/s at time zero, "
                 "but with initial.equilibrium = true the run starts at rest; take a motion that begins at rest "
                 "(spin_up, a table, or a harmonic with phase = 1.5707963267948966), or leave initial.equilibrium out"
             )

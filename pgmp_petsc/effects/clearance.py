@@ -230,18 +230,18 @@ def impacts(scene: Scene, mechanism: Mechanism) -> list[tuple[str, str]]:
         if entry is not None:
             e, given = scene.number(entry.restitution), entry.restitution_speed
             speed = _impact_speed(scene, is_length) if given is None else scene.number(given)
-            unit = scene.system.unit("m/s") if is_length else "rad/s"
+            shown = scene.system.text(speed, "m/s" if is_length else "rad/s", ".4g")
             held = entry.damping == "hysteresis"
             slow, fast = (f"{(hysteresis_at if held else restitution_at)(e, ratio):.2g}" for ratio in (0.1, 10.0))
-            words = f"restitution {e:.4g} at impacts of {speed:.4g} {unit}{' and faster ones' if held else ''}"
+            words = f"restitution {e:.4g} at impacts of {shown}{' and faster ones' if held else ''}"
             words += "" if given is not None else ", as restitution_speed is left out"
             said.append((name, f"{words}; {slow} at a tenth of it, {fast} at ten times"))
     return said
 
 
 def _impact_speed(scene: Scene, is_length: bool = True) -> float:
-    """Return the speed of impacts where a scene says none, in its units."""
-    return IMPACT_SPEED / (scene.system.speed if is_length else 1.0)
+    """Return the speed of impacts where a scene says none, in the units of its numbers."""
+    return IMPACT_SPEED / (scene.number_units.speed if is_length else 1.0)
 
 
 def _contact(entry: Clearance, speed: float) -> tuple[Quantity, ...]:

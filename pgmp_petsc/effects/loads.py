@@ -159,7 +159,7 @@ class Gravity(EffectEntry):
             return np.nan, "not known: the mechanism rests, so that no energy is moved around"
         risen = np.max(np.abs(run.heights - run.heights[0]), axis=0)
         axis = 1 if risen.size == 2 else int(np.argmax(risen))
-        share = STANDARD_GRAVITY * float(risen[axis]) / exchanged
+        share = scene.number_units.gravity * float(risen[axis]) / exchanged
         return share, f"work of weights along -{'xyz'[axis]}, of the energy moved around"
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:

@@ -38,7 +38,7 @@ class PointMass(AddedMass):
     @classmethod
     def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
         """Say from which mass on it would matter."""
-        return np.nan, f"would matter from {tolerance * run.mass:.2g} {scene.system.unit('kg')} on"
+        return np.nan, f"would matter from {scene.system.text(tolerance * run.mass, 'kg', '.2g')} on"
 
     @property
     def adds(self) -> str:

@@ -189,7 +189,7 @@ class LoopClosure:
             raise InputError(
                 f"joints.{blame}: the joints of rigid bodies contradict one another at {self.describe(theta[worst])}; "
                 f"{gaps}, and redundant constraints may miss each other by {LARGEST_GAP:g} of the mechanism's size, "
-                f"{LARGEST_GAP * self.size:.3g} {self.mechanism.scene.system.unit('m')}, or as many rad. Check "
+                f"{self.mechanism.scene.system.text(LARGEST_GAP * self.size, 'm')}, or as many rad. Check "
                 f"points and axes, and placements{GUESSED}, from which bodies take the axes of joints; let joints that "
                 "say the same be ones that hold less; or, if it is meant and bodies give way, give points and axes as "
                 "they should be, and how far the joint is off as its offset"
@@ -316,7 +316,7 @@ class LoopClosure:
         lengths = [np.array([part.is_length for part in c.statements]) for c in self.mechanism.connections]
         apart = sum(np.linalg.norm(residual[c.rows][of]) for c, of in zip(self.mechanism.connections, lengths))
         if apart > NO_GAP * self.size:
-            return f"a gap of {apart:.3g} {self.mechanism.scene.system.unit('m')} remains", blame.name
+            return f"a gap of {self.mechanism.scene.system.text(apart, 'm')} remains", blame.name
         turned = np.max(np.abs(scaled[blame.rows]))
         return f"the points meet, and an angle of {np.arcsin(min(turned, 1.0)):.3g} rad remains", blame.name
 

@@ -176,8 +176,8 @@ def _refuse_room(scene: Scene, bodies: Sequence[Body], name: str, sides: Sequenc
     for body in (bodies[side.body] for side in sides if not side.on_ground):
         size = float(np.linalg.norm(np.ptp(body.shape.nodes, axis=0)))
         if 0.0 < size <= radius:
-            words = f"is larger than {body.name}, which is {size:.4g} {scene.system.unit('m')} long"
-            raise InputError(problem(f"joints.{name}.clearance.radius", words, radius))
+            words = f"is larger than {body.name}, which is {scene.system.text(size, 'm', '.4g')} long"
+            raise InputError(problem(f"joints.{name}.clearance.radius", words, scene.system.shown(radius, "m")))
 
 
 def _off(scene: Scene, offset: Offset) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from pgmp_petsc.base.units import SI, UnitSystem
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.shape import BodyShape
@@ -41,12 +42,25 @@ class Coordinate:
     periodic: bool
     prescribed: bool = False
     connection: Connection | None = None  # the joint whose motion it is; None of a distance
-    unit: str = "rad"  # of its values in the scene
+    system: UnitSystem = SI  # in which it is shown
 
     @property
     def turns(self) -> bool:
         """Whether it is an angle."""
         return self.statement.kind == ANGLE
+
+    @property
+    def unit(self) -> str:
+        """The unit of its values: of SI, or what that is called in a scene without units."""
+        return "rad" if self.turns else self.system.unit("m") if self.system.is_si else "m"
+
+    def text(self, value: float, form: str = ".6g") -> str:
+        """Return a value with its unit, as it is shown."""
+        return self.system.text(value, self.unit, form)
+
+    def shown(self, value: float) -> float:
+        """Return a value as it is shown."""
+        return self.system.shown(value, self.unit)
 
     def scale(self, size: float) -> float:
         """Return what a small change of it is measured against, in a mechanism of a size, m: 1 rad, or the size."""
@@ -54,7 +68,7 @@ class Coordinate:
 
     def described(self, value: float, digits: int = 6) -> str:
         """Return ``theta = 0.1 rad``."""
-        return f"{self.name} = {value:.{digits}g} {self.unit}"
+        return f"{self.name} = {self.text(value, f'.{digits}g')}"
 
 
 def words_of(coordinates: Sequence[Coordinate], theta: np.ndarray, digits: int = 6) -> str:
@@ -255,8 +269,7 @@ class Mechanism:
                 sides = tuple(attachment_at(scene, bodies, point, address) for point in entry.points)
             else:
                 statement, sides = joint.measure("sliding" if slides(scene, entry) else "turning"), joint.sides
-            unit = "rad" if statement.kind == ANGLE else scene.system.unit("m")
-            rest = (*entry.range, entry.periodic, name in prescribed, joint, unit)
+            rest = (*entry.range, entry.periodic, name in prescribed, joint, scene.system)
             coordinates.append(Coordinate(name, statement, sides, *rest))
         coordinates = tuple(coordinates)
         couplings = couplings_of(scene, connections, guess, [c.statement for c in coordinates])

@@ -288,7 +288,7 @@ class FullModel:
             for part, _ in connection.held:
                 unit = self.kinematics.size if part.is_length else 1.0
                 what = "a gap of" if part.is_length else "an angle of"
-                text = f"{what} {residual[row]:.3g} {system.unit('m') if part.is_length else 'rad'}"
+                text = f"{what} {system.text(residual[row], 'm' if part.is_length else 'rad')}"
                 found.append((residual[row] / unit, connection.name, text))
                 row += 1
         far, name, gap = max(found, default=(0.0, "", ""))

@@ -113,8 +113,9 @@ class ReducedModel:
         for axis, position, coordinate in zip(grid.axes, self.start[0], self.kinematics.mechanism.coordinates):
             if not axis.contains(position):
                 raise InputError(
-                    f"simulation.initial.{coordinate.name}.position = {position:g}: outside the sampled range "
-                    f"[{axis.lower:g}, {axis.upper:g}] {coordinate.unit}"
+                    f"simulation.initial.{coordinate.name}.position = {coordinate.shown(position):g}: outside the "
+                    f"sampled range [{coordinate.shown(axis.lower):g}, {coordinate.shown(axis.upper):g}] "
+                    f"{coordinate.system.unit(coordinate.unit)}"
                 )
 
     @property

@@ -62,17 +62,15 @@ def to_own(scene: AnyScene, parameter: str) -> float:
     return 1.0 / scene.system.size_of(scene.parameters[parameter].unit or "1")
 
 
-def entry_units(scene: AnyScene) -> dict[str, str]:
-    """Return the SI units of the numbers that a scene gives, by their dotted names."""
-    found, parameters = _units(scene), _parameter_units(scene)
-
-    def note(table: BaseModel, entry: str) -> None:
-        _converted(table, entry, found, lambda value, unit: value, False, found)
-
-    note(scene, "")
-    for name, unit in parameters.items():
-        found |= dict.fromkeys((f"parameters.{name}.{key}" for key in ("nominal", "value", "bounds")), unit or "1")
-    return found
+def shown_in(scene: AnyScene) -> Callable[[str, Any], Any]:
+    """Return what gives the value of an entry, by its dotted name, in the units of the scene."""
+    if scene.system.is_si:
+        return lambda entry, value: value
+    units = _units(scene)
+    _converted(scene, "", units, lambda value, unit: value, True, noted := dict(units))
+    for name, unit in _parameter_units(scene).items():
+        noted |= dict.fromkeys((f"parameters.{name}.{key}" for key in ("nominal", "value", "bounds")), unit or "1")
+    return lambda entry, value: _times(value, 1.0 / scene.system.size_of(noted.get(entry, "1")))
 
 
 def _whole(scene: SomeScene, convert: Convert, label: Callable[[str], str], every: bool) -> SomeScene:
@@ -117,7 +115,7 @@ def _parameter(parameter: Any, unit: str, convert: Convert, label: Callable[[str
             changed["of"] = tuple(map(law, own.of))
         found = own.model_copy(update=changed)
         if own.values is None and own.of is None:  # scipy's default for scale is 1, of the unit
-            given = {"scale": 1.0} | own.arguments
+            given = own.arguments if "scale" in own.arguments else own.arguments | {"scale": 1.0}
             moved = {key: convert(given[key], unit) for key in ("loc", "scale") if key in given}
             object.__setattr__(found, "__pydantic_extra__", given | moved)
         return found

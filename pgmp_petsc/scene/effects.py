@@ -312,10 +312,11 @@ class OnJoint(EffectEntry):
             works = {joint: cls.work(rate, run.time, spins) for joint, rate in own}
             if not any(works.values()):
                 continue
-            joint, unit = max(works, key=works.get), scene.system.unit(of.where(motion == "sliding"))
+            joint, unit = max(works, key=works.get), of.where(motion == "sliding")
             kind = scene.joints[joint]
             about = f", {motion}" if len(kind.motions) > 1 else f", {kind.type}" if spins else ""
-            texts.append(f"{tolerance * exchanged / works[joint]:.2g} {unit} on ({joint}{about})")
+            least = scene.system.text(tolerance * exchanged / works[joint], unit, ".2g")
+            texts.append(f"{least} on ({joint}{about})")
             note = "; none can be on joints that turn about several axes" if spins else ""
         return (np.nan, f"would matter from {', '.join(texts)}{note}") if texts else None
 

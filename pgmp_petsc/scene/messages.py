@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
@@ -191,18 +191,24 @@ def inline_toml(value: object) -> str:
 class Finding:
     """One strange entry."""
 
-    text: str  # name of the entry, its value, what is strange about it and the cure
+    entry: str  # dotted name
+    reason: str  # what is strange about it and the cure
+    received: tuple[Any, ...]  # its value, if it has one to show
     refused: bool = False  # whether it cannot be meant; otherwise it may be, and the scene is computed with a warning
+
+    def text(self, own: Callable[[str, Any], Any]) -> str:
+        """Return the line about it; `own` returns the value of an entry in the units of the scene."""
+        return problem(self.entry, self.reason, *(own(self.entry, value) for value in self.received))
 
 
 def doubt(entry: str, reason: str, *received: object) -> Finding:
     """Return what probably is not meant; `received` is the entry's value, if it has one to show."""
-    return Finding(problem(entry, reason, *received))
+    return Finding(entry, reason, received)
 
 
 def refusal(entry: str, reason: str, *received: object) -> Finding:
     """Return what cannot be meant; `received` is the entry's value, if it has one to show."""
-    return Finding(problem(entry, reason, *received), refused=True)
+    return Finding(entry, reason, received, refused=True)
 
 
 def named(scene: AnyScene, entry: str, value: float | str) -> tuple[str, float]:

@@ -117,11 +117,14 @@ class Scene(Table):
     def system(self) -> UnitSystem:
         """Units in which it is shown and written: those that it says, while its numbers are in SI units (`border`).
 
-        One that says none is computed with its numbers as they are, and shown with the names of `material_units`.
+        One that says none is computed with its numbers as they are, and shown with the names of `number_units`.
         """
-        if self.scene.units:
-            return SAID[self.scene.units]
-        return replace(self.material_units or SI, length=1.0, mass=1.0, time=1.0)
+        return SAID[self.scene.units] if self.scene.units else replace(self.number_units, length=1.0, mass=1.0, time=1.0)
+
+    @property
+    def number_units(self) -> UnitSystem:
+        """Units that its numbers are in: SI units, or of one that says none those in which its materials exist."""
+        return SI if self.scene.units else self.material_units or SI
 
     @property
     def material_units(self) -> UnitSystem | None:

@@ -30,6 +30,7 @@ from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import in_own_units
 from pgmp_petsc.scene.references import parts_of, points_used
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     ]
     for coordinate in coordinates:
         kind = ("periodic" if coordinate.periodic else "limited") + (", prescribed" if coordinate.prescribed else "")
-        ends = f"{coordinate.lower:.6g} to {coordinate.upper:.6g} {coordinate.unit}"
+        ends = f"{coordinate.shown(coordinate.lower):.6g} to {coordinate.text(coordinate.upper)}"
         lines.append(f"  coordinate    {coordinate.name}: {ends}, {kind}{_placed(scene, mechanism, coordinate)}")
     lines += _start(scene, effects, loads, kinematics)
     flexible = _flexible(scene, mechanism, n_patterns)
@@ -108,7 +109,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
         lines += [f"  model         {one.text}" for one in models]
         lines.append(f"  take          {choice(scene, meshes, models, own_steps(scene))}")
     lines += [f"  {remark}" for remark in kinematics.remarks]
-    lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")
+    lines.append(f"  outputs       {', '.join(f'{n} ({scene.system.unit(u)})' for n, u in outputs.units.items()) or 'none'}")
     if large:
         lines += _condensing(mechanism)
     elif not left_open and reducible:
@@ -134,14 +135,14 @@ def _bodies(mechanism: Mechanism) -> list[str]:
 
 def _matrices(scene: Scene, meshes: Mapping[str, BodyShape]) -> list[str]:
     """Return the mass properties of bodies from matrices at factors of 1, and what their stiffness looks like."""
-    lines, of_speed = [], scene.system.unit("m/s")
+    lines = []
     for name, body in meshes.items():
         found = given_properties(body)
         if found is not None:
             lines += [
                 f"  matrices      {name}: {_properties_text(found, scene)}",
                 f"                {body.n_rigid} rigid-body motions without stiffness, waves along x at "
-                f"{body.wave_speed:.4g} {of_speed}; whether nothing else is free, and K positive, a build finds out",
+                f"{scene.system.text(body.wave_speed, 'm/s', '.4g')}; whether nothing else is free, and K positive, a build finds out",
             ]
             alike: dict[bool, list[str]] = {}
             for point, entry in points_used(scene, name).items():
@@ -164,13 +165,14 @@ def _given(scene: Scene, name: str) -> MassProperties | None:
 
 
 def _properties_text(found: MassProperties, scene: Scene) -> str:
-    kg, metre, of_inertia = map(scene.system.unit, ("kg", "m", "kg m2"))
-    centre = ", ".join(f"{x:.6g}" for x in found.centre)
-    moments = found.inertia[np.triu_indices(len(found.inertia))]
+    system = scene.system
+    centre = ", ".join(f"{x:.6g}" for x in system.shown(found.centre, "m"))
+    moments = system.shown(found.inertia[np.triu_indices(len(found.inertia))], "kg m2")
     kept = np.where(np.abs(moments) > ROUND_OFF * np.abs(moments).max(), moments, 0.0)
     inertia = ", ".join(f"{x:.6g}" for x in kept)
     which = "" if len(found.inertia) == 1 else " (xx, xy, xz, yy, yz, zz)"
-    return f"{found.mass:.6g} {kg}, centre of mass ({centre}) {metre}, inertia about it{which} {inertia} {of_inertia}"
+    mass, metre, of_inertia = system.text(found.mass, "kg", ".6g"), system.unit("m"), system.unit("kg m2")
+    return f"{mass}, centre of mass ({centre}) {metre}, inertia about it{which} {inertia} {of_inertia}"
 
 
 def _joints(mechanism: Mechanism, n_redundant: int, n_rigid: int) -> list[str]:
@@ -193,7 +195,7 @@ def _placed(scene: Scene, mechanism: Mechanism, coordinate: Coordinate) -> str:
     """Say where bodies are placed, if runs begin elsewhere and the scene does not say where."""
     if coordinate.name in scene.simulation.initial or coordinate.prescribed or scene.initial.equilibrium:
         return ""
-    space, unit = mechanism.space, coordinate.unit
+    space = mechanism.space
     frames = [side.frame_of_pose(mechanism.first_guess) for side in coordinate.sides]
     natural = coordinate.statement.value(*map(space.natural, frames))
     placed = space.angle(coordinate.statement, *frames) if coordinate.turns else natural
@@ -202,12 +204,13 @@ def _placed(scene: Scene, mechanism: Mechanism, coordinate: Coordinate) -> str:
     away -= 2.0 * np.pi * np.rint(away / (2.0 * np.pi)) if coordinate.turns else 0.0
     if abs(away) < AWAY * coordinate.scale(size_of(mechanism)):
         return ""
-    return f"; placed at {placed:.6g} {unit}, runs start at {start:.6g} (simulation.initial.{coordinate.name}.position)"
+    placed, start = coordinate.text(placed), coordinate.shown(start)
+    return f"; placed at {placed}, runs start at {start:.6g} (simulation.initial.{coordinate.name}.position)"
 
 
 def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:
     lines = []
-    for name, parameter in scene.parameters.items():
+    for name, parameter in in_own_units(scene).parameters.items():
         law = parameter.distribution
         drawn = f", drawn from {law.name}({', '.join(f'{k}={v:g}' for k, v in law.arguments.items())})" if law else ""
         lines.append(f"  parameter     {name} = {f'{parameter.current:g} {parameter.unit}'.rstrip()}{drawn}")
@@ -339,8 +342,8 @@ def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str,
         "joints": {name: {"type": joint.type, "connect": list(joint.connect)} for name, joint in scene.joints.items()},
         "coordinates": {
             coordinate.name: {
-                "unit": coordinate.unit,
-                "range": [coordinate.lower, coordinate.upper],
+                "unit": scene.system.unit(coordinate.unit),
+                "range": [coordinate.shown(coordinate.lower), coordinate.shown(coordinate.upper)],
                 "periodic": coordinate.periodic,
                 "prescribed": coordinate.prescribed,
             }
@@ -352,11 +355,13 @@ def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str,
                 "unit": parameter.unit,
                 "distribution": None if parameter.distribution is None else parameter.distribution.name,
             }
-            for name, parameter in scene.parameters.items()
+            for name, parameter in in_own_units(scene).parameters.items()
         },
         "effects": {name: effect.type for name, effect in scene.effects.items()},
         "controllers": {name: one.type for name, one in scene.controllers.items()},
-        "outputs": {name: {"unit": unit} for name, unit in OutputSet.of(scene, kinematics).units.items()},
+        "outputs": {
+            name: {"unit": scene.system.unit(unit)} for name, unit in OutputSet.of(scene, kinematics).units.items()
+        },
         "unknowns": mechanism.n_dofs,
         "constraints": mechanism.n_constraints,
         "remarks": [asdict(remark) for remark in scene.remarks],
@@ -376,4 +381,5 @@ def _mass_of(scene: Scene, name: str, meshes: Mapping[str, BodyShape]) -> dict[s
     found = _given(scene, name) or given_properties(meshes.get(name))
     if found is None:
         return {}
-    return {"mass": found.mass, "centre": found.centre.tolist(), "inertia": found.inertia.tolist()}
+    own = (("mass", found.mass, "kg"), ("centre", found.centre, "m"), ("inertia", found.inertia, "kg m2"))
+    return {key: np.asarray(scene.system.shown(value, unit)).tolist() for key, value, unit in own}

@@ -80,7 +80,6 @@ class RigidRun:
     """Motion of the rigid mechanism."""
 
     time: np.ndarray  # shape (n_t,), s
-    units: dict[str, str]  # of the coordinates, by their names
     #: theta, speed, acceleration: coordinates and their derivatives, shape (n_t, n_theta), rad or m
     theta: np.ndarray
     speed: np.ndarray
@@ -211,8 +210,7 @@ def _collect(
         heights += mass * parts[0][unknowns.frame(body.first_node)[:d]].T
         total += mass
     balance = balance_of(time, joined(energies))
-    units = {c.name: c.unit for c in coordinates}
-    return RigidRun(time, units, theta.T, moving[:, 0].T, moving[:, 1].T, joints, heights, balance, total)
+    return RigidRun(time, theta.T, moving[:, 0].T, moving[:, 1].T, joints, heights, balance, total)
 
 
 def _spin(unknowns: Unknowns, side: Attachment, parts: np.ndarray) -> np.ndarray:
@@ -263,9 +261,13 @@ def estimate_effects(
     exchanged = run.balance.exchanged if run.balance.exchanged > AT_REST * scale else 0.0
     sizes = [*_named(scene, run, exchanged, tolerance), *_terms(scene, shapes, kinematics, run, tolerance)]
     sizes += _unnamed(scene, run, exchanged, tolerance)
-    speeds = {name: float(np.max(np.abs(run.speed[:, k]))) for k, name in enumerate(scene.coordinates)}
+    largest = np.max(np.abs(run.speed), axis=0)
+    speeds = {c.name: float(c.shown(speed)) for c, speed in zip(kinematics.coordinates, largest)}
     told = tuple(_warning(size, tolerance) for size in sizes if _is_missing(scene, size))
-    return EffectSizes(tolerance, tuple(sizes), speeds, exchanged, told, run.units, scene.system.unit("J"))
+    system = scene.system
+    units = {c.name: system.unit(c.unit) for c in kinematics.coordinates}
+    moved = float(system.shown(exchanged, "J"))
+    return EffectSizes(tolerance, tuple(sizes), speeds, moved, told, units, system.unit("J"))
 
 
 def remarks_on_sizes(

@@ -213,7 +213,10 @@ def assembly_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> Ass
         if connection.name in scene.joints
     }
     where = words_of(mechanism.coordinates, theta, 4)
-    return Assembly(scene.name, where, frames, joints, points, scene.system.unit("m"))
+    system = scene.system
+    frames = frames.converted(system.shown)
+    joints, points = ({name: system.shown(place, "m") for name, place in one.items()} for one in (joints, points))
+    return Assembly(scene.name, where, frames, joints, points, system.unit("m"))
 
 
 def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> ModeShape:
@@ -248,6 +251,7 @@ def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> Mod
         name: _mode_field(model, field, poses[field.number], own[name] / largest) for name, field in seen.points.items()
     }
     where = words_of(mechanism.coordinates, theta, 4)
+    fields = {name: field.converted(rom.record.system.converting) for name, field in fields.items()}
     return ModeShape(rom.record, number, float(frequencies[number - 1]), where, fields, _left_out(model, seen))
 
 
@@ -263,14 +267,16 @@ def _configuration(model: ReducedModel, at: Mapping[str, float]) -> np.ndarray:
     unknown = sorted(at.keys() - set(names))
     if unknown:
         raise InputError(f"--at {unknown[0]}: no such coordinate; those of this model are {', '.join(names)}")
-    theta = np.array([at.get(name, start) for name, start in zip(names, model.start[0])])
+    sizes = {c.name: c.system.size_of(c.unit) for c in model.kinematics.coordinates}
+    given = {name: sizes[name] * value for name, value in at.items()}
+    theta = np.array([given.get(name, start) for name, start in zip(names, model.start[0])])
     for axis, coordinate, value in zip(model.rom.tables.samples.axes, model.kinematics.coordinates, theta):
-        name, unit = coordinate.name, coordinate.unit
+        received, unit = f"--at {coordinate.name}={coordinate.shown(value):g}", coordinate.system.unit(coordinate.unit)
         if abs(value) > MOST_RADIANS:
-            raise InputError(f"--at {name}={value:g}: allowed is up to {MOST_RADIANS:g} {unit}")
+            raise InputError(f"{received}: allowed is up to {coordinate.shown(MOST_RADIANS):g} {unit}")
         if not axis.contains(value):
-            ends = f"[{axis.lower:g}, {axis.upper:g}] {unit}"
-            raise InputError(f"--at {name}={value:g}: outside the sampled range {ends}")
+            ends = f"[{coordinate.shown(axis.lower):g}, {coordinate.shown(axis.upper):g}] {unit}"
+            raise InputError(f"{received}: outside the sampled range {ends}")
     return theta
 
 

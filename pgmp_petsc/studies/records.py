@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from pgmp_petsc.base.errors import Remark, gathered, warning
+from pgmp_petsc.base.units import SI, UnitSystem
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import loads_of
 from pgmp_petsc.full.distributed import FullDistributed
@@ -139,9 +140,9 @@ def balance_of(time: np.ndarray, energies: Energies) -> Balance:
 
 
 @gathered
-def balance_remarks(balance: Balance, step: float, joule: str = "J") -> Iterator[Remark]:
-    """Return a warning where the energies of a run with steps of this length, s, are far from balance; `joule` is
-    their unit."""
+def balance_remarks(balance: Balance, step: float, system: UnitSystem = SI) -> Iterator[Remark]:
+    """Return a warning, in units of a system, where the energies of a run with steps of this length, s, are far from
+    balance."""
     residual, exchanged = np.abs(balance.residual), balance.exchanged
     largest = float(residual.max())
     stored = max(float(np.abs(part).max()) for part in (balance.kinetic, balance.strain, balance.potential))
@@ -149,8 +150,8 @@ def balance_remarks(balance: Balance, step: float, joule: str = "J") -> Iterator
     if not np.any(residual > np.maximum(allowed, ROUND_OFF * stored)):
         return
     yield warning(
-        f"energies are out of balance by up to {largest:.3g} {joule}, of {exchanged:.3g} {joule} that were moved "
-        f"around: steps of {step:.3g} s do not resolve what goes on, such as the vibration of light nodes in a "
+        f"energies are out of balance by up to {system.text(largest, 'J')}, of {system.text(exchanged, 'J')} that were "
+        f"moved around: steps of {step:.3g} s do not resolve what goes on, such as the vibration of light nodes in a "
         "joint on which a load sets in at once; stresses and deformations, and the motion too, may be far off; let "
         "such loads rise from zero over ten steps or more, or take a smaller simulation.step"
     )

@@ -219,7 +219,7 @@ def _full_on_all_ranks(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory
     remarks = (
         *why_stopped(model, part.run, ""),
         *steps,
-        *balance_remarks(balance, part.attempt.simulation.step, model.scene.system.unit("J")),
+        *balance_remarks(balance, part.attempt.simulation.step, model.scene.system),
         *estimated,
         *why_not_of_full_order(model),
         *started,
@@ -313,10 +313,10 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
             grown = growth_of(model, part.attempt.simulation, eta, part.outputs)
         remarks += spread_remarks(part.time, grown)
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
-    balance, joule = balance_of(part.time, part.recorded["energies"]), model.scene.system.unit("J")
+    balance = balance_of(part.time, part.recorded["energies"])
     described = _described(
         model, part, frames, comm.size, timings,
-        (*remarks, *balance_remarks(balance, part.attempt.simulation.step, joule), *truncated_stresses(model.scene),
+        (*remarks, *balance_remarks(balance, part.attempt.simulation.step, model.scene.system), *truncated_stresses(model.scene),
          *left_out_of_fields(fields.seen), *part.recorded["started"],
          *jump_remarks(model, part.recorded["system"], part.recorded["start"], balance.strain),
          *remarks_of(model.scene, found)),

@@ -18,6 +18,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body, Material, Rigid
+from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
 
@@ -79,10 +80,15 @@ def first_frequency(scene: Scene, meshes: Mapping[str, BodyShape]) -> float | No
 
 
 def material_findings(scene: Scene, system: UnitSystem) -> Iterator[Finding]:
-    """Yield materials that do not exist, each by its numbers in the units of the scene."""
-    of_density, of_speed = system.unit("kg/m3"), system.unit("m/s")
+    """Yield materials that do not exist, each by its numbers, which are in the units of a system."""
+    shown = scene.system
+    of_density, of_speed = shown.unit("kg/m3"), shown.unit("m/s")
     lightest, heaviest = (limit / system.size(DENSITY) for limit in DENSITIES)
     slowest, fastest = (limit / system.speed for limit in WAVE_SPEEDS)
+
+    def density_text(value: float) -> str:
+        return plain(shown.shown(value, "kg/m3"))
+
     for name, material in scene.materials.items():
         entry = f"materials.{name}"
         yield from _poisson(scene, name, material)
@@ -91,14 +97,17 @@ def material_findings(scene: Scene, system: UnitSystem) -> Iterator[Finding]:
         density_entry, density = named(scene, f"{entry}.rho", material.rho)
         modulus_entry, modulus = named(scene, f"{entry}.E", material.E)
         if not lightest <= density <= heaviest:
-            limits = f"a density outside {plain(lightest)} to {plain(heaviest)} {of_density}, which solids have"
-            yield doubt(density_entry, f"{limits}; steel has {plain(7800.0 / system.size(DENSITY))}", density)
+            ends = f"{density_text(lightest)} to {density_text(heaviest)} {of_density}"
+            steel = density_text(7800.0 / system.size(DENSITY))
+            yield doubt(density_entry, f"a density outside {ends}, which solids have; steel has {steel}", density)
         speed = math.sqrt(modulus / density)
         if not slowest <= speed <= fastest:
-            waves = f"with rho = {density:g} {of_density} waves run through {name} at sqrt(E / rho) = {speed:.3g}"
-            limits = f"outside {plain(slowest)} to {plain(fastest)} {of_speed}"
-            steel = f"E is in {system.unit('Pa')}: steel has {plain(210e9 / system.size(STRESS))}"
-            yield doubt(modulus_entry, f"{waves} {of_speed}, {limits}; {steel}", modulus)
+            rho, speed = shown.text(density, "kg/m3", "g"), shown.text(speed, "m/s")
+            waves = f"with rho = {rho} waves run through {name} at sqrt(E / rho) = {speed}"
+            ends = " to ".join(plain(shown.shown(limit, "m/s")) for limit in (slowest, fastest))
+            steel = plain(shown.shown(210e9 / system.size(STRESS), "Pa"))
+            steel = f"E is in {shown.unit('Pa')}: steel has {steel}"
+            yield doubt(modulus_entry, f"{waves}, outside {ends} {of_speed}; {steel}", modulus)
 
 
 def plain(value: float) -> str:
@@ -118,9 +127,8 @@ def _poisson(scene: Scene, name: str, material: Material) -> Iterator[Finding]:
         yield doubt(entry, "nearly incompressible; continuum elements are far too stiff then", material.nu)
 
 
-def body_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem) -> Iterator[Finding]:
+def body_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
     """Yield bodies with strange proportions."""
-    metre = system.unit("m")
     for name, size in sizes.items():
         body = scene.bodies[name]
         entry = f"bodies.{name}"
@@ -128,14 +136,14 @@ def body_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem) -
             if body.thickness is not None:
                 thickness_entry, thickness = named(scene, f"{entry}.thickness", body.thickness)
                 if thickness > size.length:
-                    words = f"{name} is thicker than its length of {size.length:.3g} {metre}"
+                    words = f"{name} is thicker than its length of {scene.system.text(size.length, 'm')}"
                     yield doubt(thickness_entry, f"{words}; solid2d is for plates (plane stress)", thickness)
             continue
         if body.rigid is not None:
             yield from _drawn_inertia(scene, f"{entry}.rigid.inertia", body.rigid)
             continue
         if body.flexible or body.section.sizes:  # coefficients of a rigid body say its mass only
-            yield from _slenderness(scene, name, size, metre)
+            yield from _slenderness(scene, name, size)
         n, where = ENOUGH_ELEMENTS if body.line is None else body.line.elements, f"{entry}.line.elements"
         if n > MANY_ELEMENTS:
             why = "errors of elements fall with the square of their length; so many only lose digits and time"
@@ -154,7 +162,8 @@ def _drawn_inertia(scene: Scene, entry: str, rigid: Rigid) -> Iterator[Finding]:
         values = {name: float(own[sample]) for name, own in spanned.items()}
         why = rigid.unlike_mass(lambda moment, values=values: scene.number(moment, values))
         if why:
-            where = ", ".join(f"{name} = {values[name]:.3g}" for name in sorted(drawn))
+            own = own_values(scene, values)
+            where = ", ".join(f"{name} = {own[name]:.3g}" for name in sorted(drawn))
             yield doubt(entry, f"at {where}, which samples may have, {why}", list(rigid.inertia))
             return
 
@@ -179,11 +188,11 @@ def _too_few(n_elements: int) -> str:
     return f"{what} between hinged ends; take more elements ({ENOUGH_ELEMENTS}: {enough:.0f} %), or make the body rigid"
 
 
-def _slenderness(scene: Scene, name: str, size: Size, metre: str) -> Iterator[Finding]:
-    body = scene.bodies[name]
+def _slenderness(scene: Scene, name: str, size: Size) -> Iterator[Finding]:
+    body, system, metre = scene.bodies[name], scene.system, scene.system.unit("m")
     entry, received = _thickness_entry(scene, body, f"bodies.{name}.section")
     if size.thickness > size.length:
-        words = f"{name} is {size.thickness:.3g} {metre} thick and {size.length:.3g} {metre} long"
+        words = f"{name} is {system.text(size.thickness, 'm')} thick and {system.text(size.length, 'm')} long"
         if body.flexible:
             yield refusal(entry, f"{words}; a beam is longer than thick (sizes are in {metre})", *received)
         else:
@@ -249,7 +258,8 @@ def _speed(scene: Scene, body: Body, mesh: Assembled) -> float:
 
 def matrix_findings(scene: Scene, meshes: Mapping[str, BodyShape], system: UnitSystem) -> Iterator[Finding]:
     """Yield matrices of materials that do not exist: as a rule of other units than the scene says."""
-    speeds = " to ".join(plain(limit / system.speed) for limit in WAVE_SPEEDS)
+    shown = scene.system
+    speeds = " to ".join(plain(shown.shown(limit / system.speed, "m/s")) for limit in WAVE_SPEEDS)
     for name, mesh in meshes.items():
         if given_properties(mesh) is None:
             continue
@@ -257,14 +267,15 @@ def matrix_findings(scene: Scene, meshes: Mapping[str, BodyShape], system: UnitS
         units = body.matrices.units.model_dump(exclude_none=True)
         speed, box = _speed(scene, body, mesh), float(np.prod(np.ptp(mesh.nodes, axis=0)))
         mass = scene.number(body.matrices.mass_scale) * mesh.properties.mass
-        of_speed, kg, cure = system.unit("m/s"), system.unit("kg"), "programs that take mm and N have mass in t"
+        cure = "programs that take mm and N have mass in t"
         if not WAVE_SPEEDS[0] <= speed * system.speed <= WAVE_SPEEDS[1]:
-            waves = f"with these, waves run through {name} at {speed:.3g} {of_speed}, outside {speeds} {of_speed}"
+            waves = f"with these, waves run through {name} at {shown.text(speed, 'm/s')}"
+            waves += f", outside {speeds} {shown.unit('m/s')}"
             yield doubt(entry, f"{waves}, which solids have; {cure}", units)
         densest = DENSITIES[1] / system.size(DENSITY)
         if mesh.dimension == 3 and mass / box > densest:
-            heavy = f"with these, {name} has {mass:.3g} {kg} in a box of {box:.3g} {system.unit('m3')}"
-            most = f"more than solids have (up to {plain(densest)} {system.unit('kg/m3')})"
+            heavy = f"with these, {name} has {shown.text(mass, 'kg')} in a box of {shown.text(box, 'm3')}"
+            most = f"more than solids have (up to {plain(shown.shown(densest, 'kg/m3'))} {shown.unit('kg/m3')})"
             yield doubt(entry, f"{heavy}, {most}; {cure}", units)
 
 

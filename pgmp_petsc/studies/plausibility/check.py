@@ -20,6 +20,7 @@ from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import own_values, shown_in
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.fields import GROUND
 from pgmp_petsc.scene.joints import ORIGIN, CouplingEntry
@@ -53,12 +54,12 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
         Mesh of every body. Without it only straight beams are looked at, and stops of coordinates.
     """
     first = cache(lambda: first_frequency(scene, meshes or {}))
-    sizes, system = sizes_of(scene, meshes or {}), scene.system
+    sizes, system = sizes_of(scene, meshes or {}), scene.number_units
     findings = [
         *parameter_findings(scene),
         *material_findings(scene, system),
         *system_findings(scene),
-        *body_findings(scene, sizes, system),
+        *body_findings(scene, sizes),
         *matrix_findings(scene, meshes or {}, system),
         *load_findings(scene, sizes, system, first),
         *motion_findings(scene, sizes, system),
@@ -69,10 +70,11 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
     if not any(finding.refused for finding in findings):  # the mechanism of a scene with sense can be put together
         findings += stop_findings(scene, meshes, max((size.length for size in sizes.values()), default=1.0))
         findings += formula_findings(scene, meshes)
-    refused = [finding.text for finding in findings if finding.refused]
+    shown = shown_in(scene)
+    refused = [finding.text(shown) for finding in findings if finding.refused]
     if refused:
         raise input_error(refused)
-    return tuple(warning(text) for text in _each_once(scene, [finding.text for finding in findings]))
+    return tuple(warning(text) for text in _each_once(scene, [finding.text(shown) for finding in findings]))
 
 
 def _each_once(scene: Scene, texts: Sequence[str]) -> list[str]:
@@ -284,21 +286,23 @@ def parameter_findings(scene: Scene) -> Iterator[Finding]:
     for name, parameter in scene.parameters.items():
         if parameter.distribution is not None:
             with np.errstate(all="ignore"):  # distributions with arguments at the ends of what floats hold
-                yield from _distribution(f"parameters.{name}", parameter, signs.get(name, "any"))
+                yield from _distribution(scene, name, parameter, signs.get(name, "any"))
 
 
-def _distribution(entry: str, parameter: Parameter, sign: str) -> Iterator[Finding]:
+def _distribution(scene: Scene, name: str, parameter: Parameter, sign: str) -> Iterator[Finding]:
+    entry = f"parameters.{name}"
     law, nominal = parameter.distribution.law, parameter.nominal
     median = float(law.median())
-    unit = f" {parameter.unit}" if parameter.unit else ""
+    unit = f" {scene.system.unit(parameter.unit)}" if parameter.unit else ""
+    shown = own_values(scene, {name: median})[name]
     beyond = min(float(law.cdf(nominal)), float(law.sf(nominal)))
     if not np.isfinite(median):
         yield refusal(f"{entry}.distribution", "has no median that is a number; other arguments are needed")
     elif beyond < FAR and nominal * median > 0 and not 1 / OTHER_UNIT < median / nominal < OTHER_UNIT:
-        much = f"the median of its distribution is {median:.4g}{unit}, {median / nominal:.3g} times as much"
+        much = f"the median of its distribution is {shown:.4g}{unit}, {median / nominal:.3g} times as much"
         yield refusal(f"{entry}.nominal", f"{much}; is one of them in another unit? `unit` holds for both", nominal)
     elif beyond < FAR:
-        half = f"half of its samples below {median:.4g}{unit} and less than {FAR:g} of them beyond this"
+        half = f"half of its samples below {shown:.4g}{unit} and less than {FAR:g} of them beyond this"
         words = f"lies outside its distribution, which has {half}; the reduced basis is built where no sample is"
         yield doubt(f"{entry}.nominal", words, nominal)
     low, high = (-np.inf, np.inf) if parameter.bounds is None else parameter.bounds

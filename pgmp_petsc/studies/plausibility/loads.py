@@ -30,7 +30,7 @@ from pgmp_petsc.scene.effects import AddedMass, Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
 from pgmp_petsc.scene.outputs import models_alone
 from pgmp_petsc.scene.references import impulse_of, parts_of
-from pgmp_petsc.scene.uses import slides
+from pgmp_petsc.scene.uses import motion_over, slides
 from pgmp_petsc.studies.plausibility.bodies import Size
 
 FORCES = ("N", "N m")  # units of loads that accelerate a mass, or turn it
@@ -48,7 +48,6 @@ def load_findings(
     had."""
     mass = sum(size.mass for size in sizes.values())
     length = max((size.length for size in sizes.values()), default=0.0)
-    kg = system.unit("kg")
     whole = len(sizes) == len(scene.bodies)  # otherwise masses and lengths are not known
     for name, effect in scene.effects.items():
         entry = f"effects.{name}"
@@ -65,7 +64,8 @@ def load_findings(
         if isinstance(effect, AddedMass) and whole:
             where, value = named(scene, f"{entry}.mass", effect.mass)
             if value > HEAVY * mass:
-                words = f"more than {HEAVY:,.0f} times the {mass:.3g} {kg} of all bodies (it is in {kg})"
+                of_all, kg = scene.system.text(mass, "kg"), scene.system.unit("kg")
+                words = f"more than {HEAVY:,.0f} times the {of_all} of all bodies (it is in {kg})"
                 yield doubt(where, words, value)
         if effect.stiff_by:
             yield from _spring(scene, entry, effect, mass, length, whole)
@@ -89,7 +89,7 @@ def _over_time(scene: Scene, entry: str, effect: OverTime) -> Iterator[Finding]:
     first, last, why = effect.table[0][0], effect.table[-1][0], ""
     if first > duration or len(effect.table) > 1 and last < 0.0:
         when = "after the run's end" if first > duration else "before the run's start"
-        value = effect.table[0 if first > duration else -1][1]
+        value = scene.system.shown(effect.table[0 if first > duration else -1][1], effect.unit_of_values)
         rows = f"all its rows, from {first:g} to {last:g} s, are {when} (simulation.duration = {duration:g} s)"
         why = f"{rows}; it is {value:g} all the time"
     elif not any(value for _, value in effect.table):
@@ -118,10 +118,10 @@ def _speed(
     inertia = mass * length / 3.0 if turns else mass
     speed = abs(scale) * impulse / inertia
     metres = speed * system.speed
-    unit, what = (system.unit("N m s"), "torque") if turns else (system.unit("N s"), "force")
-    whole = f"the mechanism, {mass:.3g} {system.unit('kg')} and {length:.3g} {system.unit('m')}"
-    fast = f"as fast as {speed:.3g} {system.unit('m/s')}"
-    words = f"its impulse of {abs(scale) * impulse:.3g} {unit} would make {whole}, {fast}"
+    si, what = ("N m s", "torque") if turns else ("N s", "force")
+    shown, unit = scene.system.text, scene.system.unit(si)
+    whole = f"the mechanism, {shown(mass, 'kg')} and {shown(length, 'm')}, as fast as {shown(speed, 'm/s')}"
+    words = f"its impulse of {shown(abs(scale) * impulse, si)} would make {whole}"
     if metres > LIGHT:
         yield refusal(place, f"{words}, faster than light")
     elif metres > FAST:
@@ -135,7 +135,7 @@ def _gravity(scene: Scene, entry: str, effect: EffectEntry, system: UnitSystem) 
     earth = system.gravity
     if abs(value) > STRONG_GRAVITY * earth or 0.0 < abs(value) < earth / WEAK_GRAVITY and system != SI:
         less = "more than ten times" if abs(value) > earth else f"less than 1/{WEAK_GRAVITY:g} of"
-        yield doubt(where, f"{less} the Earth's {earth:g} {system.names[0]}/{system.names[2]}2", value)
+        yield doubt(where, f"{less} the Earth's {scene.system.text(earth, 'm/s2', 'g')}", value)
 
 
 def _spring(
@@ -181,13 +181,13 @@ def stop_findings(
     """
     coordinates = {(c.joint, slides(scene, c)): name for name, c in scene.coordinates.items() if c.joint is not None}
     driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
-    kinematics, metre = None, scene.system.unit("m")
+    kinematics, system = None, scene.system
     for name, effect in scene.effects.items():
         if not effect.sets_in or effect.joint is None:
             continue
         slid = slides(scene, effect)
         if (effect.joint, slid) in coordinates:
-            start, unit = scene.initial_state(coordinates[effect.joint, slid]).position, metre if slid else "rad"
+            start, unit = scene.initial_state(coordinates[effect.joint, slid]).position, "m" if slid else "rad"
             deepest = DEEPEST * (size if slid else 1.0)
         elif meshes is None or driven:
             continue
@@ -201,7 +201,8 @@ def stop_findings(
             where, end = named(scene, f"effects.{name}.{key}", getattr(effect, key))
             depth = side * (start - end)
             if depth > 1e-9 * deepest:
-                words = f"{effect.joint} starts at {start:.4g} {unit}, {depth:.3g} {unit} beyond this stop"
+                place = system.text(start, unit, ".4g")
+                words = f"{effect.joint} starts at {place}, {system.text(depth, unit)} beyond this stop"
                 cure = "which throws it back; move the stop or the start (simulation.initial)"
                 yield (refusal if depth > deepest else doubt)(where, f"{words}, {cure}", end)
 
@@ -211,7 +212,7 @@ def _measured(kinematics: RigidKinematics, scene: Scene, effect: EffectEntry) ->
     start = [scene.initial_state(coordinate.name).position for coordinate in kinematics.coordinates]
     place = joint_measure(kinematics.mechanism, effect)
     value = _value(kinematics, place["statement"], (place["a"], place["b"]), np.array(start))
-    return value, scene.system.unit("m") if slides(scene, effect) else "rad"
+    return value, "m" if slides(scene, effect) else "rad"
 
 
 def _value(
@@ -250,6 +251,8 @@ def formula_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | 
         v = (at(moment) - at(-moment)) / (2.0 * moment) if np.any(rates) else 0.0
         why = not_finite(acting, s, v, scene.values)
         if why:
+            measured = slides(scene, effect) if effect.over is None else motion_over(scene, effect) == "sliding"
+            s, v = (scene.system.shown(x, unit if measured else "rad") for x, unit in ((s, "m"), (v, "m/s")))
             where = f"at the start, where s = {s:.6g}, v = {v:.6g} and t = 0; write where(...) around such places"
             yield refusal(f"effects.{name}.force", f"{why} {where}", effect.force)
     if of_outputs:
@@ -290,7 +293,8 @@ def _outputs_at_start(
             continue
         entry = scene.outputs[name]
         key = next(iter(entry.made_in(scene).values()), entry.type)
-        parts = ", ".join(f"{one} = {found[one][0]:.6g}" for one in entry.made_in(scene))
+        own = {one: scene.system.shown(found[one][0], outputs.units[one]) for one in entry.made_in(scene)}
+        parts = ", ".join(f"{one} = {value:.6g}" for one, value in own.items())
         why = "it has no finite value at the start (a division by zero, or a function where it has none)"
         yield refusal(f"outputs.{name}.{key}", f"{why}, with {parts}; write where(...) around such places")
 
@@ -306,7 +310,7 @@ def motion_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem)
         entry = f"simulation.initial.{name}"
         where, velocity = named(scene, f"{entry}.velocity", state.velocity)
         slid = name in scene.coordinates and slides(scene, scene.coordinates[name])
-        yield from _fast(where, velocity, None if slid else length, system, velocity)
+        yield from _fast(scene, where, velocity, None if slid else length, system, velocity)
         if abs(state.position) > MANY_TURNS and not slid:
             yield doubt(f"{entry}.position", "more than 1,000 turns; angles are in rad", state.position)
     for name, effect in scene.effects.items():
@@ -314,7 +318,7 @@ def motion_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem)
             key, speed, received = effect.fastest
             moved = scene.coordinates.get(effect.coordinate)
             slid = moved is not None and slides(scene, moved)
-            yield from _fast(f"effects.{name}.{key}", speed, None if slid else length, system, *received)
+            yield from _fast(scene, f"effects.{name}.{key}", speed, None if slid else length, system, *received)
             yield from _out_of_range(scene, name, effect)
 
 
@@ -327,22 +331,26 @@ def _out_of_range(scene: Scene, name: str, effect: Driving) -> Iterator[Finding]
     low, high = coordinate.range
     furthest = angles.min() if low - angles.min() > angles.max() - high else angles.max()
     if not low <= furthest <= high:
-        unit = scene.system.unit("m") if slides(scene, coordinate) else "rad"
+        unit = "m" if slides(scene, coordinate) else "rad"
+        low, high = (scene.system.shown(end, unit) for end in (low, high))
         limits = f"coordinates.{effect.coordinate}.range = [{low:g}, {high:g}], where reduced runs end"
-        words = f"moves {effect.coordinate} to {furthest:.6g} {unit}, beyond {limits}; widen the range, or move less"
+        reached = scene.system.text(furthest, unit, ".6g")
+        words = f"moves {effect.coordinate} to {reached}, beyond {limits}; widen the range, or move less"
         yield doubt(f"effects.{name}", words)
 
 
-def _fast(entry: str, speed: float, length: float | None, system: UnitSystem, *received: float) -> Iterator[Finding]:
+def _fast(
+    scene: Scene, entry: str, speed: float, length: float | None, system: UnitSystem, *received: float
+) -> Iterator[Finding]:
     """Yield a finding if a body of this length, turned at this speed, is too fast at its tip; without a length it
     slides."""
-    metre, unit = system.unit("m"), system.unit("m/s")
+    shown = scene.system
     tip = abs(speed) * (1.0 if length is None else length)
-    words = f"it slides at {tip:.3g} {unit}"
+    words = f"it slides at {shown.text(tip, 'm/s')}"
     if length is not None:
-        rate = system.unit("rad/s")
-        words = f"{abs(speed):.3g} {rate} move the tip of a body of {length:.3g} {metre} at {tip:.3g} {unit}"
+        rate, of_tip = shown.text(abs(speed), "rad/s"), shown.text(tip, "m/s")
+        words = f"{rate} move the tip of a body of {shown.text(length, 'm')} at {of_tip}"
     if tip * system.speed > LIGHT:
         yield refusal(entry, f"{words}, faster than light", *received)
     elif tip * system.speed > FAST:
-        yield doubt(entry, f"{words}; speeds are in {unit if length is None else system.unit('rad/s')}", *received)
+        yield doubt(entry, f"{words}; speeds are in {shown.unit('m/s' if length is None else 'rad/s')}", *received)
