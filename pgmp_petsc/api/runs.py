@@ -143,6 +143,7 @@ def fields(rom: Rom, run: Result, times: Sequence[float], *, comm: Comm | None =
     def finding_the_fields() -> dict[str, BodyField]:
         settings = settings_of(run.record.parameters)
         scene = scene_of_built(rom.data.rom, rom.directory, (), settings, "the reduced model")
-        return fields_at(ReducedModel(scene, rom.data.rom), run.data, times)
+        found = fields_at(ReducedModel(scene, rom.data.rom), run.data.in_si_units(), times)
+        return {name: field.converted(scene.system.converting) for name, field in found.items()}
 
     return on_root(comm, finding_the_fields)

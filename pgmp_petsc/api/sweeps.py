@@ -29,6 +29,7 @@ from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, warning
 from pgmp_petsc.base.resources import free_memory
 from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.base.units import ROUNDING
 from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.sample_file import of_columns
@@ -39,6 +40,7 @@ from pgmp_petsc.reduction.rom import outside_of, refuse_beyond
 from pgmp_petsc.results.ensemble import Ensemble, ShardSamples
 from pgmp_petsc.results.estimates import VALIDITY
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import own_values, si_values
 from pgmp_petsc.scene.numerics import MOST_STEPS, count_steps
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.stepping.status import Status
@@ -144,15 +146,17 @@ def histories(
     with _prepared(origin, comm, of_ensemble) as (prepared, place):
         columns = {name: values[numbers] for name, values in data.parameters.items()}
         drawn = _drawn(data, prepared.scene)
-        file = SampleFile(Path("samples"), {name: columns[name] for name in drawn}, "histories")
+        of_samples = si_values(prepared.scene, {name: columns[name] for name in drawn})
+        file = SampleFile(Path("samples"), of_samples, "histories")
         found = _run(prepared, file, place, comm, on_all_ranks)
     if found is None:
         return None
-    run, remarks = found
+    (run, remarks), system = found, prepared.scene.system
     differing = []
     for name, before in data.outputs.items():
-        before, now = before[numbers], run.columns[f"outputs.{name}"]
-        if not np.array_equal(before, now, equal_nan=True):
+        before, now = before[numbers], system.shown(run.columns[f"outputs.{name}"], run.units[name])
+        # numbers that were written in mm are not to the last bit those that the run had
+        if not np.allclose(before, now, 0.0 if system.is_si else ROUNDING, 0.0, equal_nan=True):
             differing.append(f"{name} by up to {np.nanmax(np.abs(before - now), initial=0.0):.3g}")
     if differing:
         what = f"at the end outputs differ from those of the ensemble, {', '.join(differing)}"
@@ -247,10 +251,11 @@ def _dataset(
     scene: Scene, data: ShardSamples, sizes: Mapping[str, int], coords: Mapping[str, Any], remarks: Sequence[Remark]
 ) -> xarray.Dataset:
     """Return samples of a scene as a dataset along some dimensions."""
-    dims, shape = tuple(sizes), tuple(sizes.values())
+    dims, shape, system = tuple(sizes), tuple(sizes.values()), scene.system
     found: dict[str, tuple[Any, ...]] = {}
     for name, values in data.bands.items():
-        about = {"units": data.units[name], "long_name": f"output '{name}' over time"}
+        values, unit = system.named(values, data.units[name])
+        about = {"units": unit, "long_name": f"output '{name}' over time"}
         found[name] = ((*dims, "time"), values.reshape(*shape, -1), about)
     for place, values in data.columns.items():
         kind, _, name = place.partition(".")
@@ -259,19 +264,20 @@ def _dataset(
             values = values if place == "failure_time" else values.astype(int)
         elif kind == "errors":
             label = f"error.{name}"
-            about = {"units": data.units[name], "long_name": f"largest estimated error of output '{name}' over the run"}
+            values, unit = system.named(values, data.units[name])
+            about = {"units": unit, "long_name": f"largest estimated error of output '{name}' over the run"}
         elif kind == "validity":
             label, (unit, words) = place, VALIDITY[name]
             about = {"units": unit, "long_name": words}
         else:
             continue
         found[label] = (dims, values.reshape(shape), about)
-    known = {name: {"units": one.unit, "long_name": f"parameter '{name}'"} for name, one in scene.parameters.items()}
+    known = {name: {"units": system.unit(one.unit), "long_name": f"parameter '{name}'"} for name, one in scene.parameters.items()}
     where = {name: one.assign_attrs(known.get(name, {})) for name, one in coords.items()}
     n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
     time = scene.simulation.duration * np.arange(n_steps + 1) / n_steps
     about = {"scene": scene.scene.name, "model": data.model, "program_version": __version__}
-    others = {name: value for name, value in scene.values.items() if name not in coords}
+    others = {name: value for name, value in own_values(scene).items() if name not in coords}
     about |= {"parameters": json.dumps(others), "remarks": [str(remark) for remark in remarks]}
     return needs_xarray("simulate").Dataset(
         found, {**where, "time": ("time", time, {"units": "s", "long_name": "time"})}, about

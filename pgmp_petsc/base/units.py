@@ -22,6 +22,8 @@ from decimal import Decimal
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pgmp_petsc.base.errors import nearest_name
 
 if TYPE_CHECKING:
@@ -69,8 +71,14 @@ class UnitSystem:
         return 1.0 if self.is_si else self.size(dimension_of(unit))
 
     def shown(self, value: Any, si: str) -> Any:
-        """Return a number or an array of an SI unit in these units."""
-        return value if self.is_si else value / self.size_of(si)
+        """Return a number, through decimals, or an array of an SI unit in these units."""
+        if self.is_si:
+            return value
+        return times(value, 1.0 / self.size_of(si)) if np.ndim(value) == 0 else value / self.size_of(si)
+
+    def named(self, value: Any, si: str) -> tuple[Any, str]:
+        """Return a number or an array of an SI unit in these units, and the unit."""
+        return self.shown(value, si), self.unit(si)
 
     def converting(self, value: Any, unit: str) -> Any:
         """Return a number or an array of an SI unit in these units, or without one the unit."""
@@ -178,7 +186,7 @@ UNITS: dict[str, Dimension] = {
 ANGULAR = ("rad", "deg", "\N{DEGREE SIGN}", "rpm", "rev", "turn", "gon", "arcmin", "arcsec")  # in units with angles
 BASE = ("[mass]", "[length]", "[time]")
 LONGEST = 40  # characters of a unit
-ROUNDING = 1e-14  # by which a factor of pint may miss a whole number
+ROUNDING = 1e-14  # by which a factor of pint may miss a whole number, and a number that is converted twice itself
 #: Units to propose for one that is not known.
 COMMON = (
     *UNITS, "mm", "cm", "um", "in", "ft", "g", "t", "lb", "kN", "MN", "N mm", "kN m", "lbf", "kPa", "MPa", "GPa", "bar",

@@ -241,12 +241,12 @@ def _size_sentences(study: Tradeoff, known: Sizes | None) -> Iterator[str]:
         if most == 0.0:
             yield f"{name} is zero to round-off in the reference: settings that give as little have no error in it."
         elif sizes[least] < SMALL * most:
-            unit = study.units[name]
-            small = f"at most {with_unit(sizes[least], unit, 2)}" if sizes[least] else "zero to round-off"
-            values = ", ".join(f"{one} = {study.test_values[one][least]:.3g}" for one in study.varied)
+            unit, system, of = study.units[name], study.record.system, study.parameter_units
+            small = f"at most {with_unit(*system.named(sizes[least], unit), 2)}" if sizes[least] else "zero to round-off"
+            values = ", ".join(f"{one} = {system.shown(study.test_values[one][least], of[one]):.3g}" for one in study.varied)
             yield (
                 f"{name} is {small} at test value {least + 1} of {len(sizes)} ({values}), and up to "
-                f"{with_unit(most, unit, 2)} at others: errors are in per cent of each, and the largest may be there."
+                f"{with_unit(*system.named(most, unit), 2)} at others: errors are in per cent of each, and the largest may be there."
             )
 
 
@@ -276,7 +276,7 @@ def _apart(study: Tradeoff, sizes: Sizes | None, column: int) -> str:
         return ""
     worst, apart = sizes.meshes[column]
     at = f" at test value {worst + 1}" if study.varied else ""
-    return f" ({with_unit(apart, study.units[study.outputs[column]], 2)}{at})"
+    return f" ({with_unit(*study.record.system.named(apart, study.units[study.outputs[column]]), 2)}{at})"
 
 
 def _reference_sentences(study: Tradeoff) -> Iterator[str]:

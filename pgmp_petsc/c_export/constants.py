@@ -16,7 +16,7 @@ from itertools import accumulate
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.base.units import UnitSystem
+from pgmp_petsc.base.units import UnitSystem, dimension_of
 from pgmp_petsc.bodies.affine import AffineSum, Monomial, Quantity
 from pgmp_petsc.c_export.statements import (
     ActionInC,
@@ -49,6 +49,7 @@ from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
 from pgmp_petsc.results.estimates import limits_of
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import own_values, to_own
 from pgmp_petsc.scene.joints import CouplingEntry
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.uses import length_names, offset_directions, uses_of, velocity_names
@@ -100,6 +101,7 @@ class Constants:
     prescribed: Sequence[bool]  # of all coordinates, whether they are given
     laws: Sequence[Sequence[Quantity | AffineSum]]  # parameters of the laws of the local effects
     parameters: Mapping[str, float]  # nominal values, or those that were set, by name
+    parameters_in_c: Mapping[str, str]  # in SI units, by name
     served: Mapping[str, Served]  # ranges that the model was built for, by name
     #: strengths, motions: pieces over time of what loads and drives, by the effect's name, and of the coordinates, none
     #: of a free one
@@ -126,6 +128,7 @@ class Constants:
     #: output_units, strength_units, parameter_units: by name; empty where nothing says which
     output_units: Mapping[str, str]
     strength_units: Mapping[str, str]
+    strength_sizes: Sequence[float]  # how many SI units one of each strength is
     parameter_units: Mapping[str, str]
     node_bodies: Sequence[int]  # body of every node of the tables
 
@@ -167,8 +170,10 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     tables = _tables(model, nodes, places) | of_gaps
     _check_size(tables, what)
     first_edges = [0, *accumulate(len(action.law.edges) for action in actions)]
-    values = scene.values | {name: f"p[{k}]" for k, name in enumerate(tunable(scene))}
-    outputs = outputs_in_c(model.outputs, slots, values, [] if gaps is None else model.multipliers.rows, actions)
+    in_c = parameters_in_c(scene)
+    outputs = outputs_in_c(
+        model.outputs, slots, scene.values | in_c, [] if gaps is None else model.multipliers.rows, actions, scene.system
+    )
     settings = _steps(model)
     controls = controls_in_c(scene, tunable(scene), settings["STEP"])
     control_actions = [k for k, action in enumerate(actions) if action.law is ACTING_LAW]
@@ -208,7 +213,8 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         given=[Monomial(() if name is None else ((name, 1),)) for name in offset_directions(scene)],
         prescribed=terms.tables.prescribed(model.motions),
         laws=[action.parameters for action in actions],
-        parameters=tunable(scene),
+        parameters=own_values(scene, tunable(scene)),
+        parameters_in_c=in_c,
         served=model.served,
         strengths={name: function.pieces for name, function in over_time.items()},
         motions=[_pieces_of(model, k) for k in range(kinematics.n_coordinates)],
@@ -227,8 +233,9 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         control_origins=[] if model.measures is None else model.measures.origins.tolist(),
         action_slots=[slots[node] for node in held],
         outputs=outputs,
-        output_units=model.outputs.units,
-        strength_units={name: _unit_of_strength(name, scene) for name in over_time},
+        output_units={name: scene.system.unit(unit) for name, unit in model.outputs.units.items()},
+        strength_units={name: scene.system.unit(_unit_of_strength(name, scene)) for name in over_time},
+        strength_sizes=[scene.system.size_of(_unit_of_strength(name, scene)) for name in over_time],
         parameter_units={name: _unit_of(name, scene) for name in tunable(scene)},
         node_bodies=[int(bodies[node]) for node in nodes],
     )
@@ -272,16 +279,26 @@ def tunable(scene: Scene) -> dict[str, float]:
     return {name: value for name, value in scene.values.items() if name not in fixed}
 
 
+def parameters_in_c(scene: Scene) -> dict[str, str]:
+    """Return what the parameters that a model in C takes are there in SI units; it takes them in those of the scene."""
+    sizes = {name: 1.0 / to_own(scene, name) for name in tunable(scene)}
+    return {name: f"p[{k}]" if size == 1.0 else f"({size!r} * p[{k}])" for k, (name, size) in enumerate(sizes.items())}
+
+
 def _unit_of_strength(name: str, scene: Scene) -> str:
-    """Return the unit of a strength; that of a load's part is a factor of its parameter."""
-    return scene.system.unit(scene.effects[name].strength_unit) if name in scene.effects else "1"
+    """Return the SI unit of a strength; that of a load's part is a factor of its parameter, and so are those that a
+    parameter with their unit scales."""
+    effect = scene.effects.get(name)
+    scale = getattr(effect, "scale", None)
+    is_factor = isinstance(scale, str) and any(dimension_of(scene.parameters[scale].unit or "1"))
+    return "1" if effect is None or is_factor else effect.strength_unit
 
 
 def _unit_of(name: str, scene: Scene) -> str:
     """Return the unit of a parameter: what the scene says, or what the entries that name it take."""
     used = (use.units for use in uses_of(scene) if use.parameter == name)
     taken = next((units[0] for units in used if len(units) == 1), "")
-    return scene.parameters[name].unit or scene.system.unit(taken)
+    return scene.system.unit(scene.parameters[name].unit or taken)
 
 
 def _nodes(sides: Sequence) -> list[int]:

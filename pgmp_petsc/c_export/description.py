@@ -61,7 +61,7 @@ def variables_of(constants: Constants) -> list[Variable]:
     found, units = [], "SI units" if constants.system == SI else str(constants.system)
     for k, (name, value) in enumerate(constants.parameters.items()):
         served, unit = constants.served.get(name), constants.parameter_units[name]
-        low, high = (-math.inf, math.inf) if served is None else (min(served.low, value), max(served.high, value))
+        low, high = (-math.inf, math.inf) if served is None else served.widened(value)
         about = units if served is None else f"{units}; from min to max the model was built for"
         setting = "parameter", "tunable", about, repr(float(value)), None
         found.append(Variable(f"parameters.{quoted(name)}", PARAMETERS + k, REAL, *setting, unit, low, high))

@@ -134,8 +134,8 @@ def _tables(constants: Constants) -> str:
         number = "int" if table.dtype.kind == "i" else "double"
         parts.append(f"const {number} {name}{shape} = {_array(table) if table.size else '{0}'};\n")
     names, served = list(constants.parameters), constants.served
-    lower = [served[name].low if name in served else -math.inf for name in names]
-    upper = [served[name].high if name in served else math.inf for name in names]
+    lower = [served[name].to_own * served[name].low if name in served else -math.inf for name in names]
+    upper = [served[name].to_own * served[name].high if name in served else math.inf for name in names]
     parts += [_listed(f"const struct axis {name}[R]", map(_axis, axes)) for name, axes in constants.axes.items()]
     measured = [part for action in constants.actions for part in action.parts]
     every = [*constants.closure, *(part.term for part in measured)]
@@ -152,6 +152,7 @@ def _tables(constants: Constants) -> str:
         _listed("const double parameter_upper[]", map(_number, upper)),
         _listed("const double closure_wanted[]", map(_number, constants.closure_wanted)),
         _listed("const int load_of_term[]", map(str, constants.load_of_term)),
+        _listed("const double strength_sizes[]", map(_number, constants.strength_sizes)),
         _listed("const int strength_of_load[]", map(str, constants.strength_of_load)),
         _listed("const int node_bodies[]", map(str, constants.node_bodies)),
         _listed("const int action_nodes[]", map(str, constants.action_slots)),
@@ -288,7 +289,7 @@ def _controls(constants: Constants) -> Iterator[str]:
 
 def _weigh(constants: Constants) -> str:
     """Return the function that evaluates the monomials."""
-    numbers = {name: f"p[{k}]" for k, name in enumerate(constants.parameters)}
+    numbers = constants.parameters_in_c
     lines = ["void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW], double *given,"]
     lines.append("           double (*controls)[AT_LEAST_ONE(N_CONTROL)]) {")
     lines.append("    (void)p, (void)terms, (void)loads, (void)laws, (void)given, (void)controls;")
@@ -309,7 +310,7 @@ def _weigh(constants: Constants) -> str:
 
 def _weigh_gaps(constants: Constants) -> str:
     """Return the function that evaluates the monomials of the terms of gaps."""
-    numbers = {name: f"p[{k}]" for k, name in enumerate(constants.parameters)}
+    numbers = constants.parameters_in_c
     weights = (f"    weights[{k}] = {monomial_in_c(one, numbers)};" for k, one in enumerate(constants.gap_weights))
     head = ["void weigh_gaps(const double *p, double *weights) {", "    (void)p, (void)weights;"]
     return "\n".join([*head, *weights, "}", ""])

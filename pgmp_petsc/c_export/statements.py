@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.controllers.acting import ACTING_LAW, law_of, parameters_of
 from pgmp_petsc.controllers.law import ControlLaw
@@ -301,11 +302,15 @@ def controls_in_c(scene: Scene, tunable: Container[str], step: float) -> list[Co
 
 def outputs_in_c(
     outputs: OutputSet, slots: Mapping[int, int], values: Mapping[str, str | float], gaps: Sequence[int],
-    actions: Sequence[Action],
+    actions: Sequence[Action], system: UnitSystem,
 ) -> OutputsInC:  # fmt: skip
-    """Return outputs; see `outputs.readings`, and for `gaps` and `actions` `ForceInC.of`."""
+    """Return outputs in units of a system; see `outputs.readings`, and for `gaps` and `actions` `ForceInC.of`."""
     combiner = Combiner(outputs.bases, values, outputs.forces)
-    made = [f"outputs[{k}] = {combiner.of(reading)}[0];" for k, reading in enumerate(outputs.functions.values())]
+    of_units = (f"{1.0 / size!r} * " if (size := system.size_of(unit)) != 1.0 else "" for unit in outputs.units.values())
+    made = [
+        f"outputs[{k}] = {factor}{combiner.of(reading)}[0];"
+        for k, (reading, factor) in enumerate(zip(outputs.functions.values(), of_units))
+    ]
     readings = [_reading_in_c(reading, slots) for reading in combiner.readings]
     forces = [ForceInC.of(one, gaps, slots, actions) for one in outputs.forces if not isinstance(one, OfMotion)]
     return OutputsInC(

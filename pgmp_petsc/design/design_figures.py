@@ -17,6 +17,7 @@ from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
+from pgmp_petsc.scene.border import to_own
 from pgmp_petsc.scene.parameters import uncertain_names
 
 
@@ -98,15 +99,16 @@ class DesignFigures:
                 low, high = max(low, bounds[0] - drawn.min()), min(high, bounds[1] - drawn.max())
             elif name in scene.parameters_not_negative:
                 low = max(low, low - drawn.min())
+            own = to_own(scene, name)
+            spread = f"from {own * drawn.min():+.4g} to {own * drawn.max():+.4g}"
             if (low, high) != tuple(limits):
                 begins = np.clip(start, low, high)
-                began = "" if begins == start else f", from {begins:.6g} on and not from {start:.6g}"
-                spread = f"from {drawn.min():+.4g} to {drawn.max():+.4g}"
-                self.narrowed[name] = spread, f"[{low:.6g}, {high:.6g}]", began
+                began = "" if begins == start else f", from {own * begins:.6g} on and not from {own * start:.6g}"
+                self.narrowed[name] = spread, f"[{own * low:.6g}, {own * high:.6g}]", began
             if low >= high:
                 raise InputError(
-                    f"parameters.{name}: its samples vary from {drawn.min():+.4g} to {drawn.max():+.4g} about a "
-                    f"design, which leaves no room in [{limits[0]:g}, {limits[1]:g}]; widen its bounds"
+                    f"parameters.{name}: its samples vary {spread} about a design, which leaves no room in "
+                    f"[{own * limits[0]:g}, {own * limits[1]:g}]; widen its bounds"
                 )
             limits[:] = low, high
         self.start = np.clip(self.start, *self.limits.T)
@@ -171,7 +173,7 @@ class DesignFigures:
         for what, dual in zip((question.goal, *question.constraints), found):
             if not (np.isfinite(dual.value) and np.isfinite(dual.slope).all()):
                 raise RunError(
-                    f"at {_shown(question.names, values)}: '{what.text}' or its derivative is no finite number; write "
+                    f"at {_shown(question.names, own_values(self._model.scene, values))}: '{what.text}' or its derivative is no finite number; write "
                     "it so that it is one between the limits of all parameters"
                 )
         return found
@@ -183,7 +185,7 @@ class DesignFigures:
             self.off = max(self.off, run.off)
             return run
         except PgmpError as error:
-            where = _shown(names, values) + ("" if self._offsets is None else f", sample {sample}")
+            where = _shown(names, own_values(self._model.scene, values)) + ("" if self._offsets is None else f", sample {sample}")
             raise type(error)(f"at {where}: {error}") from error
 
     def _robust(self, duals: Sequence[Dual]) -> Dual:

@@ -42,7 +42,7 @@ from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import Fit, FittedOutput, FittedParameter
 from pgmp_petsc.results.numbers import plain
 from pgmp_petsc.scene import scene_to_toml
-from pgmp_petsc.scene.border import own_values
+from pgmp_petsc.scene.border import own_values, to_own
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
 from pgmp_petsc.scene.uses import length_names
@@ -161,8 +161,8 @@ def served_remarks(model: ReducedModel, names: Sequence[str]) -> Iterator[Remark
         low, high = max(bounds[0], served.low), min(bounds[1], served.high)
         if (low, high) != tuple(bounds):
             yield note(
-                f"{name} is searched in [{low:.6g}, {high:.6g}], the range that the reduced model was built for, "
-                f"and not in all of its bounds [{bounds[0]:.6g}, {bounds[1]:.6g}]: for these build with a "
+                f"{name} is searched in [{served.shown(low)}, {served.shown(high)}], the range that the reduced model "
+                f"was built for, and not in all of its bounds [{', '.join(map(served.shown, bounds))}]: for these build with a "
                 f"distribution that spans them, or without one (pgmp build SCENE)"
             )
 
@@ -281,7 +281,8 @@ class _Fitting:
         try:
             run = differentiate(self._model, values, self._names)
         except PgmpError as error:
-            where = ", ".join(f"{name} = {values[name]:.6g}" for name in self._names)
+            own = own_values(self._model.scene, values)
+            where = ", ".join(f"{name} = {own[name]:.6g}" for name in self._names)
             raise type(error)(f"at {where}: {error}") from error
         self.n_runs += 1
         self._count()
@@ -359,9 +360,9 @@ class _Fitting:
         """Return which parameters end at their limits, or are not identifiable, or beyond what the basis spans."""
         scene = self._model.scene
         for name, value, error, (low, high), lost in zip(self._names, estimate, errors, self._limits, blind):
-            near = 1e-6 * (high - low)
+            near, own = 1e-6 * (high - low), to_own(scene, name)
             if lost or error > high - low:
-                what = f"its standard error, {error:.3g}, is larger than the range that it is searched in"
+                what = f"its standard error, {own * error:.3g}, is larger than the range that it is searched in"
                 what = "no output depends on it, or only together with others" if lost else what
                 yield warning(
                     f"{name} is not identifiable from this history: {what}; its value is none, and it is better "
@@ -371,14 +372,14 @@ class _Fitting:
                 end = "lower" if value < low + near else "upper"
                 widening = "build with wider" if name in self._lengths else "widen"
                 yield warning(
-                    f"{name} ends at the {end} limit of its search, [{low:g}, {high:g}]; standard errors do not "
+                    f"{name} ends at the {end} limit of its search, [{own * low:g}, {own * high:g}]; standard errors do not "
                     f"hold there: {widening} parameters.{name}.bounds if that makes sense"
                 )
             elif scene.parameters[name].distribution is not None:
                 spanned, _ = spanning_values(scene, [name])
                 if not spanned[name].min() <= value <= spanned[name].max():
                     yield warning(
-                        f"{name} = {value:.5g} lies beyond three standard deviations of its distribution, which "
+                        f"{name} = {own * value:.5g} lies beyond three standard deviations of its distribution, which "
                         "the reduced basis spans; build again with a nominal value near it, and fit again"
                     )
 
@@ -398,8 +399,9 @@ class _Fitting:
         figures = []
         for name, step, error in zip(self._names, moved, errors):
             if np.isfinite(error):
-                value, what = solution.values[name], f"{name} (standard error {plain(error)})"
-                figures.append((what, value, value + float(step), float(error)))
+                own = to_own(self._model.scene, name)
+                value, step, error = (own * float(x) for x in (solution.values[name], step, error))
+                figures.append((f"{name} (standard error {plain(error)})", value, value + step, error))
         return of_figures(figures, "the standard errors", OF_STANDARD_ERROR)
 
     @gathered

@@ -34,7 +34,7 @@ from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import Design, DesignConstraint, DesignParameter
 from pgmp_petsc.results.numbers import interval_text, percent
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values
+from pgmp_petsc.scene.border import own_values, to_own
 
 MOST_ITERATIONS = 200
 PRECISE = 1e-7  # of goal and constraints, in units of their sizes: what iterations of runs leave stays below
@@ -178,10 +178,10 @@ def _of_own_error(
 def _of_limits(question: Question, figures: DesignFigures, best: np.ndarray) -> Iterator[Remark]:
     """Return which parameters end at their limits."""
     for name, value, (low, high) in zip(question.names, best, figures.limits):
-        near = AT_LIMIT * (high - low)
+        near, own = AT_LIMIT * (high - low), to_own(figures.scene, name)
         if value <= low + near or value >= high - near:
             end = "lower" if value <= low + near else "upper"
-            yield note(f"{name} ends at the {end} limit, {value:.6g} of [{low:g}, {high:g}]")
+            yield note(f"{name} ends at the {end} limit, {own * value:.6g} of [{own * low:g}, {own * high:g}]")
 
 
 @gathered

@@ -119,7 +119,7 @@ def _of_own_error(
 ) -> tuple[Remark, ...]:
     """Return what errors of the model do to the effects at the end: they change from here to the next value of each
     parameter."""
-    scene, what = model.scene, "derivatives"
+    scene, what, units = model.scene, "derivatives", model.outputs.units
     moved = [_moved(scene, name) for name in names]
     points = [scene.values, *(scene.values | {name: value} for name, value in zip(names, moved))]
     errors = OwnErrors.of_runs(model, points)
@@ -137,7 +137,8 @@ def _of_own_error(
             if abs(slope * change) > max(LEAST * size, ROUND_OFF * largest):
                 without = slope - (error - at_end[0]) / change
                 text = f"d {output} / d {name} at the end"
-                effects.append((text, slope, float(without), abs(slope)))
+                unit = scene.system.size_of(scene.parameters[name].unit or "1") / scene.system.size_of(units[output])
+                effects.append((text, unit * slope, unit * float(without), abs(unit * slope)))
     return of_figures(effects) if effects else ()
 
 

@@ -111,10 +111,11 @@ def describe_ensemble(
     sobol = {name: replace(one, confidence=scene.ensemble.confidence) for name, one in sobol.items()}
     correlated = sampler.kind != "file" and bool(scene.correlation)
     drawn = {name: parameters[name] for name in sampler.names} if not fine.all() else {}
+    own = own_values(scene, drawn), {name: scene.system.unit(units[name]) for name in drawn}
     may_be_retried = not looked and has_steps_left(status, divisors)  # an ensemble with rules is repeated instead
     remarks = (
         *kept.remarks,
-        *failure_remarks(status, drawn, units, origin.model, scene.ensemble.failed_share, may_be_retried),
+        *failure_remarks(status, *own, origin.model, scene.ensemble.failed_share, may_be_retried),
         *step_remarks(status, divisors, scene.simulation.step),
         *sampler_remarks(scene, plan),
         *starts_remarks(scene, numerics["unstable_start"] == 1.0),
@@ -126,6 +127,7 @@ def describe_ensemble(
         *_estimate_remarks(origin, estimates, status, peaks),
         *own_error.of_statistics(
             (one for one in outputs.items() if one[0] not in constant), estimates["errors_at_end"], chosen, units,
+            scene.system,
             ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"), origin.model,
         ),
     )  # fmt: skip
@@ -186,7 +188,7 @@ def _chance(
         shares = shares[np.isfinite(shares)]
         error = DOUBT * float(np.quantile(shares, OF_SAMPLES, method="higher")) if shares.size else error
     estimate = count / n if n and not is_hiding else float("nan")
-    words = in_words(event, origin.units[event.output])
+    words = in_words(event, origin.units[event.output], origin.scene.system)
     return Chance(words, count, n, estimate, ends, origin.scene.ensemble.confidence, int(failed.sum()), error, limit)
 
 
@@ -321,7 +323,7 @@ def _estimate_remarks(
         why = f"pgmp simulate with their --set says why, sample by sample; {comparing(scene)}"
     if estimates["errors"]:
         sizes = {name: peaks.largest(name) for name in estimates["errors"]}
-        yield from own_error.large_errors(estimates["errors"], sizes, origin.units, origin.model)
+        yield from own_error.large_errors(estimates["errors"], sizes, origin.units, scene.system, origin.model)
     if estimates["errors"] and (origin.model == "reduced" or n_steps >= FEWEST_STEPS):
         chosen = np.zeros(status.size, dtype=bool)
         block = block_of(scene, origin.model)

@@ -177,7 +177,7 @@ def read_earlier(path: Path, model: Model) -> Earlier:
 
     Raises `InputError` if it is no ensemble of this scene and model, or nothing in it can be tried again.
     """
-    found = Ensemble.read(path)
+    found = Ensemble.read(path).in_si_units()
     n_failed = int(np.sum(found.status != Status.FINE))
     if not n_failed:
         raise InputError(f"{OPTION} {path}: all of its {len(found.status)} samples are fine; nothing is left to do")
@@ -239,7 +239,7 @@ def fine_pieces(earlier: Earlier, share: float, block: int) -> Iterator[tuple[Pi
     share, block
         Of the samples whose errors are estimated, and in what numbers.
     """
-    found = Ensemble.read(earlier.path)
+    found = Ensemble.read(earlier.path).in_si_units()
     fine = found.status == Status.FINE
     for first, last in _runs(fine, 0, fine.size):
         yield Piece(first, last), _batch(found, first, last)

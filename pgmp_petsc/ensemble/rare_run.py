@@ -17,6 +17,7 @@ from pgmp_petsc.base.errors import InputError, PgmpError, Remark, gathered, near
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.base.units import times
 from pgmp_petsc.ensemble import intervals, rare_events
 from pgmp_petsc.ensemble.design_points import DesignPoints
 from pgmp_petsc.ensemble.importance import FURTHEST
@@ -37,6 +38,7 @@ from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 from pgmp_petsc.scene.numerics import Ensemble, Event
+from pgmp_petsc.scene.outputs import unit_of
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.uses import offset_directions
 from pgmp_petsc.stepping.drivers import check_ts_options
@@ -72,7 +74,8 @@ def event_of(text: str, scene: Scene) -> Event:
     if float(level) and not SMALLEST <= abs(float(level)) <= LARGEST:
         allowed = f"0 or a magnitude from {SMALLEST:g} to {LARGEST:g} is needed"
         raise InputError(f'--rare "{shortened(text)}": {level}: {allowed}')
-    return Event(output=output, when="ever" if ever else "end", **{"above" if side == ">" else "below": float(level)})
+    level = times(float(level), scene.system.size_of(unit_of(scene, output)))
+    return Event(output=output, when="ever" if ever else "end", **{"above" if side == ">" else "below": level})
 
 
 def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: Comm) -> RareEvent | None:
@@ -216,8 +219,8 @@ def _result(
     weight[value.size - found.weights.size :] = found.weights
     values, probabilities = found.curve()
     side = ">" if event.above is not None else "<"  # as --rare takes it
-    text = f"{'ever ' if event.when == 'ever' else ''}{event.output} {side} {event.level!r}"
-    confidence, words = scene.ensemble.confidence, in_words(event, unit)
+    text = f"{'ever ' if event.when == 'ever' else ''}{event.output} {side} {scene.system.shown(event.level, unit)!r}"
+    confidence, words = scene.ensemble.confidence, in_words(event, unit, scene.system)
     parameters = {name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters}
     remarks = rare_remarks(found, status, isinstance(model, (FullModel, *REDUCED)), confidence)
     said = (*scene.remarks, *remarks, *draw_remarks(scene))

@@ -18,6 +18,7 @@ from pgmp_petsc.base.errors import InputError, nearest_name, note, shortened
 from pgmp_petsc.ensemble.plan import SampleFile
 from pgmp_petsc.files.hdf5 import csv_table
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import in_own_units, si_values
 from pgmp_petsc.scene.messages import MAX_LINES, input_error
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.uses import ordered_ends
@@ -93,20 +94,20 @@ def _checked(
     n = n if n_samples is None else n_samples
     columns, lines = {name: values[:n] for name, values in columns.items()}, lines[:n]
     problems = []
-    for problem in _problems(columns, lines, scene, place):
+    for problem in _problems(columns, lines, in_own_units(scene), place):
         problems.append(f"{where}: {problem}")
         if len(problems) > MAX_LINES:
             break
     if problems:
         raise input_error(problems)
     text = f"columns of '{path}' that are no parameters have no part: {', '.join(others)}"
-    return SampleFile(path, columns, content, (note(text),) if others else ())
+    return SampleFile(path, si_values(scene, columns), content, (note(text),) if others else ())
 
 
 def _of_csv(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
     """Return the columns of parameters, the number of each sample's line, and the names of columns without a part."""
     with open(path, encoding="utf-8-sig", newline="") as stream:
-        units = {name: parameter.unit for name, parameter in scene.parameters.items()}
+        units = {name: scene.system.unit(parameter.unit) for name, parameter in scene.parameters.items()}
         names, rows = csv_table(stream, f"{OPTION} {path}", units)
         used = _used(f"{OPTION} {path}", names, scene)
         places = [names.index(name) for name in used]

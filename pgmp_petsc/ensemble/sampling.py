@@ -54,6 +54,7 @@ from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.parameters import ARCHIMEDEAN, correlation_matrix, kendall, uncertain_names, variables_of
 from pgmp_petsc.scene.uses import ordered_ends
 
@@ -479,7 +480,7 @@ def draw_remarks(scene: Scene) -> Iterator[Remark]:
             )
         below, above = parameter.cut_off
         if below + above > 0.0 and name not in variables:
-            low, high = parameter.bounds
+            low, high = own_values(scene, {name: np.array(parameter.bounds)})[name]
             text = (
                 f"parameters.{name}: its distribution is truncated to the bounds [{low:g}, {high:g}] and renormalised; "
                 f"they cut off {_percent(below)} below and {_percent(above)} above"

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.results.ensemble import DESCRIBED
 from pgmp_petsc.results.numbers import ROUND_OFF, sizes_of, with_unit
@@ -43,11 +44,11 @@ def came_true(event: Event, label: str, outputs: Columns, passages: Columns) -> 
     return values > event.level if event.above is not None else values < event.level
 
 
-def in_words(event: Event, unit: str) -> str:
-    """Return what comes true: ``angle above 3 rad at the end``."""
+def in_words(event: Event, unit: str, system: UnitSystem) -> str:
+    """Return what comes true: ``angle above 3 rad at the end``; `unit` is that of the output."""
     side = "above" if event.above is not None else "below"
     when = "at the end" if event.when == "end" else "at any time"
-    return f"{event.output} {side} {with_unit(event.level, unit, 6)} {when}"
+    return f"{event.output} {side} {with_unit(*system.named(event.level, unit), 6)} {when}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,6 +49,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, gathered, nearest_name, note, warning
 from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.base.units import times
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.ensemble.statistics import came_true, describe, of_event, quantity
@@ -56,6 +57,7 @@ from pgmp_petsc.results.ensemble import DESCRIBED, Ensemble, Stopping, reach_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 from pgmp_petsc.scene.numerics import Event
+from pgmp_petsc.scene.outputs import unit_of
 from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:
@@ -82,11 +84,6 @@ class Rule:
     wanted: float  # half the width of the interval at most
     relative: bool  # whether it is a share of the figure
 
-    @property
-    def precision(self) -> str:
-        """The precision in words: ``1 %``, or ``0.002``."""
-        return f"{100 * self.wanted:g} %" if self.relative else f"{self.wanted:g}"
-
 
 class _Reader:
     """Takes a rule apart, from left to right."""
@@ -112,7 +109,12 @@ class _Reader:
             relative = True
         if self._text[self._place :].strip():
             self._refuse("the end")
-        return Rule(self._text, kind, quantity, event, 0.01 * wanted if relative else wanted, relative)
+        wanted *= 0.01 if relative else self._size(quantity.partition(".")[0]) if kind != "P" else 1.0
+        return Rule(self._text, kind, quantity, event, wanted, relative)
+
+    def _size(self, output: str) -> float:
+        """Return how many SI units one of an output's is in the rule."""
+        return self._scene.system.size_of(unit_of(self._scene, output))
 
     def _event(self) -> tuple[str, Event | None]:
         """Read a label, or an output beyond a level."""
@@ -121,7 +123,7 @@ class _Reader:
         if name in labels:
             return name, None
         side = "above" if self._sign("<", ">") == ">" else "below"
-        return "", Event(output=name, **{side: self._number()})
+        return "", Event(output=name, **{side: times(self._number(), self._size(name))})
 
     def _name(self, expected: str, known: list[str] | tuple[str, ...]) -> str:
         place, name = self._place, self._take("name")

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.base.errors import Remark, gathered, note, warning
+from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.shape import lacks_foreshortening
 from pgmp_petsc.estimates.coarser_run import FEWEST_STEPS, MOST, CoarserRun, StepErrors
 from pgmp_petsc.estimates.error_indicator import indicator_of
@@ -96,7 +97,11 @@ NOT_CONVERGED = (
 
 @gathered
 def large_errors(
-    errors: Mapping[str, np.ndarray], sizes: Mapping[str, np.ndarray], units: Mapping[str, str], model: str = "reduced"
+    errors: Mapping[str, np.ndarray],
+    sizes: Mapping[str, np.ndarray],
+    units: Mapping[str, str],
+    system: UnitSystem,
+    model: str = "reduced",
 ) -> Iterator[Remark]:
     """Return a warning of outputs whose estimated errors are large, in any of some runs.
 
@@ -106,6 +111,8 @@ def large_errors(
         Largest error, and largest size, of every output in each run, shape (n_runs,); NaN where they are not known.
     units
         Units of outputs.
+    system
+        In which sizes are said.
     model
         What runs are of.
     """
@@ -117,7 +124,7 @@ def large_errors(
         if n_large:
             worst = int(np.argmax(shares))
             share, size = float(shares[worst]), float(sizes[name][runs[worst]])
-            text = share_text(share) if share <= 1.0 else f"more than all of it ({with_unit(size, units[name], 2)})"
+            text = share_text(share) if share <= 1.0 else f"more than all of it ({with_unit(*system.named(size, units[name]), 2)})"
             many = f" at most, beyond {share_text(LARGE)} in {n_large} of {runs.size}"
             found.append(f"{name} {text}{many if values.size > 1 else ''}")
     if not found:
@@ -330,6 +337,7 @@ def of_statistics(
     errors: Mapping[str, np.ndarray],
     fine: np.ndarray,
     units: Mapping[str, str],
+    system: UnitSystem,
     described: tuple[str, str],
     model: str = "reduced",
 ) -> Iterator[Remark]:
@@ -345,6 +353,8 @@ def of_statistics(
         Which samples are described, shape (N,).
     units
         Of the quantities.
+    system
+        In which they are said.
     described
         What goes by the mean, and what by the spread.
     model
@@ -355,7 +365,10 @@ def of_statistics(
     for name, values in quantities:
         if name in errors:
             n_checked = max(n_checked, int(np.sum(fine & np.isfinite(errors[name]) & np.isfinite(values))))
-            told += _of_quantity(name, values, errors[name], fine, units.get(name, "1"), described)
+            (of_values, unit), (of_errors, _) = (
+                system.named(one, units.get(name, "1")) for one in (values, errors[name])
+            )
+            told += _of_quantity(name, of_values, of_errors, fine, unit, described)
     if told:
         yield warning(f"{whose}'s own error is a good part of {'; '.join(told)}; {cure}")
     if 0 < n_checked < FEWEST:

@@ -81,7 +81,7 @@ def build_over_lengths(
         try:
             return build(own, at_lengths(own, meshes), samples, there)
         except (InputError, RunError) as error:
-            raise type(error)(f"at {_words(values)}: {error}") from error
+            raise type(error)(f"at {_words(own_values(scene, values))}: {error}") from error
 
     nominal_lengths = {name: scene.nominal[name] for name in grid.names}
     everywhere, samples, points, said = scene, None, None, ()
@@ -170,7 +170,7 @@ class _Gauge:
         """
         own, wanted = member.projection, self.model.projection
         if own.shape != wanted.shape:
-            lengths = _words({name: scene.values[name] for name in length_names(scene)})
+            lengths = _words(own_values(scene, {name: scene.values[name] for name in length_names(scene)}))
             cosine = min(member.cosines.min(), self.model.cosines.min())
             few = "the angles are too few to follow the modes from one to the next"
             crossed = "modes cross between these lengths"
@@ -253,11 +253,15 @@ def _check(
 @gathered
 def _remarks(family: LengthFamily, n_builds: int, cosine: float, indefinite: str) -> Iterator[Remark]:
     grid, check = family.grid, family.check
-    metre = family.members[0].record.system.unit("m")
-    ranges = ", ".join(f"{name} from {low:g} to {high:g} {metre}" for name, (low, high) in zip(grid.names, grid.ranges))
+    system = family.members[0].record.system
+    shown = {name: system.shown(value, "m") for name, value in check.values.items()}
+    ranges = ", ".join(
+        f"{name} from {system.shown(low, 'm'):g} to {system.text(high, 'm', 'g')}"
+        for name, (low, high) in zip(grid.names, grid.ranges)
+    )
     said = (
         f"lengths: {ranges} are served by polynomials through models at {len(grid.points)} points ({n_builds} "
-        f"builds); at {_words(check.values)}, between them, frequencies are within {check.frequencies:.2g} and the "
+        f"builds); at {_words(shown)}, between them, frequencies are within {check.frequencies:.2g} and the "
         f"rigid inertia of ensembles within {check.inertia:.2g} of a model built there"
     )
     poor = max(check.frequencies, check.inertia) > LARGE

@@ -49,6 +49,7 @@ from pgmp_petsc.reduction.rom_file import (
 from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints
 from pgmp_petsc.reduction.tables import ModeChanges, ReducedTables, StiffnessChanges, rigid_inertia
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import to_own
 from pgmp_petsc.scene.parameters import Parameter, spanning_values
 
 OWN = ("n_redundant", "indefinite", "projection", "curvature", "frequencies_hz", "cosines")  # as the file has it
@@ -353,6 +354,25 @@ class Served:
     #: least, most: ends beyond which it is refused
     least: float
     most: float
+    to_own: float = 1.0  # times which values are in the units of the scene
+
+    def shown(self, value: float) -> str:
+        """Return a value as messages have it."""
+        return f"{self.to_own * value:.6g}"
+
+    def widened(self, value: float) -> tuple[float, float]:
+        """Return low and high in the units of the scene, no narrower than a value in these."""
+        return min(self.to_own * self.low, value), max(self.to_own * self.high, value)
+
+    @property
+    def range(self) -> str:
+        """What is served, in messages."""
+        return f"[{self.shown(self.low)}, {self.shown(self.high)}]"
+
+    @property
+    def limits(self) -> str:
+        """What is not refused, in messages."""
+        return f"[{self.shown(self.least)}, {self.shown(self.most)}]"
 
     @property
     def is_sharp(self) -> bool:
@@ -380,7 +400,7 @@ def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
     found = ranges_of(built, {name for weight in weights for name, _ in weight.powers})
     if rom.family is not None:
         grid = rom.family.grid
-        found |= {name: Served(low, high, low, high) for name, (low, high) in zip(grid.names, grid.ranges)}
+        found |= {name: Served(low, high, low, high, to_own(built, name)) for name, (low, high) in zip(grid.names, grid.ranges)}
     return found
 
 
@@ -395,7 +415,7 @@ def ranges_of(built: Scene, names: Collection[str]) -> dict[str, Served]:
             tried = spanning_values(built, [name])[0][name]
             low, high = float(tried.min()), float(tried.max())
         ends = [nominal + factor * (end - nominal) for factor in (WIDER, FARTHEST) for end in (low, high)]
-        found[name] = Served(*ends)
+        found[name] = Served(*ends, to_own(built, name))
     return found
 
 
@@ -418,8 +438,8 @@ def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray]
             first = int(np.argmax(beyond))
             raise InputError(
                 f"{where}: {int(beyond.sum())} of {beyond.size} samples are beyond what the model serves, "
-                f"number {first} with {name} = {values[name][first]:.6g}, which must be within [{served.least:.6g}, "
-                f"{served.most:.6g}]; {CURE}"
+                f"number {first} with {name} = {served.shown(values[name][first])}, which must be within "
+                f"{served.limits}; {CURE}"
             )
 
 
@@ -438,7 +458,7 @@ def outside_of(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], w
     outside = {name: served.outside(values[name]) for name, served in known.items()}
     for name, which in outside.items():
         if which.any():
-            lines.append(f"{int(which.sum())} in {name} ([{known[name].low:.6g}, {known[name].high:.6g}])")
+            lines.append(f"{int(which.sum())} in {name} ({known[name].range})")
     if not lines:
         return
     n = int(np.any(list(outside.values()), axis=0).sum())
@@ -454,12 +474,12 @@ def _of_parameter(name: str, served: Served, scene: Scene) -> Iterator[str]:
     entry = f"parameters.{name}.value"
     if served.beyond(value):
         raise InputError(
-            f"{entry} = {value:.6g}: beyond what the model serves, [{served.least:.6g}, {served.most:.6g}]; "
+            f"{entry} = {served.shown(value)}: beyond what the model serves, {served.limits}; "
             f"{CURE}, or take pgmp simulate SCENE --full"
         )
     if served.outside(value):
         yield (
-            f"{entry} = {value:.6g}: outside [{served.low:.6g}, {served.high:.6g}], the range that the model "
+            f"{entry} = {served.shown(value)}: outside {served.range}, the range that the model "
             f"was built for; look at the estimated errors, or {CURE}"
         )
     if parameter.distribution is None:
@@ -468,14 +488,14 @@ def _of_parameter(name: str, served: Served, scene: Scene) -> Iterator[str]:
         1.0 - _share(parameter, *ends) for ends in ((served.low, served.high), (served.least, served.most))
     )
     what = (
-        f"parameters.{name}.distribution: {100 * share:.2g} % of it lie outside [{served.low:.6g}, {served.high:.6g}]"
+        f"parameters.{name}.distribution: {100 * share:.2g} % of it lie outside {served.range}"
     )
     if served.is_sharp and beyond > ROUND_OFF:
         raise InputError(f"{what}, beyond which the model serves no length, place or ratio; {CURE}")
     if beyond > 0.5:
         raise InputError(
             f"{what}, the range that the model was built for, and the greater part beyond what it serves, "
-            f"[{served.least:.6g}, {served.most:.6g}]; {CURE}"
+            f"{served.limits}; {CURE}"
         )
     if share > NOTICED:
         yield f"{what}, the range that the model was built for; look at the estimated errors, or {CURE}"

@@ -50,7 +50,7 @@ void pgmp_weigh(struct pgmp_model *m) {
 void find_strengths(const struct pgmp_model *m, double time, double since, double strengths[]) {
     double rates[2];
     for (int k = 0; k < N_STRENGTHS; k++)
-        strengths[k] = m->follows_scene[k] ? evaluate_piece(k, time, since, rates) : m->strengths[k];
+        strengths[k] = m->follows_scene[k] ? evaluate_piece(k, time, since, rates) : strength_sizes[k] * m->strengths[k];
 }
 
 /* Strengths of what acts over time; coordinates whose motion is given are put where they are. */

@@ -71,6 +71,7 @@ extern const double loads_table[AT_LEAST_ONE(N_LOAD_TERMS)][N_ROWS][LOAD_END];
 extern const double shapes_table[N_ROWS][N_FACTORS][N_SHAPES];
 extern const double branch_table[N_BRANCH_PARTS][N_BRANCH][N_BODIES][N_POSE];
 extern const double actions_table[AT_LEAST_ONE(N_FINE)][AT_LEAST_ONE(N_ACTION_ENTRIES)];
+extern const double strength_sizes[];
 extern const int load_of_term[], strength_of_load[], action_nodes[], function_pieces[];
 extern const double parameter_values[], parameter_lower[], parameter_upper[], scale[], winding[R][N_BODIES];
 extern const double node_points[AT_LEAST_ONE(N_NODES)][D], start_coordinates[N], start_rates[N];
