@@ -17,7 +17,7 @@ from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
-from pgmp_petsc.scene.border import to_own
+from pgmp_petsc.scene.border import own_values, to_own
 from pgmp_petsc.scene.parameters import uncertain_names
 
 
@@ -38,6 +38,8 @@ class DesignFigures:
 
     Attributes
     ----------
+    scene
+        The scene of the model.
     start, scale, limits
         Values at the start, sizes and limits of the parameters, (n_parameters,) twice and (n_parameters, 2).
     narrowed
@@ -58,7 +60,8 @@ class DesignFigures:
     """
 
     def __init__(self, model: ReducedModel, question: Question, comm: Comm) -> None:
-        scene, self._question, self._comm = model.scene, question, comm
+        self.scene = scene = model.scene
+        self._question, self._comm = question, comm
         drawn = uncertain_names(scene) if question.deviations is not None else []
         self._model = of_samples(model, [*question.names, *drawn])
         self.limits = np.array([limits_of(model, name) for name in question.names])

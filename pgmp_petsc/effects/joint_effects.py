@@ -105,8 +105,8 @@ class EndStop(OnJoint):
     def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
         """Say where the motion of the coordinates ends."""
         ranges = [
-            f"{name} from {path.min():.3g} to {path.max():.3g} {unit}"
-            for (name, unit), path in zip(run.units.items(), run.theta.T)
+            f"{one.name} from {one.shown(path.min()):.3g} to {one.text(path.max(), '.3g')}"
+            for one, path in zip(run.coordinates, run.theta.T)
         ]
         return np.nan, f"would matter where the motion ends: {', '.join(ranges)}"
 

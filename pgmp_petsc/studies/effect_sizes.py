@@ -45,7 +45,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.mechanism.unknowns import Unknowns
@@ -80,6 +80,7 @@ class RigidRun:
     """Motion of the rigid mechanism."""
 
     time: np.ndarray  # shape (n_t,), s
+    coordinates: tuple[Coordinate, ...]  # what these are
     #: theta, speed, acceleration: coordinates and their derivatives, shape (n_t, n_theta), rad or m
     theta: np.ndarray
     speed: np.ndarray
@@ -210,7 +211,7 @@ def _collect(
         heights += mass * parts[0][unknowns.frame(body.first_node)[:d]].T
         total += mass
     balance = balance_of(time, joined(energies))
-    return RigidRun(time, theta.T, moving[:, 0].T, moving[:, 1].T, joints, heights, balance, total)
+    return RigidRun(time, tuple(coordinates), theta.T, moving[:, 0].T, moving[:, 1].T, joints, heights, balance, total)
 
 
 def _spin(unknowns: Unknowns, side: Attachment, parts: np.ndarray) -> np.ndarray:
