@@ -45,7 +45,7 @@ def in_millimetres(path: Path, changes: list[str], target: Path) -> Path:
     tables["scene"]["units"] = "mm"
     of_parameters = {use.parameter: use.units[0] for use in uses_of(scene) if use.parameter and use.units}
     for name, parameter in tables.get("parameters", {}).items():
-        _convert_parameter(parameter, of_parameters.get(name, "1"))
+        _convert_parameter(parameter, scene.parameters[name].unit or of_parameters.get(name, "1"))
     for name, body in tables["bodies"].items():
         if "mesh" in body:
             mesh = meshio.read(scene.path_of(body["mesh"]))
@@ -110,10 +110,10 @@ def _times(value: Any, factor: float) -> Any:
     return times(value, factor) if isinstance(value, float) and np.isfinite(value) else value
 
 
-def differences(one: Path, other: Path, alike: bool = False) -> dict[str, float]:
+def differences(one: Path, other: Path) -> dict[str, float]:
     """Return how far numbers of two files of the same scene in SI and in mm differ, by the places of what belongs
-    together, as shares of the largest number there, and refuse units that do not fit; times that runs took have no
-    part. With `alike` both are in SI units."""
+    together, as shares of the largest number there, or of that which they are differences of, and refuse units that do
+    not fit; times that runs took have no part."""
     off: dict[str, float] = {}
     sizes: dict[str, float] = {}
     with h5py.File(one) as si, h5py.File(other) as mm:
@@ -127,8 +127,8 @@ def differences(one: Path, other: Path, alike: bool = False) -> dict[str, float]
             # of mass-normalised modes, whose signs are any; goals are formulas, and have no unit
             if place == "state/modal" or place.split("/")[-1] in ("goal", "goals"):
                 continue
-            assert str(b.attrs["unit"]) == (unit if alike else MM.unit(unit)), (place, unit, b.attrs["unit"])
-            factors = np.array([1.0 if alike else MM.size(_dimension(part)) for part in unit.split(", ")])
+            assert str(b.attrs["unit"]) == MM.unit(unit), (place, unit, b.attrs["unit"])
+            factors = np.array([MM.size(_dimension(part)) for part in unit.split(", ")])
             left, right = np.atleast_1d(a[()], b[()])
             if not left.size:
                 assert not right.size, place
@@ -147,8 +147,11 @@ def differences(one: Path, other: Path, alike: bool = False) -> dict[str, float]
             elif place.endswith("/pdf"):
                 edges = si[place.removesuffix("pdf") + "edges"][()]
                 far *= np.ptp(edges) / np.abs(edges).max() / (2 * edges.size)  # both ends of a bin
-            elif kin.endswith("/deformation"):  # the difference of places, which are known to round-off
-                size = max(size, float(np.max(np.abs(si[place.replace("deformation", "displacement")]))))
+            elif kin.endswith(("/deformation", "/displacement")):  # of places, which are known to round-off
+                of = kin.rpartition("/")[0] + "/points"
+                size = max(size, float(np.max(np.abs(si[place.replace(kin, of)]), initial=0.0)))
+            elif place == "energy/residual":
+                size = max(size, *(float(np.max(np.abs(si[f"energy/{part}"]))) for part in ("kinetic", "potential")))
             elif re.match(r"statistics/\w+/(std|mean_standard_error)", place):  # of values that are known to round-off
                 size = max(size, float(np.max(np.abs(si["/".join([*place.split("/")[:2], "mean"])]))))
             sizes[kin], off[kin] = max(sizes.get(kin, 0.0), size), max(off.get(kin, 0.0), far)
@@ -168,35 +171,43 @@ IN_MM = {unit: f"{unit} of SI" for unit in IN_SI.values()} | {MM.unit(unit): uni
 IN_MM |= {f"{prefix}{unit}": unit for unit in ("N", "s", "rad", "Hz") for prefix in _PREFIXES.values()}
 NUMBER = r"(?<![\w.])[-+]?(?:\d+(?:,\d{3})*(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?"
 #: Lines that differ from run to run: how long it took, or is predicted to, and when.
-OF_THE_RUN = re.compile(r"^\s*(?:.*processor time.*|[a-z ,]+\s+[\d.]+ s|written .*|pgmp: working.*|.*\d+ of \d+, \d+ s.*)$", re.MULTILINE)
+OF_THE_RUN = re.compile(
+    r"^\s*(?:.*processor time.*|[a-z ,]+\s+[\d.]+ s|written .*|pgmp: working.*|.*\d+ of \d+, \d+ s.*)$", re.MULTILINE
+)
 
 
-def told(text: str, units: dict[str, str]) -> tuple[str, list[float]]:
-    """Return the words of a text, with SI units for those that it has and # for numbers, and the numbers."""
+def told(text: str, units: dict[str, str]) -> tuple[str, list[tuple[float, bool]]]:
+    """Return the words of a text, with SI units for those that it has and # for numbers, and the numbers, in SI units
+    where their unit is behind them, which is said too."""
     text = OF_THE_RUN.sub("", text.replace("\N{MINUS SIGN}", "-"))
-    numbers = [float(one.replace(",", "")) for one in re.findall(NUMBER, text)]
-    text = re.sub(NUMBER, "#", text)
     labels = "|".join(map(re.escape, sorted(units, key=len, reverse=True)))
+    numbers = []
+    for found in re.finditer(rf"({NUMBER})(?: ({labels})(?![\w/]))?", text):
+        size = 1.0 if found[2] in (None, "1") else measure(found[2])[0]
+        numbers.append((float(found[1].replace(",", "")) * size, found[2] is not None))
+    text = re.sub(NUMBER, "#", text)
     text = re.sub(rf"(?<!\w)({labels})(?!\w)", lambda found: units[found[1]], text)
     return " ".join(text.split()), numbers
 
 
-def strange(si: str, mm: str, share: float = 0.02) -> str:
+def strange(si: str, mm: str, share: float = 1e-3) -> str:
     """Say where texts of the same scene in SI and in mm differ otherwise than by units, and by powers of a thousand of
-    numbers; empty where they do not."""
+    numbers without their unit; empty where they do not."""
     (words, left), (others, right) = told(si, IN_SI), told(mm, IN_MM)
     if words != others:
         at = next((k for k, (a, b) in enumerate(zip(words, others)) if a != b), min(len(words), len(others)))
         return f"{words[max(at - 80, 0) : at + 60]!r} is not {others[max(at - 80, 0) : at + 60]!r}"
-    others = [f"{a} in SI is {b} in mm" for a, b in zip(left, right, strict=True) if not _alike(a, b, share)]
+    others = [f"{a[0]} in SI is {b[0]} in mm" for a, b in zip(left, right, strict=True) if not _alike(a, b, share)]
     return ", ".join(others) if len(others) > OF_ROUND_OFF * len(left) else ""
 
 
-def _alike(si: float, mm: float, share: float) -> bool:
+def _alike(one: tuple[float, bool], other: tuple[float, bool], share: float) -> bool:
+    (si, known), (mm, also) = one, other
     if max(abs(si), abs(mm)) < NOTHING:
         return True
-    ratio = np.log10(abs(mm / si)) / 3.0 if si and mm else np.inf
-    return si * mm > 0.0 and abs(ratio - np.round(ratio)) <= share / 3.0
+    thousands = np.log10(abs(mm / si)) / 3.0 if si and mm else np.inf
+    whole = 0.0 if known and also else np.round(thousands)  # a number without its unit may be of any prefix
+    return si * mm > 0.0 and abs(thousands - whole) <= share / 3.0
 
 
 def flat(text: str) -> str:

@@ -38,7 +38,7 @@ from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene, scene_to_toml
 
-FORMAT = 1
+FORMAT = 2
 Arrays = dict[str, np.ndarray]
 
 

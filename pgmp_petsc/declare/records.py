@@ -36,6 +36,7 @@ from typing import Any, ClassVar, NamedTuple, Self, Union, get_args, get_origin,
 import h5py
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.files.hdf5 import RunRecord, open_file, put, shapes_of, take, write_file
 
 NEEDED = object()  # what an absent field is without which a file is damaged
@@ -352,11 +353,21 @@ class Result(Record):
 
         Raises as :func:`~pgmp_petsc.files.hdf5.write_file`.
         """
-        with write_file(path, self.kind) as file:
+        in_si = {"computed_in": "SI"} if self.internal and not self.record.system.is_si else {}
+        with write_file(path, self.kind, in_si) as file:
             self.record.write(file)
             self.put(file)
             for part in parts:
                 part(file)
+
+    @classmethod
+    def take(cls, group: h5py.Group, words: Mapping[str, Any] | None = None) -> Self:
+        """Read what `put` wrote; raises `InputError` of what an earlier version computed in other units than SI."""
+        found = super().take(group, words)
+        if cls.internal and not found.record.system.is_si and "computed_in" not in group.attrs:
+            words = f"an earlier version computed it in {found.record.system}; make it anew from its scene"
+            raise InputError(f"'{group.file.filename}': {words}")
+        return found
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Self:

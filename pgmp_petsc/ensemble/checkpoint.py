@@ -20,7 +20,7 @@ from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
 from pgmp_petsc.files.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.files.seal import BrokenSeal, identity
 
-FORMAT = 6
+FORMAT = 7
 # of a batch: arrays by name
 IN_CHECKED = ("errors", "errors_at_end")  # known of the samples whose errors were estimated only
 IN_ALL = ("parameters", "outputs", "numerics", "validity", "balance", "extremes", "first_passages")

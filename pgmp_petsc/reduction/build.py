@@ -75,7 +75,7 @@ from pgmp_petsc.scene.references import stressed_bodies
 from pgmp_petsc.scene.uses import length_names
 
 OverSamples = TypeVar("OverSamples", MissedAnswers, JointGaps)
-FORMAT = 9
+FORMAT = 10
 INTERVAL = 10.0  # s
 LOCAL = ("shape", "mass_kept", "built_in")  # arrays of a sample of which every rank of a group has its own rows
 

@@ -1,16 +1,17 @@
-"""The same scene in SI units and in mm, t and s: the same files up to units, command by command; what is refused.
+"""A scene in SI units and in mm, t and s: bit for bit the same scene once it is read, and the same files up to units.
 
-Numbers are computed with as they are, so that both differ by round-off. How far it reaches hangs on the conditioning
-of what is computed (a shear force is the difference of far larger displacements): as a measure of it the SI scene is
-run again with its numbers changed in the last digits.
+Numbers that are written in mm are rounded there, which is all that differs, but for formulas and controllers: they
+compute in the units of the scene, whose round-off what is computed of them amplifies.
 """
 
 import json
 import re
 import subprocess
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 from zipfile import ZipFile
 
@@ -24,16 +25,20 @@ from matplotlib.text import Text
 from millimetres import differences, flat, in_millimetres, strange
 from offset_scenes import CLAMPED
 from runs import IN_TURN, pgmp, reduced_model
+from sealed import resealed
 
 from pgmp_petsc.api.files import read
+from pgmp_petsc.api.modes import build as pgmp_build
+from pgmp_petsc.api.runs import simulate
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.base.units import MM, measure
-from pgmp_petsc.scene import load_scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.base.units import MM, STANDARD_GRAVITY, measure
+from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.scene.border import own_values
 from scenes import HEADER, tables
 
-ROUND_OFF = 1e-11  # largest values over time and their derivatives reach 7e-12, all else 2e-12
-END_OF_FITS = 1e-9  # a search ends with steps of 1e-10 of its estimates, after one more or less by round-off
-REACH = 10000.0  # times what last digits of some numbers do: in mm all are others, and errors are estimated from them
+EXACT = 1e-12  # numbers that are converted: 3e-16 but for differences of such
+#: Of a formula's round-off in bending moments and axial forces, which are differences of far larger displacements.
+OF_FORMULAS = 1e-6
 FOUR_BAR = """
 [scene]
 name = "four_bar"
@@ -127,10 +132,6 @@ joints.pivot: type = "revolute"; connect = ["cart:hinge", "pole:hinge"]
 coordinates.x: joint = "rail"; range = [-0.5, 0.5]
 coordinates.swing: joint = "pivot"; range = [-3.4, 0.3]
 effects.weight: type = "gravity"
-effects.cogging: type = "law"; joint = "pivot"; force = "A * sin(12 * s) - c * v * (t > 0.005)";
-    constants = { A = "0.2 N m", c = "0.01 N m s/rad" }
-effects.pull: type = "law"; points = ["ground:origin", "pole:tip"]; force = "-k * (s - l)";
-    constants = { k = "3 N/m", l = "500 mm" }
 effects.base: type = "base_motion"; direction = [1.0, 0.0]; of = "velocity"; table = [[0.0, 0.0], [0.02, 0.1]]
 effects.motor: type = "torque"; joint = "pivot"; over = "rail"; table = [[-0.5, 0.3], [0.3, 0.0]]
 effects.push: type = "force"; joint = "rail"; harmonic = { amplitude = 8.0, frequency_hz = 20.0, mean = 1.0 }
@@ -148,6 +149,13 @@ outputs.place: type = "position"; point = "pole:tip"; axis = "y"
 outputs.apart: type = "distance"; points = ["ground:origin", "pole:tip"]
 outputs.bent: type = "deformation"; point = "pole:tip"; axis = "y"; frame = "body"
 outputs.moment: type = "stress"; body = "pole"; quantity = "bending_moment"; at = [0.1, 0.0]
+""")
+#: What acts on it by formulas.
+LAWS = tables("""
+effects.cogging: type = "law"; joint = "pivot"; force = "A * sin(12 * s) - c * v * (t > 0.005)";
+    constants = { A = "0.2 N m", c = "0.01 N m s/rad" }
+effects.pull: type = "law"; points = ["ground:origin", "pole:tip"]; force = "-k * (s - l)";
+    constants = { k = "3 N/m", l = "500 mm" }
 """)
 #: A shaft in bearings that give way, with a disc, in space.
 ROTOR = HEADER + tables("""
@@ -258,6 +266,7 @@ class Case:
     varied: str = ""
     goal: str = ""
     without: tuple[str, ...] = ()
+    off: float = EXACT  # what numbers of both may differ by, as shares of the largest
 
     @property
     def steps(self) -> dict[str, str]:
@@ -271,6 +280,9 @@ CASES = {
     "four bar": Case(FOUR_BAR, "thick", "minimise max(abs(stress))", ("code", "unit", "trade-off", *OF_CHOICE)),
     "four bar, chosen": Case(FOUR_BAR, "thick", "minimise max(abs(stress))", ("code", "unit", "trade-off")),
     "cart": Case(CART, "drag", "minimise max(abs(x))", (*OF_CHOICE, "trade-off")),
+    "laws": Case(
+        CART + LAWS, "drag", without=tuple({*STEPS} - {"check", "full", "build", "run", "code"}), off=OF_FORMULAS
+    ),
     "rotor": Case(ROTOR, "k", "minimise max(abs(sag))", ("effects", *OF_CHOICE, "trade-off")),
     "solid": Case(SOLID, "thick", "minimise max(abs(bent))", ("code", "unit", *OF_CHOICE, "trade-off")),
     "geared": Case(TEETH, without=(*OF_ROM, "effects", "trade-off")),
@@ -289,10 +301,6 @@ CASES = {
             "trade-off",
         ),
     ),
-}
-#: Steps whose texts hang on derivatives that are zero: which of them are warned of, and when a search ends.
-BY_ROUND_OFF = {
-    (name, step) for name in ("cart", "four bar", "four bar, chosen", "rotor") for step in ("sensitivities", "fit")
 }
 THOROUGH = ("four bar, chosen", "solid", "geared", "off")
 ROWS = [
@@ -317,7 +325,7 @@ class Twin:
 
 @pytest.fixture(scope="module")
 def twins(folder: Path) -> Callable[[str, str], Twin]:
-    """Return a scene in SI units, in SI units with other last digits, or in mm, after all of its steps."""
+    """Return a scene in SI units or in mm, after all of its steps."""
     found: dict[tuple[str, str], Twin] = {}
 
     def twin(name: str, which: str) -> Twin:
@@ -330,13 +338,14 @@ def twins(folder: Path) -> Callable[[str, str], Twin]:
 
 def _made(case: Case, which: str, folder: Path) -> Twin:
     folder.mkdir(parents=True)
-    (folder / "scene.toml").write_text(_nudged(case.text) if which == "nudged" else case.text, encoding="utf-8")
+    (folder / "scene.toml").write_text(case.text, encoding="utf-8")
     if which == "mm":
         (folder / "scene.toml").rename(folder / "si.toml")
         in_millimetres(folder / "si.toml", [], folder / "scene.toml")
     scene, said, drawn = load_scene(folder / "scene.toml"), {}, {}
     words = {"GOAL": case.goal, "VARIED": case.varied}
-    words["START"] = f"{case.varied}={1.02 * scene.nominal[case.varied]!r}" if case.varied else ""
+    start = own_values(scene, {case.varied: 1.02 * scene.nominal[case.varied]} if case.varied else {})
+    words["START"] = "".join(f"{name}={value!r}" for name, value in start.items())
     for step, asked in case.steps.items():
         texts = drawn.setdefault(step, [])
         arguments = [words.get(word, word.replace("F", str(folder), word[:1] == "F")) for word in asked.split()]
@@ -344,16 +353,6 @@ def _made(case: Case, which: str, folder: Path) -> Twin:
             patch.setattr(Figure, "savefig", _reading(Figure.savefig, texts))
             said[step] = pgmp(*arguments).stdout.replace(str(folder), "F")
     return Twin(folder, said, drawn)
-
-
-def _nudged(text: str) -> str:
-    """Return a scene with other last digits."""
-    nudged = re.sub(
-        r"(?m)((?:E|rho|length|width|radius|damping|rest|stiffness|mass|coefficient) = )([0-9.]+(?:e-?[0-9]+)?)",
-        lambda found: f"{found[1]}{float(found[2]) * (1.0 + 2.0**-52 * (1 + found.start() % 16))!r}", text,
-    )  # fmt: skip
-    assert nudged != text
-    return nudged
 
 
 def _reading(save: Callable, texts: list[str]) -> Callable:
@@ -369,24 +368,17 @@ def _reading(save: Callable, texts: list[str]) -> Callable:
     return savefig
 
 
-# the derivative of a speed that is largest two steps after the start is a 24th of what it becomes, and as exact
-OF_SMALL_NUMBERS = {("cart", "sensitivities"): 1e-8}
-
-
 @pytest.mark.parametrize(("name", "step"), ROWS)
 def test_a_scene_in_mm_gives_what_it_gives_in_si(twins: Callable[[str, str], Twin], name: str, step: str) -> None:
     si, mm = twins(name, "si"), twins(name, "mm")
     say = flat if "--json" in STEPS[step] else str
-    if step != "code" and (name, step) not in BY_ROUND_OFF:  # code says how many bytes it has
+    if step not in ("code", "info"):  # code says how many bytes it has; models are in SI units, and say so
         _assert_alike(say(si.said[step]), say(mm.said[step]))
     assert len(si.drawn[step]) == len(mm.drawn[step])
-    if (name, step) not in BY_ROUND_OFF:
-        _assert_alike("\n".join(si.drawn[step]), "\n".join(mm.drawn[step]))
+    _assert_alike("\n".join(si.drawn[step]), "\n".join(mm.drawn[step]))
     kind = STEPS[step].split()[0]
     if kind in ("modes", "simulate", "montecarlo", "sensitivities", "optimize", "fit", "tradeoff"):
-        nudged = twins(name, "nudged")
-        of_round_off = OF_SMALL_NUMBERS.get((name, step), END_OF_FITS if kind == "fit" else ROUND_OFF)
-        _assert_same_numbers(*(twin.file(step) for twin in (si, nudged, mm)), of_round_off)
+        _assert_same_numbers(si.file(step), mm.file(step), CASES[name].off)
         if kind in ("simulate", "montecarlo"):
             _assert_same_dataset(si.file(step), mm.file(step))
     elif kind == "report":
@@ -404,11 +396,9 @@ def _assert_alike(si: str, mm: str) -> None:
     assert not found, found
 
 
-def _assert_same_numbers(si: Path, nudged: Path, mm: Path, of_round_off: float) -> None:
-    of_digits = differences(si, nudged, alike=True)
+def _assert_same_numbers(si: Path, mm: Path, off: float) -> None:
     found = differences(si, mm)
-    reach = {place: max(of_round_off, REACH * off) for place, off in of_digits.items()}
-    beyond = {place: (off, reach[place]) for place, off in found.items() if not off <= reach[place]}
+    beyond = {place: apart for place, apart in found.items() if not apart <= off}
     assert found and not beyond, beyond
 
 
@@ -475,6 +465,9 @@ def _assert_same_unit(si: Path, mm: Path) -> None:
     assert one.keys() == other.keys()
     for name, (unit, numbers) in one.items():
         other_unit, others = other[name]
+        if name.startswith(("states.", "rates.", "der(")):  # inside, in SI units
+            assert other_unit == unit and others == numbers
+            continue
         assert other_unit == (unit and MM.unit(unit)), name
         np.testing.assert_allclose(np.array(others) * _si(unit), numbers, rtol=1e-9, err_msg=name)
     text = _description(mm)
@@ -499,22 +492,21 @@ def _variables(fmu: Path) -> dict[str, tuple[str | None, list[float]]]:
 def test_gravity_that_is_not_said_is_that_of_the_earth(tmp_path: Path) -> None:
     text = FOUR_BAR.replace('name = "four_bar"', 'name = "four_bar"\nunits = "mm"')
     scene = scene_from_toml(text, tmp_path)
-    assert scene.effects["weight"].acceleration == pytest.approx(1e3 * _earth(tmp_path), rel=1e-15)
-    assert scene_from_toml(scene_to_toml(scene), tmp_path) == scene
-    assert scene.parameters["thick"].nominal == 8.0 and scene.parameters["thick"].unit == "mm"
-    assert scene.parameters["k"].nominal == 2.0 and scene.parameters["k"].unit == "N/mm"
-
-
-def _earth(folder: Path) -> float:
-    return scene_from_toml(FOUR_BAR, folder).effects["weight"].acceleration
+    assert scene.effects["weight"].acceleration == STANDARD_GRAVITY
+    written = scene_to_toml(scene)
+    assert scene_from_toml(written, tmp_path).model_dump() == scene.model_dump()
+    own = tomllib.loads(written)
+    assert own["effects"]["weight"]["acceleration"] == 9806.65
+    assert own["parameters"]["thick"]["nominal"] == 8.0 and own["parameters"]["thick"]["unit"] == "mm"
+    assert own["parameters"]["k"]["nominal"] == 2.0 and own["parameters"]["k"]["unit"] == "N/mm"
 
 
 def test_settings_are_in_the_units_of_the_scene(tmp_path: Path) -> None:
     (tmp_path / "si.toml").write_text(FOUR_BAR, encoding="utf-8")
     path = in_millimetres(tmp_path / "si.toml", [], tmp_path / "mm.toml")
-    assert load_scene(path, (), ["thick=7"]).values["thick"] == 7.0
-    assert load_scene(path, (), ["thick=0.7 cm"]).values["thick"] == 7.0
-    assert load_scene(path, ['bodies.coupler.section.width="2 cm"']).bodies["coupler"].section.width == 20.0
+    assert load_scene(path, (), ["thick=7"]).values["thick"] == 7e-3
+    assert load_scene(path, (), ["thick=0.7 cm"]).values["thick"] == 7e-3
+    assert load_scene(path, ['bodies.coupler.section.width="2 cm"']).bodies["coupler"].section.width == 0.02
     with pytest.raises(InputError, match=r"^parameters\.thick\.value = 12.0: must lie inside"):
         load_scene(path, (), ["thick=12"])
     with pytest.raises(InputError, match=r"--set thick=7 kg: 'kg' is the unit of a mass; needed is a length \(mm\)"):
@@ -541,6 +533,55 @@ def test_units_that_do_not_fit_are_bad_input_on_all_ranks(tmp_path: Path, mpirun
     assert done.stderr.count("pgmp: error") == len(BAD) and "Traceback" not in done.stderr
     for _, message in BAD.values():
         assert re.search(message, done.stderr), done.stderr
+
+
+SHIPPED = sorted((ROOT / "scenes").glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=[path.stem for path in SHIPPED])
+def test_a_scene_in_mm_is_that_in_si_once_it_is_read(path: Path, tmp_path: Path) -> None:
+    """Number by number and bit by bit, with its nodes; and so is what files have of it."""
+    si, mm = load_scene(path), load_scene(in_millimetres(path, [], tmp_path / "mm.toml"))
+    assert _tables(mm) == _tables(si)
+    again = scene_from_toml(scene_to_toml(mm), tmp_path)
+    assert again.model_dump() == mm.model_dump() and scene_to_toml(again) == scene_to_toml(mm)
+
+
+def _tables(scene: Scene) -> dict[str, Any]:
+    tables = scene.model_dump(exclude_unset=True)
+    tables["scene"].pop("units", None)
+    for body in tables["bodies"].values():
+        body.pop("mesh", None)  # files of their own
+    return tables
+
+
+def test_a_controller_computes_in_the_units_of_the_scene(tmp_path: Path) -> None:
+    """Gains and limits of a servo in N mm, beside an angle that a formula finds from places."""
+    short = ["simulation.duration=0.1", "simulation.frames=3", "reduction.angles=24"]
+    si = ROOT / "scenes" / "servo_arm.toml"
+    own = ["parameters.kp.nominal=12000.0", "parameters.kp.bounds=[4000.0, 30000.0]", "parameters.kp.distribution={}"]
+    own[-1:] = ['parameters.kp.distribution={name="uniform", loc=9000.0, scale=6000.0}']
+    own += ['controllers.servo.gains={p="kp", i=15000.0, d=2400.0, filter=2e-2}', "controllers.servo.limits=[-4e3, 4e3]"]
+    for model, off in (("full", OF_FORMULAS), ("reduced", OF_FORMULAS)):
+        found = []
+        for path, changes in ((si, short), (in_millimetres(si, short, tmp_path / "mm.toml"), own)):
+            source = load_scene(path, changes) if model == "full" else pgmp_build(load_scene(path, changes))
+            target = tmp_path / f"{model}_{len(found)}.h5"
+            simulate(source, model=model if model == "full" else None, output=target)
+            found.append(target)
+        _assert_same_numbers(*found, off)
+
+
+def test_a_model_of_an_earlier_version_in_mm_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "si.toml").write_text(FOUR_BAR, encoding="utf-8")
+    path = in_millimetres(tmp_path / "si.toml", ["reduction.angles=8"], tmp_path / "mm.toml")
+    rom = reduced_model(load_scene(path)).rom
+    rom.write(file := tmp_path / "rom.h5")
+    assert read(file).data.rom.record.system == MM
+    with resealed(file) as old:
+        del old.attrs["computed_in"]
+    with pytest.raises(InputError, match=r"rom\.h5': an earlier version computed it in mm, t and s; make it anew"):
+        read(file)
 
 
 @needs_compiler
