@@ -72,7 +72,7 @@ def rigid_chain(theta: np.ndarray, rates: np.ndarray, times: np.ndarray) -> np.n
         return np.concatenate([spins, np.linalg.solve(coupling * np.cos(between), right)])
 
     start = np.concatenate([np.cumsum(theta), np.cumsum(rates)])
-    found = solve_ivp(slopes, (0.0, times[-1]), start, t_eval=times, rtol=1e-11, atol=1e-12).y[:3]
+    found = solve_ivp(slopes, (0.0, times[-1]), start, "DOP853", times, rtol=1e-11, atol=1e-12).y[:3]
     return np.diff(found, axis=0, prepend=0.0)
 
 
