@@ -28,7 +28,8 @@ from pgmp_petsc.texts.studies import report_of_derivatives
     "One run over time, of any model.",
     60,
     report=report_of_run,
-    ending=lambda _: "run", then="pgmp report {file} -o report.html",
+    ending=lambda _: "run",
+    then="pgmp report {file} -o report.html",
     source=SOURCE,
     gives="With the attributes of `results.Trajectory`. Where `parameters` has arrays, or is a table (DataFrame, "
     "Dataset), a Dataset of xarray over all its points and time, NaN where a run failed (`sample.status`).",

@@ -306,8 +306,8 @@ class Keeper:
     def result(self, data: Any, directory: Path, said: Sequence[Remark] = ()) -> Result:
         """Return the result of what the first rank has, in the units of its scene, written where that is asked for.
 
-        Collective on `comm`. Its remarks are printed, except those in `said`, which were printed before. Raises `RunError` if the system
-        fails to write.
+        Collective on `comm`. Its remarks are printed, except those in `said`, which were printed before. Raises
+        `RunError` if the system fails to write.
         """
 
         data = data.in_own_units() if isinstance(data, RunResult) else data

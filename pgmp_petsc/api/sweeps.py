@@ -272,7 +272,10 @@ def _dataset(
         else:
             continue
         found[label] = (dims, values.reshape(shape), about)
-    known = {name: {"units": system.unit(one.unit), "long_name": f"parameter '{name}'"} for name, one in scene.parameters.items()}
+    known = {
+        name: {"units": system.unit(one.unit), "long_name": f"parameter '{name}'"}
+        for name, one in scene.parameters.items()
+    }
     where = {name: one.assign_attrs(known.get(name, {})) for name, one in coords.items()}
     n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
     time = scene.simulation.duration * np.arange(n_steps + 1) / n_steps

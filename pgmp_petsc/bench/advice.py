@@ -242,11 +242,16 @@ def _size_sentences(study: Tradeoff, known: Sizes | None) -> Iterator[str]:
             yield f"{name} is zero to round-off in the reference: settings that give as little have no error in it."
         elif sizes[least] < SMALL * most:
             unit, system, of = study.units[name], study.record.system, study.parameter_units
-            small = f"at most {with_unit(*system.named(sizes[least], unit), 2)}" if sizes[least] else "zero to round-off"
-            values = ", ".join(f"{one} = {system.shown(study.test_values[one][least], of[one]):.3g}" for one in study.varied)
+            small = (
+                f"at most {with_unit(*system.named(sizes[least], unit), 2)}" if sizes[least] else "zero to round-off"
+            )
+            values = ", ".join(
+                f"{one} = {system.shown(study.test_values[one][least], of[one]):.3g}" for one in study.varied
+            )
             yield (
                 f"{name} is {small} at test value {least + 1} of {len(sizes)} ({values}), and up to "
-                f"{with_unit(*system.named(most, unit), 2)} at others: errors are in per cent of each, and the largest may be there."
+                f"{with_unit(*system.named(most, unit), 2)} at others: errors are in per cent of each, and the largest "
+                "may be there."
             )
 
 

@@ -306,7 +306,9 @@ def outputs_in_c(
 ) -> OutputsInC:  # fmt: skip
     """Return outputs in units of a system; see `outputs.readings`, and for `gaps` and `actions` `ForceInC.of`."""
     combiner = Combiner(outputs.bases, values, outputs.forces)
-    of_units = (f"{1.0 / size!r} * " if (size := system.size_of(unit)) != 1.0 else "" for unit in outputs.units.values())
+    of_units = (
+        f"{1.0 / size!r} * " if (size := system.size_of(unit)) != 1.0 else "" for unit in outputs.units.values()
+    )
     made = [
         f"outputs[{k}] = {factor}{combiner.of(reading)}[0];"
         for k, (reading, factor) in enumerate(zip(outputs.functions.values(), of_units))

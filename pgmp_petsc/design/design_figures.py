@@ -175,9 +175,10 @@ class DesignFigures:
             found.append(_signed(constraint.sense, constraint.left(outcome) - constraint.right(outcome)))
         for what, dual in zip((question.goal, *question.constraints), found):
             if not (np.isfinite(dual.value) and np.isfinite(dual.slope).all()):
+                where = _shown(question.names, own_values(self.scene, values))
                 raise RunError(
-                    f"at {_shown(question.names, own_values(self._model.scene, values))}: '{what.text}' or its derivative is no finite number; write "
-                    "it so that it is one between the limits of all parameters"
+                    f"at {where}: '{what.text}' or its derivative is no finite number; write it so that it is one "
+                    "between the limits of all parameters"
                 )
         return found
 
@@ -188,7 +189,9 @@ class DesignFigures:
             self.off = max(self.off, run.off)
             return run
         except PgmpError as error:
-            where = _shown(names, own_values(self._model.scene, values)) + ("" if self._offsets is None else f", sample {sample}")
+            where = _shown(names, own_values(self._model.scene, values)) + (
+                "" if self._offsets is None else f", sample {sample}"
+            )
             raise type(error)(f"at {where}: {error}") from error
 
     def _robust(self, duals: Sequence[Dual]) -> Dual:

@@ -162,8 +162,8 @@ def served_remarks(model: ReducedModel, names: Sequence[str]) -> Iterator[Remark
         if (low, high) != tuple(bounds):
             yield note(
                 f"{name} is searched in [{served.shown(low)}, {served.shown(high)}], the range that the reduced model "
-                f"was built for, and not in all of its bounds [{', '.join(map(served.shown, bounds))}]: for these build with a "
-                f"distribution that spans them, or without one (pgmp build SCENE)"
+                f"was built for, and not in all of its bounds [{', '.join(map(served.shown, bounds))}]: for these build "
+                f"with a distribution that spans them, or without one (pgmp build SCENE)"
             )
 
 
@@ -223,7 +223,12 @@ class _Fitting:
             for k, name in enumerate(history.outputs)
         }  # fmt: skip
         record = RunRecord(
-            scene_to_toml(scene), own_values(scene, scene.values | solution.values), None, n_ranks, timings.as_dict(), remarks
+            scene_to_toml(scene),
+            own_values(scene, scene.values | solution.values),
+            None,
+            n_ranks,
+            timings.as_dict(),
+            remarks,
         )
         return Fit(record, history.time, outputs, tuple(parameters), correlation, self.n_runs, solution.converged)
 
@@ -372,8 +377,8 @@ class _Fitting:
                 end = "lower" if value < low + near else "upper"
                 widening = "build with wider" if name in self._lengths else "widen"
                 yield warning(
-                    f"{name} ends at the {end} limit of its search, [{own * low:g}, {own * high:g}]; standard errors do not "
-                    f"hold there: {widening} parameters.{name}.bounds if that makes sense"
+                    f"{name} ends at the {end} limit of its search, [{own * low:g}, {own * high:g}]; standard errors "
+                    f"do not hold there: {widening} parameters.{name}.bounds if that makes sense"
                 )
             elif scene.parameters[name].distribution is not None:
                 spanned, _ = spanning_values(scene, [name])

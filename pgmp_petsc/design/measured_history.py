@@ -47,7 +47,9 @@ def read_history(path: Path, outputs: OutputSet, duration: float, system: UnitSy
     """
     try:
         with open(path, encoding="utf-8-sig", newline="") as stream:
-            names, rows = csv_table(stream, f"'{path}'", {TIME: "s", **{name: system.unit(unit) for name, unit in outputs.units.items()}})
+            names, rows = csv_table(
+                stream, f"'{path}'", {TIME: "s", **{name: system.unit(unit) for name, unit in outputs.units.items()}}
+            )
             used = _used(path, names, outputs)
             places = {name: names.index(name) for name in used}
             table, lines = _all_at_once(path, len(names), list(places.values()), duration), []

@@ -129,8 +129,8 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
         for name, *row in zip(question.names, start, best, *figures.limits.T)
     ]
     return Design(
-        RunRecord(scene_to_toml(scene), own_values(scene, values), question.seed if question.deviations is not None else None, comm.size,
-                  timings.as_dict(), remarks),
+        RunRecord(scene_to_toml(scene), own_values(scene, values),
+                  question.seed if question.deviations is not None else None, comm.size, timings.as_dict(), remarks),
         question.goal.text, sense * first[0].value, sense * last[0].value, tuple(parameters), tuple(described),
         np.array(figures.tried), sense * np.array(figures.goals), question.deviations, figures.n_samples,
         time, at_begin, at_end, dict(model.outputs.units), converged, np.sort(sense * ends[0]), confidence,

@@ -124,7 +124,11 @@ def large_errors(
         if n_large:
             worst = int(np.argmax(shares))
             share, size = float(shares[worst]), float(sizes[name][runs[worst]])
-            text = share_text(share) if share <= 1.0 else f"more than all of it ({with_unit(*system.named(size, units[name]), 2)})"
+            text = (
+                share_text(share)
+                if share <= 1.0
+                else f"more than all of it ({with_unit(*system.named(size, units[name]), 2)})"
+            )
             many = f" at most, beyond {share_text(LARGE)} in {n_large} of {runs.size}"
             found.append(f"{name} {text}{many if values.size > 1 else ''}")
     if not found:

@@ -295,7 +295,9 @@ def _built(
         cosines=joined.cosines,
         meshes=dict(meshes),
         n_redundant=n_redundant,
-        record=RunRecord(scene_to_toml(scene), own_values(scene, scene.nominal), None, group.world.size, timings.as_dict(), remarks),
+        record=RunRecord(
+            scene_to_toml(scene), own_values(scene, scene.nominal), None, group.world.size, timings.as_dict(), remarks
+        ),
         curvature=basis.curvature,
         points=replace(points, n_vectors=n_parameter),
         indefinite=indefinite,

@@ -230,7 +230,11 @@ def _joined(
             timings[phase] = timings.get(phase, 0.0) + time
     remarks = (*nominal.record.remarks, *_remarks(family, len(built), cosine, indefinite))
     record = replace(
-        nominal.record, scene_toml=scene_to_toml(scene), parameters=own_values(scene, scene.nominal), timings=timings, remarks=remarks
+        nominal.record,
+        scene_toml=scene_to_toml(scene),
+        parameters=own_values(scene, scene.nominal),
+        timings=timings,
+        remarks=remarks,
     )
     return replace(nominal, record=record, family=family, indefinite=nominal.indefinite or indefinite)
 

@@ -400,7 +400,10 @@ def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
     found = ranges_of(built, {name for weight in weights for name, _ in weight.powers})
     if rom.family is not None:
         grid = rom.family.grid
-        found |= {name: Served(low, high, low, high, to_own(built, name)) for name, (low, high) in zip(grid.names, grid.ranges)}
+        found |= {
+            name: Served(low, high, low, high, to_own(built, name))
+            for name, (low, high) in zip(grid.names, grid.ranges)
+        }
     return found
 
 
@@ -487,9 +490,7 @@ def _of_parameter(name: str, served: Served, scene: Scene) -> Iterator[str]:
     share, beyond = (
         1.0 - _share(parameter, *ends) for ends in ((served.low, served.high), (served.least, served.most))
     )
-    what = (
-        f"parameters.{name}.distribution: {100 * share:.2g} % of it lie outside {served.range}"
-    )
+    what = f"parameters.{name}.distribution: {100 * share:.2g} % of it lie outside {served.range}"
     if served.is_sharp and beyond > ROUND_OFF:
         raise InputError(f"{what}, beyond which the model serves no length, place or ratio; {CURE}")
     if beyond > 0.5:

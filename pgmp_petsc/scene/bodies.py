@@ -160,9 +160,7 @@ class FileUnits(Table):
     def factors(self, system: UnitSystem) -> tuple[float, float, float]:
         """Return how many SI units those of length, mass and time are, which are of a system where none is said."""
         given = ((getattr(self, key), dimension) for key, (dimension, _) in QUANTITIES.items())
-        length, mass, time = (
-            system.size(dimension) if unit is None else measure(unit)[0] for unit, dimension in given
-        )
+        length, mass, time = (system.size(dimension) if unit is None else measure(unit)[0] for unit, dimension in given)
         return length, mass, time
 
 

@@ -1,9 +1,9 @@
 """The border of a scene: its numbers become SI where it is read, and those of its own units where it is written.
 
 Between, a `Scene` is in SI units, whatever `scene.units` says: that is what results are shown and written in. Numbers
-are converted by the unit that their entry declares, or that follows from what a joint turns or slides, through decimals:
-123.4 mm are bit for bit the 0.1234 m of the same scene in SI units. What formulas and controllers have of their own
-stays as it is written, since these compute in the units of the scene (`to_own`, `from_own`). Entries that the scene
+are converted by the unit that their entry declares, or that follows from what a joint turns or slides, through
+decimals: 123.4 mm are bit for bit the 0.1234 m of the same scene in SI units. What formulas and controllers have of
+their own stays as it is written, since these compute in the units of the scene (`to_own`). Entries that the scene
 leaves out have their defaults, which are in SI units.
 """
 
@@ -78,8 +78,7 @@ def _whole(scene: SomeScene, convert: Convert, label: Callable[[str], str], ever
     units, of_parameters = _units(scene), _parameter_units(scene)
     changed = _converted(scene, "", units, convert, every, {})
     parameters = {
-        name: _parameter(parameter, of_parameters[name], convert, label)
-        for name, parameter in scene.parameters.items()
+        name: _parameter(parameter, of_parameters[name], convert, label) for name, parameter in scene.parameters.items()
     }
     return changed.model_copy(update={"parameters": parameters} if parameters else {})
 
@@ -123,7 +122,8 @@ def _parameter(parameter: Any, unit: str, convert: Convert, label: Callable[[str
     keys = ("nominal", "value", "bounds")
     numbers = {key: convert(getattr(parameter, key), unit) for key in keys if getattr(parameter, key) is not None}
     return parameter.model_copy(
-        update=numbers | {"unit": label(unit)}
+        update=numbers
+        | {"unit": label(unit)}
         | ({} if parameter.distribution is None else {"distribution": law(parameter.distribution)})
     )
 

@@ -151,7 +151,7 @@ class Clearance(Table):
         return self
 
     def of_stiffness(self, entry: str, slides: bool) -> Iterator[tuple[str, Any, str]]:
-        """Yield the stiffness with its unit, as `JointTable.measured`; none where samples have exponents of their own."""
+        """Yield the stiffness with its unit, as `JointTable.measured`; none where samples have their own exponents."""
         if not isinstance(self.exponent, str):
             unit = f"N/m^{self.exponent:g}" if slides else "N m"
             yield f"{entry}.clearance.stiffness", self.stiffness, unit

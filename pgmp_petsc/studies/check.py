@@ -109,7 +109,9 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
         lines += [f"  model         {one.text}" for one in models]
         lines.append(f"  take          {choice(scene, meshes, models, own_steps(scene))}")
     lines += [f"  {remark}" for remark in kinematics.remarks]
-    lines.append(f"  outputs       {', '.join(f'{n} ({scene.system.unit(u)})' for n, u in outputs.units.items()) or 'none'}")
+    lines.append(
+        f"  outputs       {', '.join(f'{n} ({scene.system.unit(u)})' for n, u in outputs.units.items()) or 'none'}"
+    )
     if large:
         lines += _condensing(mechanism)
     elif not left_open and reducible:
@@ -142,7 +144,8 @@ def _matrices(scene: Scene, meshes: Mapping[str, BodyShape]) -> list[str]:
             lines += [
                 f"  matrices      {name}: {_properties_text(found, scene)}",
                 f"                {body.n_rigid} rigid-body motions without stiffness, waves along x at "
-                f"{scene.system.text(body.wave_speed, 'm/s', '.4g')}; whether nothing else is free, and K positive, a build finds out",
+                f"{scene.system.text(body.wave_speed, 'm/s', '.4g')}; whether nothing else is free, and K positive, a "
+                "build finds out",
             ]
             alike: dict[bool, list[str]] = {}
             for point, entry in points_used(scene, name).items():

@@ -316,8 +316,8 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
     balance = balance_of(part.time, part.recorded["energies"])
     described = _described(
         model, part, frames, comm.size, timings,
-        (*remarks, *balance_remarks(balance, part.attempt.simulation.step, model.scene.system), *truncated_stresses(model.scene),
-         *left_out_of_fields(fields.seen), *part.recorded["started"],
+        (*remarks, *balance_remarks(balance, part.attempt.simulation.step, model.scene.system),
+         *truncated_stresses(model.scene), *left_out_of_fields(fields.seen), *part.recorded["started"],
          *jump_remarks(model, part.recorded["system"], part.recorded["start"], balance.strain),
          *remarks_of(model.scene, found)),
     )  # fmt: skip

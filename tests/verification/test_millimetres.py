@@ -561,7 +561,10 @@ def test_a_controller_computes_in_the_units_of_the_scene(tmp_path: Path) -> None
     si = ROOT / "scenes" / "servo_arm.toml"
     own = ["parameters.kp.nominal=12000.0", "parameters.kp.bounds=[4000.0, 30000.0]", "parameters.kp.distribution={}"]
     own[-1:] = ['parameters.kp.distribution={name="uniform", loc=9000.0, scale=6000.0}']
-    own += ['controllers.servo.gains={p="kp", i=15000.0, d=2400.0, filter=2e-2}', "controllers.servo.limits=[-4e3, 4e3]"]
+    own += [
+        'controllers.servo.gains={p="kp", i=15000.0, d=2400.0, filter=2e-2}',
+        "controllers.servo.limits=[-4e3, 4e3]",
+    ]
     for model, off in (("full", OF_FORMULAS), ("reduced", OF_FORMULAS)):
         found = []
         for path, changes in ((si, short), (in_millimetres(si, short, tmp_path / "mm.toml"), own)):
