@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pgmp_petsc.base.units import MM, SI
 from pgmp_petsc.ensemble import watchers
 from pgmp_petsc.ensemble.description import over_time_remarks
 from pgmp_petsc.ensemble.statistics import in_words
@@ -166,8 +167,9 @@ def test_figures_of_a_part_of_the_samples_are_said_to_be() -> None:
 
 
 def test_events_are_said_in_words() -> None:
-    assert in_words(Event(output="y", above=0.5), "m") == "y above 0.5 m at the end"
-    assert in_words(Event(output="y", below=-2.0, when="ever"), "1") == "y below -2 at any time"
+    assert in_words(Event(output="y", above=0.5), "m", SI) == "y above 0.5 m at the end"
+    assert in_words(Event(output="y", below=-2.0, when="ever"), "1", SI) == "y below -2 at any time"
+    assert in_words(Event(output="y", above=0.5), "m", MM) == "y above 500 mm at the end"
 
 
 @pytest.mark.parametrize("at_once", [0, 1, 7, 50])
