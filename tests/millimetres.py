@@ -184,13 +184,15 @@ def told(text: str, units: dict[str, str]) -> tuple[str, list[tuple[float, bool]
     numbers = []
     for found in re.finditer(rf"({NUMBER})(?: ({labels})(?![\w/]))?", text):
         size = 1.0 if found[2] in (None, "1") else measure(found[2])[0]
-        numbers.append((float(found[1].replace(",", "")) * size, found[2] is not None))
+        # a count may be before a unit of a table
+        known = found[2] is not None and re.search(r"[.e]", found[1]) is not None
+        numbers.append((float(found[1].replace(",", "")) * (size if known else 1.0), known))
     text = re.sub(NUMBER, "#", text)
     text = re.sub(rf"(?<!\w)({labels})(?!\w)", lambda found: units[found[1]], text)
     return " ".join(text.split()), numbers
 
 
-def strange(si: str, mm: str, share: float = 1e-3) -> str:
+def strange(si: str, mm: str, share: float = 0.02) -> str:
     """Say where texts of the same scene in SI and in mm differ otherwise than by units, and by powers of a thousand of
     numbers without their unit; empty where they do not."""
     (words, left), (others, right) = told(si, IN_SI), told(mm, IN_MM)

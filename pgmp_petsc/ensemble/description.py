@@ -127,8 +127,7 @@ def describe_ensemble(
         *_estimate_remarks(origin, estimates, status, peaks),
         *own_error.of_statistics(
             (one for one in outputs.items() if one[0] not in constant), estimates["errors_at_end"], chosen, units,
-            scene.system,
-            ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"), origin.model,
+            ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"), origin.model, scene.system,
         ),
     )  # fmt: skip
     of_others: dict[str, np.ndarray] = {}  # what a further try of failed samples needs of the others
@@ -323,7 +322,7 @@ def _estimate_remarks(
         why = f"pgmp simulate with their --set says why, sample by sample; {comparing(scene)}"
     if estimates["errors"]:
         sizes = {name: peaks.largest(name) for name in estimates["errors"]}
-        yield from own_error.large_errors(estimates["errors"], sizes, origin.units, scene.system, origin.model)
+        yield from own_error.large_errors(estimates["errors"], sizes, origin.units, origin.model, scene.system)
     if estimates["errors"] and (origin.model == "reduced" or n_steps >= FEWEST_STEPS):
         chosen = np.zeros(status.size, dtype=bool)
         block = block_of(scene, origin.model)

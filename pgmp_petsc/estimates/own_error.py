@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.base.errors import Remark, gathered, note, warning
-from pgmp_petsc.base.units import UnitSystem
+from pgmp_petsc.base.units import SI, UnitSystem
 from pgmp_petsc.bodies.shape import lacks_foreshortening
 from pgmp_petsc.estimates.coarser_run import FEWEST_STEPS, MOST, CoarserRun, StepErrors
 from pgmp_petsc.estimates.error_indicator import indicator_of
@@ -100,8 +100,8 @@ def large_errors(
     errors: Mapping[str, np.ndarray],
     sizes: Mapping[str, np.ndarray],
     units: Mapping[str, str],
-    system: UnitSystem,
     model: str = "reduced",
+    system: UnitSystem = SI,
 ) -> Iterator[Remark]:
     """Return a warning of outputs whose estimated errors are large, in any of some runs.
 
@@ -111,10 +111,10 @@ def large_errors(
         Largest error, and largest size, of every output in each run, shape (n_runs,); NaN where they are not known.
     units
         Units of outputs.
-    system
-        In which sizes are said.
     model
         What runs are of.
+    system
+        In which sizes are said.
     """
     found = []
     for name, values in errors.items():
@@ -341,9 +341,9 @@ def of_statistics(
     errors: Mapping[str, np.ndarray],
     fine: np.ndarray,
     units: Mapping[str, str],
-    system: UnitSystem,
     described: tuple[str, str],
     model: str = "reduced",
+    system: UnitSystem = SI,
 ) -> Iterator[Remark]:
     """Return a warning of statistics to which errors are comparable; nothing where none is.
 
@@ -357,12 +357,12 @@ def of_statistics(
         Which samples are described, shape (N,).
     units
         Of the quantities.
-    system
-        In which they are said.
     described
         What goes by the mean, and what by the spread.
     model
         What was run; errors of others than the reduced model are those of their time step.
+    system
+        In which they are said.
     """
     whose, cure = ("the reduced model", CURE) if model == "reduced" else ("the time step", SMALLER_ERRORS[model])
     told, n_checked = [], 0

@@ -257,7 +257,7 @@ def _step_errors(model: FullModel, part: _Part) -> tuple[EstimatedErrors | None,
     if found is None:
         return None, list(step_remarks(model, part.time, part.outputs, other, found))
     errors = EstimatedErrors(found.time, found.outputs, _largest(part.outputs), OF_STEP)
-    large = large_errors(*errors.of_one_run(), model.outputs.units, model.scene.system, model.name)
+    large = large_errors(*errors.of_one_run(), model.outputs.units, model.name, model.scene.system)
     return errors, [*large, *step_remarks(model, part.time, part.outputs, other, found)]
 
 
@@ -304,7 +304,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
         with timings.phase("errors"):
             estimate = watched.estimate(status)
         errors = _errors(estimate, part.outputs)
-        remarks += [*steps, *large_errors(*errors.of_one_run(), model.outputs.units, model.scene.system)]
+        remarks += [*steps, *large_errors(*errors.of_one_run(), model.outputs.units, system=model.scene.system)]
         remarks += [*not_estimated(errors, model.scene), *few_steps(part.time.size - 1), *left_out_of_estimates(model)]
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
