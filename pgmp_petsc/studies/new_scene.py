@@ -8,7 +8,7 @@ to a third of the yield stress of mild steel, and a period of the first bending 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -56,11 +56,11 @@ def scene_of_part(source: Path, file: Path) -> PartScene:
     part = read_part(source, shortened(f"--from {source}"), MILLIMETRE)
     name = _name(source.stem)
     hold, load = _places(part)
-    step = 1e-3
+    step, shape = 1e-3, replace(part.mesh, nodes=MILLIMETRE * part.mesh.nodes)
     for _ in range(2):  # the second time with a step that fits the part's size
         text = _text(part, name, file, source, hold, load, step)
         scene = scene_from_toml(text, file.parent)
-        frequency = sizes_of(scene, {name: part.mesh})[name].frequency_hz
+        frequency = sizes_of(scene, {name: shape})[name].frequency_hz
         step = float(f"{1.0 / (STEPS_A_PERIOD * frequency):.1g}")
     return PartScene(text, _lines(part, name, hold, load), part)
 
