@@ -180,10 +180,10 @@ def told(text: str, units: dict[str, str]) -> tuple[str, list[tuple[float, bool]
     """Return the words of a text, with SI units for those that it has and # for numbers, and the numbers, in SI units
     where their unit is behind them, which is said too."""
     text = OF_THE_RUN.sub("", text.replace("\N{MINUS SIGN}", "-"))
-    labels = "|".join(map(re.escape, sorted(units, key=len, reverse=True)))
+    labels = "|".join(map(re.escape, sorted({*units} - {"1"}, key=len, reverse=True)))
     numbers = []
-    for found in re.finditer(rf"({NUMBER})(?: ({labels})(?![\w/]))?", text):
-        size = 1.0 if found[2] in (None, "1") else measure(found[2])[0]
+    for found in re.finditer(rf"({NUMBER})(?: ({labels})(?=[,;.)\]]|\s\s|$))?", text):
+        size = 1.0 if found[2] is None else measure(found[2])[0]
         # a count may be before a unit of a table
         known = found[2] is not None and re.search(r"[.e]", found[1]) is not None
         numbers.append((float(found[1].replace(",", "")) * (size if known else 1.0), known))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -142,7 +142,9 @@ def _draw(scene: Scene, meshes: Mapping[str, BodyShape], picture: Path, inputs: 
     lines = [f"  picture       {save(assembly(assembly_of(scene, meshes)), picture)}"]
     with doing("drawing parts"):
         for name, file in files.items():
-            lines.append(f"  faces         {save(meshed_part(parts[name], name, scene.system.unit('m')), file)}")
+            nodes, metre = scene.system.named(parts[name].nodes, "m")
+            part = meshed_part(replace(parts[name], nodes=nodes), name, metre)
+            lines.append(f"  faces         {save(part, file)}")
     return lines
 
 

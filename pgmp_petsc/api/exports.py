@@ -32,6 +32,7 @@ from pgmp_petsc.files.hdf5 import open_file
 from pgmp_petsc.files.seal import BrokenSeal, seal_of
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import own_values
 
 FMU, XDMF = ".fmu", (".xdmf", ".xmf")
 LEFT_OUT = "note: elastic strain, change of stiffness, error estimates and energies are not in it; see pgmp simulate"
@@ -91,8 +92,8 @@ def export_model(
     steps = f"steps of {model.scene.simulation.step:g} s, {corrections}"
     scene, variable = model.scene, tunable(model.scene)
     tell(comm, f"  {steps}; tunable: {', '.join(variable) or 'no parameters'}")
-    metre = scene.system.unit("m")
-    fixed = ", ".join(f"{name} = {scene.values[name]:.6g} {metre}" for name in scene.values if name not in variable)
+    metre, own = scene.system.unit("m"), own_values(scene)
+    fixed = ", ".join(f"{name} = {value:.6g} {metre}" for name, value in own.items() if name not in variable)
     if fixed:
         tell(comm, f"  note: {fixed}: its mechanism is made with it; export once more with another --set")
     for note in (*filter(None, (*notes, started(model))), LEFT_OUT):

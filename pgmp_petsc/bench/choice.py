@@ -51,6 +51,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.selection import Selection
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.border import own_values, values_text
 from pgmp_petsc.scene.numerics import Reduction, Simulation, count_steps
 from pgmp_petsc.scene.uses import extremes, length_names, with_numbers
 
@@ -150,7 +151,7 @@ def choose(
         kept=_entries(scene, chosen, kept=True),
         attempts=tuple(ledger.attempts),
         outputs=bench.outputs,
-        values=bench.training.values,
+        values=own_values(scene, bench.training.values),
         loads={load.name: load.description for load in bench.training.loads if load.name in used},
         remarks=(reference.why, *bench.remarks, *found, *(() if finished is None else map(str, finished.remarks))),
         reference=reference.about,
@@ -295,7 +296,7 @@ def choose_over_lengths(
     if not names:
         return choose(scene, meshes, group, say, finished)
     nominal = {name: scene.nominal[name] for name in names}
-    say(f"tolerances: what they leave open is chosen at {_words(nominal)}, and checked at the ends of the range")
+    say(f"tolerances: what they leave open is chosen at {values_text(scene, nominal)}, and checked at the ends of the range")
     found = _chosen_at(scene, nominal, meshes, group, say, finished)
     chosen = scene.model_copy(update={"reduction": found.scene.reduction, "simulation": found.scene.simulation})
     asked, remarks = _asked_again(scene, chosen), []
@@ -303,7 +304,7 @@ def choose_over_lengths(
         check = _chosen_at(asked, lengths, meshes, group, lambda text: None, None)
         parts = {attempt.part: attempt.largest for attempt in check.selection.attempts}
         left = ", ".join(f"{part} leaves {size:.2g}" for part, size in parts.items()) or "nothing was left to look at"
-        remarks.append(f"at {_words(lengths)}: {left}")
+        remarks.append(f"at {values_text(scene, lengths)}: {left}")
     selection = replace(found.selection, remarks=(*found.selection.remarks, *remarks))
     return Choice(chosen, build_rom(chosen, meshes, group), selection)
 
@@ -321,7 +322,7 @@ def _chosen_at(
     try:
         return choose(with_numbers(scene, lengths), shapes, group, say, finished)
     except (InputError, RunError) as error:
-        raise type(error)(f"at {_words(lengths)}: {error}") from error
+        raise type(error)(f"at {values_text(scene, lengths)}: {error}") from error
 
 
 def _asked_again(scene: Scene, chosen: Scene) -> Scene:
@@ -333,7 +334,3 @@ def _asked_again(scene: Scene, chosen: Scene) -> Scene:
     if scene.simulation.tolerance is not None:
         update["simulation"] = Simulation(**chosen.simulation.model_dump() | of_step)
     return scene.model_copy(update=update)
-
-
-def _words(lengths: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} = {value:.6g}" for name, value in lengths.items())

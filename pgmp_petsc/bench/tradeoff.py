@@ -46,7 +46,7 @@ from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values
+from pgmp_petsc.scene.border import own_values, values_text
 from pgmp_petsc.scene.uses import length_names, with_numbers
 
 MORE_MODES = 1.5  # of the component model as a reference, for each that a basis or another component model has
@@ -136,7 +136,7 @@ def _of_one_mechanism(scene: Scene) -> Scene:
     lengths = {name: scene.values[name] for name in names}
     n_builds = scene.reduction.length_points ** len(names) + 1
     said = note(
-        f"settings are compared at {', '.join(f'{name} = {value:.6g}' for name, value in lengths.items())}, other "
+        f"settings are compared at {values_text(scene, lengths)}, other "
         f"values with --set; over all lengths a build is {n_builds} of those that are timed here, and samples take "
         "somewhat longer (docs/uncertainty.md, lengths, places and ratios)"
     )

@@ -17,7 +17,7 @@ from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
-from pgmp_petsc.scene.border import own_values, to_own
+from pgmp_petsc.scene.border import to_own, values_text
 from pgmp_petsc.scene.parameters import uncertain_names
 
 
@@ -175,7 +175,7 @@ class DesignFigures:
             found.append(_signed(constraint.sense, constraint.left(outcome) - constraint.right(outcome)))
         for what, dual in zip((question.goal, *question.constraints), found):
             if not (np.isfinite(dual.value) and np.isfinite(dual.slope).all()):
-                where = _shown(question.names, own_values(self.scene, values))
+                where = values_text(self.scene, {name: values[name] for name in question.names})
                 raise RunError(
                     f"at {where}: '{what.text}' or its derivative is no finite number; write it so that it is one "
                     "between the limits of all parameters"
@@ -189,7 +189,7 @@ class DesignFigures:
             self.off = max(self.off, run.off)
             return run
         except PgmpError as error:
-            where = _shown(names, own_values(self._model.scene, values)) + (
+            where = values_text(self.scene, {name: values[name] for name in names}) + (
                 "" if self._offsets is None else f", sample {sample}"
             )
             raise type(error)(f"at {where}: {error}") from error
@@ -231,7 +231,3 @@ class DesignFigures:
 
 def _signed(sense: float, dual: Dual) -> Dual:
     return Dual(sense * dual.value, sense * dual.slope)
-
-
-def _shown(names: Sequence[str], values: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} = {values[name]:.6g}" for name in names)

@@ -42,7 +42,7 @@ from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import Fit, FittedOutput, FittedParameter
 from pgmp_petsc.results.numbers import plain
 from pgmp_petsc.scene import scene_to_toml
-from pgmp_petsc.scene.border import own_values, to_own
+from pgmp_petsc.scene.border import own_values, to_own, values_text
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
 from pgmp_petsc.scene.uses import length_names
@@ -286,8 +286,7 @@ class _Fitting:
         try:
             run = differentiate(self._model, values, self._names)
         except PgmpError as error:
-            own = own_values(self._model.scene, values)
-            where = ", ".join(f"{name} = {own[name]:.6g}" for name in self._names)
+            where = values_text(self._model.scene, {name: values[name] for name in self._names})
             raise type(error)(f"at {where}: {error}") from error
         self.n_runs += 1
         self._count()

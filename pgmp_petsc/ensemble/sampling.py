@@ -54,7 +54,7 @@ from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import own_values
+from pgmp_petsc.scene.border import own_values, to_own
 from pgmp_petsc.scene.parameters import ARCHIMEDEAN, correlation_matrix, kendall, uncertain_names, variables_of
 from pgmp_petsc.scene.uses import ordered_ends
 
@@ -467,7 +467,7 @@ def draw_remarks(scene: Scene) -> Iterator[Remark]:
             continue
         if parameter.value is not None:
             yield note(
-                f"parameters.{name}.value = {parameter.value:g} is that of single runs and has no part in an "
+                f"parameters.{name}.value = {to_own(scene, name) * parameter.value:g} is that of single runs and has no part in an "
                 "ensemble, which draws from the distribution"
             )
         with np.errstate(all="ignore"):  # scipy divides by zero where there is no variance

@@ -25,6 +25,7 @@ from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedMod
 from pgmp_petsc.results.estimates import EstimatedErrors
 from pgmp_petsc.results.numbers import number_text, share_text, with_unit
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.status import Status
 
@@ -196,7 +197,7 @@ def not_estimated(errors: EstimatedErrors, scene: Scene) -> list[Remark]:
 def polynomials_of_lengths(model: LengthLanes, estimated: bool) -> Remark:
     """Return what is between a model of any lengths and those that were built, and whether estimates hold it."""
     check = model.check
-    at = ", ".join(f"{name} = {value:.6g}" for name, value in check.values.items())
+    at = values_text(model.scene, check.values)
     contained = "estimated errors of samples contain what they are off by; " if estimated else ""
     return note(
         f"{', '.join(model.lengths)}: tables and outputs are polynomials through those of {len(model.members)} "

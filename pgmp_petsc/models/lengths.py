@@ -23,6 +23,7 @@ from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedTerms
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.scene.uses import length_names
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 
@@ -163,7 +164,7 @@ class LengthLanes:
         try:
             return ReducedModel(scene, rom, family.kinematics(self.scene, self._model.rom, number))
         except InputError as error:
-            at = ", ".join(f"{name} = {value:.6g}" for name, value in self.grid.points[number].items())
+            at = values_text(scene, self.grid.points[number])
             raise InputError(f"at {at}, where the models of all lengths begin: {error}") from error
 
     @property

@@ -35,7 +35,7 @@ from pgmp_petsc.reduction.rom import LengthCheck, LengthFamily, ReducedOrderMode
 from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints, SampleGrid, Samples
 from pgmp_petsc.reduction.tables import indefinite_between, mode_changes
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values
+from pgmp_petsc.scene.border import own_values, values_text
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.uses import extremes, held, length_names
 
@@ -81,7 +81,7 @@ def build_over_lengths(
         try:
             return build(own, at_lengths(own, meshes), samples, there)
         except (InputError, RunError) as error:
-            raise type(error)(f"at {_words(own_values(scene, values))}: {error}") from error
+            raise type(error)(f"at {values_text(scene, values)}: {error}") from error
 
     nominal_lengths = {name: scene.nominal[name] for name in grid.names}
     everywhere, samples, points, said = scene, None, None, ()
@@ -145,11 +145,6 @@ def _same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
     return all(math.isclose(value, other[name], rel_tol=1e-12, abs_tol=1e-12) for name, value in one.items())
 
 
-def _words(values: Mapping[str, float]) -> str:
-    """Name lengths with their values."""
-    return ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
-
-
 @dataclass(frozen=True, eq=False)
 class _Gauge:
     """The basis that all others are expressed in."""
@@ -170,7 +165,7 @@ class _Gauge:
         """
         own, wanted = member.projection, self.model.projection
         if own.shape != wanted.shape:
-            lengths = _words(own_values(scene, {name: scene.values[name] for name in length_names(scene)}))
+            lengths = values_text(scene, {name: scene.values[name] for name in length_names(scene)})
             cosine = min(member.cosines.min(), self.model.cosines.min())
             few = "the angles are too few to follow the modes from one to the next"
             crossed = "modes cross between these lengths"
@@ -265,7 +260,7 @@ def _remarks(family: LengthFamily, n_builds: int, cosine: float, indefinite: str
     )
     said = (
         f"lengths: {ranges} are served by polynomials through models at {len(grid.points)} points ({n_builds} "
-        f"builds); at {_words(shown)}, between them, frequencies are within {check.frequencies:.2g} and the "
+        f"builds); at {', '.join(f'{name} = {value:.6g}' for name, value in shown.items())}, between them, frequencies are within {check.frequencies:.2g} and the "
         f"rigid inertia of ensembles within {check.inertia:.2g} of a model built there"
     )
     poor = max(check.frequencies, check.inertia) > LARGE

@@ -52,6 +52,11 @@ def own_values(scene: AnyScene, values: Mapping[str, Any] | None = None) -> dict
     return {name: _times(value, to_own(scene, name)) for name, value in values.items()}
 
 
+def values_text(scene: AnyScene, values: Mapping[str, float], form: str = ".6g") -> str:
+    """Name parameters with their values in the units of the scene: ``r1 = 5.6``."""
+    return ", ".join(f"{name} = {value:{form}}" for name, value in own_values(scene, values).items())
+
+
 def si_values(scene: AnyScene, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return values of parameters that are in the units of the scene, numbers or arrays, in SI units."""
     return {name: _times(value, 1.0 / to_own(scene, name)) for name, value in values.items()}

@@ -368,14 +368,20 @@ def _reading(save: Callable, texts: list[str]) -> Callable:
     return savefig
 
 
+#: Code says how many bytes it has, models are in SI units, and say so, and a fit of rounded numbers may take a run more.
+UNLIKE = ("code", "info", "fit")
+CUT = ("sensitivities", "fit")  # titles where they are too long for the picture
+
+
 @pytest.mark.parametrize(("name", "step"), ROWS)
 def test_a_scene_in_mm_gives_what_it_gives_in_si(twins: Callable[[str, str], Twin], name: str, step: str) -> None:
     si, mm = twins(name, "si"), twins(name, "mm")
     say = flat if "--json" in STEPS[step] else str
-    if step not in ("code", "info"):  # code says how many bytes it has; models are in SI units, and say so
+    if step not in UNLIKE:
         _assert_alike(say(si.said[step]), say(mm.said[step]))
     assert len(si.drawn[step]) == len(mm.drawn[step])
-    _assert_alike("\n".join(si.drawn[step]), "\n".join(mm.drawn[step]))
+    if step not in CUT:
+        _assert_alike("\n".join(si.drawn[step]), "\n".join(mm.drawn[step]))
     kind = STEPS[step].split()[0]
     if kind in ("modes", "simulate", "montecarlo", "sensitivities", "optimize", "fit", "tradeoff"):
         _assert_same_numbers(si.file(step), mm.file(step), CASES[name].off)
