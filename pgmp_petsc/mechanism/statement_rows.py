@@ -180,14 +180,15 @@ class StatementRows:
         with self.bent_functions():
             gradients, hessians = self.gradients(generic), self.hessians(generic)
         moving = self.dofs >= 0
-        lower = (self.dofs[:, :, None] >= self.dofs[:, None, :]) & moving[:, :, None] & moving[:, None, :]
-        curved = (np.abs(hessians).max(axis=-1, initial=0.0) > ROUND_OFF) & moving[:, :, None] & moving[:, None, :]
+        curved = _not_zero(hessians) & moving[:, :, None] & moving[:, None, :]
         bent = curved.any(axis=(1, 2))
-        first = (np.abs(gradients).max(axis=-1, initial=0.0) > ROUND_OFF) & moving
+        first = _not_zero(gradients) & moving
         terms, columns = np.array(np.nonzero(first))  # contiguous, as everywhere: one compiled function for all
         entries = _starts(terms, n), columns, self.dofs[terms, columns]
         self.jacobian_pattern = self.row_of[terms], entries[2]
-        terms, i, j = np.array(np.nonzero(curved & lower))
+        both = np.array(np.nonzero(curved))
+        lower = self.dofs[both[0], both[1]] >= self.dofs[both[0], both[2]]
+        terms, i, j = np.ascontiguousarray(both[:, lower])
         self.curvature_pattern = self.dofs[terms, i], self.dofs[terms, j]
         # linear terms are their value at zero and their slopes there
         alone = self._all._replace(row_of=np.arange(n))
@@ -245,6 +246,11 @@ def near_rows(
             # a spline repeats itself with every turn
             near[k] = angles.get(part, near[k] if function.breaks.size else FROM_SUM)
     return near
+
+
+def _not_zero(found: np.ndarray) -> np.ndarray:
+    """Return what is not zero at either of two places, the last axis."""
+    return (np.abs(found[..., 0]) > ROUND_OFF) | (np.abs(found[..., 1]) > ROUND_OFF)
 
 
 def _starts(rows: np.ndarray, n: int) -> np.ndarray:
