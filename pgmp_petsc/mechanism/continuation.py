@@ -470,7 +470,7 @@ class Walk:
         Raises `InputError` if the mechanism cannot be closed somewhere on the way.
         """
         if self.chain is not None:
-            return self._closure.close(self.chain.poses(theta), theta)
+            return self.chain.poses(theta)
         numbers = np.nan_to_num((theta - self._theta) / self._steps, nan=0.0, posinf=0.0, neginf=0.0)
         places = [tuple(place) for place in numbers.astype(int).tolist()]
         self._go_to(places)

@@ -104,12 +104,13 @@ class StatementRows:
     def dense(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return all first and second derivatives of the rows, shapes (n, n_dofs) and (n, n_dofs, n_dofs), at unknowns
         (n_dofs,)."""
-        slopes, bends = np.zeros((self.n, q.size)), np.zeros((self.n, q.size, q.size))
-        for row, dofs, gradient, hessian in zip(self.row_of, self.dofs, self.gradients(q), self.hessians(q)):
-            felt = dofs >= 0
-            slopes[row, dofs[felt]] += gradient[felt]
-            bends[row][np.ix_(dofs[felt], dofs[felt])] += hessian[np.ix_(felt, felt)]
-        return slopes, bends
+        felt = self.dofs >= 0
+        both = felt[:, :, None] & felt[:, None, :]
+        places = self.row_of[:, None] * q.size + self.dofs
+        pairs = places[:, :, None] * q.size + self.dofs[:, None, :]
+        slopes = np.bincount(places[felt], self.gradients(q)[felt], self.n * q.size)
+        bends = np.bincount(pairs[both], self.hessians(q)[both], self.n * q.size**2)
+        return slopes.reshape(self.n, q.size), bends.reshape(self.n, q.size, q.size)
 
     def second_along(self, q: np.ndarray, ways: np.ndarray) -> np.ndarray:
         """Return the second derivatives along pairs of directions (n_dofs, k, n), shape (n, n_rows, k, k), at unknowns
@@ -181,14 +182,15 @@ class StatementRows:
         with self.bent_functions():
             gradients, hessians = self.gradients(generic), self.hessians(generic)
         moving = self.dofs >= 0
-        lower = (self.dofs[:, :, None] >= self.dofs[:, None, :]) & moving[:, :, None] & moving[:, None, :]
-        curved = (np.abs(hessians).max(axis=-1, initial=0.0) > ROUND_OFF) & moving[:, :, None] & moving[:, None, :]
+        curved = _not_zero(hessians) & moving[:, :, None] & moving[:, None, :]
         bent = curved.any(axis=(1, 2))
-        first = (np.abs(gradients).max(axis=-1, initial=0.0) > ROUND_OFF) & moving
+        first = _not_zero(gradients) & moving
         terms, columns = np.array(np.nonzero(first))  # contiguous, as everywhere: one compiled function for all
         entries = _starts(terms, n), columns, self.dofs[terms, columns]
         self.jacobian_pattern = self.row_of[terms], entries[2]
-        terms, i, j = np.array(np.nonzero(curved & lower))
+        both = np.array(np.nonzero(curved))
+        lower = self.dofs[both[0], both[1]] >= self.dofs[both[0], both[2]]
+        terms, i, j = np.ascontiguousarray(both[:, lower])
         self.curvature_pattern = self.dofs[terms, i], self.dofs[terms, j]
         # linear terms are their value at zero and their slopes there
         alone = self._all._replace(row_of=np.arange(n))
@@ -246,6 +248,11 @@ def near_rows(
             # a spline repeats itself with every turn
             near[k] = angles.get(part, near[k] if function.breaks.size else FROM_SUM)
     return near
+
+
+def _not_zero(found: np.ndarray) -> np.ndarray:
+    """Return what is not zero at either of two places, the last axis."""
+    return (np.abs(found[..., 0]) > ROUND_OFF) | (np.abs(found[..., 1]) > ROUND_OFF)
 
 
 def _starts(rows: np.ndarray, n: int) -> np.ndarray:
