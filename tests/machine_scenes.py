@@ -58,9 +58,9 @@ def rail(*overrides: str, dimension: int = 3) -> Scene:
     return scene_from_toml(RAIL if dimension == 3 else IN_PLANE, ".", overrides)
 
 
-def run(scene: Scene, model: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return times and outputs of the scene's run."""
-    times, outputs = history(MODELS[model](scene), samples(scene, 1), 1)
+def run(scene: Scene, model: str, every: int = 1) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return times and outputs of the scene's run, after every so many steps."""
+    times, outputs = history(MODELS[model](scene), samples(scene, 1), 1, every)
     return times, {name: values[:, 0] for name, values in outputs.items()}
 
 
