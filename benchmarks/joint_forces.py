@@ -6,8 +6,9 @@
 Every joint of a scene gets outputs of its force and moment in the ground's axes, and every prescribed motion one of its
 drive; what redundant constraints leave open is left out. Printed is, for each joint, the largest error over the run as
 a share of the largest size of force or moment in it, at the scene's own settings. The doubt is the same of a full-order
-run with a part of the step. The start itself is left out: of loads that set in at once on undeformed bodies the mesh has
-``(C M^-1 C^T)^-1 C M^-1 f`` there, what the masses of the nodes at the joint carry, which goes to zero with the elements.
+run with a part of the step. The start itself is left out: of loads that set in at once on undeformed bodies the mesh
+has ``(C M^-1 C^T)^-1 C M^-1 f`` there, what the masses of the nodes at the joint carry: it goes to zero with the
+elements.
 """
 
 from __future__ import annotations
