@@ -89,7 +89,7 @@ class CartAndPole:
             right = [force(t, *y) + lever * np.cos(phi) * w * w, torque(t, *y) - lever * gravity * np.cos(phi)]
             return np.concatenate([y[2:], np.linalg.solve(mass, right)])
 
-        return solve_ivp(rates, (0.0, times[-1]), start, t_eval=times, rtol=1e-10, atol=1e-12).y[:2]
+        return solve_ivp(rates, (0.0, times[-1]), start, "DOP853", times, rtol=1e-10, atol=1e-12).y[:2]
 
 
 #: A cart with every entry of machines: rigid bodies by their mass, formulas, a shaken base, loads over joints.

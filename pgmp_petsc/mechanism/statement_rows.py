@@ -103,12 +103,13 @@ class StatementRows:
     def dense(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return all first and second derivatives of the rows, shapes (n, n_dofs) and (n, n_dofs, n_dofs), at unknowns
         (n_dofs,)."""
-        slopes, bends = np.zeros((self.n, q.size)), np.zeros((self.n, q.size, q.size))
-        for row, dofs, gradient, hessian in zip(self.row_of, self.dofs, self.gradients(q), self.hessians(q)):
-            felt = dofs >= 0
-            slopes[row, dofs[felt]] += gradient[felt]
-            bends[row][np.ix_(dofs[felt], dofs[felt])] += hessian[np.ix_(felt, felt)]
-        return slopes, bends
+        felt = self.dofs >= 0
+        both = felt[:, :, None] & felt[:, None, :]
+        places = self.row_of[:, None] * q.size + self.dofs
+        pairs = places[:, :, None] * q.size + self.dofs[:, None, :]
+        slopes = np.bincount(places[felt], self.gradients(q)[felt], self.n * q.size)
+        bends = np.bincount(pairs[both], self.hessians(q)[both], self.n * q.size**2)
+        return slopes.reshape(self.n, q.size), bends.reshape(self.n, q.size, q.size)
 
     def second_along(self, q: np.ndarray, ways: np.ndarray) -> np.ndarray:
         """Return the second derivatives along pairs of directions (n_dofs, k, n), shape (n, n_rows, k, k), at unknowns
