@@ -212,7 +212,7 @@ def turning(
     """Return the angle of a rigid bar under a torque of (t, angle, speed), good to ten digits."""
     found = solve_ivp(
         lambda t, y: [y[1], torque(t, *y) / inertia], (0.0, time[-1]), [position, velocity],
-        t_eval=time, rtol=1e-11, atol=1e-12, max_step=5e-3,
+        "DOP853", time, rtol=1e-11, atol=1e-12, max_step=5e-3,
     )  # fmt: skip
     return found.y[0]
 

@@ -58,9 +58,9 @@ def rail(*overrides: str, dimension: int = 3) -> Scene:
     return scene_from_toml(RAIL if dimension == 3 else IN_PLANE, ".", overrides)
 
 
-def run(scene: Scene, model: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return times and outputs of the scene's run."""
-    times, outputs = history(MODELS[model](scene), samples(scene, 1), 1)
+def run(scene: Scene, model: str, every: int = 1) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return times and outputs of the scene's run, after every so many steps."""
+    times, outputs = history(MODELS[model](scene), samples(scene, 1), 1, every)
     return times, {name: values[:, 0] for name, values in outputs.items()}
 
 
@@ -89,7 +89,7 @@ class CartAndPole:
             right = [force(t, *y) + lever * np.cos(phi) * w * w, torque(t, *y) - lever * gravity * np.cos(phi)]
             return np.concatenate([y[2:], np.linalg.solve(mass, right)])
 
-        return solve_ivp(rates, (0.0, times[-1]), start, t_eval=times, rtol=1e-10, atol=1e-12).y[:2]
+        return solve_ivp(rates, (0.0, times[-1]), start, "DOP853", times, rtol=1e-10, atol=1e-12).y[:2]
 
 
 #: A cart with every entry of machines: rigid bodies by their mass, formulas, a shaken base, loads over joints.

@@ -9,9 +9,7 @@ prints a line a command. By default runs are cut to a few steps and angles, as i
 import argparse
 import io
 import json
-import os
 import re
-import subprocess
 import sys
 import tempfile
 import time
@@ -22,8 +20,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import warm_start
-from conftest import MPI_ENVIRONMENT, ROOT
+from conftest import ROOT, run_mpi
 
 SCENES = sorted((ROOT / "scenes").glob("*.toml"))
 # what makes a run short: as many steps, angles and samples as every path needs
@@ -133,19 +130,23 @@ def overrides(scene: Path) -> list[str]:
 
 
 def sweep(scene: Path, ranks: int, folder: Path, whole: bool = False) -> list[Ending]:
-    """Run every command on a scene, in one process a rank, and return how each ended."""
-    environment = os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
-    launch = [] if ranks == 1 else ["mpirun", "-n", str(ranks)]
+    """Run every command on a scene, in this process or in one for each of several ranks; return how each ended."""
     report = folder / f"{scene.stem}.json"
-    asked = ["--worker", str(scene), str(folder), str(report), str(int(whole))]
-    words = [*warm_start.python(environment), __file__, *asked]
-    done = subprocess.run([*launch, *words], env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    if ranks == 1:
+        with warnings.catch_warnings():
+            work(scene, folder, report, whole)
+        return _endings(report)
+    done = run_mpi(ranks, __file__, "--worker", scene, folder, report, int(whole), check_status=None)
     if not report.exists():
         return [Ending(scene.stem, "all", (done.returncode,), done.stdout, done.stderr, 0.0)]
-    endings = [Ending(**entry | {"status": tuple(entry["status"])}) for entry in json.loads(report.read_text())]
+    endings = _endings(report)
     if done.returncode != 0 or done.stderr.strip():
         endings.append(Ending(scene.stem, "end", (done.returncode,), done.stdout, done.stderr, 0.0))
     return endings
+
+
+def _endings(report: Path) -> list[Ending]:
+    return [Ending(**entry | {"status": tuple(entry["status"])}) for entry in json.loads(report.read_text())]
 
 
 def work(scene: Path, folder: Path, report: Path, whole: bool) -> None:

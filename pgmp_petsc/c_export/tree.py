@@ -80,6 +80,8 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
         "gravity": ("[N_TERMS][AT_LEAST_ONE(N_GRAVITY)][D]", parts.gravity),
         "shapes": ("[]", tree.shapes),
         "curves": ("[]", tree.bent),
+        "curve_rows": ("[]", tree.rows),
+        "curve_columns": ("[]", tree.columns),
         "first_entries": ("[]", own.problem.floating.rows),
         "columns": ("[]", own.problem.floating.columns),
         "body_centres": ("[N_BODIES][D]", _centres(model, equations)),
@@ -200,7 +202,8 @@ def _bodies(own: JointEquations) -> Iterator[str]:
         if number >= 0:
             _, table, _, rows, columns = floating.firsts[number]
             damped = own.problem.rayleigh[floating.body[number]]
-            curved = int((tree.at[tree.faces[k] : tree.faces[k + 1], 1] >= 0).any())
+            n, d = tree.n_amplitudes[k], len(tree.axes)
+            curved = int(floating.firsts[number + 1, 3] - rows > d * d * n + n + 1)
         whole = (
             kind, on, held, base, turning, sliding, natural, first, tree.n_amplitudes[k], tree.faces[k],
             tree.faces[k + 1], table, rows, columns, curved,

@@ -68,6 +68,7 @@ TOLERANCE = 1e-10  # relative error of compliances, and so of eigenvalues; of mo
 MAX_ROUNDS = 24  # for one value of lambda; close to others, as of stocky bodies, answers take a dozen
 N_TESTS = 5  # values of lambda at which the interface's answers are tried
 N_PROBES = 64
+LEAST = 1e-8  # of the largest of second order, below which there is none: symmetric meshes leave round-off there
 MOST_KEPT = 2**27  # bytes of a body's displacements that are kept without being asked for
 
 
@@ -467,14 +468,25 @@ def elastic_modes(component: Component, nominal: Mapping[str, float], basis: np.
 
 
 def foreshortened(
-    curvature: np.ndarray, shapes: np.ndarray, moments: Mapping[Monomial, np.ndarray]
+    curvature: np.ndarray,
+    shapes: np.ndarray,
+    moments: Mapping[Monomial, np.ndarray],
+    sections: Mapping[Monomial, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, dict[Monomial, np.ndarray]]:
-    """Return what amplitudes of second order (n, n, n) displace frames by, and their moments; see `FloatingBody`."""
-    d = {3: 2, 6: 3}[shapes.shape[1]]
-    curved = {
-        weight: np.einsum("klm,mij->klij", second_moments(part, d)[1], curvature) for weight, part in moments.items()
-    }
-    return np.einsum("fkm,mij->fkij", shapes[:, :d], curvature), curved
+    """Return what amplitudes of second order (n, n, n) displace frames by, and their moments; see `FloatingBody`.
+
+    `sections` are moments of what turns to second order without being displaced, by weight.
+    """
+    d, curved = {3: 2, 6: 3}[shapes.shape[1]], dict(sections or {})
+    for weight, part in moments.items():
+        own = np.einsum("klm,mij->klij", second_moments(part, d)[1], curvature)
+        curved[weight] = curved.get(weight, 0.0) + own
+    bent = np.einsum("fkm,mij->fkij", shapes[:, :d], curvature)
+    return _without_least(bent), {weight: _without_least(part) for weight, part in curved.items()}
+
+
+def _without_least(part: np.ndarray) -> np.ndarray:
+    return np.where(np.abs(part) > LEAST * np.max(np.abs(part), initial=0.0), part, 0.0)
 
 
 def _moments_of(component: Component, modes: np.ndarray) -> dict[Monomial, np.ndarray]:

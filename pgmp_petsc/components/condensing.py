@@ -12,8 +12,8 @@ Flexible bodies in floating frames: what is left of a mesh is moments, a stiffne
 A body's fields are its lowest free modes and what its frames' forces do beyond them statically; a continuum body's are
 taken of those that it is condensed to (`component_modes`), which answer its frames whatever these are joined to. They
 are turned to free modes, which are orthogonal to the rigid motions in the mass at nominal parameters, and these are
-left out: the frame makes them (`bodies.floating`). Bodies that follow their foreshortening have fields that answer the
-inertia forces of rigid motion too, and those of cells have all that they are condensed to.
+left out: the frame makes them (`bodies.floating`). Of cells that follow their foreshortening there are all fields that
+they are condensed to; beams are shortened by fields of the whole mesh, which follow those that are kept.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from pgmp_petsc.components.component_modes import (
     own_nodes,
     weighted_sum_dense,
 )
-from pgmp_petsc.components.large_deformation import contraction_of, foreshortening, with_second_order
+from pgmp_petsc.components.large_deformation import foreshortening, with_second_order
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
@@ -353,7 +353,7 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
         frames = {str(node): number for number, node in enumerate(held)} | frames
     total_mass, total = (weighted_sum_dense(terms, scene.nominal) for terms in (mass, stiffness))
     stressed = body.name in stressed_bodies(scene)
-    if stressed or scene.static_stiffening:  # inertia forces of rigid motion
+    if stressed:  # inertia forces of rigid motion
         fields = linear_fields(body.mesh.nodes).reshape(body.n_nodes, d, -1)
         loads = np.hstack([loads, total_mass @ _of_nodes(fields, per_node)])
     values, vectors = eigh(total, total_mass)
@@ -370,11 +370,13 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
     n = modes.shape[1]
     bent, curved = np.zeros((held.size, d, n, n)), {}
     if scene.static_stiffening:
-        third, *resistance = _energy_of_beams(body, modes, scene.nominal)
-        curvature = foreshortening(contraction_of(third), *resistance)
-        bent, curved = foreshortened(curvature, shapes, moments)
-        for weight, part in _turned_sections(body, modes).items():
-            curved[weight] = curved.get(weight, 0.0) + part
+        # what shortens is of all the mesh's fields, not of these alone, so that none is needed for it
+        n_rigid = d * (d + 1) // 2
+        every, stiff = vectors[:, n_rigid:], np.diag(values[n_rigid:])
+        curvature = _curvature_of_beams(body, every, stiff, every.T @ total_mass @ modes, scene.nominal)
+        shapes_of_all = every.reshape(body.n_nodes, per_node, -1)[held]
+        turned = _turned_sections(body, modes)
+        bent, curved = foreshortened(curvature, shapes_of_all, _moments_of_beams(body, every), turned)
     kept = Recovery(body, modes, stressed)
     return FloatingBody(frames, body.mesh.nodes[held], shapes, moments, reduced, bent, curved, kept)
 
@@ -399,20 +401,22 @@ def _ridden(scene: Scene, body: Body) -> np.ndarray:
     return np.concatenate([np.zeros(0, dtype=int), *found])
 
 
-def _energy_of_beams(
-    body: Body, modes: np.ndarray, values: Mapping[str, float]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the third derivative of the strain energy (n, n, n), the stiffness, and what of it resists stretching (n,
-    n) of fields of a body of beams."""
-    everywhere, n = range(body.dofs.size), modes.shape[1]
-    rows, columns = np.tril_indices(n)
-    third = np.empty((n, n, n))
-    forces = modes.T @ ThirdDerivative([body], everywhere).weighted(modes, (rows, columns), values)
-    third[:, rows, columns] = third[:, columns, rows] = forces
-    whole = assemble([body], everywhere).stiffness
-    stiffness = weighted_sum_dense(whole, values)
+def _curvature_of_beams(
+    body: Body, every: np.ndarray, stiffness: np.ndarray, modes: np.ndarray, values: Mapping[str, float]
+) -> np.ndarray:
+    """Return by what of all elastic fields (n_dofs, n) of a body of beams, with their stiffness, some combinations of
+    them (n, m) shorten it, shape (n, m, m)."""
+    everywhere, (n, m) = range(body.dofs.size), modes.shape
+    rows, columns = np.tril_indices(m)
+
+    def third(vectors: np.ndarray) -> np.ndarray:
+        forces = np.empty((n, m, m))
+        of_pairs = every.T @ ThirdDerivative([body], everywhere).weighted(every @ vectors, (rows, columns), values)
+        forces[:, rows, columns] = forces[:, columns, rows] = of_pairs
+        return forces
+
     stretching = axial_stiffness([body], everywhere, values)
-    return third, modes.T @ (stiffness @ modes), modes.T @ (stretching @ modes)
+    return foreshortening(third, stiffness, every.T @ (stretching @ every), modes)
 
 
 def _of_nodes(fields: np.ndarray, per_node: int) -> np.ndarray:

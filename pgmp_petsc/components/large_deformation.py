@@ -44,10 +44,9 @@ def contraction_of(third: np.ndarray) -> Contraction:
     return lambda vectors: np.einsum("kab,ai,bj->kij", third, vectors, vectors, optimize=True)
 
 
-def foreshortening(
-    third: Contraction, stiffness: np.ndarray, stretching: np.ndarray, n_followed: int | None = None
-) -> np.ndarray:
-    """Return c, the amplitudes' second derivatives, shape (n, n, n), 1/m, the amplitude that is moved first.
+def foreshortening(third: Contraction, stiffness: np.ndarray, stretching: np.ndarray, fields: np.ndarray) -> np.ndarray:
+    """Return c of some fields, the second derivatives of all amplitudes, shape (n, m, m), 1/m, the amplitude that is
+    moved first.
 
     Parameters
     ----------
@@ -55,19 +54,15 @@ def foreshortening(
         W3 of the amplitudes times pairs of vectors (see `contraction_of`), N/m2.
     stiffness, stretching
         K, positive definite, and K_s, each of shape (n, n), N/m.
-    n_followed
-        Amplitudes that are followed, the first ones; c is zero in all others. None for all.
+    fields
+        Amplitudes of the fields that bend the body, shape (n, m).
     """
-    n = len(stiffness)
+    n, m = fields.shape
     share = np.linalg.solve(stiffness, stretching)
     stretched = share @ share @ (3.0 * np.eye(n) - 2.0 * share)
-    bending = (np.eye(n) - stretched)[:, :n_followed]
-    m = bending.shape[1]
-    forces = third(bending).reshape(n, m * m)
+    forces = third(fields - stretched @ fields).reshape(n, m * m)
     found = -(stretched @ np.linalg.solve(stiffness, forces)).reshape(n, m, m)
-    curvature = np.zeros((n, n, n))
-    curvature[:, :m, :m] = 0.5 * (found + found.swapaxes(1, 2))
-    return curvature
+    return 0.5 * (found + found.swapaxes(1, 2))
 
 
 def with_second_order(
@@ -114,10 +109,12 @@ def with_second_order(
     stiffness, resisting = (
         modes.T @ weighted_sum_dense(terms, nominal) @ modes for terms in (component.stiffness, stretching)
     )
-    followed = foreshortening(
-        lambda vectors: np.tensordot(modes.T, third(modes @ vectors), 1), stiffness, resisting, n_followed
+    n, m = len(stiffness), len(stiffness) if n_followed is None else min(n_followed, len(stiffness))
+    curvature = np.zeros((n, n, n))
+    curvature[:, :m, :m] = foreshortening(
+        lambda vectors: np.tensordot(modes.T, third(modes @ vectors), 1), stiffness, resisting, np.eye(n)[:, :m]
     )
-    return replace(component, foreshortening=followed)
+    return replace(component, foreshortening=curvature)
 
 
 def curved_strains(

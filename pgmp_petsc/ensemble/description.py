@@ -103,7 +103,7 @@ def describe_ensemble(
     }  # fmt: skip
     divisors = numerics["steps_divided"].astype(np.int32)
     units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | origin.units
-    units |= {f"{name}.{which}": units[name] for name in outputs for which in DESCRIBED if over_time["extremes"]}
+    units |= {f"{name}.{which}": units[name] for name in scene.ensemble.with_extremes(outputs) for which in DESCRIBED}
     units |= dict.fromkeys(over_time["first_passages"], "s")
     of_blocks = scene.ensemble.replicates if sampler.kind == "saltelli" else None
     sobol = sensitivities(varying(), parameters, sampler.names, fine & (not is_hiding), of_blocks, level)

@@ -564,19 +564,20 @@ class Mixing:
         return found
 
     def _archimedean(self, uniform: np.ndarray) -> np.ndarray:
-        found = uniform.copy()
-        total = _inverse(self.copula, self.number, uniform[:, self.joined[0]])
+        # columns in one piece: of others numpy takes another logarithm where memory next to them is what it writes to
+        found = np.array(uniform.T, order="C")
+        total = _inverse(self.copula, self.number, found[self.joined[0]])
         for m, column in enumerate(self.joined[1:], start=1):
-            wanted = np.log(uniform[:, column]) + _derivative(self.copula, self.number, m, total)
+            wanted = np.log(found[column]) + _derivative(self.copula, self.number, m, total)
             low, high = np.zeros(len(uniform)), np.ones(len(uniform))
             for _ in range(HALVINGS):
                 middle = 0.5 * (low + high)
                 further = total + _inverse(self.copula, self.number, middle)
                 less = _derivative(self.copula, self.number, m, further) < wanted
                 low, high = np.where(less, middle, low), np.where(less, high, middle)
-            found[:, column] = 0.5 * (low + high)
-            total = total + _inverse(self.copula, self.number, found[:, column])
-        return found
+            found[column] = 0.5 * (low + high)
+            total = total + _inverse(self.copula, self.number, found[column])
+        return found.T.copy()
 
 
 def mixing_of(scene: Scene, names: Sequence[str]) -> Mixing | None:

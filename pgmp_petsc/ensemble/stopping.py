@@ -95,13 +95,14 @@ class _Reader:
         self._text, self._scene, self._place = text, scene, 0
 
     def rule(self) -> Rule:
-        kind, extremes = self._name("mean, std or P", (*MOMENTS, "P")), self._scene.ensemble.extremes
+        kind = self._name("mean, std or P", (*MOMENTS, "P"))
         self._sign("(")
         if kind == "P":
             quantity, event = self._event()
         else:
-            over_time = [f"{name}.{which}" for name in self._scene.outputs for which in DESCRIBED if extremes]
-            quantity, event = self._name("the name of an output", [*self._scene.outputs, *over_time]), None
+            outputs = self._scene.outputs
+            over_time = [f"{name}.{w}" for name in self._scene.ensemble.with_extremes(outputs) for w in DESCRIBED]
+            quantity, event = self._name("the name of an output", [*outputs, *over_time]), None
         self._sign(")")
         relative = self._sign("<", "+-", "±") == "<"
         place, wanted = self._place, self._number()

@@ -243,11 +243,11 @@ class OverTimeWatcher(Watcher):
 
     def __init__(self, model: Model, with_bands: bool, asked: Ensemble | None = None) -> None:
         asked = model.scene.ensemble if asked is None else asked
-        self._model, self._extremes = model, asked.extremes
-        self._outputs = list(model.outputs.functions)
+        self._model, self._outputs = model, list(model.outputs.functions)
+        self._extremes = asked.with_extremes(self._outputs)
         self._events = {label: event for label, event in asked.probabilities.items() if event.when == "ever"}
         self._steps = band_steps(model.scene.simulation, asked.bands if with_bands else 0)
-        extremes = [f"{name}/{which}" for name in self._outputs for which in EXTREMES if self._extremes]
+        extremes = [f"{name}/{which}" for name in self._extremes for which in EXTREMES]
         self.names = {"extremes": extremes, "first_passages": self._events}
 
     @property
@@ -274,10 +274,12 @@ class OverTimeWatcher(Watcher):
 class _OverTimeWatch(Observer):
     """Looks at one run; `steps` are the numbers of those of the bands in this run."""
 
-    def __init__(self, model: Model, begun: Begun, extremes: bool, events: dict[str, Event], steps: np.ndarray) -> None:
+    def __init__(
+        self, model: Model, begun: Begun, extremes: list[str], events: dict[str, Event], steps: np.ndarray
+    ) -> None:
         self._model, self._begun, self._steps = model, begun, steps
         n, names = begun.system.n_samples, list(model.outputs.functions)
-        self._extremes = {name: _Extremes(n) for name in names} if extremes else {}
+        self._extremes = {name: _Extremes(n) for name in extremes}
         self._passages = {label: _Passage(event, n) for label, event in events.items()}
         self._bands = {name: np.full((n, steps.size), np.nan) for name in names if steps.size}
         self._counts = model.outputs.counts

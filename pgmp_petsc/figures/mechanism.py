@@ -37,7 +37,7 @@ KEY_WIDTH = 3.0  # points
 AT_REST = 1e-6  # a pin that moves by less than this share of the mechanism's extent is held by the ground
 # A motion that leaves the plane by less than this share of its extent is shown along z, another one obliquely.
 FLAT = 1e-3
-OBLIQUE = np.array([[1.0, 0.0], [0.0, 1.0], [-0.45, -0.35]])
+RECEDING = (0.45, 0.35)  # how far to the right and up a metre of depth is there
 _GROUND = ((0.0, 0.0), (-0.65, -1.0), (0.65, -1.0), (0.0, 0.0))  # a triangle below the pin, as a marker's vertices
 
 
@@ -74,7 +74,8 @@ class Shapes:
 
     frames: Frames  # where they come from
     positions: dict[str, np.ndarray]  # of each body's nodes, shape (n_f, n_nodes, 2), in the unit of the picture
-    oblique: bool = False  # whether they are seen obliquely, because the motion leaves the plane
+    #: what projects places onto the picture, (d, 2): along z, or obliquely where the motion leaves the plane
+    view: np.ndarray
 
     @classmethod
     def of(cls, frames: Frames, exaggeration: float = 1.0, factor: float = 1.0) -> Shapes:
@@ -82,15 +83,17 @@ class Shapes:
         shown = {body: shown_positions(frames, body, exaggeration) for body in frames.nodes}
         view = _view(shown.values())
         projected = {body: factor * positions @ view for body, positions in shown.items()}
-        return cls(frames, projected, view is OBLIQUE)
+        return cls(frames, projected, view)
 
     @property
     def axis_names(self) -> tuple[str, str]:
         """Names of the picture's axes."""
-        if not self.oblique:
-            return "x", "y"
-        x, y = (f"{name} \N{MINUS SIGN} {abs(share):g} z" for name, share in zip("xy", OBLIQUE[2]))
-        return x, y
+        names = []
+        for shares in self.view.T:
+            parts = [(name, share) for name, share in zip("xyz", shares) if share]
+            parts.sort(key=lambda part: part[1] != 1.0)  # the axis itself, then depth
+            names.append("".join(_term(name, share) for name, share in parts))
+        return names[0], names[1]
 
     @property
     def not_enlarged(self) -> list[str]:
@@ -192,12 +195,22 @@ def _can_be_enlarged(frames: Frames, body: str) -> bool:
 
 def _view(positions: Iterable[np.ndarray]) -> np.ndarray:
     """Return what projects positions onto the paper, shape (d, 2): along z, or obliquely where a motion leaves the
-    plane."""
+    plane, with y or z upwards (`style.upward`) and the third axis into depth."""
     points = np.concatenate([part.reshape(-1, part.shape[-1]) for part in positions])
     extents = np.ptp(points, axis=0)
-    if extents.size == 2 or extents[2] < FLAT * extents.max():
-        return np.eye(extents.size)[:, :2]
-    return OBLIQUE
+    view = np.eye(extents.size)[:, :2]
+    if extents.size == 3 and extents[2] >= FLAT * extents.max():
+        up = style.upward(points)
+        view = np.eye(3)[:, [0, up]]
+        # a right-handed picture: z comes out of it where y is upwards, y goes into it where z is
+        view[3 - up] = np.array(RECEDING) * (1.0 if up == 2 else -1.0)
+    return view
+
+
+def _term(name: str, share: float) -> str:
+    """Return a term of an axis' name: ``x``, `` − 0.45 z``."""
+    sign = "+" if share > 0.0 else "\N{MINUS SIGN}"
+    return name if share == 1.0 else f" {sign} {abs(share):g} {name}"
 
 
 def ends(cells: np.ndarray) -> np.ndarray:
@@ -321,8 +334,7 @@ def assembly(shown: Assembly) -> Figure:
     factor, unit = style.axis_unit(shown.metre, *frames.positions.values())
     shapes = Shapes.of(frames, 1.0, factor)
     low, high = shapes.limits
-    view = (lambda place: place @ OBLIQUE) if shapes.oblique else (lambda place: place[:2])
-    labels, left_out = _labels(shown, lambda place: factor * view(place), float(max(high - low)))
+    labels, left_out = _labels(shown, lambda place: factor * place @ shapes.view, float(max(high - low)))
     every = np.array([label.place for label in labels] or [low])
     low, high = np.minimum(low, every.min(axis=0)), np.maximum(high, every.max(axis=0))
     room = MARGIN * max(high - low)

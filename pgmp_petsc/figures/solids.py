@@ -31,7 +31,17 @@ from PIL import Image
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.figures.loads import Arrow
 from pgmp_petsc.figures.motion import Motion, Skin, motion_of
-from pgmp_petsc.figures.style import PROGRAM, QUIET, RESOLUTION, axis_unit, new_figure, round_below, styled, top_legend
+from pgmp_petsc.figures.style import (
+    PROGRAM,
+    QUIET,
+    RESOLUTION,
+    axis_unit,
+    new_figure,
+    round_below,
+    styled,
+    top_legend,
+    upward,
+)
 from pgmp_petsc.files.claims import replacing
 from pgmp_petsc.ranks.ending import child
 from pgmp_petsc.results import Trajectory
@@ -92,8 +102,7 @@ def view_of(points: np.ndarray, flat: bool) -> np.ndarray:
     """Return the directions of a picture to the right, up and towards the eye, shape (3, 3), for places (n, 3)."""
     if flat:
         return np.eye(3)
-    thin = int(np.argmin(np.ptp(points, axis=0)))
-    up = np.eye(3)[1 if thin == 2 else 2]
+    thin, up = int(np.argmin(np.ptp(points, axis=0))), np.eye(3)[upward(points)]
     towards = np.eye(3)[thin] * (-1.0 if thin == 1 else 1.0)
     side = np.cross(up, towards)
     eye = towards + TILT[0] * up + TILT[1] * side

@@ -233,6 +233,12 @@ def heading(what: str, record: RunRecord, label: str = "") -> str:
     return f"{what}: {of}" if of else what
 
 
+def upward(points: np.ndarray) -> int:
+    """Return which axis points upwards in pictures of places in space (n, 3): y where they extend least along z, else
+    z."""
+    return 1 if int(np.argmin(np.ptp(points, axis=0))) == 2 else 2
+
+
 def distinct_colours(n: int) -> list[str]:
     """Return n colours, each only once: those of the palette, or as many as are needed from dark violet to yellow."""
     if n <= len(PALETTE):

@@ -65,7 +65,8 @@ def _shape(body, axes, one, shaped):
     d = len(axes)
     n, zero, table, rows, columns = one.x.size, one.p[0] * 0.0, body.table, body.rows, body.columns
     places = places_of(d, n, rows)
-    squares, fields, mixed, both = places.squares, places.fields, places.mixed, places.both
+    squares, fields, mixed, both, curved = places.squares, places.fields, places.mixed, places.both, places.stiffness
+    bends = d * d * n + n if rows.size > d * d * n + n + 1 else -1
     for k in range(d):
         s, s1, s2 = table[1 + k], zero, zero
         for i in range(n):
@@ -78,6 +79,7 @@ def _shape(body, axes, one, shaped):
         for k in range(d):
             at = (l * d + k) * n
             spin = one.spin[k, l]
+            shaped.bent[l, k] = shaped.bending[l, k] = zero
             for j in range(n):
                 total, rate = table[mixed + at + j], zero
                 for entry in range(rows[at + j], rows[at + j + 1]):
@@ -85,15 +87,14 @@ def _shape(body, axes, one, shaped):
                     rate = fused(table[both + entry], one.x1[columns[entry]], rate)
                 shaped.g[l, k, j] = total  # int rho w_l Psi_k
                 shaped.h[j] = fused(spin, rate, shaped.h[j])
-            shaped.bent[l, k] = shaped.bending[l, k] = zero
-            for i in range(n if table.size > places.curved else 0):
-                x, rate = one.x[i], one.x1[i]
-                row = places.curved + ((l * d + k) * n + i) * n
-                for j in range(n):
-                    entry = table[row + j]
-                    shaped.g[l, k, j] += x * entry  # + int rho X_l chi_k xi
-                    shaped.bent[l, k] += x * entry * one.x[j]
-                    shaped.bending[l, k] += rate * entry * one.x1[j]
+            for i in range(n if bends >= 0 else 0):
+                total, rate, row = zero, zero, bends + at + i
+                for entry in range(rows[row], rows[row + 1]):
+                    total = fused(table[curved + entry], one.x[columns[entry]], total)
+                    rate = fused(table[curved + entry], one.x1[columns[entry]], rate)
+                shaped.g[l, k, i] += total  # + int rho X_l chi_k xi
+                shaped.bent[l, k] += one.x[i] * total
+                shaped.bending[l, k] += one.x1[i] * rate
     for l in range(d):
         for k in range(d):
             at = mixed + (k * d + l) * n

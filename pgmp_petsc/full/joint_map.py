@@ -131,11 +131,10 @@ def _deform(tree, face, axes, n, x, x1, x2, first, ways, turned):
             plain = zero + tree.shapes[at + l * n + i]
             way = plain
             if bent >= 0:
-                row = bent + (l * n + i) * n
-                moving = zero
-                for j in range(n):
-                    way += tree.bent[row + j] * x[first + j]
-                    moving += tree.bent[row + j] * x1[first + j]
+                row, moving = bent + l * n + i, zero
+                for entry in range(tree.rows[row], tree.rows[row + 1]):
+                    way += tree.bent[entry] * x[first + tree.columns[entry]]
+                    moving += tree.bent[entry] * x1[first + tree.columns[entry]]
                 w2 += moving * x1[first + i]
             own[3 * d + l * n + i] = way
             w += 0.5 * (plain + way) * x[first + i]

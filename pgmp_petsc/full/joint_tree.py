@@ -53,11 +53,13 @@ class Tree(NamedTuple):
     faces: np.ndarray  # first of the frames of each body, and their number: of flexible ones, shape (n + 1,)
     face_nodes: np.ndarray  # shape (n_faces,)
     centres: np.ndarray  # shape (n_faces, d)
-    #: shapes, bent: of frame and amplitude one after the other (`FloatingBody`), from `at` on, shape (n_faces, 2); -1
-    #: where there is none
+    #: first of a face's `shapes`, of frame and amplitude one after the other (`FloatingBody`), and of its rows of
+    #: `bent`, -1 where there is none, shape (n_faces, 2)
     at: np.ndarray
     shapes: np.ndarray
-    bent: np.ndarray
+    bent: np.ndarray  # what is not zero of ``a``, rows (k, i) over the amplitudes j
+    rows: np.ndarray  # where each row begins, and the end
+    columns: np.ndarray  # j of each entry
     floating: np.ndarray  # number among the floating bodies, -1 of rigid ones, shape (n,)
     carries: np.ndarray  # whether a node has a mass of its own or a joint to a body further out, shape (n_nodes,)
     tensors: bool  # whether any directors are coordinates
@@ -151,7 +153,8 @@ def tree_of(unknowns: Unknowns, motions: list[Motion], q: np.ndarray, heavy: np.
     rest, faces, next_one = np.zeros(n), [0], 0
     n_amplitudes, internal, floating = np.zeros(n, dtype=int), np.zeros(n, dtype=int), np.full(n, -1)
     flexible = [number for number, body in enumerate(bodies) if body.blocks("floating")]
-    face_nodes, centres, at, shapes, bent = [], [], [], [np.zeros(0)], [np.zeros(0)]
+    face_nodes, centres, at, shapes = [], [], [], [np.zeros(0)]
+    bent, rows, columns = [np.zeros(0)], [np.zeros(1, dtype=int)], [np.zeros(0, dtype=int)]
     for k, motion in enumerate(motions):
         body = bodies[motion.body]
         nodes[k, 2] = body.first_node + body.n_nodes - 1
@@ -190,9 +193,13 @@ def tree_of(unknowns: Unknowns, motions: list[Motion], q: np.ndarray, heavy: np.
             for number, (centre, shape, curve) in enumerate(zip(block.centres, block.shapes, block.bent)):
                 face_nodes.append(body.first_node + number)
                 centres.append(centre)
-                at.append((sum(map(len, shapes)), sum(map(len, bent)) if curve.any() else -1))
+                at.append((sum(map(len, shapes)), sum(map(len, rows)) - 1 if curve.any() else -1))
                 shapes.append(shape.ravel())
-                bent.append(curve.ravel() if curve.any() else np.zeros(0))
+                if curve.any():
+                    flat = curve.reshape(-1, block.n)
+                    rows.append(rows[-1][-1] + np.cumsum(np.count_nonzero(flat, axis=1)))
+                    columns.append(np.nonzero(flat)[1])
+                    bent.append(flat[flat != 0.0])
         next_one += n_amplitudes[k]
         faces.append(len(face_nodes))
         firsts[k, 4] = next_one
@@ -204,7 +211,8 @@ def tree_of(unknowns: Unknowns, motions: list[Motion], q: np.ndarray, heavy: np.
     return Tree(
         (0.0,) * d, nodes, np.array([motion.kind for motion in motions]), firsts, n_amplitudes, internal, before, after,
         rest, np.array(faces), np.array(face_nodes, dtype=int), np.array(centres).reshape(-1, d),
-        np.array(at, dtype=int).reshape(-1, 2), np.concatenate(shapes), np.concatenate(bent), floating,
+        np.array(at, dtype=int).reshape(-1, 2), np.concatenate(shapes), np.concatenate(bent), np.concatenate(rows),
+        np.concatenate(columns), floating,
         np.isin(np.arange(unknowns.mechanism.n_nodes), [*nodes[:, 0], *heavy]),
         d == 3 and any(motion.kind != BY_AXES for motion in motions),
     )  # fmt: skip

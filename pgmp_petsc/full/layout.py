@@ -2,9 +2,9 @@
 
 For each body and sample the table has, one after the other: mass and ``int rho X``; ``int rho X_k X_l``; ``int rho
 Psi_k``; ``int rho X_k Psi_l``; what damps each amplitude by itself; ``int rho Psi_k Psi_l``; the mass of the
-amplitudes; their stiffness; and, of a body that follows its foreshortening, ``int rho X_k chi_l``. Of the three before
-the last those entries alone are there that are not zero for all samples (`entries_of`): of a straight beam, whose
-fields stretch, twist or bend it in one of two planes, a fifth. Work space is made once a call, for the body with most
+amplitudes; their stiffness; and, of a body that follows its foreshortening, ``int rho X_k chi_l``. Of the last four
+those entries alone are there that are not zero for all samples (`entries_of`): of a straight beam, whose fields
+stretch, twist or bend it in one of two planes, a fifth. Work space is made once a call, for the body with most
 amplitudes, and viewed anew for each body.
 """
 
@@ -40,18 +40,23 @@ class FloatingBodies(NamedTuple):
 
 
 def entries_of(
-    moments: Mapping[Monomial, np.ndarray], stiffness: Mapping[Monomial, np.ndarray], d: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return which entries of a body's matrices are not zero whatever the parameters: where each row of ``int rho Psi_k
-    Psi_l``, (l, k, j) over i, and behind them of mass and stiffness, begins, (d d n + n + 1,), all columns, and both as
-    masks (d, d, n, n), (n, n)."""
+    moments: Mapping[Monomial, np.ndarray],
+    stiffness: Mapping[Monomial, np.ndarray],
+    curved: Mapping[Monomial, np.ndarray],
+    d: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return which entries of a body's matrices are not zero whatever the parameters: where each row begins, of ``int
+    rho Psi_k Psi_l``, (l, k, j) over i, behind them of mass and stiffness, and of ``int rho X_l chi_k``, (l, k, i) over
+    j, if there is any, (d d n + n + d d n + 1,), all columns, and the three as masks (d, d, n, n), (n, n), (d, d, n, n)
+    or (0, n)."""
     parts = [second_moments(part, d)[2].swapaxes(2, 3) for part in moments.values()]
     both = np.any([part != 0.0 for part in parts], axis=0)
     squares = [np.einsum("kkij->kij", part) for part in parts]
     own = np.any([np.abs(part.sum(axis=0)) > NOISE * np.abs(part).sum(axis=0) for part in squares], axis=0)
     own |= np.any([part != 0.0 for part in stiffness.values()], axis=0) | np.eye(len(own), dtype=bool)
-    every = np.concatenate([both.reshape(-1, len(own)), own | own.T])
-    return np.concatenate([[0], np.cumsum(every.sum(axis=1))]), np.nonzero(every)[1], both, own | own.T
+    bends = np.any([part != 0.0 for part in curved.values()], axis=0) if curved else np.zeros((0, len(own)), dtype=bool)
+    every = np.concatenate([both.reshape(-1, len(own)), own | own.T, bends.reshape(-1, len(own))])
+    return np.concatenate([[0], np.cumsum(every.sum(axis=1))]), np.nonzero(every)[1], both, own | own.T, bends
 
 
 def body_tables(
@@ -60,7 +65,7 @@ def body_tables(
     viscous: np.ndarray,
     curved: np.ndarray,
     d: int,
-    masks: tuple[np.ndarray, np.ndarray],
+    masks: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> np.ndarray:
     """Lay out a body's table, shape (n_words, n_samples).
 
@@ -71,7 +76,7 @@ def body_tables(
     viscous
         Modal damping of each amplitude, shape (n, n_samples).
     curved
-        ``int rho X_k chi_l``, shape (d, d, n, n, n_samples), or of size zero.
+        ``int rho X_k chi_l``, shape (d, d, n, n, n_samples), or (0, n, n_samples).
     d
         Dimension.
     masks
@@ -89,7 +94,7 @@ def body_tables(
         both.swapaxes(2, 3)[masks[0]],
         own,
         stiffness[masks[1]],
-        curved,
+        curved[masks[2]],
     )
     return np.concatenate([part.reshape(-1, moments.shape[2]) for part in parts])
 
@@ -97,8 +102,8 @@ def body_tables(
 class Places(NamedTuple):
     """Where the parts of a body's table begin; mass and ``int rho X`` are its first 1 + d words.
 
-    Entries of matrices are counted as in `entries_of`: those of the mass follow those of `both`, and `stiffness` has
-    the same ones.
+    Entries of matrices are counted as in `entries_of`: those of the mass follow those of `both`, `stiffness` has the
+    same ones, and those of ``int rho X_k chi_l`` follow it.
     """
 
     squares: int
@@ -107,7 +112,6 @@ class Places(NamedTuple):
     viscous: int
     both: int
     stiffness: int
-    curved: int
 
 
 @njit(inline="always")
@@ -119,7 +123,7 @@ def places_of(d, n, rows):
     viscous = mixed + d * d * n
     both = viscous + n
     stiffness = both + rows[d * d * n + n] - rows[d * d * n]
-    return Places(squares, fields, mixed, viscous, both, stiffness, stiffness + rows[d * d * n + n])
+    return Places(squares, fields, mixed, viscous, both, stiffness)
 
 
 class Moving(NamedTuple):

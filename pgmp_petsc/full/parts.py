@@ -254,12 +254,12 @@ def floating_bodies(
         if not share.touches(own)[0]:
             continue
         moments, stiffness = share.evaluate(floating.moments), share.evaluate(floating.stiffness)
-        curved = share.evaluate(floating.curved) if floating.curved else np.zeros((0, n_samples))
+        curved = share.evaluate(floating.curved) if floating.curved else np.zeros((0, floating.n, n_samples))
         braking = share.evaluate({Monomial(): share.damping.of_amplitudes(number, floating.n)})
         low = np.tril_indices(own.size)
         numbers.append(number)
         dofs.append(own[0])
-        first, which, *masks = entries_of(floating.moments, floating.stiffness, d)
+        first, which, *masks = entries_of(floating.moments, floating.stiffness, floating.curved, d)
         starts.append(first)
         chosen.append(which)
         tables.append(body_tables(moments, stiffness, braking, curved, d, tuple(masks)))
@@ -310,11 +310,11 @@ def _mass_of_floating(problem: FullProblem, k: int, turned: float) -> np.ndarray
     table = problem.floating.table[:, first[1] : last[1]]
     n = last[0] - first[0] - n_pose_of.py_func(d)
     rows = problem.floating.rows[first[3] : last[3]]
-    at, of_mass = places_of.py_func(d, n, rows), slice(rows[d * d * n], rows[-1])
-    columns = problem.floating.columns[first[4] : last[4]][of_mass]
-    diagonal = columns == np.repeat(np.arange(n), np.diff(rows[d * d * n :]))
+    at, of_mass = places_of.py_func(d, n, rows), rows[d * d * n : d * d * n + n + 1]
+    columns = problem.floating.columns[first[4] : last[4]][of_mass[0] : of_mass[-1]]
+    diagonal = columns == np.repeat(np.arange(n), np.diff(of_mass))
     turning = table[:, at.squares : at.fields : d + 1].sum(axis=1)
-    own = table[:, at.both + rows[d * d * n] + np.flatnonzero(diagonal)].sum(axis=1)
+    own = table[:, at.both + of_mass[0] + np.flatnonzero(diagonal)].sum(axis=1)
     return d * table[:, 0] + (1.0 if d == 2 else 3.0) * turned * turning + own
 
 

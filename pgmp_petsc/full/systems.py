@@ -78,6 +78,7 @@ class FullSystem(SecondOrderSystem):
     ) -> None:
         self.comm, self.n_samples, self.settled, self.built_in = comm, n_samples, settled, built_in
         self._equations, self._sources, self._reference = equations, sources, Reference(equations.problem)
+        self._actions = Reference(equations.problem.actions)
         self.n_dofs, self.n_constraints = equations.n_dofs, equations.constraints.n_constraints
         self.moving_constraints = equations.moving_constraints
         self._conservative = np.array([effect.conservative for effect in equations.loads], dtype=bool)
@@ -395,11 +396,12 @@ class FullBatch(FullSystem):
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
         amplitudes, found = self._sources.at(np.array([time])).actions[0], []
-        actions = Reference(self._equations.problem.actions)
+        problem = self._equations.problem
         for block in range(self._blocks.n_blocks):
-            turns = state.turns[block, len(state.turns[block]) - len(self._equations.problem.actions.dofs) :]
-            width = self._equations.problem.width
-            now = act(actions, width, block, amplitudes, state.q[block], state.v[block], turns, 0.0, False)
+            turns = state.turns[block, len(state.turns[block]) - len(problem.actions.dofs) :]
+            now = act(
+                self._actions, problem.width, block, amplitudes, state.q[block], state.v[block], turns, 0.0, False
+            )
             found.append(now.depths.T)
         return self._blocks.unpack(np.array(found))
 

@@ -36,7 +36,6 @@ from pgmp_petsc.lanes.lane_items import select, sine_cosine
 from pgmp_petsc.mechanism.unknowns import Unknowns
 
 PHI = 2  # a frame's rotation in the plane
-LEAST = 1e-8  # of the largest entry of a, below which there is none: symmetric meshes leave round-off there
 Derivative = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -206,7 +205,7 @@ def bent_terms(d: int, first_row: int, frame: int, amplitudes: np.ndarray, bent:
     """
     i, j = np.tril_indices(amplitudes.size)
     of_pairs = np.where(i == j, 0.5, 1.0) * bent[:, i, j]
-    k, pair = np.nonzero(np.abs(of_pairs) > LEAST * np.max(np.abs(of_pairs), initial=0.0))
+    k, pair = np.nonzero(of_pairs)
     component = np.repeat(np.arange(d), k.size)
     k, pair = np.tile(k, d), np.tile(pair, d)
     first, second = amplitudes[i[pair]], amplitudes[j[pair]]

@@ -96,7 +96,8 @@ def _explain(details: Mapping[str, Any], model: type[BaseModel]) -> str:
     if kind in ("missing", "extra_forbidden"):
         (parent,) = _follow(model, location[:-1])[1]
         if kind == "extra_forbidden":
-            return problem(entry, _choice(keys[-1], list(parent.model_fields), "unknown key"), received)
+            choice = _choice(keys[-1], list(parent.model_fields), f"unknown key{_home(model, location)}")
+            return problem(entry, choice, received)
         return problem(entry, f"missing; needed: {parent.model_fields[location[-1]].description}")
     if kind in ("union_tag_invalid", "union_tag_not_found"):  # of the key that says which kind of table it is
         key, allowed = context["discriminator"].strip("'"), [_tag(member) for member in members]
@@ -112,6 +113,16 @@ def _explain(details: Mapping[str, Any], model: type[BaseModel]) -> str:
             received = received.get(context["key"], _NOTHING) if isinstance(received, Mapping) else _NOTHING
         return problem(dotted_name(keys), context["allowed"], received)
     return problem(entry, ALLOWED[kind].format(**context) if kind in ALLOWED else details["msg"], received)
+
+
+def _home(model: type[BaseModel], location: Sequence[str | int]) -> str:
+    """Return which table around has an unknown key: TOML puts what follows a table's head into that table."""
+    for end in range(len(location) - 2, 0, -1):
+        keys, members = _follow(model, location[:end])
+        if len(members) == 1 and location[-1] in getattr(members[0], "model_fields", {}):
+            head = dotted_name(_follow(model, location[:-1])[0])
+            return f"; {dotted_name(keys)} has one: write it above the head [{head}]"
+    return ""
 
 
 def _choice(received: object, allowed: Sequence[str], what: str = "unknown") -> str:

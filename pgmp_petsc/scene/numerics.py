@@ -5,7 +5,7 @@ An ensemble: many runs with drawn parameters, and which figures of them are aske
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from math import ceil
 from typing import Annotated, Literal, Self
 
@@ -288,7 +288,7 @@ class Ensemble(Table):
         False,
         strict=True,
         description="keep the largest and the smallest value of every output over time, and when they are reached; "
-        "outputs are then evaluated after every step",
+        "outputs are then evaluated after every step; of outputs of events at any time they are always kept",
     )
     bands: Instants = Field(
         51, ge=0, description="most instants at which outputs are described over time, start and end included; 0 = none"
@@ -322,6 +322,11 @@ class Ensemble(Table):
         if self.bands == 1:
             raise refusal("must be 0, or at least 2: the start and the end", "bands")
         return self
+
+    def with_extremes(self, outputs: Iterable[str]) -> list[str]:
+        """Return the outputs whose extremes are kept: all, or those of events at any time, which extremes judge."""
+        of_events = {event.output for event in self.probabilities.values() if event.when == "ever"}
+        return [name for name in outputs if self.extremes or name in of_events]
 
 
 def ensemble_problems(scene: AnyScene) -> Iterator[str]:

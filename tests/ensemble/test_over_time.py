@@ -85,6 +85,10 @@ def test_first_passages_are_where_the_motion_crosses_the_level() -> None:
     assert np.all(np.abs(found["high"][1:] - high[1:]) <= 1.5 * reach)
     np.testing.assert_array_equal(np.isnan(found["low"]), SIZES <= 2.5)
     np.testing.assert_array_equal(found["begun"], 0.0)
+    # by how much an event at any time came true, or did not, is told by its output's extremes, of all steps
+    kept = watched(Model(probabilities=EVENTS))["extremes"]
+    np.testing.assert_array_equal(kept["y/max"], watched(Model(extremes=True))["extremes"]["y/max"])
+    np.testing.assert_array_equal(kept["y/max"] > 0.9, np.isfinite(found["high"]))
 
 
 def test_bands_take_start_end_and_instants_between() -> None:

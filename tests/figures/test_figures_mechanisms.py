@@ -12,9 +12,9 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures import gallery
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.frequencies import coordinate_path, frequency_maps
-from pgmp_petsc.figures.mechanism import mechanism
+from pgmp_petsc.figures.mechanism import Shapes, mechanism
 from pgmp_petsc.figures.trajectories import DECADES, energies
-from pgmp_petsc.results import Balance
+from pgmp_petsc.results import Balance, Frames
 from scenes import tables
 
 # what numpy and matplotlib warn of is a picture that is not right
@@ -225,3 +225,21 @@ def test_the_readme_shows_what_the_gallery_draws():
         assert f"docs/images/gallery_{scene}.png" in readme and scene in script
         assert (ROOT / "scenes" / f"{scene}.toml").exists()
         assert (ROOT / "docs" / "images" / f"gallery_{scene}.png").stat().st_size < 60_000
+
+
+def test_machines_that_stand_on_their_ground_are_drawn_standing() -> None:
+    """What reaches less along y than along z has z upwards, and y leads into the picture; else z comes out of it."""
+    for tall, names in ((1, ("x \N{MINUS SIGN} 0.45 z", "y \N{MINUS SIGN} 0.35 z")), (2, ("x + 0.45 y", "z + 0.35 y"))):
+        places = np.array([[0.0, 0.0, 0.0], [0.6, 0.2, 0.2]])
+        places[1, tall] = 1.0
+        frames = Frames(
+            time=np.zeros(1),
+            positions={"mast": places[None]},
+            rotations={"mast": np.zeros((1, 2, 3))},
+            nodes={"mast": places},
+            cells={"mast": np.array([[0, 1]])},
+            rigid=frozenset(),
+        )
+        shapes = Shapes.of(frames)
+        assert shapes.axis_names == names
+        assert shapes.positions["mast"][0, 1, 1] > 0.9

@@ -325,7 +325,7 @@ def test_the_motion_is_that_of_the_exact_lagrangian() -> None:
         force[:2] += exact(q[:2])[3][:2]
         return np.concatenate([v, np.linalg.solve(inertia(q), force)])
 
-    expected = solve_ivp(rate, (0.0, 0.5), np.concatenate([q, v]), rtol=1e-8, atol=1e-9).y[:, -1]
+    expected = solve_ivp(rate, (0.0, 0.5), np.concatenate([q, v]), "DOP853", rtol=1e-8, atol=1e-9).y[:, -1]
     run, _, _ = simulate(system_of(terms, start=q[:2], speed=v[:2]), 0.5, 2.5e-4)
     # differences of h^2 = 1e-6, and steps of 2.5e-4 beside a period of 0.5 s
     np.testing.assert_allclose(run.state.q[0], expected[:N_ETA], rtol=0, atol=5e-6)

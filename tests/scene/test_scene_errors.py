@@ -66,6 +66,7 @@ effects.motor.table=[[0, 1], [0, 2]] -> = [[0, 1], [0, 2]]: times must increase 
 foo=1 -> = 1: unknown key (allowed: scene, ground, parameters, materials, bodies, joints, coordinates, effects
 bodies.crank.section.radus=0.1 -> = 0.1: unknown key; did you mean 'radius'? (allowed: shape, radius)
 bodies.crank.section.circle=1 -> = 1: unknown key (allowed: shape, radius)
+bodies.crank.section.flexible=true -> = true: unknown key; bodies.crank has one: write it above the head [bodies.crank.section] (allowed: shape, radius)
 bodies.crank.section={shape='circle', circle=1} -> \
     bodies.crank.section.radius: missing; needed: radius || bodies.crank.section.circle = 1: unknown key (allowed:
 scene={} -> scene.name: missing; needed: short name, used in reports and titles

@@ -152,7 +152,7 @@ def test_what_is_given_is_integrated(of: str) -> None:
         y = np.zeros(2)
         for begin, end in pairwise(spans):
             inside = (times >= begin) & (times <= end)
-            done = solve_ivp(rates, (begin, end), y, dense_output=True, rtol=1e-12, atol=1e-14)
+            done = solve_ivp(rates, (begin, end), y, "DOP853", dense_output=True, rtol=1e-12, atol=1e-14)
             wanted[:, inside], y = done.sol(times[inside]), done.y[:, -1]
     else:
         spline = CubicSpline(*np.transpose(rows), bc_type="clamped")

@@ -174,4 +174,4 @@ def eulers_top(times: np.ndarray) -> np.ndarray:
         return np.concatenate([-np.cross(spin, inertia * spin) / inertia, rates])
 
     start = np.array([0.8, 0.6, 5.0, 0.0, 0.0, 0.0])
-    return solve_ivp(slopes, (0.0, times[-1]), start, t_eval=times, rtol=1e-11, atol=1e-12).y[3:]
+    return solve_ivp(slopes, (0.0, times[-1]), start, "DOP853", times, rtol=1e-11, atol=1e-12).y[3:]

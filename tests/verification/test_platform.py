@@ -70,7 +70,7 @@ class RigidPlatform:
     def run(self, times: np.ndarray) -> np.ndarray:
         """Return x, y and the turn (3, n_t) from rest in the middle."""
         start = np.zeros(6)
-        return solve_ivp(self.slopes, (0.0, times[-1]), start, t_eval=times, rtol=1e-10, atol=1e-12).y[:3]
+        return solve_ivp(self.slopes, (0.0, times[-1]), start, "DOP853", times, rtol=1e-10, atol=1e-12).y[:3]
 
 
 def test_rigid_it_obeys_its_own_equations() -> None:

@@ -72,7 +72,7 @@ def test_a_body_in_space_swings_about_an_oblique_axis() -> None:
         turned = Rotation.from_rotvec(y[0] * axis).apply(centre)
         return [y[1], axis @ np.cross(turned, [0.0, 0.0, -1.5 * 9.80665]) / inertia]
 
-    exact = solve_ivp(rates, (0.0, times[-1]), [0.0, 0.0], t_eval=times, rtol=1e-10, atol=1e-12).y[0]
+    exact = solve_ivp(rates, (0.0, times[-1]), [0.0, 0.0], "DOP853", times, rtol=1e-10, atol=1e-12).y[0]
     np.testing.assert_allclose(found["turn"], exact, rtol=0, atol=1e-5 * np.abs(exact).max())
 
 

@@ -73,7 +73,7 @@ def tip_of_rod(torsion: float) -> np.ndarray:
 
     def end(moment: np.ndarray, share: float) -> np.ndarray:
         start = np.concatenate([np.zeros(3), np.eye(3).ravel(), moment])
-        return solve_ivp(slope, (0.0, length), start, args=(share,), rtol=1e-10, atol=1e-10).y[:, -1]
+        return solve_ivp(slope, (0.0, length), start, "DOP853", args=(share,), rtol=1e-10, atol=1e-10).y[:, -1]
 
     moment = np.zeros(3)
     for share in np.linspace(0.2, 1.0, 5):

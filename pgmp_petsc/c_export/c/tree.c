@@ -135,10 +135,9 @@ static double deform(const struct body *b, const struct face *f, const double q[
         s->way[0][l] = f->centre[l];
         for (int i = 0; i < n; i++) {
             double plain = shape[l * n + i], way = plain, moving = 0.0;
-            for (int j = 0; f->bends >= 0 && j < n; j++) {
-                double bend = curves[f->bends + (l * n + i) * n + j];
-                way += bend * x[j], moving += bend * x1[j];
-            }
+            const int *row = curve_rows + f->bends + l * n + i;
+            for (int e = f->bends < 0 ? 0 : row[0]; e < (f->bends < 0 ? 0 : row[1]); e++)
+                way += curves[e] * x[curve_columns[e]], moving += curves[e] * x1[curve_columns[e]];
             s->ways[i][l] = way;
             s->way[0][l] += 0.5 * (plain + way) * x[i], s->way[1][l] += way * x1[i];
             s->way[2][l] += way * x2[i] + moving * x1[i];
@@ -281,14 +280,13 @@ static void add_mass(const struct chain *node, double (*density)[1 + D], double 
 struct shaped { double s[3][D], j[3][D][D], g[D][D][MOST], h[MOST]; };
 
 /* Where parts of a body's table begin. */
-struct places { int fields, mixed, viscous, both, stiffness, curved; };
+struct places { int fields, mixed, viscous, both, stiffness; };
 
 static struct places places_of(const struct body *b) {
     const int *first = first_entries + b->rows;
     struct places at = {.fields = 1 + D + D * D};
     at.mixed = at.fields + D * b->n, at.viscous = at.mixed + D * D * b->n, at.both = at.viscous + b->n;
     at.stiffness = at.both + first[D * D * b->n + b->n] - first[D * D * b->n];
-    at.curved = at.stiffness + first[D * D * b->n + b->n];
     return at;
 }
 
@@ -314,12 +312,13 @@ static void shape_body(const struct body *b, const double *table, double spin[D]
             }
     for (int l = 0; l < D; l++)
         for (int k = 0; k < D; k++)
-            for (int i = 0; i < (b->curved ? n : 0); i++)
-                for (int j = 0; j < n; j++) { /* + int rho X_l chi_k xi */
-                    double entry = table[at.curved + ((l * D + k) * n + i) * n + j];
-                    f->g[l][k][j] += x[0][i] * entry;
-                    bent[l][k] += x[0][i] * entry * x[0][j], bending[l][k] += x[1][i] * entry * x[1][j];
-                }
+            for (int i = 0, row = D * D * n + n + (l * D + k) * n; i < (b->curved ? n : 0); i++) {
+                double total = 0.0, rate = 0.0; /* int rho X_l chi_k xi */
+                for (int e = first[row + i]; e < first[row + i + 1]; e++)
+                    total += table[at.stiffness + e] * x[0][column[e]], rate += table[at.stiffness + e] * x[1][column[e]];
+                f->g[l][k][i] += total;
+                bent[l][k] += x[0][i] * total, bending[l][k] += x[1][i] * rate;
+            }
     for (int l = 0; l < D; l++)
         for (int k = 0; k < D; k++) {
             /* g has all of X_l chi_k, and nothing of X_k chi_l: w_l w_k has half of both */

@@ -28,7 +28,7 @@ struct body {
     double beta, alpha, rest, before[1 + D][D], after[1 + D][D];
 };
 /* A face of a flexible body: its node and centre, and where displacements and rotations per amplitude begin in `shapes`,
-   and their derivatives with the amplitudes in `curves`, -1 where there are none. */
+   and rows of their derivatives with the amplitudes, -1 where there are none. */
 struct face { int node, shapes, bends; double centre[D]; };
 struct mass { int node; double alpha; };
 /* An entry of a load term: on a component of a node's frame, in the plane 2 turns it, or without a node on a coordinate. */
@@ -45,6 +45,7 @@ extern const struct mass masses[];
 extern const struct push pushes[];
 extern const struct drive drives[];
 extern const struct bond bonds[];
+extern const int curve_rows[], curve_columns[];
 extern const double shapes[], curves[], moments[N_TERMS][AT_LEAST_ONE(N_WORDS)];
 extern const double densities[N_TERMS][AT_LEAST_ONE(N_MASSES)][1 + D][1 + D], gravity[N_TERMS][AT_LEAST_ONE(N_GRAVITY)][D];
 extern const double start_turned[], body_centres[N_BODIES][D];
