@@ -169,10 +169,13 @@ def scene_of_built(
 
     Paths are relative to `directory`; `name` is what messages call the model. Raises as `read_rom`.
     """
-    built = scene_from_toml(made.record.scene_toml, directory)
-    scene = scene_from_toml(made.record.scene_toml, directory, overrides, settings)
+    of_components = isinstance(made, ComponentsFile)
+    built = made.scene(directory) if of_components else scene_from_toml(made.record.scene_toml, directory)
+    scene = built
+    if overrides or settings:
+        scene = scene_from_toml(made.record.scene_toml, directory, overrides, settings)
     _check_tables_hold(built, scene, name)
-    if isinstance(made, ComponentsFile):
+    if of_components:
         check_capabilities(scene, Purpose.COMPONENTS)
         said = made.check_bodies(built, scene, name)
     else:

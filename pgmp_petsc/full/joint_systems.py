@@ -326,6 +326,7 @@ class JointBatch(FullBatch):
         vars(self).update(vars(full))
         self.full = full
         own, blocks = JointEquations(self._equations, self._blocks), self._blocks
+        self._shown: tuple[Sequence[State], list[State]] = (), []
         self.own, (self._reference, self._joints) = own, own.references
         self.n_dofs, self.n_constraints = own.n, own.n_left
         self.moving_constraints = own.n_left > 0 and full.moving_constraints
@@ -418,10 +419,13 @@ class JointBatch(FullBatch):
         return self.full.energies_over(times, self._all_in_unknowns(states))
 
     def _all_in_unknowns(self, states: Sequence[State]) -> list[State]:
-        """Return states of the only sample in its unknowns."""
+        """Return states of the only sample in its unknowns; frames, energies and outputs ask for the same ones."""
+        if self._shown[0] is states:
+            return self._shown[1]
         parts = (np.concatenate(part) for part in zip(*(state.parts() for state in states)))
         every = self._in_unknowns(State(*parts))
-        return [every.at(slice(k, k + 1)) for k in range(len(states))]
+        self._shown = states, [every.at(slice(k, k + 1)) for k in range(len(states))]
+        return self._shown[1]
 
 
 def _moments(directors: np.ndarray, forces: np.ndarray) -> np.ndarray:

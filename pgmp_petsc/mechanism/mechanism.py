@@ -96,7 +96,7 @@ class Mechanism:
     scene: Scene
     shapes: Mapping[str, BodyShape]
 
-    @property
+    @cached_property
     def space(self) -> Space:
         """Space that the mechanism moves in."""
         return space_of(self.scene.dimension)

@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
@@ -103,22 +104,22 @@ class StatementRows:
     def dense(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return all first and second derivatives of the rows, shapes (n, n_dofs) and (n, n_dofs, n_dofs), at unknowns
         (n_dofs,)."""
-        slopes, bends = np.zeros((self.n, q.size)), np.zeros((self.n, q.size, q.size))
-        for row, dofs, gradient, hessian in zip(self.row_of, self.dofs, self.gradients(q), self.hessians(q)):
-            felt = dofs >= 0
-            slopes[row, dofs[felt]] += gradient[felt]
-            bends[row][np.ix_(dofs[felt], dofs[felt])] += hessian[np.ix_(felt, felt)]
-        return slopes, bends
+        felt = self.dofs >= 0
+        both = felt[:, :, None] & felt[:, None, :]
+        places = self.row_of[:, None] * q.size + self.dofs
+        pairs = places[:, :, None] * q.size + self.dofs[:, None, :]
+        slopes = np.bincount(places[felt], self.gradients(q)[felt], self.n * q.size)
+        bends = np.bincount(pairs[both], self.hessians(q)[both], self.n * q.size**2)
+        return slopes.reshape(self.n, q.size), bends.reshape(self.n, q.size, q.size)
 
     def second_along(self, q: np.ndarray, ways: np.ndarray) -> np.ndarray:
         """Return the second derivatives along pairs of directions (n_dofs, k, n), shape (n, n_rows, k, k), at unknowns
         (n_dofs, n)."""
-        moving = ways[self.dofs]
-        moving[self.dofs < 0] = 0.0
-        of_terms = np.einsum("cijn,cikn,cjln->cnkl", self.hessians(q), moving, moving, optimize=True)
-        found = np.zeros((self.n, *of_terms.shape[1:]))
-        np.add.at(found, self.row_of, of_terms)
-        return np.moveaxis(found, 1, 0)
+        k, n = ways.shape[1:]
+        found = np.empty((n, self.n, k, k))
+        for i, j in combinations_with_replacement(range(k), 2):
+            found[:, :, i, j] = found[:, :, j, i] = self.drift(q, ways[:, i], ways[:, j]).T
+        return found
 
     def jacobian_values(self, q: np.ndarray) -> np.ndarray:
         """Return the first derivatives on `jacobian_pattern`, shape (n_entries, ...)."""
@@ -129,9 +130,10 @@ class StatementRows:
         ...)."""
         return self._evaluated(CURVATURES, self.curvature_pattern[0].size, q, multipliers)
 
-    def drift(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return ``v^T h v``, shape (n, ...): what the velocities do to the rates of the statements."""
-        return self._evaluated(DRIFT, self.n, q, rates=v)
+    def drift(self, q: np.ndarray, v: np.ndarray, w: np.ndarray | None = None) -> np.ndarray:
+        """Return ``v^T h w``, shape (n, ...), w = v if not given: what the velocities do to the rates of the
+        statements."""
+        return self._evaluated(DRIFT, self.n, q, v if w is None else w, rates=v)
 
     def _evaluated(
         self,
@@ -142,7 +144,8 @@ class StatementRows:
         rates: np.ndarray | None = None,
         rows: Rows | None = None,
     ) -> np.ndarray:
-        """Return what is wanted, shape (size, ...); `known` are the angles or the multipliers of the rows."""
+        """Return what is wanted, shape (size, ...); `known` are the angles or the multipliers of the rows, or the rates
+        on the other side of a drift."""
         trailing = q.shape[1:]
         n = math.prod(trailing)
         if not size * n:
@@ -179,14 +182,15 @@ class StatementRows:
         with self.bent_functions():
             gradients, hessians = self.gradients(generic), self.hessians(generic)
         moving = self.dofs >= 0
-        lower = (self.dofs[:, :, None] >= self.dofs[:, None, :]) & moving[:, :, None] & moving[:, None, :]
-        curved = (np.abs(hessians).max(axis=-1, initial=0.0) > ROUND_OFF) & moving[:, :, None] & moving[:, None, :]
+        curved = _not_zero(hessians) & moving[:, :, None] & moving[:, None, :]
         bent = curved.any(axis=(1, 2))
-        first = (np.abs(gradients).max(axis=-1, initial=0.0) > ROUND_OFF) & moving
+        first = _not_zero(gradients) & moving
         terms, columns = np.array(np.nonzero(first))  # contiguous, as everywhere: one compiled function for all
         entries = _starts(terms, n), columns, self.dofs[terms, columns]
         self.jacobian_pattern = self.row_of[terms], entries[2]
-        terms, i, j = np.array(np.nonzero(curved & lower))
+        both = np.array(np.nonzero(curved))
+        lower = self.dofs[both[0], both[1]] >= self.dofs[both[0], both[2]]
+        terms, i, j = np.ascontiguousarray(both[:, lower])
         self.curvature_pattern = self.dofs[terms, i], self.dofs[terms, j]
         # linear terms are their value at zero and their slopes there
         alone = self._all._replace(row_of=np.arange(n))
@@ -246,6 +250,11 @@ def near_rows(
     return near
 
 
+def _not_zero(found: np.ndarray) -> np.ndarray:
+    """Return what is not zero at either of two places, the last axis."""
+    return (np.abs(found[..., 0]) > ROUND_OFF) | (np.abs(found[..., 1]) > ROUND_OFF)
+
+
 def _starts(rows: np.ndarray, n: int) -> np.ndarray:
     """Return the first of the entries of each of n rows, and their number, shape (n + 1,)."""
     return np.searchsorted(rows, np.arange(n + 1))
@@ -262,7 +271,8 @@ def _evaluate(what, rows, q, rates, known, result):
     q, rates
         Shape (n_dofs, n_samples); the rates are for the drift.
     known
-        What angles are nearest to, or the multipliers of the curvatures, shape (n, n_samples).
+        What angles are nearest to, or the multipliers of the curvatures, shape (n, n_samples); or rates on the other
+        side of the drift.
     result
         Zeros, shape (n or n_entries or n_curved, n_samples).
     """
@@ -311,7 +321,7 @@ def _evaluate(what, rows, q, rates, known, result):
                     for i in range(width):
                         for j in range(width):
                             if h[i, j, lane] != 0.0:
-                                turning = _rate(rows, k, i, rates, sample) * _rate(rows, k, j, rates, sample)
+                                turning = _rate(rows, k, i, rates, sample) * _rate(rows, k, j, known, sample)
                                 result[row, sample] += h[i, j, lane] * turning
     keep(own)
 

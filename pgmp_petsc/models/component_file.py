@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from os import PathLike
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -213,9 +215,19 @@ class ComponentsFile(Result):
         """Return the figures of the model as plain data."""
         return {"kind": self.kind, "amplitudes": self.n_amplitudes}
 
+    @cached_property
+    def _scenes(self) -> dict[Path, Scene]:
+        return {}
+
+    def scene(self, directory: Path) -> Scene:
+        """Return the scene that the bodies were condensed for, with paths relative to a folder."""
+        if directory not in self._scenes:
+            self._scenes[directory] = scene_from_toml(self.record.scene_toml, directory)
+        return self._scenes[directory]
+
     def model(self, scene: Scene) -> ComponentModel:
         """Return the model with a scene that differs from that of the build where `check_bodies` allows it."""
-        return model_of(scene, self.bodies, built=scene_from_toml(self.record.scene_toml, scene.directory))
+        return model_of(scene, self.bodies, built=self.scene(scene.directory))
 
     def check_bodies(self, built: Scene, scene: Scene, name: object) -> tuple[Remark, ...]:
         """Refuse changes of a scene that would have its bodies condensed otherwise; those of entries as such are

@@ -58,8 +58,9 @@ class SampleBlocks:
 
     def unpack(self, array: np.ndarray) -> np.ndarray:
         """Return an array of shape (n_blocks, ..., n_lanes) as (..., n_samples)."""
-        rows = np.moveaxis(array, 0, -2)
-        rows = rows.reshape(*rows.shape[:-2], self.n_places)[..., : self.n_samples]
+        # one block, of a single run, is not moved: that takes as long as some of the work
+        rows = array[0] if self.n_blocks == 1 else np.moveaxis(array, 0, -2).reshape(*array.shape[1:-1], self.n_places)
+        rows = rows[..., : self.n_samples]
         if self.order is None:
             return rows
         result = np.empty_like(rows)
