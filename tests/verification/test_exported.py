@@ -352,7 +352,6 @@ TREES = {
     "delta_robot": ("simulation.duration=0.1",),
     "servo_arm": ("simulation.duration=0.2",),
     "machine_on_mounts": ("simulation.duration=0.1",),
-    "quick_return": ("simulation.duration=0.05",),
     "crank_press": ("simulation.duration=0.1",),
 }
 
