@@ -144,7 +144,7 @@ class ForceInC:
             return cls(terms, COMPONENTS.index(along), False, False, 1.0, (0.0,), nowhere, nowhere)
         entry, joint, terms = force.entry, force.connection, []
         a, b = Side.of(joint.a, slots), Side.of(joint.b, slots)
-        for row, (part, own) in zip(force.rows, joint.held):
+        for row, (part, own) in zip(force.rows, force.held):
             for (statement, function), first in zip(part.terms, own[::2]):
                 terms.append((gaps.index(row), function.factor, StatementInC(statement, Side.of(first, slots), b)))
         for number, pull in zip(behind(*force.pulls), force.pulls):
