@@ -332,3 +332,8 @@ def monomial_in_c(monomial: Monomial, values: Mapping[str, str | float]) -> str:
     """Return a product of powers of parameters in C, whose values are numbers or what they are in C."""
     factors = [f"{values[name]}" if e == 1 else f"pow({values[name]}, {e})" for name, e in monomial.powers]
     return " * ".join(factors) or "1.0"
+
+
+def braced(values: np.ndarray | float) -> str:
+    """Return nested braces around the numbers of an array in C."""
+    return f"{{{', '.join(map(braced, values))}}}" if np.ndim(values) else repr(float(values))
