@@ -19,6 +19,7 @@ COMMANDS = {
     "`pgmp check --effects`": (Purpose.SIZES,),
     "`pgmp build` by tolerance": (Purpose.BUILD, "reduction.tolerance=0.01"),
     "`pgmp tradeoff`": (Purpose.TRADEOFF,),
+    "`pgmp export`": (Purpose.EXPORT,),
 }
 OPENING = (
     "# What works with which kind of mechanism\n"

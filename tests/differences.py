@@ -35,30 +35,35 @@ class ToRoundOff:
         return size
 
 
-def outputs_of(model: ReducedModel, values: dict[str, float]) -> dict[str, np.ndarray]:
-    """Return the outputs of a run, each of shape (n_t,)."""
-    system = model.batch({name: np.array([value]) for name, value in values.items()}, 1)
+def outputs_of(model: ReducedModel, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the outputs of runs side by side, each of shape (n_t, n), for values of shape (n,)."""
+    n = next(iter(values.values())).size
     times, rows = [], []
 
     def keep(number: int, time: float, state: State) -> None:
         times.append(time)
-        rows.append((state.q[0].copy(), state.v[0].copy(), state.a[0].copy()))
+        rows.append((state.q.copy(), state.v.copy(), state.a.copy()))
 
-    integrate(ToRoundOff(system), model.scene.simulation, observer=keep)
-    states = State(*np.array(rows).swapaxes(0, 1), np.zeros(0))
-    found = model.outputs.evaluate(model.observed_of(np.array(times), states, values))
+    integrate(ToRoundOff(model.batch(values, n)), model.scene.simulation, observer=keep)
+    states = State(*(np.concatenate(part) for part in zip(*rows)), np.zeros(0))
+    each = {name: np.tile(value, len(times)) for name, value in values.items()}
+    found = model.outputs.evaluate(model.observed_of(np.repeat(times, n), states, each))
+    found = {name: row.reshape(len(times), n) for name, row in found.items()}
     return counted_after(model.outputs.counts, np.array(times), found, values)
 
 
-def differences(model: ReducedModel, name: str, share: float) -> dict[str, np.ndarray]:
-    """Return the derivatives of all outputs with a parameter, of fourth order in the share of its value."""
-    value = model.scene.values[name]
-    runs = [outputs_of(model, model.scene.values | {name: value * (1.0 + k * share)}) for k in (-2, -1, 1, 2)]
-    far, near, ahead, further = runs
-    return {
-        output: (far[output] - 8.0 * near[output] + 8.0 * ahead[output] - further[output]) / (12.0 * share * value)
-        for output in far
-    }
+def differences(model: ReducedModel, name: str, *shares: float) -> dict[str, np.ndarray]:
+    """Return the derivatives of all outputs with a parameter, of fourth order in shares of its value, for one share or
+    side by side for several."""
+    value, given = model.scene.values[name], np.array(shares)
+    shifts = np.multiply.outer(given, (-2, -1, 1, 2)).ravel()
+    values = {other: np.full(shifts.size, number) for other, number in model.scene.values.items()}
+    found = {}
+    for output, rows in outputs_of(model, values | {name: value * (1.0 + shifts)}).items():
+        far, near, ahead, further = np.moveaxis(rows.reshape(-1, given.size, 4), -1, 0)
+        slopes = (far - 8.0 * near + 8.0 * ahead - further) / (12.0 * given * value)
+        found[output] = slopes if len(shares) > 1 else slopes[:, 0]
+    return found
 
 
 def compare(model: ReducedModel, shares: tuple[float, ...] = SHARES, *names: str) -> None:
@@ -66,13 +71,11 @@ def compare(model: ReducedModel, shares: tuple[float, ...] = SHARES, *names: str
     names = names or tuple(model.scene.parameters)
     run = differentiate(model, model.scene.values, names)
     for name in names:
-        off: dict[str, list[float]] = {}
-        for share in shares:
-            for output, expected in differences(model, name, share).items():
-                # what does not depend on the parameter still has the rounding of its own values
-                least = 1e-7 * np.abs(run.outputs[output]).max() / abs(model.scene.values[name])
-                error = np.abs(run.derivatives[output][name] - expected).max()
-                off.setdefault(output, []).append(error / max(np.abs(expected).max(), least))
-        # the better of both: truncation grows with the share, rounding as it falls
-        worst = {output: min(errors) for output, errors in off.items()}
+        worst = {}
+        for output, expected in differences(model, name, *shares).items():
+            # what does not depend on the parameter still has the rounding of its own values
+            least = 1e-7 * np.abs(run.outputs[output]).max() / abs(model.scene.values[name])
+            off = np.abs(run.derivatives[output][name] - expected.T).max(axis=-1)
+            # the better of all: truncation grows with the share, rounding as it falls
+            worst[output] = np.min(off / np.maximum(np.abs(expected).max(axis=0), least))
         assert max(worst.values()) < RELATIVE, f"{name}: {worst}"

@@ -14,8 +14,9 @@ from conftest import ROOT, TIMEOUT_SECONDS
 from runs import motion, trajectory
 
 from pgmp_petsc.c_export.constants import constants_of
-from pgmp_petsc.c_export.source import COMPILED, write_sources
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.c_export.source import compiled_of, write_sources
+from pgmp_petsc.c_export.tree import tree_constants_of
+from pgmp_petsc.models import ComponentModel, ReducedModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene
 
@@ -37,10 +38,11 @@ def with_scene(model: ReducedModel, scene: Scene) -> ReducedModel:
     return ReducedModel(scene, model.rom, model.kinematics)
 
 
-def compiled(model: ReducedModel, folder: Path) -> Path:
+def compiled(model: ReducedModel | ComponentModel, folder: Path) -> Path:
     """Write a model in C, compile it with all warnings as errors, and return the program."""
-    write_sources(constants_of(model, "the model"), folder)
-    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", *COMPILED, "-lm"]
+    constants = (tree_constants_of if isinstance(model, ComponentModel) else constants_of)(model, "the model")
+    write_sources(constants, folder)
+    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", *compiled_of(constants.kind), "-lm"]
     subprocess.run(command, cwd=folder, check=True, timeout=TIMEOUT_SECONDS)
     return folder / "run"
 
@@ -65,7 +67,7 @@ def assert_equal(found: dict[str, np.ndarray], wanted: dict[str, np.ndarray], sh
         np.testing.assert_allclose(found[name], values, rtol=0.0, atol=share * np.max(np.abs(values)), err_msg=name)
 
 
-def assert_same_in_c(model: ReducedModel, folder: Path, share: float = 1e-9) -> dict[str, np.ndarray]:
+def assert_same_in_c(model: ReducedModel | ComponentModel, folder: Path, share: float = 1e-9) -> dict[str, np.ndarray]:
     """Check that the model in C gives what ``pgmp simulate`` gives; return what it gives."""
     found = outputs_of(compiled(model, folder))
     units, system = model.outputs.units, model.scene.system  # in which the model in C is

@@ -4,7 +4,7 @@
 
 IN.npz has ``nodes``, ``labels``, ``cells`` (of hexahedron20, labels), ``k`` and ``m``. Written by pyNastran: rod.pch
 (DMIG of both), rod_k.op4, rod_m.op4 (six rows a node), rod_3.op4 (both, three rows a node), rod.bdf; by
-ansys-mapdl-reader: rod.cdb.
+ansys-mapdl-reader: rod.cdb; here: rod.op2 (both, six rows a node).
 """
 
 import sys
@@ -43,6 +43,35 @@ def nastran(found, folder: Path) -> None:
         op4.write_op4(str(folder / f"rod_{key}.op4"), {f"{key.upper()}GG": (6, whole)}, is_binary=False)
     both = {f"{key.upper()}AA": (6, found[key]) for key in "km"}
     op4.write_op4(str(folder / "rod_3.op4"), both, is_binary=False)
+    with (folder / "rod.op2").open("wb") as file:
+        for key in "km":
+            file.writelines(output2(f"{key.upper()}GG", spread @ found[key] @ spread.T.toarray()))
+        file.write(marker(0))
+
+
+def block(content: bytes) -> bytes:
+    """Return a record of Fortran."""
+    size = np.int32(len(content)).tobytes()
+    return size + content + size
+
+
+def marker(number: int) -> bytes:
+    return block(np.int32(number).tobytes())
+
+
+def output2(name: str, matrix: np.ndarray):
+    """Yield the table of a matrix as ``OUTPUT2 KGG//-1/12`` with PARAM,POST,-2 writes it: no program at hand does."""
+    n, title = len(matrix), name.ljust(8).encode()
+    trailer = np.array([101, n, n, 6, 2, 2 * n, 10000], dtype=np.int32)
+    yield from (marker(2), block(title), marker(-1), marker(7), block(trailer.tobytes()))
+    yield from (*map(marker, (-2, 1, 0, 4)), block(title + np.array([170, 170], dtype=np.int32).tobytes()))
+    for number, column in enumerate(matrix.T, 3):
+        yield from map(marker, (-number, 1, 1))
+        rows = np.flatnonzero(column)
+        for string in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if rows.size else ():
+            values = column[string].astype(float)
+            yield from (marker(1 + 2 * string.size), block(np.int32(string[0] + 1).tobytes() + values.tobytes()))
+    yield from map(marker, (-n - 3, 1, 0, 0))
 
 
 def ansys(found, folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""Results for ParaView and as tables, and reduced models for other programs."""
+"""Results for ParaView and as tables, and models for other programs."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ from pgmp_petsc.c_export.constants import (
 )
 from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
 from pgmp_petsc.c_export.source import write_sources
+from pgmp_petsc.c_export.tree import tree_constants_of
 from pgmp_petsc.files.claims import KINDS, TABLE, TABULAR, check_output, is_table, named
 from pgmp_petsc.files.hdf5 import open_file
 from pgmp_petsc.files.seal import BrokenSeal, seal_of
@@ -44,7 +45,7 @@ OUTPUT = Argument(
 
 
 @interface(
-    rom=Argument("Reduced model, or its file.", word="ROM.h5"),
+    rom=Argument("Reduced or component model, or its file.", word="MODEL.h5"),
     output=OUTPUT,
     fmi=Argument("Version of FMI of an FMU, 2 (default) or 3.", word="N", allowed=Range(min(VERSIONS), max(VERSIONS))),
 )
@@ -57,7 +58,7 @@ def export_model(
     overrides: Overrides = (),
     comm: Comm | None = None,
 ) -> Path:
-    """Write the reduced model `rom` for other programs, and return where.
+    """Write the reduced or component model `rom` for other programs, and return where.
 
     `output` is a folder of C99, whose name has no ending, or ``NAME.fmu``.
     """
@@ -65,22 +66,22 @@ def export_model(
     with agreed(comm, "looking at the arguments"):
         _check(output, fmi)
         origin = Origin.of(rom, None, overrides, parameters)
-        origin.require_reduced("models in C are reduced ones, of few coordinates; pgmp build SCENE makes one")
+    kind = "tree" if origin.model == "components" else "reduced"
     target = Path(output)
     notes: list[str] = []
 
     def without_what_is_left_out(scene: Scene) -> Scene:
-        notes.append(left_out(scene))
-        return checked_scene(scene, str(target))
+        notes.append(left_out(scene, kind))
+        return checked_scene(scene, str(target), kind)
 
     model = origin.prepared(comm, without_what_is_left_out, told=False)
 
     def writing_the_model() -> str:
-        constants = constants_of(model, str(target))
+        constants = (tree_constants_of if kind == "tree" else constants_of)(model, str(target))
         if target.suffix.lower() != FMU:
             return f"{target}: C99, {write_sources(constants, target) / 1e6:.1f} MB"
         version = fmi or VERSIONS[0]
-        kinds = "co-simulation" if constants.controls else "co-simulation and model exchange"
+        kinds = "co-simulation and model exchange" if constants.exchanges else "co-simulation"
         platform, what = write_fmu(constants, target, version), f"FMI {version}.0, {kinds}"
         if platform:
             return f"{target}: {what}, sources and a library for {platform}"
@@ -88,7 +89,10 @@ def export_model(
         return f"{target}: {what}, sources only: {why}; compile sources/ where it is to run"
 
     tell(comm, on_root(comm, writing_the_model))
-    corrections = f"{CORRECTIONS} Newton corrections each, at most {MOST_CORRECTIONS} where that is not enough"
+    most = f"at most {MOST_CORRECTIONS}"
+    corrections = f"{CORRECTIONS} Newton corrections each, {most} where that is not enough"
+    if kind == "tree":
+        corrections = f"as many Newton corrections as pgmp simulate does, {most}"
     steps = f"steps of {model.scene.simulation.step:g} s, {corrections}"
     scene, variable = model.scene, tunable(model.scene)
     tell(comm, f"  {steps}; tunable: {', '.join(variable) or 'no parameters'}")
@@ -109,7 +113,7 @@ def _check(output: str | PathLike[str], fmi: int | None) -> None:
     if target.suffix and not is_fmu:
         folder = f"a folder of C99, whose name has no ending (-o {target.with_suffix('')}/)"
         fmu = f"an FMU (-o {target.with_suffix(FMU)})"
-        raise InputError(f"output '{target}': a reduced model is exported as {folder}, or as {fmu}")
+        raise InputError(f"output '{target}': a model is exported as {folder}, or as {fmu}")
     if fmi is not None and not is_fmu:
         raise InputError(f"--fmi {fmi} is for FMUs, and '{target}' is none; name an FMU, -o NAME{FMU}, or leave it out")
 
@@ -121,9 +125,9 @@ def _chosen(given: Mapping[str, Any], comm: Comm) -> Callable[..., Path]:
     if suffix == FMU or (suffix not in XDMF and not is_table(output) and on_root(comm, _is_model, given["result"])):
         return export_model
     if "fmi" in given:
-        raise InputError(f"--fmi {given['fmi']} is for FMUs of reduced models, and '{output}' is none; leave it out")
+        raise InputError(f"--fmi {given['fmi']} is for FMUs of models, and '{output}' is none; leave it out")
     if "parameters" in given or "overrides" in given:
-        raise InputError("--set and --override are for the export of a reduced model; a result is what it is")
+        raise InputError("--set and --override are for the export of a model; a result is what it is")
     return export_result
 
 
@@ -135,7 +139,7 @@ def _is_model(file: Path) -> bool:
 
 
 @command(
-    "export", "A trajectory for ParaView, a reduced model as C99 or FMU.", 160, petsc=False, choose=_chosen,
+    "export", "A trajectory for ParaView, a built model as C99 or FMU.", 160, petsc=False, choose=_chosen,
     others=(export_model,), result=Argument("Result, or its file.", word="FILE"), output=OUTPUT,
     gives="What was written.",
 )  # fmt: skip
@@ -143,11 +147,12 @@ def export_result(
     result: Result | str | PathLike[str], output: str | PathLike[str], *, comm: Comm | None = None
 ) -> Path:
     """Write the frames of trajectory `result` as XDMF, which ParaView opens; a result's columns as CSV (-o FILE.csv);
-    or a reduced model `result` for other programs.
+    or a reduced or component model `result` for other programs.
 
     The XDMF file refers to `result` and copies nothing: keep the two together. CSV has units in its first line.
 
-    A reduced model becomes a folder of C99 (-o model/), or an FMU for co-simulation and model exchange (-o model.fmu).
+    A model becomes a folder of C99 (-o model/), or an FMU (-o model.fmu), for co-simulation and, where it is a reduced
+    one, for model exchange.
     """
     comm = ranks_of(comm)
     with agreed(comm, "looking at the arguments"):

@@ -72,11 +72,6 @@ class Origin:
         if self.model == "full":
             raise InputError("model = 'full': derivatives are of reduced and of component models; take 'components'")
 
-    def require_reduced(self, what: str) -> None:
-        """Refuse component models where what is asked for takes a reduced one; raises `InputError`."""
-        if self.model == "components":
-            raise InputError(f"'{self.name}' is a component model: {what}")
-
     @property
     def path(self) -> Path | None:
         """The file, where it is one."""

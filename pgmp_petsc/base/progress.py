@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 
-EVERY = 5.0  # s, before the first line, and between lines
+EVERY = 5.0  # s, between lines
+FIRST = 4.0  # s, before a command's first line, so that with its start it is not silent for longer than `EVERY`
 RECENT = 0.5  # of the time, the last part, whose rate tells what is left; EVERY at least
 TOLD = 0.01  # of what there was to do, from which on the time left is shown
 NOTED = 0.5  # s, between two counts that are kept of the last part
@@ -236,7 +237,7 @@ class Beat(_Watched):
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
         self._stream, self._clock, self._person = stream, clock, stream.isatty()
-        self._since, self._what, self.due = clock(), "", clock() + EVERY
+        self._since, self._what, self.due = clock(), "", clock() + FIRST
         self._shown = False
 
     def __enter__(self) -> Beat:

@@ -14,6 +14,14 @@ mass properties      as the scene states them
 nodes                span the plane, or space
 ==================== ====================================================================================
 
+Of a body that is reduced already (Craig and Bampton) the stiffness is K_r of amplitudes, with the fields T
+(d n_nodes, m) behind them and the mass M of all nodes. With its eigenvalues lambda_i, kappa ten times the largest, and
+shapes ``phi_i`` in all nodes,
+
+    K = kappa M - sum_i (kappa - lambda_i) M phi_i phi_i^T M
+
+has its energies, frequencies and rigid motions; what is M-orthogonal to T vibrates faster than the fastest of these.
+
 Whether K is positive, and whether anything but rigid motion is free, takes a factorisation: it is found out where
 bodies are condensed (`components.body_problem`).
 """
@@ -44,7 +52,8 @@ def read_assembled(scene: Scene, name: str) -> Assembled:
     """
     entry, given, d = f"bodies.{name}.matrices", scene.bodies[name].matrices, scene.bodies[name].dimension
     received = {
-        key: shortened(f'{entry}.{key} = "{getattr(given, key)}"') for key in ("nodes", "rows", "stiffness", "mass")
+        key: shortened(f'{entry}.{key} = "{getattr(given, key)}"')
+        for key in ("nodes", "rows", "stiffness", "mass", "modes")
     }
     file = read_nodes(scene.path_of(given.nodes), d, received["nodes"])
     check_places(file.nodes, received["nodes"])
@@ -52,9 +61,15 @@ def read_assembled(scene: Scene, name: str) -> Assembled:
     system = scene.system
     length, mass, time = given.units.factors(system)
     nodes, found = length * file.nodes, {}
-    for kind, unit in (("stiffness", mass / time**2), ("mass", mass)):
+    units = {"stiffness": mass / time**2, "mass": mass}
+    for kind in sorted(units, reverse=given.modes is None):  # a reduced stiffness is spread by the mass
+        unit = units[kind]
         read = read_matrix(scene.path_of(getattr(given, kind)), received[kind], kind)
-        matrix = in_order_of_nodes(read, rows, file, received[kind], received["nodes"])
+        if kind == "stiffness" and given.modes is not None:
+            modes = read_matrix(scene.path_of(given.modes), received["modes"], "modes").matrix
+            matrix = of_all_nodes(read.matrix, modes, found["mass"] / mass, received)
+        else:
+            matrix = in_order_of_nodes(read, rows, file, received[kind], received["nodes"])
         matrix.data = unit * np.asarray(matrix.data, dtype=float)
         check_diagonal(matrix, kind, file.labels, d, received[kind], unit)
         found[kind] = made_symmetric(matrix, file.labels, d, received[kind])
@@ -74,6 +89,50 @@ SAFETY = 10.0  # times the round-off of sums that cancel
 PENALTY = 1e30  # of Abaqus' 1e36 on the diagonal where displacements are prescribed
 DENSE = 100  # nodes up to which all eigenvalues are as quick
 AXES = "xyz"
+MOST_REDUCED = 6000  # displacements of a reduced body, whose stiffness is full: 0.3 GB
+BEYOND = 10.0  # times the largest eigenvalue of a reduced body, at which the rest vibrates; more costs digits
+DEPENDENT = 1e-13  # smallest eigenvalue of the products of columns of size 1
+
+
+def of_all_nodes(
+    stiffness: sp.csr_matrix, modes: sp.csr_matrix, mass: sp.csr_matrix, received: dict[str, str]
+) -> sp.coo_matrix:
+    """Return the stiffness of all nodes (d n_nodes, d n_nodes) that a reduced one (m, m) has: see the module.
+
+    Parameters
+    ----------
+    stiffness, modes, mass
+        Of amplitudes (m, m); the fields behind these (d n_nodes, m); of all nodes (d n_nodes, d n_nodes).
+    received
+        The scene's entries and their values.
+
+    Raises `InputError` if the sizes do not fit, there are more nodes than a full matrix may have, or columns of the
+    modes depend on each other.
+    """
+    n, m = mass.shape[0], stiffness.shape[0]
+    if modes.shape != (n, m):
+        raise InputError(
+            f"{received['modes']}: {' by '.join(map(str, modes.shape))} entries; {n} displacements of the nodes, node "
+            f"after node, by {m} rows of the stiffness are needed"
+        )
+    if n > MOST_REDUCED:
+        raise InputError(
+            f"{received['modes']}: {n} displacements, and a reduced body has at most {MOST_REDUCED}; take fewer nodes, "
+            "with the mass lumped to them, or the matrices of all nodes without `modes`"
+        )
+    fields = modes.toarray()
+    momenta = mass @ fields
+    sizes = np.sqrt(np.einsum("im,im->m", fields, momenta))
+    gram = (fields.T @ momenta) / np.outer(sizes, sizes)
+    if not sizes.all() or np.linalg.eigvalsh(gram)[0] < DEPENDENT:
+        raise InputError(f"{received['modes']}: its columns depend on each other; each is to be a motion of its own")
+    values, shapes = eigh(stiffness.toarray() / np.outer(sizes, sizes), gram)
+    shapes = fields / sizes @ shapes
+    shapes = shapes @ (1.5 * np.eye(m) - 0.5 * shapes.T @ (mass @ shapes))  # once more, against round-off
+    momenta = mass @ shapes
+    beyond = BEYOND * values[-1]
+    whole = beyond * mass.toarray() - (momenta * (beyond - values)) @ momenta.T
+    return sp.coo_matrix(0.5 * (whole + whole.T))
 
 
 def check_places(nodes: np.ndarray, received: str) -> None:

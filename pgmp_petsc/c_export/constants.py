@@ -9,8 +9,8 @@ What a model in C does not have, named by its entry in the scene.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import accumulate
 
 import numpy as np
@@ -32,11 +32,13 @@ from pgmp_petsc.c_export.statements import (
 )
 from pgmp_petsc.controllers.acting import ACTING_LAW, has_motion, measured_by
 from pgmp_petsc.declare.ideas import OUTPUTS
-from pgmp_petsc.effects.time_function import Piece
+from pgmp_petsc.effects import motions_of
+from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.mechanism.continuation import PoseBranch
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import ComponentModel, ReducedModel
 from pgmp_petsc.outputs.joint_forces import InJoint, OfConnection, OfDrive, OfMotion
 from pgmp_petsc.reduced import action_kernel
 from pgmp_petsc.reduced import steps as reduced_steps
@@ -67,6 +69,26 @@ LACKING = "but for those beside controllers and of couplings by a table"
 MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compiler takes a minute for
 
 
+#: Sizes of the tables of a reduced model in C, as `equations.h` has them.
+SHAPES = {
+    "rigid_table": "[RIGID_ROWS][N_TERMS][PACKED(R)]",
+    "rigid_stencils": "[R][RIGID_CELLS][RIGID_REACH]",
+    "rigid_matrices": "[R][RIGID_CELLS][8][RIGID_REACH]",
+    "terms_table": "[N_ROWS][N_TERMS][END]",
+    "loads_table": "[AT_LEAST_ONE(N_LOAD_TERMS)][N_ROWS][LOAD_END]",
+    "shapes_table": "[N_ROWS][N_FACTORS][N_SHAPES]",
+    "branch_table": "[N_BRANCH_PARTS][N_BRANCH][N_BODIES][N_POSE]",
+    "actions_table": "[AT_LEAST_ONE(N_FINE)][AT_LEAST_ONE(N_ACTION_ENTRIES)]",
+    "gap_table": "[N_ROWS][AT_LEAST_ONE(N_GAPS)][AT_LEAST_ONE(N_GAP_ENTRIES)]",
+    "gap_changes": "[N_ROWS][AT_LEAST_ONE(N_GAPS)][AT_LEAST_ONE(N_GAP_CHANGES)]",
+    "scale": "[]",
+    "winding": "[R][N_BODIES]",
+    "node_points": "[AT_LEAST_ONE(N_NODES)][D]",
+    "start_coordinates": "[N]",
+    "start_rates": "[N]",
+}
+
+
 @dataclass(frozen=True)
 class Along:
     """The cells and rows of a table along a coordinate."""
@@ -88,15 +110,17 @@ class Along:
 class Constants:
     """All that a model in C is made of."""
 
+    kind: str  # of model: "reduced" or "tree"
     name: str  # of the scene
     system: UnitSystem  # its units
     settings: Mapping[str, int | float]  # whole numbers and numbers of ``sizes.h`` by name
-    tables: Mapping[str, np.ndarray]  # arrays of ``tables.c`` by name
+    tables: Mapping[str, tuple[str, np.ndarray]]  # arrays of ``tables.c`` by name, with their sizes in C
+    lists: Mapping[str, Sequence[str]]  # of the kind's own structures by declaration, entry by entry in C
     axes: Mapping[str, Sequence[Along]]  # of the tables' coordinates, by name
     #: weights, load_weights: monomials of the terms and of the load terms
     weights: tuple[Monomial, ...]
     load_weights: tuple[Monomial, ...]
-    gap_weights: Sequence[Monomial]  # of the terms of what opens joints
+    gap_weights: Sequence[Monomial] | None  # of the terms of what opens joints; None of a kind that has none
     given: Sequence[Monomial]  # amplitudes of the coordinates that say how far joints are off, the last ones
     prescribed: Sequence[bool]  # of all coordinates, whether they are given
     laws: Sequence[Sequence[Quantity | AffineSum]]  # parameters of the laws of the local effects
@@ -116,6 +140,7 @@ class Constants:
     coordinates: Sequence[StatementInC]
     closure: Sequence[TermInC]
     closure_wanted: Sequence[float]
+    constraints: Sequence[TermInC] | None  # of what a tree of joints leaves; None of a kind that has none
     #: actions, action_slots: local effects, and the slots of their nodes
     actions: Sequence[ActionInC]
     action_slots: Sequence[int]
@@ -130,7 +155,12 @@ class Constants:
     strength_units: Mapping[str, str]
     strength_sizes: Sequence[float]  # how many SI units one of each strength is
     parameter_units: Mapping[str, str]
-    node_bodies: Sequence[int]  # body of every node of the tables
+
+    @property
+    def exchanges(self) -> bool:
+        """Whether its states are for an integrator of its caller's: neither those of controllers, which are in its
+        steps, nor vibrations of component models, which no explicit integrator follows."""
+        return bool(self.settings["EXCHANGE"])
 
     @property
     def free(self) -> list[str]:
@@ -158,26 +188,74 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     joints = [one.connection for one in model.outputs.forces if isinstance(one, OfConnection)]
     ends = {node for joint in joints for node in _nodes([*joint.sides, *(s for _, own in joint.held for s in own)])}
     nodes = sorted({*model.outputs.nodes, *held, *driven, *ends})
-    slots = {node: slot for slot, node in enumerate(nodes)}
     bodies = np.repeat(np.arange(len(mechanism.bodies)), [body.n_nodes for body in mechanism.bodies])
     effects = {effect.name: effect for effect in model.effects}
-    loads = list(dict.fromkeys(terms.tables.load_effects))
-    over_time = {name: effects[name].strength for name in loads}
-    over_time |= {action.effect: action.amplitude for action in actions if action.amplitude is not None}
-    places, windings = model.actions.rigid, iter(model.actions.places.winding)
-    closure, wanted = closure_of(kinematics)
+    places = model.actions.rigid
     gaps, of_gaps = _gaps_of(model)
     tables = _tables(model, nodes, places) | of_gaps
-    _check_size(tables, what)
+    check_size(tables, what)
+    winding, node_bodies = tables.pop("winding"), [str(bodies[node]) for node in nodes]
+    shared = shared_of(
+        model, nodes, actions, {name: effects[name].strength for name in dict.fromkeys(terms.tables.load_effects)},
+        model.actions.places.winding, [] if gaps is None else model.multipliers.rows,
+    )  # fmt: skip
+    sizes = {**_sizes(model, tables), **_sizes_of_gaps(gaps, of_gaps), "LIGHT_NODES": 0, "BENT_MEASURES": 1}
+    sizes |= {"CORRECTIONS": CORRECTIONS, "EXCHANGE": int(not scene.controllers), "ALWAYS_PROBED": 0}
+    return replace(
+        shared,
+        kind="reduced",
+        settings=shared.settings | sizes,
+        tables={name: (SHAPES[name], table) for name, table in (tables | {"winding": winding}).items()},
+        lists={"const int node_bodies[]": node_bodies},
+        axes=_axes(model, places),
+        weights=terms.weights,
+        gap_weights=() if gaps is None else [weight for own in gaps.weights for weight in own],
+        load_weights=terms.tables.load_weights,
+        given=[Monomial(() if name is None else ((name, 1),)) for name in offset_directions(scene)],
+        prescribed=terms.tables.prescribed(model.motions),
+        load_of_term=list(map(list(dict.fromkeys(terms.tables.load_effects)).index, terms.tables.load_effects)),
+        control_origins=[] if model.measures is None else model.measures.origins.tolist(),
+    )
+
+
+def shared_of(
+    model: ReducedModel | ComponentModel, nodes: Sequence[int], actions: Sequence[Action],
+    loads: Mapping[str, TimeFunction], windings: Iterable[np.ndarray], gaps: Sequence[int] = (),
+) -> Constants:  # fmt: skip
+    """Collect what models in C of all kinds have.
+
+    Parameters
+    ----------
+    nodes
+        Nodes whose frames are known, in the order of their slots.
+    actions
+        Local effects.
+    loads
+        Functions of time of the effects that are loads, by name.
+    windings
+        What the angle of each part of an effect grows by with the coordinates.
+    gaps
+        See `ForceInC.of`.
+    """
+    scene, kinematics, held = model.scene, model.kinematics, nodes_of(actions)
+    slots, parameters = {node: slot for slot, node in enumerate(nodes)}, tunable(scene)
+    over_time = dict(loads)
+    over_time |= {action.effect: action.amplitude for action in actions if action.amplitude is not None}
+    windings, motions = iter(windings), motions_of(scene, kinematics.mechanism)
+    closure, wanted = closure_of(kinematics)
     first_edges = [0, *accumulate(len(action.law.edges) for action in actions)]
     in_c = parameters_in_c(scene)
-    outputs = outputs_in_c(
-        model.outputs, slots, scene.values | in_c, [] if gaps is None else model.multipliers.rows, actions, scene.system
-    )
-    settings = _steps(model)
-    controls = controls_in_c(scene, tunable(scene), settings["STEP"])
+    outputs = outputs_in_c(model.outputs, slots, scene.values | in_c, gaps, actions, scene.system)
+    settings = _steps(model.scene)
+    controls = controls_in_c(scene, parameters, settings["STEP"])
     control_actions = [k for k, action in enumerate(actions) if action.law is ACTING_LAW]
     counts = {
+        "D": kinematics.mechanism.space.dimension,
+        "R": kinematics.n_coordinates,
+        "SIZE": float(kinematics.size),
+        "N_BODIES": len(kinematics.mechanism.bodies),
+        "N_PARAMETERS": len(parameters),
+        "N_OUTPUTS": len(scene.outputs),
         "N_CONTROLS": len(controls),
         "N_CONTROL_ROWS": len(control_actions),
         "N_CONTROL": max((len(one.parameters) for one in controls), default=0),
@@ -188,13 +266,13 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         "N_BASES": len(outputs.courses),
         "N_FORCES": len(outputs.forces),
         "DRIVES": int(any(isinstance(one, OfMotion) for one in model.outputs.forces)),
-        **_sizes_of_gaps(gaps, of_gaps),
         "DEPTH": outputs.depth,
         "N_LOADS": len(loads),
         "N_STRENGTHS": len(over_time),
         "N_NODES": len(nodes),
         "N_ACTIONS": len(actions),
         "N_ACTION_NODES": len(held),
+        "N_PARTS": sum(len(action.statement.terms) for action in actions),
         "N_CLOSURE": len(wanted),
         "N_CLOSURE_TERMS": len(closure),
         "N_LAW": max([1, *(len(action.parameters) for action in actions)]),
@@ -202,42 +280,44 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         "MOST_EDGES": max([1, *(len(action.law.edges) for action in actions)]),  # an array in C has at least one
     }
     return Constants(
+        kind="",
         name=scene.name,
         system=scene.system,
-        settings={**_sizes(model, tables), **counts, **settings},
-        tables=tables,
-        axes=_axes(model, places),
-        weights=terms.weights,
-        gap_weights=() if gaps is None else [weight for own in gaps.weights for weight in own],
-        load_weights=terms.tables.load_weights,
-        given=[Monomial(() if name is None else ((name, 1),)) for name in offset_directions(scene)],
-        prescribed=terms.tables.prescribed(model.motions),
+        settings=counts | settings,
+        tables={},
+        lists={},
+        axes={},
+        weights=(),
+        gap_weights=None,
+        load_weights=(),
+        given=(),
+        prescribed=(),
         laws=[action.parameters for action in actions],
-        parameters=own_values(scene, tunable(scene)),
+        parameters=own_values(scene, parameters),
         parameters_in_c=in_c,
         served=model.served,
         strengths={name: function.pieces for name, function in over_time.items()},
-        motions=[_pieces_of(model, k) for k in range(kinematics.n_coordinates)],
-        load_of_term=[loads.index(name) for name in terms.tables.load_effects],
+        motions=[motions[k].angle.pieces if k in motions else () for k in range(kinematics.n_coordinates)],
+        load_of_term=(),
         strength_of_load=[list(over_time).index(name) for name in loads],
         coordinate_units={c.name: c.unit for c in kinematics.coordinates},
         coordinates=coordinates_of(kinematics, slots),
         closure=closure,
         closure_wanted=wanted,
+        constraints=None,
         actions=[
             action_in_c(number, action, edge, held, slots, list(over_time), windings)
             for number, (action, edge) in enumerate(zip(actions, first_edges))
         ],
         controls=controls,
         control_actions=control_actions,
-        control_origins=[] if model.measures is None else model.measures.origins.tolist(),
+        control_origins=(),
         action_slots=[slots[node] for node in held],
         outputs=outputs,
         output_units={name: scene.system.unit(unit) for name, unit in model.outputs.units.items()},
         strength_units={name: scene.system.unit(_unit_of_strength(name, scene)) for name in over_time},
         strength_sizes=[scene.system.size_of(_unit_of_strength(name, scene)) for name in over_time],
-        parameter_units={name: _unit_of(name, scene) for name in tunable(scene)},
-        node_bodies=[int(bodies[node]) for node in nodes],
+        parameter_units={name: _unit_of(name, scene) for name in parameters},
     )
 
 
@@ -259,17 +339,19 @@ def _sizes_of_gaps(gaps: GapForces | None, tables: Mapping[str, np.ndarray]) -> 
     return {name: int(count) for name, count in zip(names.split(), counts, strict=True)}
 
 
-def in_c(scene: Scene, name: str) -> bool:
+def in_c(scene: Scene, name: str, kind: str = "reduced") -> bool:
     """Return whether a model in C has an output: forces in joints and what drives take it does not have beside
-    controllers, nor those of couplings by a table."""
+    controllers, nor those of couplings by a table; of component models none of these."""
     entry = scene.outputs[name]
+    if kind == "tree" and isinstance(entry, (InJoint, OfDrive)):
+        return False
     if isinstance(entry, InJoint):
         joint = scene.joints[entry.joint]
         by_table = isinstance(joint, CouplingEntry) and any(share.table for share in joint.shares_in(scene))
         return not (scene.controllers or by_table)
     if isinstance(entry, OfDrive):
         return not scene.controllers
-    return entry.of_frames() and all(in_c(scene, one) for one in entry.made_in(scene))
+    return entry.of_frames() and all(in_c(scene, one, kind) for one in entry.made_in(scene))
 
 
 def tunable(scene: Scene) -> dict[str, float]:
@@ -305,13 +387,10 @@ def _nodes(sides: Sequence) -> list[int]:
     return [side.node for side in sides if not side.on_ground]
 
 
-def _pieces_of(model: ReducedModel, coordinate: int) -> Sequence[Piece]:
-    motion = model.motions.get(coordinate)
-    return () if motion is None else motion.angle.pieces
-
-
-def starts_balanced(model: ReducedModel) -> bool:
+def starts_balanced(model: ReducedModel | ComponentModel) -> bool:
     """Return whether flexible coordinates start from a balance with forces, which a model in C does not look for."""
+    if isinstance(model, ComponentModel):
+        return model.scene.initial.equilibrium or model.is_off
     off = model.terms.tables.n_given > 0
     return model.scene.initial.equilibrium or off and bool(model.actions.of_joints(model.kinematics.mechanism).actions)
 
@@ -389,7 +468,7 @@ def _axes(model: ReducedModel, places: Interpolant | None) -> dict[str, list[Alo
     }
 
 
-def _check_size(tables: Mapping[str, np.ndarray], what: str) -> None:
+def check_size(tables: Mapping[str, np.ndarray], what: str) -> None:
     size = sum(table.size for table in tables.values())
     if size > MOST_NUMBERS:
         raise InputError(
@@ -402,11 +481,9 @@ def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, i
     terms, branch = model.terms, model.rom.branch
     layout = terms.layout
     return {
-        "R": len(layout.rigid),
         "M": layout.n_eta - len(layout.rigid),
         "N_GIVEN": terms.tables.n_given,
         "BALANCED": int(starts_balanced(model)),
-        "D": model.kinematics.mechanism.space.dimension,
         "SECOND_ORDER": int(layout.second_order),
         "DRIVEN_CURVATURE": int(layout.driven < layout.damping),
         "STRUCTURAL_DAMPING": int(layout.damping < layout.end),
@@ -417,24 +494,23 @@ def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, i
         "RIGID_REACH": tables["rigid_stencils"].shape[2],
         "N_TERMS": len(terms.weights),
         "N_LOAD_TERMS": len(terms.tables.load_weights),
-        "N_PARAMETERS": len(tunable(model.scene)),
-        "N_OUTPUTS": len(model.scene.outputs),
         "N_SHAPES": tables["shapes_table"].shape[2],
-        "N_BODIES": tables["branch_table"].shape[2],
         "N_BRANCH_PARTS": len(tables["branch_table"]),
         "N_BRANCH": tables["branch_table"].shape[1],
         "BRANCH_IS_EXACT": int(branch.is_exact),
         "N_FINE": len(tables["actions_table"]),
         "N_ACTION_ENTRIES": tables["actions_table"].shape[1],
-        "SIZE": float(model.kinematics.size),
         "MASS_DAMPING": 0.0 if terms.damping is None else terms.damping.mass,
+        "NEWTON_TOLERANCE": reduced_steps.NEWTON_TOLERANCE,
+        "TOLERANCE_OF_ONE": reduced_steps.NEWTON_TOLERANCE,
+        "TOLERANCE_OF_TRIALS": reduced_steps.TOLERANCE_OF_TRIALS,
         "ROTATION_LIMIT": limits_of(model.scene.second_order)["elastic_rotation"],
     }
 
 
-def _steps(model: ReducedModel) -> dict[str, int | float]:
+def _steps(scene: Scene) -> dict[str, int | float]:
     """Return the settings of steps and iterations; the latter are the program's own."""
-    simulation = model.scene.simulation
+    simulation = scene.simulation
     n_steps = count_steps(simulation.duration, simulation.step)
     step = simulation.duration / n_steps
     scheme = Scheme.of(simulation.spectral_radius, step)
@@ -445,15 +521,12 @@ def _steps(model: ReducedModel) -> dict[str, int | float]:
         "ALPHA_F": scheme.alpha_f,
         "BETA": scheme.beta,
         "GAMMA": scheme.gamma,
-        "CORRECTIONS": CORRECTIONS,
         "STARTING_CORRECTIONS": STARTING_CORRECTIONS,
         "MAX_ITERATIONS": alpha_step.MAX_ITERATIONS,
         "CAREFUL_ITERATIONS": alpha_step.CAREFUL_ITERATIONS,
         "REFRESH_EVERY": alpha_step.REFRESH_EVERY,
         "CLOSURES": CLOSURES,
         "CLOSURE_TOLERANCE": CLOSURE_TOLERANCE,
-        "NEWTON_TOLERANCE": reduced_steps.NEWTON_TOLERANCE,
-        "TOLERANCE_OF_TRIALS": reduced_steps.TOLERANCE_OF_TRIALS,
         "MAX_EVENTS": edge_search.MAX_EVENTS,
         "SHORTEST": edge_search.SHORTEST,
         "TIME_TOLERANCE": edge_search.TIME_TOLERANCE,
@@ -469,18 +542,20 @@ def _steps(model: ReducedModel) -> dict[str, int | float]:
     }
 
 
-def checked_scene(scene: Scene, what: str) -> Scene:
+def checked_scene(scene: Scene, what: str, kind: str = "reduced") -> Scene:
     """Return a scene without the outputs that a model in C does not have; raise `InputError` if it asks for more.
 
     Parameters
     ----------
     what
         What is to be written, for the message.
+    kind
+        Of model, see `Constants`.
     """
     check_capabilities(scene, Purpose.EXPORT)
     for entry, text in _of_scene(scene):
         raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")
-    left = {name: output for name, output in scene.outputs.items() if in_c(scene, name)}
+    left = {name: output for name, output in scene.outputs.items() if in_c(scene, name, kind)}
     return scene if len(left) == len(scene.outputs) else scene.model_copy(update={"outputs": left})
 
 
@@ -494,14 +569,14 @@ def started(model: ReducedModel) -> str:
     )
 
 
-def left_out(scene: Scene) -> str:
+def left_out(scene: Scene, kind: str = "reduced") -> str:
     """Say which outputs of a scene a model in C leaves out; empty where it has them all."""
-    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if not in_c(scene, name)]
+    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if not in_c(scene, name, kind)]
     if not lacking:
         return ""
     having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.of_frames())
-    forces = any(isinstance(entry, InJoint) and not in_c(scene, name) for name, entry in scene.outputs.items())
-    why = f", drives, and forces in joints {LACKING}" if forces else ""
+    forces = any(isinstance(entry, InJoint) and not in_c(scene, name, kind) for name, entry in scene.outputs.items())
+    why = f", drives, and forces in joints {LACKING}" if forces and kind == "reduced" else ""
     return f"note: {', '.join(lacking)} left out: a model in C has {having}{why}; pgmp simulate has all outputs"
 
 

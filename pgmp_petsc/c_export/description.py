@@ -87,18 +87,16 @@ def variables_of(constants: Constants) -> list[Variable]:
     found.append(Variable("correction", CORRECTION, REAL, "output", "continuous", about, unit="1", low=0.0))
     found.append(Variable("validity", VALIDITY, WHOLE, "output", "discrete", FLAGS, low=0, high=31))
     found.append(Variable("valid", VALID, BOOLEAN, "output", "discrete", "whether validity is 0"))
-    return found if constants.controls else [*found, *_states(constants)]
+    return [*found, *_states(constants)] if constants.exchanges else found
 
 
 def _states(constants: Constants) -> list[Variable]:
     """Return the states of model exchange, positions and rates of what is free, and their derivatives."""
     free, found = constants.free, []
-    n_rigid = sum(name in constants.coordinate_units for name in free)
-    inside = [*map(quoted, free[:n_rigid]), *free[n_rigid:]]
+    known = [constants.coordinate_units.get(name, "") for name in free]  # modal coordinates have units of their own
+    inside = [quoted(name) if unit else name for name, unit in zip(free, known)]
     names = [*(f"states.{name}" for name in inside), *(f"rates.{name}" for name in inside)]
-    # modal coordinates have units of their own
-    of_rigid = [constants.coordinate_units[name] for name in free[:n_rigid]]
-    units = [f"{of_rigid[k]}{per}" if k < n_rigid else "" for per in ("", "/s", "/s2") for k in range(len(free))]
+    units = [f"{unit}{per}" if unit else "" for per in ("", "/s", "/s2") for unit in known]
     for k, name in enumerate(names):
         about = f"{units[k] or 'a modal coordinate'}" if k < len(free) else "rate of a state"
         found.append(Variable(name, STATES + k, REAL, "local", "continuous", about, unit=units[k]))
@@ -142,7 +140,7 @@ def description(constants: Constants, version: int, identifier: str, token: str,
         variableNamingConvention="structured",
     )
     exchange = SubElement(root, "ModelExchange", modelIdentifier=identifier)
-    if constants.controls:  # whose states are none of its own integrator
+    if not constants.exchanges:
         root.remove(exchange)
     simulation = SubElement(
         root, "CoSimulation", modelIdentifier=identifier, canHandleVariableCommunicationStepSize="false"

@@ -19,7 +19,7 @@ from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.c_export.constants import Constants
 from pgmp_petsc.c_export.description import build_description, description
-from pgmp_petsc.c_export.source import COMPILED, HEAD, read_common, sources_of
+from pgmp_petsc.c_export.source import HEAD, compiled_of, read_common, sources_of
 from pgmp_petsc.files.claims import check_output, replacing
 from pgmp_petsc.ranks.ending import TIME_IS_OVER, run_child
 
@@ -50,7 +50,7 @@ def write_fmu(constants: Constants, path: str | Path, version: int = 2, compiler
     texts |= {name: read_common(name) for name in ("unit.h", "unit.c", "fmi.h", own)}
     token = hashlib.sha256("".join(texts.values()).encode()).hexdigest()[:32]
     texts["fmu.h"] = f'{HEAD}#define FMU_GUID "{token}"\n'
-    files = (own, "unit.c", *COMPILED)
+    files = (own, "unit.c", *compiled_of(constants.kind))
     compiler, target = compiler or shutil.which("cc") or shutil.which("gcc"), _platform(version)
     with TemporaryDirectory() as folder, replacing(path) as partial:
         library = _compiled(texts, files, Path(folder), identifier, compiler) if compiler and target else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.resources import files
 from itertools import accumulate
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.bodies.affine import AffineSum
+from pgmp_petsc.bodies.affine import AffineSum, Monomial
 from pgmp_petsc.c_export.constants import Along, Constants
 from pgmp_petsc.c_export.statements import (
     ActionInC,
@@ -30,24 +30,32 @@ from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.statements import KINDS
 from pgmp_petsc.reduced import lagrangian_terms
 
-PARTS = (
-    "steps", "interpolation", "lagrangian", "solution", "statements", "actions", "control", "kinematics", "outputs",
-    "forces",
-)  # fmt: skip
+SHARED = ("steps", "statements", "actions", "control", "kinematics", "outputs")
+#: Parts of each kind of model beside the shared ones; the first has a header too.
+OWN = {"reduced": ("reduced", "interpolation", "lagrangian", "solution", "forces"), "tree": ("tree",)}
 OLDER = "model.c"  # what `steps.c` was called
-COMPILED = (*(f"{part}.c" for part in PARTS), "tables.c")  # with tables.c, what every model in C is made of
 PRINTED = {"lagrangian": lagrangian_terms, "statements": statements}
-COMMON = ("model.h", "tables.h", *(f"{part}.c" for part in PARTS if part not in PRINTED), "main.c")
 HEAD = f"/* written by pgmp_petsc {__version__} */\n\n"
 PRINTED_HEAD = f'{HEAD}#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n\n'
 PER_LINE = 6
 
 
+def compiled_of(kind: str) -> tuple[str, ...]:
+    """Return the names of the files that are compiled of a kind of models in C."""
+    return (*(f"{part}.c" for part in (*SHARED, *OWN[kind])), "tables.c")
+
+
 def sources_of(constants: Constants) -> dict[str, str]:
     """Return the text of every file of a model in C by its name."""
+    parts = [name for name in compiled_of(constants.kind)[:-1] if name.removesuffix(".c") not in PRINTED]
     return {
-        **{name: read_common(name) for name in COMMON},
-        **{f"{name}.c": PRINTED_HEAD + module.CODE.C for name, module in PRINTED.items()},
+        **{name: read_common(name) for name in ("model.h", "tables.h", *parts, "main.c")},
+        "equations.h": read_common(f"{OWN[constants.kind][0]}.h"),
+        **{
+            f"{name}.c": PRINTED_HEAD + module.CODE.C
+            for name, module in PRINTED.items()
+            if f"{name}.c" in compiled_of(constants.kind)
+        },
         "sizes.h": _sizes(constants),
         "tables.c": _tables(constants),
     }
@@ -81,8 +89,9 @@ def write_sources(constants: Constants, folder: str | Path) -> int:
                     partial.write_text(text, encoding="utf-8")
                 except UnicodeError as error:
                     raise RunError(f"output file '{folder / name}' could not be written: {error}") from error
-        if (folder / OLDER).exists():  # `cc *.c` would link all that is in it twice
-            check_output(folder / OLDER, "code").unlink()
+        for name in {OLDER, *(name for kind in OWN for name in compiled_of(kind))} - set(texts):
+            if (folder / name).exists():  # `cc *.c` would link it too
+                check_output(folder / name, "code").unlink()
     return sum(len(text.encode()) for text in texts.values())
 
 
@@ -111,34 +120,21 @@ def _array(values: np.ndarray) -> str:
 
 
 def _tables(constants: Constants) -> str:
-    dimensions = {
-        "rigid_table": "[RIGID_ROWS][N_TERMS][PACKED(R)]",
-        "rigid_stencils": "[R][RIGID_CELLS][RIGID_REACH]",
-        "rigid_matrices": "[R][RIGID_CELLS][8][RIGID_REACH]",
-        "terms_table": "[N_ROWS][N_TERMS][END]",
-        "loads_table": "[AT_LEAST_ONE(N_LOAD_TERMS)][N_ROWS][LOAD_END]",
-        "shapes_table": "[N_ROWS][N_FACTORS][N_SHAPES]",
-        "branch_table": "[N_BRANCH_PARTS][N_BRANCH][N_BODIES][N_POSE]",
-        "actions_table": "[AT_LEAST_ONE(N_FINE)][AT_LEAST_ONE(N_ACTION_ENTRIES)]",
-        "gap_table": "[N_ROWS][AT_LEAST_ONE(N_GAPS)][AT_LEAST_ONE(N_GAP_ENTRIES)]",
-        "gap_changes": "[N_ROWS][AT_LEAST_ONE(N_GAPS)][AT_LEAST_ONE(N_GAP_CHANGES)]",
-        "scale": "[]",
-        "winding": "[R][N_BODIES]",
-        "node_points": "[AT_LEAST_ONE(N_NODES)][D]",
-        "start_coordinates": "[N]",
-        "start_rates": "[N]",
-    }
     parts = ['#include "tables.h"\n\n#include <math.h>\n']
-    for name, shape in dimensions.items():
-        table = constants.tables[name]
-        number = "int" if table.dtype.kind == "i" else "double"
+    for name, (shape, table) in constants.tables.items():
+        number = "int" if table.dtype.kind in "ib" else "double"
         parts.append(f"const {number} {name}{shape} = {_array(table) if table.size else '{0}'};\n")
+    parts += [
+        _listed(declaration, entries, "0" if declaration.startswith("const int") else "{0}")
+        for declaration, entries in constants.lists.items()
+    ]
     names, served = list(constants.parameters), constants.served
     lower = [served[name].to_own * served[name].low if name in served else -math.inf for name in names]
     upper = [served[name].to_own * served[name].high if name in served else math.inf for name in names]
     parts += [_listed(f"const struct axis {name}[R]", map(_axis, axes)) for name, axes in constants.axes.items()]
     measured = [part for action in constants.actions for part in action.parts]
-    every = [*constants.closure, *(part.term for part in measured)]
+    every = [*constants.closure, *(part.term for part in measured), *(constants.constraints or ())]
+    first, last = len(constants.closure), len(constants.closure) + len(measured)
     terms, lasts = list(_terms(every)), list(accumulate(len(action.parts) for action in constants.actions))
     force_terms = [term for force in constants.outputs.forces for term in force.terms]
     lasts_of_forces = list(accumulate(len(force.terms) for force in constants.outputs.forces))
@@ -154,14 +150,13 @@ def _tables(constants: Constants) -> str:
         _listed("const int load_of_term[]", map(str, constants.load_of_term)),
         _listed("const double strength_sizes[]", map(_number, constants.strength_sizes)),
         _listed("const int strength_of_load[]", map(str, constants.strength_of_load)),
-        _listed("const int node_bodies[]", map(str, constants.node_bodies)),
         _listed("const int action_nodes[]", map(str, constants.action_slots)),
         _pieces(
             [*constants.strengths.values(), *constants.motions, *constants.outputs.courses]
             + [one.reference for one in constants.controls]
         ),
         _listed("const struct statement coordinates[R]", map(_statement, constants.coordinates)),
-        _listed("const struct term closure[]", terms[: len(constants.closure)], "{0}"),
+        _listed("const struct term closure[]", terms[:first], "{0}"),
         _listed("const struct spline_piece spline_pieces[]", _spline_pieces(every), "{0}"),
         _listed("const struct reading readings[]", map(_reading, constants.outputs.readings), "{0}"),
         _listed("const struct force forces[]", map(_force, constants.outputs.forces, lasts_of_forces), "{0}"),
@@ -172,11 +167,13 @@ def _tables(constants: Constants) -> str:
         _listed("const int control_actions[]", map(str, constants.control_actions)),
         _listed("const double control_origins[]", map(_number, constants.control_origins)),
         _listed("const struct action actions[]", map(_action, constants.actions, [0, *lasts]), "{0}"),
-        _listed("const struct part action_parts[]", map(_part, measured, terms[len(constants.closure) :]), "{0}"),
+        _listed("const struct part action_parts[]", map(_part, measured, terms[first:last]), "{0}"),
         _weigh(constants),
-        _weigh_gaps(constants),
+        *([] if constants.gap_weights is None else [_weigh_gaps(constants.gap_weights, constants.parameters_in_c)]),
         _combine(constants),
     ]
+    if constants.constraints is not None:
+        parts.append(_listed("const struct term constraints[]", terms[last:], "{0}"))
     return HEAD + "\n".join(parts)
 
 
@@ -308,9 +305,8 @@ def _weigh(constants: Constants) -> str:
     return "\n".join([*lines, "}", ""])
 
 
-def _weigh_gaps(constants: Constants) -> str:
+def _weigh_gaps(weights: Sequence[Monomial], numbers: Mapping[str, str]) -> str:
     """Return the function that evaluates the monomials of the terms of gaps."""
-    numbers = constants.parameters_in_c
-    weights = (f"    weights[{k}] = {monomial_in_c(one, numbers)};" for k, one in enumerate(constants.gap_weights))
+    lines = (f"    weights[{k}] = {monomial_in_c(one, numbers)};" for k, one in enumerate(weights))
     head = ["void weigh_gaps(const double *p, double *weights) {", "    (void)p, (void)weights;"]
-    return "\n".join([*head, *weights, "}", ""])
+    return "\n".join([*head, *lines, "}", ""])

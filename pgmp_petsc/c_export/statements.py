@@ -145,7 +145,7 @@ class ForceInC:
             return cls(terms, COMPONENTS.index(along), False, False, 1.0, (0.0,), nowhere, nowhere)
         entry, joint, terms = force.entry, force.connection, []
         a, b = Side.of(joint.a, slots), Side.of(joint.b, slots)
-        for row, (part, own) in zip(force.rows, joint.held):
+        for row, (part, own) in zip(force.rows, force.held):
             for (statement, function), first in zip(part.terms, own[::2]):
                 terms.append((gaps.index(row), function.factor, StatementInC(statement, Side.of(first, slots), b)))
         for number, pull in zip(behind(*force.pulls), force.pulls):
@@ -339,3 +339,8 @@ def monomial_in_c(monomial: Monomial, values: Mapping[str, str | float]) -> str:
     """Return a product of powers of parameters in C, whose values are numbers or what they are in C."""
     factors = [f"{values[name]}" if e == 1 else f"pow({values[name]}, {e})" for name, e in monomial.powers]
     return " * ".join(factors) or "1.0"
+
+
+def braced(values: np.ndarray | float) -> str:
+    """Return nested braces around the numbers of an array in C."""
+    return f"{{{', '.join(map(braced, values))}}}" if np.ndim(values) else repr(float(values))

@@ -69,6 +69,10 @@ class JointEquations:
         Numbers of coordinates, and of constraints: those with statements, and behind them driven coordinates.
     n_statements
         Number of the former.
+    equations
+        All equations in the unknowns.
+    motions
+        How the bodies move, in the order of the tree.
     problem
         The equations in the unknowns, with the constraints alone that are left.
     joints
@@ -79,12 +83,12 @@ class JointEquations:
 
     def __init__(self, equations: FullEquations, blocks: SampleBlocks) -> None:
         unknowns = self._unknowns = equations.unknowns
-        self._equations, self._blocks = equations, blocks
+        self.equations, self._blocks = equations, blocks
         problem, d = equations.problem, unknowns.dimension
         q = equations.start()[0]
-        self._motions = motions_of(unknowns)
+        self.motions = motions_of(unknowns)
         dofs = problem.masses.dofs[:, 0] // 12 if d == 3 else problem.lumps.dofs // 3
-        self._tree = tree_of(unknowns, self._motions, q, dofs)
+        self._tree = tree_of(unknowns, self.motions, q, dofs)
         self.n = int(self._tree.firsts[:, 4].max())
         self._set = ConstraintSet(unknowns)
         directors = self._directors() if d == 3 else np.zeros(0, dtype=int)
@@ -105,7 +109,7 @@ class JointEquations:
     def _of_tree(self) -> np.ndarray:
         """Return which of what joints and couplings hold the tree's joints hold, shape (n_held,)."""
         mechanism, found = self._unknowns.mechanism, []
-        by_number = {motion.number: motion for motion in self._motions if motion.number >= 0}
+        by_number = {motion.number: motion for motion in self.motions if motion.number >= 0}
         for number, holder in enumerate(mechanism.holders):
             held = holder.holding(moving=True)
             motion = by_number.get(number) if number < len(mechanism.connections) else None
@@ -115,7 +119,7 @@ class JointEquations:
 
     def _by_tree(self) -> Held:
         """Return what the tree's joints hold, and its driven coordinates."""
-        unknowns, order = self._unknowns, {motion.number: k for k, motion in enumerate(self._motions)}
+        unknowns, order = self._unknowns, {motion.number: k for k, motion in enumerate(self.motions)}
         mechanism = unknowns.mechanism
         parts = [(i, part) for i, holder in enumerate(mechanism.holders) for part in holder.holding(moving=True)]
         found = [(place, order[parts[place][0]], parts[place][1]) for place in np.flatnonzero(self._of_tree())]
@@ -165,7 +169,7 @@ class JointEquations:
         """Return the numbers of the constraints that make directors a rotation that are coordinates."""
         first = self._unknowns.mechanism.n_held
         nodes = [self._tree.nodes[k, 2 if motion.kind == FREE else 1]
-                 for k, motion in enumerate(self._motions) if motion.kind in (BALL, FREE)]  # fmt: skip
+                 for k, motion in enumerate(self.motions) if motion.kind in (BALL, FREE)]  # fmt: skip
         return np.array([first + 6 * node + k for node in nodes for k in range(6)], dtype=int)
 
     def _driven_coordinates(self) -> np.ndarray:
@@ -173,7 +177,7 @@ class JointEquations:
         mechanism, found = self._unknowns.mechanism, []
         prescribed = [coordinate for coordinate in mechanism.coordinates if coordinate.prescribed]
         for number, coordinate in enumerate(prescribed):
-            for k, motion in enumerate(self._motions):
+            for k, motion in enumerate(self.motions):
                 own = self._tree.firsts[k, 0 if coordinate.turns else 1]
                 if own >= 0 and coordinate.connection is mechanism.connections[motion.number]:
                     found.append((own, number, -1 if motion.backwards else 1))
@@ -182,7 +186,7 @@ class JointEquations:
     def _take(self, chosen: np.ndarray) -> None:
         """Make the equations, and what is beside them, with chosen constraints."""
         self._chosen = chosen
-        equations, tree, d = self._equations, self._tree, self._unknowns.dimension
+        equations, tree, d = self.equations, self._tree, self._unknowns.dimension
         problem, n_dofs, lanes = equations.problem, equations.n_dofs, self._blocks.n_lanes
         parts = ConstraintParts(self._set, chosen, equations.size)
         bound = parts.placed(_Slopes(), np.ones(chosen.size, dtype=bool))
@@ -228,8 +232,8 @@ class JointEquations:
 
     def _units(self) -> np.ndarray:
         """Return 1/size for lengths, 1 for rotations and directors, shape (n,)."""
-        units, d = np.full(self.n, 1.0 / self._equations.size), self._unknowns.dimension
-        for k, motion in enumerate(self._motions):
+        units, d = np.full(self.n, 1.0 / self.equations.size), self._unknowns.dimension
+        for k, motion in enumerate(self.motions):
             turning, _, natural, _ = self._tree.firsts[k, :4]
             if turning >= 0:
                 units[turning] = 1.0
@@ -260,13 +264,13 @@ class JointEquations:
 
     def mapped(self, y: np.ndarray, y1: np.ndarray, y2: np.ndarray) -> list[np.ndarray]:
         """Return unknowns, velocities and accelerations (n, n_dofs, n_lanes) of coordinates (n, n_y, n_lanes)."""
-        found = [aligned((len(y), self._equations.n_dofs, y.shape[2])) for _ in range(3)]
+        found = [aligned((len(y), self.equations.n_dofs, y.shape[2])) for _ in range(3)]
         unknowns_of(*self.references, y, y1, y2, *found)
         return found
 
     def coordinates(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return coordinates and rates, shape (2, n_y, n), of unknowns and velocities (n_dofs, n)."""
-        return coordinates_of(self._unknowns, self._tree, self._motions, q, v)
+        return coordinates_of(self._unknowns, self._tree, self.motions, q, v)
 
     def left(self, rows: np.ndarray, driven_rows: np.ndarray) -> np.ndarray:
         """Return what is of the constraints that are left, (n_left, n), of rows of all (n_constraints, n) and of what
@@ -295,6 +299,11 @@ class JointEquations:
     def set(self) -> ConstraintSet:
         """All constraints of the mechanism."""
         return self._set
+
+    @property
+    def chosen(self) -> np.ndarray:
+        """Numbers of the constraints with statements that are left, among those of `set`."""
+        return self._chosen
 
     @property
     def driven(self) -> np.ndarray:

@@ -255,7 +255,7 @@ def floating_bodies(
             continue
         moments, stiffness = share.evaluate(floating.moments), share.evaluate(floating.stiffness)
         curved = share.evaluate(floating.curved) if floating.curved else np.zeros((0, floating.n, n_samples))
-        braking = np.repeat(share.damping.of_amplitudes(number, floating.n)[:, None], n_samples, axis=1)
+        braking = share.evaluate({Monomial(): share.damping.of_amplitudes(number, floating.n)})
         low = np.tril_indices(own.size)
         numbers.append(number)
         dofs.append(own[0])

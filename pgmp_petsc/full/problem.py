@@ -12,7 +12,7 @@ from itertools import compress
 import numpy as np
 import scipy.sparse as sp
 
-from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
 from pgmp_petsc.bodies.matrices import MassesOnDemand
 from pgmp_petsc.controllers.acting import given_to
 from pgmp_petsc.controllers.running import Controls
@@ -132,8 +132,8 @@ class FullEquations:
         Where unknowns and entries lie in arrays.
     problem
         The equations.
-    actions, loads
-        Actions here, and the effect of every load.
+    actions, loads, load_weights
+        Actions here, and the effect of every load and its weight.
     damping, modal
         Structural damping of all bodies, and modal damping of those here.
     size
@@ -168,6 +168,7 @@ class FullEquations:
         gravity = list(enumerate(falling, len(loads)))
         by_name = {effect.name: effect for effect in effects}
         self.loads = [*(by_name[load.effect] for load in loads), *falling]
+        self.load_weights = [*(load.weight for load in loads), *(Monomial() for _ in falling)]
         parts = (
             planar_beams(share), planar_masses(share), solids(share, d), spatial_beams(share),
             spatial_masses(share, unknowns), floating_bodies(share, unknowns, gravity),

@@ -299,6 +299,11 @@ class FullBatch(FullSystem):
         self._size = np.empty((blocks.n_blocks, blocks.n_lanes))
         self._typical_mass = mass_on_diagonal(equations.problem, equations.size) / self.n_dofs
 
+    @property
+    def typical_mass(self) -> np.ndarray:
+        """Whose inertia the constraints are scaled to, of every sample, kg, shape (n_samples,)."""
+        return self._typical_mass.ravel()[: self.n_samples]
+
     def steps_between_looks(self, every: int | None) -> int:
         """Return how many steps make one of PETSc's TS where it does not look; see `SecondOrderSystem`."""
         return STEPS_AT_ONCE

@@ -217,7 +217,7 @@ def _measure(local, weights, grid, strengths, q, v, addresses, gradients, measur
     for first in range(0, n_t, LANES):
         _take(q, first, of_q)
         _take(v, first, of_v)
-        place_nodes(places, local.all.nodes, grid, d, of_q, kept, work.frames)
+        place_nodes(places, local.all.nodes, grid, d, of_q, of_v, kept, work.frames)
         for action in range(n_actions):
             s, speed = measure(local, action, r, of_q, of_v, False, work)
             if actions.roles[action] != LED:
@@ -264,7 +264,7 @@ def _bend(local, weights, grid, steps, q, v, measured, pushes, by_q):
                 laws[3 * action, lane] = measured[t, action, FORCE]
                 laws[3 * action + 1, lane] = measured[t, action, DAMPING]
                 laws[3 * action + 2, lane] = pushes[t, action]
-        place_nodes(places, local.all.nodes, grid, d, of_q, kept, work.frames)
+        place_nodes(places, local.all.nodes, grid, d, of_q, of_v, kept, work.frames)
         for action in range(n_actions):
             measure(local, action, r, of_q, of_v, False, work)
             for i in range(n):
@@ -272,7 +272,7 @@ def _bend(local, weights, grid, steps, q, v, measured, pushes, by_q):
         for j in range(n):
             here, inverse = load(of_q, j), 1.0 / steps[j]
             store(of_q, j, here + steps[j])
-            place_nodes(places, local.all.nodes, grid, d, of_q, kept, work.frames)
+            place_nodes(places, local.all.nodes, grid, d, of_q, of_v, kept, work.frames)
             for i in range(n):
                 store(total, i, 0.0)
             for action in range(n_actions):

@@ -12,6 +12,9 @@ Processes that compile at once may also write two signatures of one function to 
 wrong one. What is loaded is therefore compared with what was asked for. What Python calls, and what is apart, is
 compiled by one process at a time; others wait, and load it.
 
+A wheel may carry what `scripts/wheel` compiled for families of processors (`CARRIED`). A processor of the family loads
+it; where numba or the processor is another, functions are compiled as in a checkout, and a warning says so.
+
 Compiling takes minutes where a run takes seconds: while it goes on, the counts of progress say so.
 """
 
@@ -22,6 +25,8 @@ import fcntl
 import functools
 import hashlib
 import inspect
+import itertools
+import json
 import os
 import sys
 import time
@@ -49,6 +54,8 @@ COMPILING = "compiling, once for scenes of this kind"
 PATIENCE = 300.0  # s, for what another process compiles
 MAKE = "pgmp_make"  # what compiled code has a function apart made by
 PACKAGE = Path(__file__).parent.parent
+#: Of a wheel with compiled code: the version of numba, and processors as numba's cache names them, the best one first.
+CARRIED = Path(__file__).with_name("carried.json")
 LIBRARIES = ("numpy", "numba", "math")  # numba knows their functions; its version marks its files
 _problems: list[str] = []
 #: Of functions apart: the word with their address, module, function and types of the arguments, by name.
@@ -237,13 +244,18 @@ class _LenientCache(FunctionCache):
         self._function, self._ending, self._is_open = function, ending, False
 
     def _open(self) -> bool:
-        """Look for the folder, unless that was done; return whether there is one."""
+        """Look for the folder to write to, unless that was done; return whether there is one."""
         if not self._is_open:
             self._is_open, self._enabled = True, False
             try:
                 super().__init__(self._function)
                 mark = compiled_mark(self._function)
-                self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base + self._ending, mark)
+                beside = os.path.join(os.path.dirname(inspect.getfile(self._function)), "__pycache__")
+                name = self._impl.filename_base + self._ending
+                self._files = [
+                    IndexDataCacheFile(path, name, mark) for path in dict.fromkeys((self._cache_path, beside))
+                ]
+                self._cache_file = self._files[0]
             except (RuntimeError, OSError) as error:  # no locator has a folder
                 _note(f"compiled code is not kept, and every run compiles for minutes ({_first(error)}); {CURE}")
         return self._enabled
@@ -272,6 +284,17 @@ class _LenientCache(FunctionCache):
             return None
         return found
 
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return what is kept for this processor, in the folder to write to or beside the source, or in a wheel."""
+        signature, own, code = self._index_key(sig, target_context.codegen())
+        kept = [(file, file._load_index()) for file in self._files]
+        for processors in (lambda: (own,), lambda: _carried(own[0])):
+            for processor, (file, names) in itertools.product(processors(), kept):
+                name = names.get((signature, processor, code))
+                if name and os.path.exists(file._data_path(name)):
+                    return self._impl.rebuild(target_context, file._load_data(name))
+        return None
+
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep the compiled function of a signature."""
         if not self._open():
@@ -287,6 +310,23 @@ class _LenientCache(FunctionCache):
             self.flush()
         except OSError:
             pass  # keeping the function will fail too, and say so
+
+
+@functools.cache
+def _carried(machine: str) -> tuple[tuple[str, str, str], ...]:
+    """Return the processors, as numba's cache names them, whose code of a wheel runs here."""
+    if numba.config.CPU_NAME is not None or not CARRIED.exists():
+        return ()
+    wheel = json.loads(CARRIED.read_text(encoding="utf-8"))
+    here = set(codegen.get_host_cpu_features().split(","))
+    found = tuple((*one,) for one in wheel["processors"] if one[0] == machine and here >= set(one[2].split(",")))
+    if not found or wheel["numba"] != numba.__version__:
+        names = " and ".join(name for _, name, _ in wheel["processors"])
+        _note(
+            f"the wheel's compiled code is of numba {wheel['numba']} for processors {names}, and this is numba "
+            f"{numba.__version__} on {binding.get_host_cpu_name()}: what runs need is compiled once, which takes minutes"
+        )
+    return found
 
 
 def compiled_mark(function: Callable) -> str:
@@ -373,7 +413,9 @@ def _read(value: Any, called: list[Callable]) -> str:
         return f"{value.__module__}.{value.__qualname__} {getattr(value, '_fields', '')}"
     if isinstance(value, ModuleType | BuiltinFunctionType | FunctionType | np.ufunc):
         return value.__name__
-    if isinstance(value, bool | int | float | complex | str | None | np.generic | np.dtype | types.Type):
+    if isinstance(value, np.generic):
+        return f"{value.dtype} {value.item()!r}"
+    if isinstance(value, bool | int | float | complex | str | None | np.dtype | types.Type):
         return repr(value)
     raise TypeError(f"nothing tells changes of {value!r}, which compiled code reads")
 

@@ -150,8 +150,11 @@ class LoopClosure:
 
         Without redundant constraints all that is open can be closed; nor is a large gap one that they explain.
         """
-        residual = self.residual(poses, theta)
-        return self._split(residual, self.newton_step(poses, residual)[1])
+        found = []
+        for k in self.pieces(len(theta)):
+            residual = self.residual(poses[..., k], theta[k])
+            found.append(self._split(residual, self.newton_step(poses[..., k], residual)[1]))
+        return tuple(np.concatenate(part) for part in zip(*found))
 
     def _split(self, residual: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return `open_and_gap` of a residual (n_rows, n), of which a step leaves a part."""
@@ -359,13 +362,17 @@ class LoopClosure:
         left = residual - (jacobian @ step)[..., 0].T
         return np.moveaxis(step[..., 0], 0, -1).reshape(poses.shape), left
 
+    def pieces(self, n: int) -> list[slice]:
+        """Return pieces of n configurations whose dense Jacobians stay in a cache; one at least."""
+        several = max(1, AT_ONCE // (self._rows.n * len(self._units)))
+        return [slice(first, first + several) for first in range(0, max(n, 1), several)]
+
     def newton(
         self, poses: np.ndarray, theta: np.ndarray | None, tolerance: float = CLOSURE_TOLERANCE
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return poses as from `close` and how far each is open (n,), below the tolerance where it converged; undriven
         where no theta is given."""
-        several = max(1, AT_ONCE // (self._rows.n * len(self._units)))
-        parts = [slice(first, first + several) for first in range(0, max(poses.shape[2], 1), several)]
+        parts = self.pieces(poses.shape[2])
         found = [self._newton(poses[..., k], None if theta is None else theta[k], tolerance) for k in parts]
         return np.concatenate([one for one, _ in found], axis=2), np.concatenate([gap for _, gap in found])
 

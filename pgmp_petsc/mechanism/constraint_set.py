@@ -16,6 +16,7 @@ from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.frame_ties import FrameTies
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.mechanism.statement_rows import FROM_SUM, ROUND_OFF, StatementRows, near_rows
+from pgmp_petsc.mechanism.statements import Combination, Statement
 from pgmp_petsc.mechanism.unknowns import Unknowns
 
 
@@ -129,17 +130,8 @@ class ConstraintSet:
 
     def rows_among(self, chosen: np.ndarray) -> ChosenRows:
         """Return the joints' and the driven statements among constraints with given numbers, increasing, shape (n,)."""
-        original = self._kept[chosen]
-        n_joints, first_driven = self._joints.n, int(self._first[2])
-        own = np.flatnonzero((original < n_joints) | (original >= first_driven))
-        wanted, motions = np.zeros(own.size), np.full(own.size, -1)
-        parts = []
-        for row, number in enumerate(original[own]):
-            if number < n_joints:
-                wanted[row] = self._wanted[number]
-            else:
-                motions[row] = number - first_driven
-            parts.append(self._statements[number if number < n_joints else n_joints + number - first_driven])
+        own, parts, wanted, motions = self.statements_among(chosen)
+        n_joints = self._joints.n
         if own.size == n_joints and not self.n_driven:
             rows = self._joints
         else:
@@ -154,6 +146,20 @@ class ConstraintSet:
         return ChosenRows(
             rows, own[of], np.where(first, wanted[of], 0.0), motions[of], self.of_directors[chosen][own][of], near
         )
+
+    def statements_among(
+        self, chosen: np.ndarray
+    ) -> tuple[np.ndarray, list[tuple[Statement | Combination, tuple[Attachment, ...]]], np.ndarray, np.ndarray]:
+        """Return which of constraints with given numbers are statements, (n,), these with their sides, and their values
+        and motions as of `ChosenRows`, each (n,)."""
+        original = self._kept[chosen]
+        n_joints, first_driven = self._joints.n, int(self._first[2])
+        own = np.flatnonzero((original < n_joints) | (original >= first_driven))
+        of_motion = original[own] >= n_joints
+        motions = np.where(of_motion, original[own] - first_driven, -1)
+        wanted = np.array([0.0 if moves else self._wanted[k] for k, moves in zip(original[own], of_motion)])
+        parts = [self._statements[k if k < n_joints else n_joints + k - first_driven] for k in original[own]]
+        return own, parts, wanted, motions
 
     def lengths_among(self, chosen: np.ndarray) -> np.ndarray:
         """Return which of constraints with given numbers, of no ties, are measured in m."""

@@ -116,12 +116,13 @@ class PoseBranch(Record):
         cls, closure: LoopClosure, axes: Sequence[np.ndarray], poses: np.ndarray, winding: np.ndarray, n_redundant: int
     ) -> PoseBranch:
         """Tabulate poses (n_bodies, n_pose, n)."""
-        theta = _grid(axes)
-        # one step more, to the last digit: all later poses are interpolated between these
-        poses = poses - closure.newton_step(poses, closure.residual(poses, theta))[0]
-        rates = closure.rates(poses)
-        curvatures = closure.curvatures(poses, rates)
-        parts = (np.ascontiguousarray(np.moveaxis(part, -1, 0)) for part in (poses, rates, curvatures))
+        theta, found = _grid(axes), []
+        for k in closure.pieces(len(theta)):
+            # one step more, to the last digit: all later poses are interpolated between these
+            own = poses[..., k] - closure.newton_step(poses[..., k], closure.residual(poses[..., k], theta[k]))[0]
+            rates = closure.rates(own)
+            found.append([np.moveaxis(part, -1, 0) for part in (own, rates, closure.curvatures(own, rates))])
+        parts = (np.concatenate(part) for part in zip(*found))
         ends, shape = np.array([(axis[0], axis[-1]) for axis in axes]).T, np.array([axis.size for axis in axes])
         return cls(*ends, shape, False, n_redundant, *parts, winding)
 

@@ -336,7 +336,9 @@ def print_kinds(kinds: Sequence[Kind]) -> str:
         name = kind.name.lower()
         head = ["    d = axes.shape[1]", "    n = d * (d + 1)"]
         body = [line.replace("let ", "", 1) for line in lines]
-        top = ["", '@njit(cache=True, error_model="numpy")', f"def _{name}({TAKES}):"]
+        # of several products is much code that few mechanisms call
+        apart = "apart=lambda axes, z, *_: z.dtype, " * (kind.measure.count("dot(") > 1)
+        top = ["", f'@njit(cache=True, {apart}error_model="numpy")', f"def _{name}({TAKES}):"]
         functions.append("\n".join([*top, *head, *body, ""]))
         takes = (
             "const double (*axes)[D], const double z[], double turned, double gradient[],\n"

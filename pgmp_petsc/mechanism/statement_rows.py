@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
@@ -114,12 +115,11 @@ class StatementRows:
     def second_along(self, q: np.ndarray, ways: np.ndarray) -> np.ndarray:
         """Return the second derivatives along pairs of directions (n_dofs, k, n), shape (n, n_rows, k, k), at unknowns
         (n_dofs, n)."""
-        moving = ways[self.dofs]
-        moving[self.dofs < 0] = 0.0
-        of_terms = np.einsum("cijn,cikn,cjln->cnkl", self.hessians(q), moving, moving, optimize=True)
-        found = np.zeros((self.n, *of_terms.shape[1:]))
-        np.add.at(found, self.row_of, of_terms)
-        return np.moveaxis(found, 1, 0)
+        k, n = ways.shape[1:]
+        found = np.empty((n, self.n, k, k))
+        for i, j in combinations_with_replacement(range(k), 2):
+            found[:, :, i, j] = found[:, :, j, i] = self.drift(q, ways[:, i], ways[:, j]).T
+        return found
 
     def jacobian_values(self, q: np.ndarray) -> np.ndarray:
         """Return the first derivatives on `jacobian_pattern`, shape (n_entries, ...)."""
@@ -130,9 +130,10 @@ class StatementRows:
         ...)."""
         return self._evaluated(CURVATURES, self.curvature_pattern[0].size, q, multipliers)
 
-    def drift(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return ``v^T h v``, shape (n, ...): what the velocities do to the rates of the statements."""
-        return self._evaluated(DRIFT, self.n, q, rates=v)
+    def drift(self, q: np.ndarray, v: np.ndarray, w: np.ndarray | None = None) -> np.ndarray:
+        """Return ``v^T h w``, shape (n, ...), w = v if not given: what the velocities do to the rates of the
+        statements."""
+        return self._evaluated(DRIFT, self.n, q, v if w is None else w, rates=v)
 
     def _evaluated(
         self,
@@ -143,7 +144,8 @@ class StatementRows:
         rates: np.ndarray | None = None,
         rows: Rows | None = None,
     ) -> np.ndarray:
-        """Return what is wanted, shape (size, ...); `known` are the angles or the multipliers of the rows."""
+        """Return what is wanted, shape (size, ...); `known` are the angles or the multipliers of the rows, or the rates
+        on the other side of a drift."""
         trailing = q.shape[1:]
         n = math.prod(trailing)
         if not size * n:
@@ -269,7 +271,8 @@ def _evaluate(what, rows, q, rates, known, result):
     q, rates
         Shape (n_dofs, n_samples); the rates are for the drift.
     known
-        What angles are nearest to, or the multipliers of the curvatures, shape (n, n_samples).
+        What angles are nearest to, or the multipliers of the curvatures, shape (n, n_samples); or rates on the other
+        side of the drift.
     result
         Zeros, shape (n or n_entries or n_curved, n_samples).
     """
@@ -318,7 +321,7 @@ def _evaluate(what, rows, q, rates, known, result):
                     for i in range(width):
                         for j in range(width):
                             if h[i, j, lane] != 0.0:
-                                turning = _rate(rows, k, i, rates, sample) * _rate(rows, k, j, rates, sample)
+                                turning = _rate(rows, k, i, rates, sample) * _rate(rows, k, j, known, sample)
                                 result[row, sample] += h[i, j, lane] * turning
     keep(own)
 

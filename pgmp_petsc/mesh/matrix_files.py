@@ -6,7 +6,7 @@ format             told by
 Matrix Market      ``%%MatrixMarket`` in its first line
 SciPy's npz        it is a zip file
 Harwell-Boeing     its third line, such as ``RSA   300   300   4500   0``
-Nastran            DMIG cards (.pch and others), or a file ending in .op4, by pyNastran
+Nastran            DMIG cards (.pch and others), or a file ending in .op2 or .op4, by pyNastran
 Ansys              a file ending in .full, by ansys-mapdl-reader
 Abaqus, CalculiX   lines of five numbers (row's node, direction, column's node, direction, value), formats MATRIX INPUT
                    and LABELS, or of three (row, column, value), format COORDINATE or CalculiX' .sti and .mas
@@ -48,12 +48,12 @@ ZIP, MATRIX_MARKET, NASTRAN = b"PK\x03\x04", b"%%matrixmarket", "DMIG"
 COMMENTS = ("**", "%", "#")
 FORMATS = (
     "Matrix Market, npz of SciPy, Harwell-Boeing, Abaqus' formats MATRIX INPUT, LABELS and COORDINATE, CalculiX' .sti "
-    "and .mas, Nastran's DMIG and .op4, and Ansys' .full"
+    "and .mas, Nastran's DMIG, .op2 and .op4, and Ansys' .full"
 )
 PROGRAM = Path(__file__).with_name("read_by_library.py")
 LONGEST = 600.0  # s that a library may take
 #: Formats that libraries read, by the endings of files of matrices and of nodes.
-OF_ENDING = {".op4": "op4", ".full": "full"}
+OF_ENDING = {".op2": "op2", ".op4": "op4", ".full": "full"}
 DECKS = {".bdf": "deck", ".nas": "deck", ".fem": "deck", ".cdb": "cdb"}
 SPARSEST = 1000  # rows to an entry; a stiffness has several entries to a row
 HEAD = 4096  # bytes that tell the format
@@ -70,7 +70,7 @@ class MatrixFile:
 
 def read_matrix(path: Path, received: str, kind: str = "stiffness") -> MatrixFile:
     """Read a matrix; messages begin with `received`, the scene's entry and its value. Of a file that holds several it
-    is that of `kind`, ``"stiffness"`` or ``"mass"``.
+    is that of `kind`, ``"stiffness"``, ``"mass"`` or ``"modes"``, which need not be square.
 
     Raises `InputError` if there is no such file, it is of another format, damaged, not square, or has entries that are
     not finite.
@@ -88,7 +88,7 @@ def read_matrix(path: Path, received: str, kind: str = "stiffness") -> MatrixFil
             f"{received}: this file cannot be read as a matrix ({type(error).__name__}: {reason}); it may be damaged: "
             "write it anew"
         ) from error
-    if found.matrix.shape[0] != found.matrix.shape[1] or not found.matrix.shape[0]:
+    if kind != "modes" and found.matrix.shape[0] != found.matrix.shape[1] or not found.matrix.shape[0]:
         raise InputError(
             f"{received}: it has {' by '.join(map(str, found.matrix.shape))} entries; a square matrix is needed"
         )
@@ -103,8 +103,6 @@ def _read(path: Path, received: str, kind: str) -> MatrixFile:
     ending = path.suffix.lower()
     if ending in OF_ENDING:
         return _by_library(OF_ENDING[ending], kind, path)
-    if ending == ".op2":
-        raise NotTaken("a Nastran .op2, whose matrices have no names of rows; write them as DMIG (.pch) or .op4")
     with path.open("rb") as file:
         head = file.read(HEAD)
     if head.startswith(ZIP):
@@ -193,6 +191,8 @@ def _whole(entries: sp.coo_matrix) -> sp.csr_matrix:
     """Return a matrix from its entries, of which one triangle will do."""
     _check_size(entries)
     matrix = entries.tocsr()
+    if matrix.shape[0] != matrix.shape[1]:
+        return matrix
     if (entries.row >= entries.col).all() or (entries.row <= entries.col).all():
         return matrix + matrix.T - sp.diags(matrix.diagonal(), format="csr")
     return matrix
@@ -333,8 +333,8 @@ def _check(rows: np.ndarray, nodes: NodeFile, d: int, received: str, of_nodes: s
     if scalar.any():
         raise InputError(
             f"{received}: {scalar.sum()} rows are of scalar points, such as {rows[scalar][0, 0]}, as the modal "
-            "amplitudes of a Craig-Bampton reduction are; bodies that are reduced already are not taken, since inertia "
-            "forces of large rotations need the fields behind these: write the matrices of all nodes"
+            "amplitudes of a Craig-Bampton reduction are; inertia forces of large rotations need the fields behind "
+            "these: write the matrices of all nodes, or add `modes`"
         )
     if turning.any():
         node, direction = rows[turning][0]

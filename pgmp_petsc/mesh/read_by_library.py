@@ -2,8 +2,8 @@
 
     python -P read_by_library.py FORMAT KIND FILE OUT.npz
 
-It imports nothing of the package. FORMAT is a function below, KIND is ``stiffness`` or ``mass``, of files that may hold
-both, or ``nodes``. OUT.npz has the entries of a matrix (``row``, ``column``, ``value``, ``size``) with the node and
+It imports nothing of the package. FORMAT is a function below, KIND is ``stiffness``, ``mass`` or ``modes``, of files
+that may hold several, or ``nodes``. OUT.npz has the entries of a matrix (``row``, ``column``, ``value``, ``size``) with the node and
 direction of each row (``rows``) where the file says them, or ``nodes`` and ``labels``, sets ``set:NAME`` of labels and
 cells ``cells:TYPE`` of labels in meshio's order; of a robot ``links`` and ``joints``, JSON; or, of a file that is
 refused, the array ``refused`` alone. These libraries are large, print, and some end their process on a damaged file.
@@ -21,6 +21,7 @@ import scipy.sparse as sp
 #: Module, what is installed, and what it reads, by format.
 LIBRARIES = {
     "dmig": ("pyNastran", "pyNastran", "Nastran's DMIG"),
+    "op2": ("pyNastran", "pyNastran", "Nastran's OP2"),
     "op4": ("pyNastran", "pyNastran", "Nastran's OP4"),
     "deck": ("pyNastran", "pyNastran", "a Nastran deck"),
     "full": ("ansys.mapdl.reader", "ansys-mapdl-reader", "an Ansys .full"),
@@ -28,7 +29,7 @@ LIBRARIES = {
     "urdf": ("yourdfpy", "yourdfpy", "a URDF"),
     "mjcf": ("mujoco", "mujoco", "an MJCF"),
 }
-LETTERS = {"stiffness": "K", "mass": "M"}
+LETTERS = {"stiffness": "K", "mass": "M", "modes": "P"}  # Nastran's PHG, PHA
 #: meshio's type of Nastran's and Ansys' elements by their number of nodes.
 NASTRAN = {
     "CTETRA": {4: "tetra", 10: "tetra10"},
@@ -94,13 +95,20 @@ def dmig(path: str, kind: str) -> dict[str, np.ndarray]:
     return entries(sp.coo_matrix((found.data, at), shape=(size, size)), np.array(list(places)))
 
 
+def op2(path: str, kind: str) -> dict[str, np.ndarray]:
+    """Read a matrix of a file of OUTPUT2."""
+    from pyNastran.op2.op2 import read_op2
+
+    matrices = read_op2(path, build_dataframe=False, debug=None).matrices
+    return entries(matrices[chosen(list(matrices), kind)].data)
+
+
 def op4(path: str, kind: str) -> dict[str, np.ndarray]:
     """Read a matrix of a file of OUTPUT4, text or binary."""
     from pyNastran.op4.op4 import read_op4
 
     matrices = read_op4(path, debug=False)
-    found = matrices[chosen(list(matrices), kind)].data
-    return entries(found)
+    return entries(matrices[chosen(list(matrices), kind)].data)
 
 
 def full(path: str, kind: str) -> dict[str, np.ndarray]:

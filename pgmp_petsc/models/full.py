@@ -76,7 +76,7 @@ class FullModel:
         self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
         self._start = start_of(scene, mechanism)
         self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])
-        self._measures = Measures(scene, self.kinematics, self._start[0]) if scene.beside else None
+        self.measures = Measures(scene, self.kinematics, self._start[0]) if scene.beside else None
         self._stresses = None
         if self.outputs.stresses:
             from pgmp_petsc.models.stresses import FullStresses  # few scenes have them
@@ -127,8 +127,8 @@ class FullModel:
 
     def _controlled(self, system: SomeSystem, values: Mapping[str, np.ndarray]) -> SomeSystem:
         """Return a system of one sample with its controllers."""
-        if self._measures is not None:
-            nodes, unknowns = list(self._measures.nodes), Unknowns(self.kinematics.mechanism)
+        if self.measures is not None:
+            nodes, unknowns = list(self.measures.nodes), Unknowns(self.kinematics.mechanism)
 
             def frames(state: State) -> list[np.ndarray]:
                 return [system.frames(state)[nodes], unknowns.frames(system.unknowns(state)[1])[nodes]]
@@ -136,7 +136,7 @@ class FullModel:
             def multipliers(time: float, state: State, before: np.ndarray) -> np.ndarray:
                 return system.multipliers_of_joints(time, state)
 
-            system.control(self._measures.controls(frames, values, 1, system.put_forces, multipliers))
+            system.control(self.measures.controls(frames, values, 1, system.put_forces, multipliers))
         return system
 
     def built_in(

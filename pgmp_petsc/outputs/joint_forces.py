@@ -42,7 +42,7 @@ from pgmp_petsc.mechanism.joints import Connection, Coupling
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.space import Space
-from pgmp_petsc.mechanism.statements import MEET, Function, Statement
+from pgmp_petsc.mechanism.statements import MEET, Combination, Function, Statement
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.outputs.readings import AXES, Frames, Rate, Reading, Seen
 from pgmp_petsc.scene import Scene
@@ -267,6 +267,7 @@ class OfConnection(ForceOutput):
     entry: InJoint
     space: Space
     connection: Connection
+    held: tuple[tuple[Statement | Combination, tuple[Attachment, ...]], ...]  # what the rows hold, and of which points
     pulls: tuple[Pull, ...]  # what acts in the directions that it releases
     #: force for a unit of each multiplier, shape (d, n_rows), where that is the same everywhere
     shares: np.ndarray | None = None
@@ -289,15 +290,16 @@ class OfConnection(ForceOutput):
                     connection.name,
                 )
             )
-        first = _first_row(mechanism, connection.name)
-        rows = np.arange(first, first + len(connection.held))
-        sides = [*connection.sides, *(side for _, own in connection.held for side in own)]
+        d, first = mechanism.space.dimension, _first_row(mechanism, connection.name)
+        chosen = [k for k, (part, _) in enumerate(connection.held) if _acts(part, entry.turning, d)]
+        rows, held = first + np.array(chosen, dtype=int), tuple(connection.held[k] for k in chosen)
+        sides = [*connection.sides, *(side for _, own in held for side in own)]
         nodes = frozenset(side.node for side in sides if not side.on_ground)
         made = cls(
-            name, rows, nodes, any(pull.reads_rates for pull in pulls), entry, mechanism.space, connection, pulls
+            name, rows, nodes, any(pull.reads_rates for pull in pulls), entry, mechanism.space, connection, held, pulls
         )
         along_ground = entry.frame == "ground" and entry.component not in ("axial", "radial")
-        meet = all(isinstance(part, Statement) and part.kind == MEET for part in statements)
+        meet = all(isinstance(part, Statement) and part.kind == MEET for part, _ in held)
         if entry.turning or pulls or not along_ground or not meet:
             return made
         return replace(made, nodes=frozenset(), shares=made.of_units())
@@ -306,7 +308,7 @@ class OfConnection(ForceOutput):
         """Return the force (d, n_rows) for a unit of each multiplier, of points that meet."""
         d, gradients = self.space.dimension, []
         nowhere = np.zeros((d * (d + 1), 1))
-        for part, _ in self.connection.held:
+        for part, _ in self.held:
             slopes = (function.factor * own.gradient(nowhere, nowhere)[len(nowhere) :] for own, function in part.terms)
             gradients.append(-sum(slopes)[:d, 0])
         return np.array(gradients).T
@@ -329,9 +331,9 @@ class OfConnection(ForceOutput):
         """Return force (d, n) and moment (1 or 3, n) on the second body at the second point, in the ground's axes."""
         n, d = multipliers.shape[1], self.space.dimension
         b = self._natural(self.connection.b, frames, n)
-        slopes, firsts = np.zeros_like(b), {side for _, own in self.connection.held for side in own[::2]}
+        slopes, firsts = np.zeros_like(b), {side for _, own in self.held for side in own[::2]}
         at = {side: self._natural(side, frames, n) for side in firsts}
-        for row, (part, own) in zip(self.rows, self.connection.held):
+        for row, (part, own) in zip(self.rows, self.held):
             for (statement, function), first in zip(part.terms, own[::2]):
                 # that points meet has the same slopes everywhere
                 some = slice(0, 1) if statement.kind == MEET else slice(None)
@@ -495,6 +497,14 @@ class OfMotion(ForceOutput):
         return torque if self.speed is None else torque * _rate(self.speed, frames, rates)
 
 
+def _acts(part: Statement | Combination, turning: bool, d: int) -> bool:
+    """Whether what holds a part is in a joint's force, or, of what is turning, in its moment: whether it changes with
+    the place or with the directors of the second point."""
+    frames = np.random.default_rng(1).normal(size=(2, d * (d + 1)))
+    slopes = [own.generic.gradient(*frames)[d * (d + 1) :] for own, _ in part.terms]
+    return any(np.any(one[d:] if turning else one[:d]) for one in slopes)
+
+
 def _moment(z: np.ndarray, slopes: np.ndarray, d: int) -> np.ndarray:
     """Return ``sum_k d_k x g_k``, shape (1 or 3, n), for position and directors z and slopes g, (d (d + 1), n)."""
     axes, pulls = (part[d:].reshape(d, d, -1) for part in (z, slopes))
@@ -582,7 +592,7 @@ def _rows_of(mechanism: Mechanism, name: str) -> slice:
 def _map_of(output: OfConnection, frames: Frames, mechanism: Mechanism) -> np.ndarray:
     """Return the force or moment of a joint for a unit of each multiplier, shape (n_components, n_held)."""
     columns, nothing = [], OfConnection(
-        output.name, output.rows, output.nodes, False, output.entry, output.space, output.connection, ()
+        output.name, output.rows, output.nodes, False, output.entry, output.space, output.connection, output.held, ()
     )  # fmt: skip
     for unit in np.eye(mechanism.n_held):
         force, moment = nothing.wrench(frames, {}, unit[:, None], {})
@@ -618,7 +628,7 @@ def _combination(
         if connection.name in sharing and connection.name != output.connection.name:
             first = _first_row(mechanism, connection.name)
             rows = np.arange(first, first + len(connection.held))
-            other = OfConnection(output.name, rows, output.nodes, False, output.entry, output.space, connection, ())
+            other = replace(output, rows=rows, connection=connection, held=tuple(connection.held), pulls=())
             others[connection.name] = axis @ _map_of(other, frames, mechanism)
     for n in range(1, len(others) + 1):
         for chosen in combinations(others, n):

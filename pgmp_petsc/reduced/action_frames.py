@@ -30,6 +30,7 @@ from pgmp_petsc.lanes.vectors import (
     add,
     add_product,
     differing,
+    dot,
     equal,
     first_lane,
     load,
@@ -96,6 +97,7 @@ class Places(NamedTuple):
     #: node of both sides of each statement that the actions measure, -1 on the ground, shape (n_parts, 2)
     sides: np.ndarray
     n_nodes: int  # number of nodes
+    felt: np.ndarray  # which displacements and rotations of theirs actions are of, bool, shape (n_nodes, n_dofs)
 
 
 class KeptPlaces(NamedTuple):
@@ -112,52 +114,64 @@ class Frames(NamedTuple):
     """Frames of the nodes of a block of samples, with what they are made of; arrays of vectors (..., LANES)."""
 
     place: np.ndarray  # in the cells, (n_theta), rad
-    #: rigid, rigid_slopes: tables at theta, and their derivatives, coordinate after coordinate
+    #: rigid, rigid_slopes: tables at theta, and their derivatives, coordinate after coordinate, or how fast they change
     rigid: np.ndarray
     rigid_slopes: np.ndarray
     #: moved, moving: displacements and rotations of the nodes in their bodies' frames, (n_nodes, n_dofs), and
-    #: derivatives of one node's, (n_dofs, n_eta)
+    #: derivatives of one node's, (n_dofs, n_eta), or how fast they change, (n_dofs, 1); see `place_nodes`
     moved: np.ndarray
     moving: np.ndarray
     #: turn, spin: ``exp(phi)`` in space and its change with a coordinate, (3, 3) and (3)
     turn: np.ndarray
     spin: np.ndarray
-    #: frames, jacobians: of the nodes, (n_nodes, n_frame) and (n_nodes, n_frame, n_eta)
+    #: frames, jacobians: of the nodes, (n_nodes, n_frame) and (n_nodes, n_frame, n_eta or 1)
     frames: np.ndarray
     jacobians: np.ndarray
 
 
 @njit(error_model="numpy", forceinline=True, counted=False)
-def place_nodes(places, nodes, grid, d, q, kept, work):
-    """Fill some nodes' frames in d dimensions, and their derivatives with eta, for vectors q (n_eta, LANES).
+def place_nodes(places, nodes, grid, d, q, v, kept, work):
+    """Fill some nodes' frames in d dimensions, and their derivatives with eta, for vectors q (n_eta, LANES); or, where
+    `work` has room for one column of these, how fast frames change at velocities v, in a part of the time.
 
     `grid` are the cells of the shapes.
     """
-    n_theta = len(grid)
+    along, velocity = work.jacobians.shape[2] < q.shape[0], load_rows(v, 0, 1, grid)
     _come_to_cells(places.rigid, places.together, places.fine, q, 1, kept, kept.rigid, work.place)
     place = load_rows(work.place, 0, 1, grid)
     n_rigid = work.rigid.shape[0]
     for entry in range(n_rigid):
         value, slopes = polynomial(kept.rigid, entry, place)
         store(work.rigid, entry, value)
-        for k in range(n_theta):
+        if along:
+            store(work.rigid_slopes, entry, dot(slopes, velocity))
+        for k in range(0 if along else len(grid)):
             store(work.rigid_slopes, k * n_rigid + entry, slopes[k])
     _come_to_cells(places.shapes, places.together, grid, q, 0, kept, kept.shapes, work.place)
     for number in range(nodes.size):
-        place_node(places, nodes[number], grid, d, q, kept, work)
+        place_node(places, nodes[number], grid, d, q, v, kept, work)
 
 
 @njit(error_model="numpy", forceinline=True, counted=False)
-def place_node(places, node, grid, d, q, kept, work):
+def place_node(places, node, grid, d, q, v, kept, work):
     """Fill a node's frame and its derivatives, of which what is rigid is there; see `place_nodes`."""
-    n_theta, n_dofs, place = len(grid), d * (d + 1) // 2, load_rows(work.place, 0, 1, grid)
+    n_dofs, place, n_columns = d * (d + 1) // 2, load_rows(work.place, 0, 1, grid), work.jacobians.shape[2]
+    n_theta, along = len(grid), n_columns < q.shape[0]
     n_shapes = kept.shapes.shape[0] // (N_POWERS**n_theta * n_dofs * places.n_nodes)
     for dof in range(n_dofs):
-        _displace(kept.shapes, (n_dofs * node + dof) * n_shapes, n_shapes, place, q, node, dof, work)
+        at = (n_dofs * node + dof) * n_shapes
+        if not places.felt[node, dof]:
+            store(work.moved, node * n_dofs + dof, 0.0)
+            for i in range(n_columns):
+                store(work.moving, dof * n_columns + i, 0.0)
+        elif along:
+            _displace_along(kept.shapes, at, n_shapes, place, q, v, node, dof, work)
+        else:
+            _displace(kept.shapes, at, n_shapes, place, q, node, dof, work)
     if d == 2:
-        _turn_in_plane(node, n_theta, work)
+        _turn_in_plane(node, 1 if along else n_theta, work)
     else:
-        _turn_in_space(node, n_theta, work)
+        _turn_in_space(node, 1 if along else n_theta, work)
 
 
 @njit(inline="always")
@@ -204,6 +218,31 @@ def _displace(shapes, at, n_shapes, place, q, node, dof, work):
     store(work.moved, node * work.moved.shape[1] + dof, total)
     for k in range(r):
         store(work.moving, first + k, slopes[k])
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _displace_along(shapes, at, n_shapes, place, q, v, node, dof, work):
+    """Fill ``Psi delta + 1/2 chi delta delta`` of one component and how fast it changes; see `_displace`."""
+    r, n = len(place), q.shape[0]
+    m, pair = n - r, at + n - r
+    total, rate, slopes = spread(0.0), spread(0.0), zeros(place)
+    for i in range(m):
+        shape, bends = polynomial(shapes, at + i, place)
+        delta, speed = load(q, r + i), load(v, r + i)
+        total += shape * delta
+        rate += shape * speed
+        slopes = add_product(slopes, bends, delta)
+        for j in range(i + 1 if n_shapes > m else 0):
+            shape, bends = polynomial(shapes, pair + j, place)
+            share = 0.5 if i == j else 1.0
+            product = share * delta * load(q, r + j)
+            total += shape * product
+            rate += shape * (share * (delta * load(v, r + j) + speed * load(q, r + j)))
+            slopes = add_product(slopes, bends, product)
+        pair += i + 1
+    rate += dot(slopes, load_rows(v, 0, 1, place))
+    store(work.moved, node * work.moved.shape[1] + dof, total)
+    store(work.moving, dof, rate)
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)

@@ -90,7 +90,7 @@ MEASURE, RATE, STRENGTH, STIFFNESS, DAMPING, ALONG, LEADING = range(7)
 
 @njit(error_model="numpy", forceinline=True)
 def allocate_local(local, r, n_eta):
-    """Return work arrays."""
+    """Return work arrays; with one in place of n_eta those for rates in place of Jacobians (`place_nodes`)."""
     d, n_nodes = local.actions.statements.axes.shape[2], local.places.n_nodes
     n_frame, n_dofs = d * (d + 1), d * (d + 1) // 2
     n_rigid = local.places.rigid.polynomials.shape[2] // N_POWERS**r
@@ -168,20 +168,15 @@ def act(
         store(acting.balance, i, 0.0)
         for j in range(n if with_tangent else 0):
             store(acting.tangent, i * n + j, 0.0)
-    place_nodes(places, chosen.nodes, grid, actions.statements.axes.shape[2], q, kept, work.frames)
+    place_nodes(places, chosen.nodes, grid, actions.statements.axes.shape[2], q, v, kept, work.frames)
     n_rubbing = 0
     for number in range(chosen.actions.size):
         action = chosen.actions[number]
         first, last, role = actions.firsts[action], actions.firsts[action + 1], actions.roles[action]
         single = last - first == 1
-        s, rate = measure(local, action, r, q, v, with_tangent and single, work)
-        store(work.measured, ALONG, rate)
-        if role != LED:
-            store(work.measured, RATE, rate)
-            if role != BY_LOAD:
-                store(work.measured, MEASURE, s)
-                store(work.measured, LEADING, rate)
-        _obey(actions, action, amplitudes, samples, lanes, limiting, work.measured, known, depths)
+        _find_force(
+            local, action, r, amplitudes, q, v, samples, lanes, with_tangent and single, limiting, work, known, depths
+        )
         if limiting and actions.laws.taken_up[action]:
             _keep(work.leading if role == LED else work.projected, work.measured, n_rubbing, work.rubbing)
             n_rubbing += 1
@@ -203,6 +198,20 @@ def act(
                 if not single:
                     _measure_term(local, term, r, q, True, True, work)
                 _turn(force, work, acting.tangent)
+
+
+@njit(error_model="numpy", counted=False)
+def _find_force(local, action, r, amplitudes, q, v, samples, lanes, second, limiting, work, known, depths):
+    """Fill what an action measures and the force of its law, with its nodes placed; see `act` and `measure`."""
+    role = local.actions.roles[action]
+    s, rate = measure(local, action, r, q, v, second, work)
+    store(work.measured, ALONG, rate)
+    if role != LED:
+        store(work.measured, RATE, rate)
+        if role != BY_LOAD:
+            store(work.measured, MEASURE, s)
+            store(work.measured, LEADING, rate)
+    _obey(local.actions, action, amplitudes, samples, lanes, limiting, work.measured, known, depths)
 
 
 @njit(error_model="numpy", counted=False)
@@ -266,17 +275,19 @@ def limited_lanes(known, samples, lanes):
 
 @njit(error_model="numpy", counted=False)
 def measure(local, action, n_theta, q, v, second, work):
-    """Return what an action measures and its rate, and fill ``J^T g``, with its nodes placed.
+    """Return what an action measures and its rate, and fill ``J^T g``, or that rate, with its nodes placed.
 
     `second` asks for the second derivatives of its last term.
     """
-    firsts, n_eta, s, rate = local.actions.firsts, q.shape[0], spread(0.0), spread(0.0)
-    for i in range(n_eta):
+    firsts, n_columns, s, rate = local.actions.firsts, work.projected.shape[0], spread(0.0), spread(0.0)
+    for i in range(n_columns):
         store(work.projected, i, 0.0)
     for term in range(firsts[action], firsts[action + 1]):
         s += _measure_term(local, term, n_theta, q, True, second, work)
         _project(work)
-    for i in range(n_eta):
+    if n_columns < q.shape[0]:
+        return s, load(work.projected, 0)
+    for i in range(n_columns):
         rate += load(work.projected, i) * load(v, i)
     return s, rate
 
@@ -341,22 +352,24 @@ def _project(work):
                 add(work.projected, i, slope * load(work.jacobian, c * n_eta + i))
 
 
-@njit(error_model="numpy", counted=False)
-def load_nodes(local, grid, q, known, samples, work, loads):
-    """Fill what the actions do to displacements and rotations of their nodes in body frames, (n_nodes, n_dofs, LANES),
-    with the forces that are `known` since `act`, whose arguments the others are: ``F g`` in these."""
-    places, actions, d = local.places, local.actions, local.actions.statements.axes.shape[2]
-    n_frame, nodes, force = d * (d + 1), local.all.nodes, work.measured[STRENGTH]
+@njit(cache=True, apart=True, error_model="numpy", counted=False)
+def load_nodes(local, grid, amplitudes, q, v, samples, lanes, work, kept, known, depths, loads):
+    """Fill what the actions do to displacements and rotations of their nodes in body frames, (n_nodes, n_dofs, LANES):
+    ``F g`` in these. Other arguments are as of `act`, `work` with room for rates alone."""
+    places, actions, d, r = local.places, local.actions, local.actions.statements.axes.shape[2], len(grid)
+    n_frame, nodes = d * (d + 1), local.all.nodes
     gradients, felt = items(work.gradient, WIDE), items(work.felt, WIDE)
+    place_nodes(places, nodes, grid, d, q, v, kept, work.frames)
     for entry in range(places.n_nodes * n_frame):
         store(work.felt, entry, 0.0)
     for action in range(actions.roles.size):
-        if actions.roles[action] == LEADS:
-            continue
-        for lane in range(LANES):
-            force[lane] = known[samples[lane], FORCE, action]
-        for term in range(actions.firsts[action], actions.firsts[action + 1]):
-            _measure_term(local, term, len(grid), q, False, False, work)
+        first, last = actions.firsts[action], actions.firsts[action + 1]
+        _find_force(
+            local, action, r, amplitudes, q, v, samples, lanes, np.bool_(False), np.bool_(False), work, known, depths
+        )
+        for term in range(last if actions.roles[action] == LEADS else first, last):
+            if last - first > 1:
+                _measure_term(local, term, r, q, False, False, work)
             for side in range(2):
                 node, arms = places.sides[term, side], actions.statements.arms[term, side]
                 for c in range(n_frame if node >= 0 else 0):

@@ -15,7 +15,7 @@ from pgmp_petsc.effects.time_function import TimeFunction, joined
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.statements import ANGLE, Statement
+from pgmp_petsc.mechanism.statements import ANGLE, FOLLOWING, Statement
 from pgmp_petsc.reduced.action_frames import Places
 from pgmp_petsc.reduced.action_kernel import Chosen, LocalEffects
 from pgmp_petsc.reduced.arrays import Strengths
@@ -77,6 +77,7 @@ class ReducedActions:
             winding=winding,
             sides=np.array([-1 if s.on_ground else nodes.index(s.node) for s in sides], dtype=np.int64).reshape(-1, 2),
             n_nodes=len(nodes),
+            felt=felt_by(actions, kinematics.mechanism.space.dimension),
         )
         return cls(tuple(actions), places, kinematics.mechanism.space.dimension, rigid)
 
@@ -100,7 +101,9 @@ class ReducedActions:
         """Return no actions."""
         nowhere, whole = (Grid(0.0, 1.0, 1, False),) * n_theta, np.zeros(1, dtype=np.int64)
         empty, sides = Cells.none(n_theta), np.zeros((0, 2), dtype=np.int64)
-        return cls((), Places(nowhere, empty, empty, whole, np.zeros((0, n_theta)), sides, 0))
+        return cls(
+            (), Places(nowhere, empty, empty, whole, np.zeros((0, n_theta)), sides, 0, np.zeros((0, 3), dtype=bool))
+        )
 
     def of_joints(self, mechanism: Mechanism) -> ReducedActions:
         """Return the springs of elastic joints and couplings alone, where others act nowhere; none without them."""
@@ -134,6 +137,22 @@ class ReducedActions:
 def nodes_of(actions: Sequence[Action]) -> list[int]:
     """Return the nodes that actions hold at, increasing."""
     return sorted({side.node for action in actions for side in action.sides if not side.on_ground})
+
+
+def felt_by(actions: Sequence[Action], dimension: int) -> np.ndarray:
+    """Return which displacements and rotations of `nodes_of` actions these are of, shape (n_nodes, n_dofs): a statement
+    is of those of points and directors with which it changes, a point beside the node of its rotation too."""
+    nodes, d, n = nodes_of(actions), dimension, dimension * (dimension + 1)
+    found, frames = np.zeros((len(nodes), n // 2), dtype=bool), np.random.default_rng(1).normal(size=(2, n))
+    for action in actions:
+        sides = zip(action.sides[::2], action.sides[1::2])
+        for (part, _), pair in zip(action.statement.terms, sides):
+            slopes = np.ones(2 * n) if part.kind == FOLLOWING else part.generic.gradient(*frames)
+            for side, own in zip(pair, slopes.reshape(2, n) != 0.0):
+                if not side.on_ground:
+                    moves, turns = own[:d].any(), own[d:].any() or (own[:d].any() and np.any(side.arm))
+                    found[nodes.index(side.node)] |= np.repeat([moves, turns], [d, n // 2 - d])
+    return found
 
 
 def rigid_places(

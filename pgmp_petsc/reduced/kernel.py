@@ -13,6 +13,7 @@ import numpy as np
 
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import empty_lanes
 from pgmp_petsc.lanes.vectors import (
     EVERY_LANE,
     LANES,
@@ -228,7 +229,7 @@ def correct(equations, memory, strengths, state, gains, active, fresh, size):
 
 
 @njit(cache=True, entry=True, error_model="numpy")
-def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, known, loads):
+def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, known):
     """Evaluate the local effects on some samples at several instants, the last of which stays in the memory.
 
     Parameters
@@ -245,9 +246,6 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
         Whether tangents are wanted.
     known
         Result: as of `act`, shape (n_t, n_samples, 3, n_actions).
-    loads
-        Result: as of `load_nodes`, vectors (n_t, n_blocks, n_nodes, n_dofs, LANES); without instants where they are
-        not wanted.
     """
     equations, memory = loaded(equations), loaded(memory)
     work, n_actions = allocate(equations.layout), amplitudes.shape[2]
@@ -269,10 +267,23 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
                     for row in range(known.shape[2]):
                         for k in range(n_actions):
                             known[instant, samples[lane], row, k] = memory.known[samples[lane], row, k]
-            if loads.shape[0] > 0:
-                load_nodes(
-                    equations.local, equations.grid, work.q, memory.known, samples, local, loads[instant, block]
-                )  # fmt: skip
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def load_on(equations, memory, amplitudes, trail, loads):
+    """Fill what local effects do to their nodes in all samples at several instants, vectors (n_t, n_blocks, n_nodes,
+    n_dofs, LANES); see `load_nodes` and `act_on`."""
+    equations, memory = loaded(equations), loaded(memory)
+    n, local = equations.layout.n_eta, equations.local
+    q, v, work = empty_lanes(n, LANES), empty_lanes(n, LANES), allocate_local(local, len(equations.grid), 1)
+    for block in range(amplitudes.shape[1]):
+        for instant in range(trail.shape[0]):
+            gather(trail[instant, 0], memory.samples[block], q)
+            gather(trail[instant, 1], memory.samples[block], v)
+            load_nodes(
+                local, equations.grid, amplitudes[instant, block], q, v, memory.samples[block], EVERY_LANE, work,
+                places_of(memory, block), memory.known, memory.depths, loads[instant, block],
+            )  # fmt: skip
 
 
 @njit(cache=True, entry=True, error_model="numpy")

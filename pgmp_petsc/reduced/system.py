@@ -24,7 +24,7 @@ from pgmp_petsc.reduced.actions import ReducedActions, functions_of_time
 from pgmp_petsc.reduced.arrays import Strengths
 from pgmp_petsc.reduced.control import LARGE, Control
 from pgmp_petsc.reduced.energy import damping_power, load_powers, reduced_energy
-from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices
+from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices, load_on
 from pgmp_petsc.reduced.sample_lanes import ReducedLanes
 from pgmp_petsc.reduced.steps import Progress, advance
 from pgmp_petsc.reduced.terms import ReducedTerms
@@ -35,7 +35,6 @@ from pgmp_petsc.stepping.status import Status
 LARGEST = 2**19  # numbers that are written down, of all samples and steps
 RESIDUALS = 2**9  # samples, at all instants, whose residuals are evaluated together
 FURTHEST = 2**21  # numbers of all samples and steps: in more of them samples that began side by side drift apart
-NO_LOADS = aligned((0, 0, 0, 0, LANES))
 STARTING_CORRECTIONS = 4  # one where stiffness does not change with the deformation
 
 
@@ -139,9 +138,7 @@ class ReducedSystem(SecondOrderSystem):
         kept, n_actions = self._memory.known.copy(), len(self._actions.actions)
         everyone, found = np.ones(self.n_samples, dtype=bool), np.empty((1, self.n_samples, 3, n_actions))
         trail = np.array([[state.q, state.v]])
-        act_on(
-            *self._passed, self._no_amplitudes, trail, self._lanes.sets(everyone), 0.0, np.bool_(False), found, NO_LOADS
-        )
+        act_on(*self._passed, self._no_amplitudes, trail, self._lanes.sets(everyone), 0.0, np.bool_(False), found)
         self._memory.known[:] = kept  # with what laws that are limited keep for the next iterate
         return self._equations.local.actions.parameters[self.controlled, :, NOTED]
 
@@ -307,7 +304,7 @@ class ReducedSystem(SecondOrderSystem):
         d, n_blocks = self._actions.dimension, len(self._memory.samples)
         loads = aligned((len(times), n_blocks, self._actions.places.n_nodes, d * (d + 1) // 2, LANES))
         amplitudes = amplitudes_over(self._actions.actions, times.ravel()).reshape(*times.shape, -1)
-        self._known(times[:, 0], trail, amplitudes=amplitudes, loads=loads)
+        load_on(*self._passed, self._lanes.packed_over(amplitudes), trail, loads)
         by_samples = self._lanes.unpacked(np.swapaxes(loads, 0, 1))
         return np.moveaxis(by_samples.reshape(len(times), -1, self.n_samples), 1, 2)
 
@@ -489,11 +486,11 @@ class ReducedSystem(SecondOrderSystem):
 
     def _known(
         self, times: np.ndarray, trail: np.ndarray, active: np.ndarray | None = None, gain_v: float = 0.0,
-        with_tangent: bool = False, amplitudes: np.ndarray | None = None, loads: np.ndarray = NO_LOADS,
+        with_tangent: bool = False, amplitudes: np.ndarray | None = None,
     ) -> np.ndarray:  # fmt: skip
         """Evaluate the actions on active samples, or on all, at times (n_t,); return what is known of them, (n_t,
         n_samples, 3, n_actions), as of `act`. Amplitudes are those of the times, or given, (n_t, 1 or n_samples,
-        n_actions); `loads` are filled where there are any."""
+        n_actions)."""
         lanes = self._lanes.sets(np.ones(self.n_samples, dtype=bool) if active is None else active)
         actions = self._actions.actions
         found = np.zeros((times.size, self.n_samples, 3, len(actions)))
@@ -504,7 +501,7 @@ class ReducedSystem(SecondOrderSystem):
                 given[:, :, self._led] += self.beside.forces(times)
             act_on(
                 *self._passed, self._lanes.packed_over(given), np.ascontiguousarray(trail), lanes, gain_v,
-                np.bool_(with_tangent), found, loads,
+                np.bool_(with_tangent), found,
             )  # fmt: skip
         return found
 

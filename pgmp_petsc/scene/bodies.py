@@ -183,7 +183,13 @@ class Matrices(Table):
     """Files of stiffness, mass and nodes."""
 
     stiffness: str = Field(min_length=1, description="file of the stiffness matrix, relative to the scene's directory")
-    mass: str = Field(min_length=1, description="file of the mass matrix")
+    mass: str = Field(min_length=1, description="file of the mass matrix of all nodes")
+    modes: str | None = Field(
+        None,
+        min_length=1,
+        description="of a body that is reduced already (Craig and Bampton): file of what each row of the stiffness is "
+        "of, displacements of all nodes, a column each; the mass stays that of the nodes",
+    )
     nodes: str = Field(min_length=1, description="file of the nodes: a mesh, .csv or .npz")
     rows: str | None = Field(
         None,

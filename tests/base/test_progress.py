@@ -286,10 +286,10 @@ def test_a_command_shows_what_it_does_where_nothing_is_counted() -> None:
     beat = Beat(terminal, clock)
     with doing("reading meshes"):
         beat.look()
-        clock.now += 4.0
+        clock.now += 3.0
         beat.look()
         assert terminal.getvalue() == "", "short work says nothing"
-        for _ in range(3):
+        for _ in range(4):
             clock.now += 1.0
             beat.look()
         assert terminal.getvalue().endswith("\r\x1b[Kpgmp: reading meshes, 7 s\r")
@@ -302,13 +302,13 @@ def test_a_command_shows_what_it_does_where_nothing_is_counted() -> None:
         for _ in range(12):
             clock.now += 1.0
             quiet.look()
-    assert log.getvalue().splitlines() == [f"pgmp: reading meshes, {s} s" for s in (4, 9)]
+    assert log.getvalue().splitlines() == [f"pgmp: reading meshes, {s} s" for s in (3, 8)]
     waits_for("compiling")
     for _ in range(10):
         clock.now += 1.0
         quiet.look()
     waits_for(None)
-    assert log.getvalue().splitlines()[2:] == [f"pgmp: compiling, {s} s" for s in (2, 7)]
+    assert log.getvalue().splitlines()[2:] == [f"pgmp: compiling, {s} s" for s in (1, 6)]
 
 
 def test_short_phases_in_turn_are_not_silent_for_longer_than_a_long_one(monkeypatch) -> None:

@@ -35,6 +35,11 @@ def linear() -> Trajectory:
     return simulate_reduced(ReducedModel(scene_of(), rom_of(scene_of())), MPI.COMM_SELF)
 
 
+@lru_cache(maxsize=1)
+def of_full_order() -> Trajectory:
+    return simulate_full(FullModel(scene_of(), rom_of(scene_of()).meshes), MPI.COMM_SELF)
+
+
 def warnings_of(trajectory: Trajectory) -> str:
     return "\n".join(remark.text for remark in trajectory.record.remarks if remark.kind == "warning")
 
@@ -42,7 +47,7 @@ def warnings_of(trajectory: Trajectory) -> str:
 def test_the_linear_model_errs_and_warns() -> None:
     """Figures are worth what the warning says: the stiffness changes by a share, and bending by more than a fifth."""
     run = linear()
-    full = simulate_full(FullModel(scene_of(), rom_of(scene_of()).meshes), MPI.COMM_SELF)
+    full = of_full_order()
     ours, exact = (np.max(np.abs(r.outputs["coupler_bending"])) for r in (run, full))
     late = run.time > 0.45
     difference = np.max(np.abs(run.outputs["coupler_bending"] - full.outputs["coupler_bending"])[late])
@@ -59,7 +64,7 @@ def test_static_stretching_follows_it_to_the_end() -> None:
     """What is left, some seven per cent of the bending, is a tenth of what the linear model leaves."""
     scene = scene_of(*SECOND_ORDER)
     run = simulate_reduced(ReducedModel(scene, rom_of(scene)), MPI.COMM_SELF)
-    full = simulate_full(FullModel(scene_of(), rom_of(scene_of()).meshes), MPI.COMM_SELF)
+    full = of_full_order()
     assert run.status == 0
     exact = full.outputs["coupler_bending"]
     errors = [np.max(np.abs(r.outputs["coupler_bending"] - exact)) / np.max(np.abs(exact)) for r in (run, linear())]

@@ -1,6 +1,7 @@
 """The cache of compiled functions: its loss costs time, never a run."""
 
 import ast
+import json
 import os
 import pickle
 import re
@@ -10,8 +11,10 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numba
 import pytest
 from conftest import ROOT, TIMEOUT_SECONDS
+from llvmlite import binding
 
 from pgmp_petsc.lanes import compiled
 
@@ -199,6 +202,50 @@ def test_files_of_an_older_version_are_written_anew_without_a_word(kept: Path) -
             version = pickle.load(file)
         path.write_bytes(pickle.dumps(version) + b"cpgmp_petsc.gone\nVector\n.")
     assert printed(kept) == "6 1.0 None"
+
+
+# a wheel with compiled code in it, for a family of processors
+CARRYING = """
+from pathlib import Path
+from pgmp_petsc.lanes import compiled
+compiled.CARRIED = Path(sys.argv[1]) / "carried.json"
+"""
+FAMILY = "x86-64", "+cx16,+sse3"
+
+
+def test_a_wheel_carries_code_for_a_family_of_processors(module: Path) -> None:
+    source, machine = module / "source", binding.get_process_triple()
+    script = SCRIPT.replace("from kernel", CARRYING + "from kernel") + "print(len(double.stats.cache_hits))"
+    command = [sys.executable, "-c", script, str(source), "3"]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA")}
+    environment["PYTHONPATH"] = str(ROOT)
+
+    def said(**more: str) -> list[str]:
+        done = subprocess.run(
+            command, capture_output=True, text=True, env=environment | more, timeout=TIMEOUT_SECONDS, check=True
+        )
+        return done.stdout.splitlines()
+
+    def carries(version: str, *families: tuple[str, str]) -> None:
+        about = {"numba": version, "processors": [[machine, *family] for family in families]}
+        (source / "carried.json").write_text(json.dumps(about))
+
+    assert said(NUMBA_CPU_NAME=FAMILY[0], NUMBA_CPU_FEATURES=FAMILY[1]) == ["6 1.0 None", "0"]
+    made = {path: path.read_bytes() for path in (source / "__pycache__").glob("*.nb?")}
+    assert len(made) == 3
+    carries(numba.__version__, ("new", "+cx16,+fly"), FAMILY)
+    assert said() == ["6 1.0 None", "2"], "loaded here"
+    assert said(NUMBA_CACHE_DIR=str(module / "cache")) == ["6 1.0 None", "2"], "and where another folder is written to"
+    assert said(NUMBA_CPU_NAME="x86-64", NUMBA_CPU_FEATURES="+cx16") == ["6 1.0 None", "0"], "another one is asked for"
+    for path, content in made.items():
+        path.write_bytes(content)
+    carries(numba.__version__, ("new", "+cx16,+fly"))
+    line, hits = said()
+    assert hits == "0" and f"is of numba {numba.__version__} for processors new, and this is numba" in line
+    assert "compiled once, which takes minutes" in line
+    assert said() == ["6 1.0 None", "2"], "that is kept as in a checkout"
+    carries("0.1", FAMILY)
+    assert said(NUMBA_CACHE_DIR=str(module / "others")) == ["6 1.0 None", "2"]
 
 
 def test_without_a_folder_that_can_be_written(module: Path) -> None:

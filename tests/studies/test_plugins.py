@@ -23,7 +23,7 @@ import pgmp_petsc as pgmp
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.plugins import IN_USE, check_plugins
 from pgmp_petsc.base.units import UNITS
-from pgmp_petsc.c_export.source import COMPILED
+from pgmp_petsc.c_export.source import compiled_of
 from pgmp_petsc.declare import ideas
 from pgmp_petsc.declare.ideas import FAMILIES
 from pgmp_petsc.files.checkpoint_folder import CheckpointFolder
@@ -166,7 +166,7 @@ def test_a_bar_that_slides_and_turns_in_a_plane(tmp_path: Path, kind: str) -> No
     slopes = pgmp.sensitivities(rom)
     assert slopes.derivatives["angle"]["strength"][-1] == pytest.approx(turned[-1], rel=2e-4)
     pgmp.export_model(rom, str(tmp_path / "model"))
-    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", *COMPILED, "-lm"]
+    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", *compiled_of("reduced"), "-lm"]
     subprocess.run(command, cwd=tmp_path / "model", check=True)
     assert_equal(outputs_of(tmp_path / "model" / "run"), runs["reduced"].outputs)
 

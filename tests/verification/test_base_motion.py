@@ -8,7 +8,7 @@ import pytest
 from exported import assert_same_in_c, needs_compiler
 from machine_scenes import MODELS, RAIL_MASS, cart, rail, run
 from refusals import cases, check_said, refusal
-from runs import assert_close, reduced_model, trajectory
+from runs import assert_close, motion, reduced_model, trajectory
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -79,9 +79,9 @@ SHAKEN = {
 def test_an_arm_along_a_slide_that_is_shaken(way: str, tmp_path: Path) -> None:
     """Its weight bends it, and 11 g along it change its stiffness by a twelfth: a motion that is prescribed and a base
     that moves do the same."""
-    expected = trajectory("full", scene_from_toml(ALONG_A_SLIDE, ".", SHAKEN[way])).outputs
+    expected = motion("full", scene_from_toml(ALONG_A_SLIDE, ".", SHAKEN[way])).outputs
     model = reduced_model(scene_from_toml(ALONG_A_SLIDE, ".", SHAKEN[way]))
-    found = trajectory(model)
+    found = motion(model)
     for name, share in (("tip", 5e-4), ("torque", 0.012)):  # the weight sets in at once, which few modes follow
         assert np.abs(found.outputs[name] - expected[name]).max() < share * np.abs(expected[name]).max(), name
     energy, work = found.balance.kinetic + found.balance.strain, sum(found.balance.work.values())

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from machine_scenes import run
 from refusals import cases, check_said, refusal
-from runs import history, motion, reduced_model, samples
+from runs import history, motion, read_meshes, reduced_model, samples
 from scipy.integrate import solve_ivp
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.bench.finished import CARRIED, step_seconds
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER, tables
 
@@ -187,3 +189,12 @@ def test_what_slides_has_no_radius():
 def test_what_does_not_know_it_refuses_it(purpose):
     with pytest.raises(InputError, match="effects.in_main.coefficient"):
         check_capabilities(slider(), purpose)
+
+
+def test_predicted_times_count_it():
+    """A step of the mesh takes 2.4 ms with friction in three joints, of which 2.1 ms are for that."""
+    rubbing, limited = (
+        step_seconds(Mechanism.from_scene(scene, read_meshes(scene)))
+        for scene in (slider(), slider('effects.in_pin={type="joint_friction",joint="pin",limit=1.0,speed=1.0}'))
+    )
+    assert rubbing - limited == pytest.approx(CARRIED, rel=1e-9) and 1e-3 < rubbing < 5e-3

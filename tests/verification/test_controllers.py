@@ -14,7 +14,7 @@ from exported import FMPY, Unit, assert_equal, compiled, needs_compiler, outputs
 from machine_scenes import MODELS, cart, run
 from mpi4py import MPI
 from refusals import cases, check_said
-from runs import IN_TURN, history, overridden, reduced_model, run_model, samples, trajectory
+from runs import IN_TURN, history, motion, overridden, reduced_model, run_model, samples, trajectory
 from scipy.integrate import solve_ivp, trapezoid
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
@@ -204,8 +204,7 @@ def test_controllers_in_every_model(entries: tuple[str, ...]) -> None:
 @pytest.mark.parametrize("entries", [ARM, (*ARM, *SAMPLED)], ids=["continuous", "sampled"])
 def test_the_work_of_controllers_closes_the_balance(entries: tuple[str, ...], model: str) -> None:
     """What the rule of trapezoids leaves of the works; jumps excite vibrations that steps of 1 ms hardly resolve."""
-    scene = cart(*entries)
-    balance = trajectory(MODELS[model](scene), scene).balance
+    balance = motion(model, cart(*entries)).balance
     exchanged = np.abs(np.diff(balance.work["place"])).sum() + np.abs(np.diff(balance.work["hold"])).sum()
     allowed = 1e-3 if entries is ARM else 3e-3
     assert np.abs(balance.residual).max() < allowed * exchanged and np.ptp(balance.work["place"]) > 0.1 * exchanged

@@ -10,7 +10,7 @@ from differences import compare
 from machine_scenes import MODELS, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
-from runs import history, read_meshes, reduced_model, rom_of, samples
+from runs import history, motion, read_meshes, reduced_model, rom_of, samples
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
@@ -22,7 +22,6 @@ from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.modes_table import reduced_vibrations, springs_of
 from pgmp_petsc.studies.plausibility import plausibility
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import HEADER, tables
 
 RATIO, TORQUE, FIRST, SECOND = -0.37, 0.7, 0.02, 0.5  # of the rotors: N m, kg m2
@@ -233,9 +232,7 @@ def test_what_a_mesh_stores_and_loses_is_in_the_balance(model: str) -> None:
         "joints.mesh.elastic={stiffness=3e3,damping=1.0}", "simulation.duration=0.2", "simulation.step=2.5e-4",
         "simulation.spectral_radius=1.0",
     )  # fmt: skip
-    scene = scene_from_toml(GEARED, ".", own)
-    simulate = simulate_full if model == "full" else simulate_reduced
-    balance = simulate(MODELS[model](scene), MPI.COMM_SELF).balance
+    balance = motion(model, scene_from_toml(GEARED, ".", own)).balance
     # the square of the step
     assert np.abs(balance.residual).max() < 1e-3 * balance.kinetic.max()
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from conftest import ROOT, TIMEOUT_SECONDS
 from mpi4py import MPI
-from runs import QUICK_RETURN, accurate_scene, built_rom, motion, reduced_model
+from runs import QUICK_RETURN, accurate_scene, built_rom, components_model, motion, reduced_model
 from spatial import slider_crank_in_space
 from spatial_beams import slider_crank_of_beams
 from two_coordinates import five_bar
 
 from pgmp_petsc.c_export.constants import constants_of, left_out
-from pgmp_petsc.c_export.source import COMPILED, write_sources
+from pgmp_petsc.c_export.source import compiled_of, write_sources
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction import tables as of_reduction
@@ -133,7 +133,7 @@ def test_a_limited_range_overhauser_every_law_and_every_kind_of_output(tmp_path)
     sizes, n = re.subn(r"#define ROTATION_LIMIT \S+", "#define ROTATION_LIMIT 1e-9", (tmp_path / "sizes.h").read_text())
     assert n == 1
     (tmp_path / "sizes.h").write_text(sizes)
-    command = [exported.COMPILER, *exported.OPTIONS, "-o", "run", "main.c", *COMPILED, "-lm"]
+    command = [exported.COMPILER, *exported.OPTIONS, "-o", "run", "main.c", *compiled_of("reduced"), "-lm"]
     subprocess.run(command, cwd=tmp_path, check=True, timeout=TIMEOUT_SECONDS)
     command = [tmp_path / "run"]
     found = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_SECONDS).stdout.splitlines()
@@ -271,17 +271,17 @@ def test_an_angle_in_space_that_is_no_coordinate_counts_turns(tmp_path) -> None:
 
 def test_nothing_but_libm_and_no_allocation(slider_crank_program) -> None:
     folder = slider_crank_program.parent
-    subprocess.run(
-        [exported.COMPILER, *exported.OPTIONS, "-c", *COMPILED], cwd=folder, check=True, timeout=TIMEOUT_SECONDS
-    )
-    objects = [name.replace(".c", ".o") for name in COMPILED]
+    names = compiled_of("reduced")
+    command = [exported.COMPILER, *exported.OPTIONS, "-c", *names]
+    subprocess.run(command, cwd=folder, check=True, timeout=TIMEOUT_SECONDS)
+    objects = [name.replace(".c", ".o") for name in names]
 
     def listed(option: str) -> set[str]:
         found = subprocess.run(["nm", option, *objects], cwd=folder, capture_output=True, text=True).stdout
         return {line.split()[-1] for line in found.splitlines() if line.strip() and not line.endswith(":")}
 
     wanted, compilers = listed("-u") - listed("--defined-only"), {"_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"}
-    libm = {"sin", "pow", "cos", "sincos", "sqrt", "floor", "fabs", "tanh", "atan2"}
+    libm = {"sin", "pow", "cos", "sincos", "sqrt", "floor", "fabs", "tanh", "atan2", "fmax", "fmin"}
     assert wanted - compilers <= libm | {"memset", "memcpy"}
 
 
@@ -299,7 +299,7 @@ def test_loads_that_set_in_at_once(tmp_path, step, n_attempts) -> None:
     text, n = re.subn("attempt < N_ATTEMPTS", f"attempt < {n_attempts - 1}", (tmp_path / "steps.c").read_text())
     assert n == 1
     (tmp_path / "steps.c").write_text(text)
-    command = [exported.COMPILER, *exported.OPTIONS, "-o", "run", "main.c", *COMPILED, "-lm"]
+    command = [exported.COMPILER, *exported.OPTIONS, "-o", "run", "main.c", *compiled_of("reduced"), "-lm"]
     subprocess.run(command, cwd=tmp_path, check=True, timeout=TIMEOUT_SECONDS)
     _assert_stopped(tmp_path / "run")
 
@@ -342,3 +342,36 @@ def test_it_runs_without_the_sources_of_this_program(slider_crank, tmp_path) -> 
     }
     own = {f'"{path.name}"' for path in tmp_path.iterdir()}
     assert included <= own | {f"<{name}.h>" for name in ("math", "string", "stdio", "stdlib")}
+
+
+TREES = {
+    "six_joint_arm": ("simulation.duration=0.3",),
+    "scara": ("simulation.duration=0.3",),
+    "payload_arm": ("simulation.duration=0.05",),
+    "palletizer": ("simulation.duration=0.1",),
+    "delta_robot": ("simulation.duration=0.1",),
+    "servo_arm": ("simulation.duration=0.2",),
+    "machine_on_mounts": ("simulation.duration=0.1",),
+    "crank_press": ("simulation.duration=0.1",),
+}
+
+
+@pytest.mark.parametrize("name", TREES)
+def test_component_models(name, tmp_path) -> None:
+    """Along chains of joints and in loops; 1e-13 of the mechanism's size is what closing it leaves of deformations."""
+    path = ROOT / "scenes" / f"{name}.toml"
+    model = components_model(*read_scene(path, TREES[name], (), MPI.COMM_SELF, Purpose.COMPONENTS))
+    found, wanted = exported.outputs_of(exported.compiled(model, tmp_path)), motion(model).outputs
+    for output, values in ((name, wanted[name]) for name in wanted if name in found):  # but for forces in joints
+        closing = 2e-13 * model.kinematics.size
+        off = np.max(np.abs(found[output] - values)) - closing
+        assert off <= 1e-9 * np.max(np.abs(values)), (output, off)
+
+
+def test_parameters_of_a_component_model(tmp_path) -> None:
+    model = components_model(load_scene(ROOT / "scenes/six_joint_arm.toml", ("simulation.duration=0.05",), ()))
+    found = exported.outputs_of(exported.compiled(model, tmp_path), "radius=0.015")
+    wanted = motion(model.in_scene(model.scene.with_values({"radius": 0.015}))).outputs
+    exported.assert_equal(found, wanted)
+    nominal = motion(model).outputs["deflection"]
+    assert np.max(np.abs(wanted["deflection"] - nominal)) > 1e-2 * np.max(np.abs(nominal))

@@ -11,9 +11,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from conftest import TIMEOUT_SECONDS
+from conftest import ROOT, TIMEOUT_SECONDS
 from exported import COMPILER, FMPY, Unit, assert_equal, needs_compiler, scene_of, with_scene
-from runs import motion, reduced_model
+from runs import components_model, motion, reduced_model
 from scipy.integrate import solve_ivp
 
 from pgmp_petsc.c_export import source
@@ -21,7 +21,9 @@ from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.description import CORRECTION, FOLLOWS, OUTPUTS, STRENGTHS, TIME, VALID, VALIDITY
 from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
 from pgmp_petsc.c_export.source import _weigh, _weigh_gaps
+from pgmp_petsc.c_export.tree import tree_constants_of
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.scene import load_scene
 from pgmp_petsc.stepping.second_order_system import State
 
 pytestmark = needs_compiler
@@ -301,7 +303,7 @@ def test_names_with_hyphens(slider_crank, tmp_path, version) -> None:
     weights = replace(found, name="slider-crank", coordinate_units={"theta-1": "rad"}, **renamed)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(source, "_weigh", lambda constants: _weigh(found))
-        patch.setattr(source, "_weigh_gaps", lambda constants: _weigh_gaps(found))
+        patch.setattr(source, "_weigh_gaps", lambda *_: _weigh_gaps(found.gap_weights, found.parameters_in_c))
         write_fmu(weights, tmp_path / "m.fmu", version)
     unit = Unit(tmp_path / "m.fmu", tmp_path / "there")
     assert unit.instantiate() and unit.begin() == 0
@@ -315,6 +317,27 @@ def test_names_with_hyphens(slider_crank, tmp_path, version) -> None:
     done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_SECONDS, env=environment)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split("\n")[:-1] == [*names]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_an_arm_of_six_joints_elsewhere(tmp_path, version) -> None:
+    """A component model has no states for integrators of others, whose steps its vibrations would have to follow."""
+    if shutil.which(FMPY) is None:
+        pytest.skip(f"no {FMPY}")
+    model = components_model(load_scene(ROOT / "scenes/six_joint_arm.toml", ("simulation.duration=0.1",), ()))
+    write_fmu(tree_constants_of(model, "it"), tmp_path / "arm.fmu", version)
+    unit = Unit(tmp_path / "arm.fmu", tmp_path / "there")
+    assert unit.instantiate(exchange=True) is None and "is for co-simulation alone" in unit.said[-1]
+    scene = model.scene.with_values({"radius": 0.015})
+    wanted, step = motion(model.in_scene(scene)).outputs, scene.simulation.step
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    command = [FMPY, "-c", SIMULATE, tmp_path / "arm.fmu", "CoSimulation", str(step)]
+    command += [json.dumps({"parameters.radius": 0.015})]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_SECONDS, env=environment)
+    assert done.returncode == 0, done.stderr
+    problems, found = json.loads(done.stdout)
+    assert problems == []
+    assert_equal({name: np.array(found[f"outputs.{name}"]) for name in wanted}, wanted)
 
 
 @pytest.mark.parametrize("version", VERSIONS)

@@ -110,15 +110,15 @@ static void look(const struct pgmp_model *m, double time, struct response *at) {
 }
 
 /* Begins the iteration of a step of h, or of a part of one, to a time. */
-void begin_response(const struct pgmp_model *m, double h, double time, struct response *at) {
-    const double share = h * GAMMA / (1.0 - ALPHA_M);
+void begin_response(const struct pgmp_model *m, const struct scheme *s, double h, double time, struct response *at) {
+    const double share = h * s->gamma / (1.0 - s->alpha_m);
     at->who = CONTINUOUS;
-    at->kappa = GAMMA / (BETA * h) / ((1.0 - ALPHA_M) / ((1.0 - ALPHA_F) * BETA * (h * h)));
+    at->kappa = s->gamma / (s->beta * h) / ((1.0 - s->alpha_m) / ((1.0 - s->alpha_f) * s->beta * (h * h)));
     look(m, time, at);
     for (int k = 0; k < N_CONTROLS; k++)
         for (int i = controls[k].column, n = controls[k].n_states; i < controls[k].column + n; i++) {
             const double *z = m->beside + i;
-            at->c[i] = z[0] + h * (1.0 - GAMMA) * z[2 * n] + share * (ALPHA_F * z[n] - ALPHA_M * z[2 * n]);
+            at->c[i] = z[0] + h * (1.0 - s->gamma) * z[2 * n] + share * (s->alpha_f * z[n] - s->alpha_m * z[2 * n]);
             at->z[i] = at->c[i] + at->kappa * z[n];
         }
 }
@@ -131,14 +131,14 @@ void begin_sampling(const struct pgmp_model *m, int who, double time, struct res
 }
 
 /* Takes what is beside to where the last response was. */
-void follow_response(struct pgmp_model *m, const struct response *at) {
+void follow_response(struct pgmp_model *m, const struct scheme *s, const struct response *at) {
     for (int k = 0; k < N_CONTROLS; k++) {
         const struct control *one = controls + k;
         int sampled = one->every > 0, n = one->n_states;
         if (at->who == DUE ? !(sampled && m->number % one->every == 0) : at->who == CONTINUOUS && sampled) continue;
         for (int i = one->column; i < one->column + n; i++) {
             double *z = m->beside + i, rate = at->rates[i];
-            double ahead = ((1.0 - ALPHA_F) * rate + ALPHA_F * z[n] - ALPHA_M * z[2 * n]) / (1.0 - ALPHA_M);
+            double ahead = ((1.0 - s->alpha_f) * rate + s->alpha_f * z[n] - s->alpha_m * z[2 * n]) / (1.0 - s->alpha_m);
             z[0] = at->z[i];
             if (at->who == DUE) continue;
             z[n] = rate, z[2 * n] = at->who == EVERYONE ? rate : ahead;

@@ -133,7 +133,7 @@ void find_forces(struct pgmp_model *m, const double strengths[], const struct fr
         interpolate(m, &stencil, m->q, strengths, &t);
         evaluate_lagrangian(&t, m->q, m->v, m->a, 0.0, 0.0, 0, r, &matrix);
     }
-    add_actions(m, &stencil, strengths, m->q, m->v, 0.0, 0, 0, 0, 0, r, &matrix, forces_of, N_GAPS ? loads : 0);
+    add_actions(m, strengths, m->q, m->v, 0.0, 0, 0, 0, 0, r, &matrix, forces_of, N_GAPS ? loads : 0);
 #if N_GAPS > 0
     find_multipliers(m, strengths, loads, multipliers);
 #endif

@@ -109,7 +109,7 @@ static void make_rigid(const struct pgmp_model *m, int k, const int cell[R], lon
     double part[PACKED(R) * RIGID_POWERS / 8];
     int n = PACKED(R);
     if (k == R) {
-        memcpy(made, m->rigid_rows[row], sizeof m->rigid_rows[row]);
+        memcpy(made, m->own.rigid_rows[row], sizeof m->own.rigid_rows[row]);
         return;
     }
     for (int j = k + 1; j < R; j++) n *= 8;
@@ -147,41 +147,19 @@ void interpolate(struct pgmp_model *m, const struct stencil *stencil, const doub
         cell = cell * rigid_axes[k].n_cells + cells[k];
         place[k] *= rigid_axes[k].step;
     }
-    if (cell != m->rigid_cell) make_rigid(m, 0, cells, 0, m->rigid[0]);
-    m->rigid_cell = cell;
+    if (cell != m->own.rigid_cell) make_rigid(m, 0, cells, 0, m->own.rigid[0]);
+    m->own.rigid_cell = cell;
     for (int pair = 0; pair < PACKED(R); pair++) {
-        t->rigid[0][pair] = polynomial(m->rigid[0] + pair, place, 0, slopes);
+        t->rigid[0][pair] = polynomial(m->own.rigid[0] + pair, place, 0, slopes);
         for (int k = 0; k < R; k++) t->rigid[1 + k][pair] = slopes[k];
     }
-    add_rows(stencil, 1 + R, END, &m->terms[0][0], &t->table[0][0]);
+    add_rows(stencil, 1 + R, END, &m->own.terms[0][0], &t->table[0][0]);
     for (int k = 0; !QUADRATIC && k < R; k++) /* without forces quadratic in the velocities the inertia stays */
         memset(t->table[1 + k], 0, STIFFNESS * sizeof(double));
     for (int load = 0; load < N_LOADS; load++) {
         double found[1 + R][LOAD_END] = {{0}};
-        add_rows(stencil, 1 + R, LOAD_END, &m->loads[load][0][0], &found[0][0]);
+        add_rows(stencil, 1 + R, LOAD_END, &m->own.loads[load][0][0], &found[0][0]);
         for (int part = 0; part <= R; part++)
             for (int e = 0; e < LOAD_END; e++) t->load[part][e] += strengths[strength_of_load[load]] * found[part][e];
     }
-}
-
-/* A function at a time, and its two derivatives, from the piece that holds at the time `since`. */
-double evaluate_piece(int function, double time, double since, double rates[2]) {
-    int p = function_pieces[function];
-    while (p + 1 < function_pieces[function + 1] && since >= pieces[p + 1].begin) p++;
-    const struct piece *f = pieces + p;
-    double s = time - f->origin, rate = f->wave[1], phase = rate * time + f->wave[2];
-    double wave = f->wave[0] * sin(phase), slope = f->wave[0] * cos(phase);
-    const double *c = f->cubic;
-    rates[0] = c[1] + s * (2.0 * c[2] + s * (3.0 * c[3] + s * 4.0 * c[4])) + rate * slope;
-    rates[1] = 2.0 * c[2] + s * (6.0 * c[3] + s * 12.0 * c[4]) - rate * rate * wave;
-    return c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * c[4]))) + wave;
-}
-
-double pgmp_next_break(const struct pgmp_model *m, double time) {
-    double next = 1e300;
-    for (int f = 0; f < N_STRENGTHS + R; f++)
-        for (int p = function_pieces[f] + 1; p < function_pieces[f + 1]; p++)
-            if (pieces[p].begin > time && pieces[p].begin < next && (f >= N_STRENGTHS || m->follows_scene[f]))
-                next = pieces[p].begin;
-    return next;
 }

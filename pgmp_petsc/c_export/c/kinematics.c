@@ -1,8 +1,5 @@
-/* Poses of the undeformed bodies, from the table of the assembly branch and Newton's method.
-
-   Of one coordinate the table's quintic Hermite polynomials close the loops to the last digit; where they do not, and of
-   several coordinates, CLOSURES steps of Newton's method lead from there to the poses that hold the joints together at the
-   given coordinates. What is said twice is allowed: the steps are those of least squares.
+/* Poses of undeformed bodies that hold the joints together at given coordinates, by steps of Newton's method. What is said
+   twice is allowed: the steps are those of least squares.
 
    written by pgmp_petsc */
 
@@ -11,53 +8,9 @@
 
 #include "tables.h"
 
-#define TURN 6.283185307179586
 #define N_UNKNOWNS (N_BODIES * N_POSE)
 
-#if N_BRANCH_PARTS == 3
-/* Quintic Hermite polynomials through values, derivatives times the step and second ones times half its square. */
-static void look_up(const double theta[R], double poses[N_BODIES][N_POSE]) {
-    double position = (theta[0] - branch_axes[0].lower) / branch_axes[0].step;
-    int cell = 0;
-    if (position > 0.0) cell = position < N_BRANCH - 2 ? (int)position : N_BRANCH - 2;
-    double x = position - cell, y = 1.0 - x, a = y * y * y, b = x * x * x;
-    for (int body = 0; body < N_BODIES; body++)
-        for (int i = 0; i < N_POSE; i++) {
-            double near = branch_table[0][cell][body][i], far = branch_table[0][cell + 1][body][i];
-            double near1 = branch_table[1][cell][body][i], far1 = branch_table[1][cell + 1][body][i];
-            double near2 = branch_table[2][cell][body][i], far2 = branch_table[2][cell + 1][body][i];
-            double from = near * (1.0 + x * (3.0 + 6.0 * x)) + x * (1.0 + 3.0 * x) * near1 + x * x * near2;
-            double to = far * (1.0 + y * (3.0 + 6.0 * y)) - y * (1.0 + 3.0 * y) * far1 + y * y * far2;
-            poses[body][i] = a * from + b * to;
-        }
-}
-#else
-/* From the nearest configuration to second order: values, first and second derivatives, k >= l. */
-static void look_up(const double theta[R], double poses[N_BODIES][N_POSE]) {
-    double away[R];
-    long row = 0;
-    for (int k = 0; k < R; k++) {
-        const struct axis *axis = branch_axes + k;
-        double nearest = floor((theta[k] - axis->lower) / axis->step + 0.5);
-        if (!(nearest > 0.0)) nearest = 0.0;
-        if (nearest > axis->n_rows - 1) nearest = axis->n_rows - 1;
-        row = row * axis->n_rows + (long)nearest;
-        away[k] = theta[k] - axis->lower - nearest * axis->step;
-    }
-    for (int body = 0; body < N_BODIES; body++)
-        for (int i = 0; i < N_POSE; i++) {
-            double total = branch_table[0][row][body][i];
-            for (int k = 0, part = 1 + R; k < R; k++) {
-                total += branch_table[1 + k][row][body][i] * away[k];
-                for (int l = 0; l <= k; l++, part++)
-                    total += branch_table[part][row][body][i] * (l < k ? 1.0 : 0.5) * away[k] * away[l];
-            }
-            poses[body][i] = total;
-        }
-}
-#endif
-
-static void frame_of_pose(const double pose[N_POSE], double z[N_FRAME]) {
+void frame_of_pose(const double pose[N_POSE], double z[N_FRAME]) {
 #if D == 2
     z[0] = pose[0], z[1] = pose[1];
     z[2] = z[5] = cos(pose[2]), z[3] = sin(pose[2]), z[4] = -z[3];
@@ -128,7 +81,7 @@ static double add_statement(const struct statement *s, double near, double poses
 }
 
 /* One Newton step, of the normal equations; lengths are in units of the mechanism's size. Gaps within `open` stay. */
-static void close_loops(const double theta[R], double open, double poses[N_BODIES][N_POSE]) {
+void close_loops(const double theta[R], double open, double poses[N_BODIES][N_POSE]) {
     static const int n_rows = N_CLOSURE, n_terms = N_CLOSURE_TERMS;
     double normal[N_UNKNOWNS][N_UNKNOWNS] = {{0}}, right[N_UNKNOWNS] = {0}, largest = 0.0;
     for (int number = 0, term = 0; number < n_rows + R; number++) {
@@ -164,23 +117,5 @@ static void close_loops(const double theta[R], double open, double poses[N_BODIE
         right[i] /= normal[i][i];
         double step = right[i] * (i % N_POSE < D ? SIZE : 1.0);
         if (!(largest < open)) poses[i / N_POSE][i % N_POSE] -= step;
-    }
-}
-
-void place_bodies(const double theta[R], double open, struct frame bodies[N_BODIES]) {
-    double poses[N_BODIES][N_POSE], inside[R], turns[R];
-    int outside = 0;
-    for (int k = 0; k < R; k++) {
-        const struct axis *axis = branch_axes + k;
-        turns[k] = axis->periodic ? floor((theta[k] - axis->lower) / TURN) : 0.0;
-        inside[k] = theta[k] - TURN * turns[k];
-        outside |= !(inside[k] >= axis->lower && inside[k] <= axis->lower + axis->n_cells * axis->step);
-    }
-    look_up(inside, poses);
-    for (int k = 0; k < (BRANCH_IS_EXACT && !outside ? 0 : CLOSURES); k++) close_loops(inside, open, poses);
-    for (int body = 0; body < N_BODIES; body++) {
-        frame_of_pose(poses[body], bodies[body].z);
-        bodies[body].angle = D == 2 ? poses[body][2] : 0.0;
-        for (int k = 0; k < R; k++) bodies[body].angle += TURN * winding[k][body] * turns[k];
     }
 }

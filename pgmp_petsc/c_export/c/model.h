@@ -14,30 +14,14 @@
 
 #include "sizes.h"
 
-/* R rigid coordinates theta (rad) before M flexible ones delta, the last N_GIVEN of them constants: how far joints are
-   off; D dimensions */
-#define N (R + M)
+/* D dimensions, N coordinates, R of them measured on the mechanism; what else they are, equations.h says */
 #define PACKED(n) ((n) * ((n) + 1) / 2)
-#define N_PAIRS (SECOND_ORDER ? PACKED(M) : 0)
-#define N_FACTORS (M + N_PAIRS)
-#define TENSOR(n) (R == 1 ? (n) : R == 2 ? (n) * (n) : (n) * (n) * (n)) /* of each coordinate n */
-#define RIGID_POWERS TENSOR(8)
 #define N_FRAME (D * (D + 1))
 #define N_DOFS (D * (D + 1) / 2)
 #define N_POSE (D == 2 ? 3 : 12)
 #define AT_LEAST_ONE(n) ((n) > 0 ? (n) : 1)
 
-enum {
-    COUPLING = PACKED(N),
-    STIFFNESS = COUPLING + PACKED(R) * M,
-    CUBIC = STIFFNESS + PACKED(M),
-    SWING = CUBIC + (SECOND_ORDER ? M * (M + 1) * (M + 2) / 6 : 0),
-    GYROSCOPIC = SWING + (SECOND_ORDER ? PACKED(R) * PACKED(M) : 0),
-    DRIVEN = GYROSCOPIC + (SECOND_ORDER ? R * (M * (M - 1) / 2) : 0),
-    DAMPING = DRIVEN + (DRIVEN_CURVATURE ? R * PACKED(M) : 0),
-    END = DAMPING + (STRUCTURAL_DAMPING ? PACKED(N) : 0),
-    LOAD_END = N + (SECOND_ORDER ? PACKED(M) : 0)
-};
+#include "equations.h"
 
 /* What is wrong, bits of pgmp_model.validity; 0 is fine. */
 enum {
@@ -52,14 +36,10 @@ struct pgmp_model {
     double parameters[AT_LEAST_ONE(N_PARAMETERS)];
     double strengths[AT_LEAST_ONE(N_STRENGTHS)]; /* used where follows_scene is 0 */
     int follows_scene[AT_LEAST_ONE(N_STRENGTHS)];
-    /* tables weighted with the parameters */
-    double rigid_rows[RIGID_ROWS][PACKED(R)], terms[N_ROWS][END];
-    double loads[AT_LEAST_ONE(N_LOADS)][N_ROWS][LOAD_END], laws[AT_LEAST_ONE(N_ACTIONS)][N_LAW];
+    struct own own; /* tables weighted with the parameters, and what else a kind of model keeps */
+    double laws[AT_LEAST_ONE(N_ACTIONS)][N_LAW];
     double controls[AT_LEAST_ONE(N_CONTROLS)][AT_LEAST_ONE(N_CONTROL)];
-    /* polynomials of the rigid inertia in the cell that it was asked for last, and the number of it, -1 for none */
-    double rigid[RIGID_POWERS][PACKED(R)];
-    int rigid_cell;
-    /* state: theta and delta, their rates, accelerations, auxiliary ones, those of the step before */
+    /* state: coordinates, their rates, accelerations, auxiliary ones, those of the step before */
     double q[N], v[N], a[N], auxiliary[N], before[N];
     int beyond[AT_LEAST_ONE(N_EDGES)]; /* whether each edge of a law is crossed */
     double beside[AT_LEAST_ONE(N_BESIDE)]; /* of each controller its states, rates, auxiliary ones and its force */

@@ -45,7 +45,7 @@ static double deformation(const struct reading *o, const struct frame nodes[], c
         double reach = IS_LENGTH(coordinates[k].kind) ? REACH * SIZE : REACH;
         if (!axis->periodic && !(measured[k] >= axis->lower - reach && measured[k] <= upper + reach)) return NAN;
     }
-    place_bodies(measured, open, bodies);
+    place_bodies(measured, nodes, open, bodies);
     attach(point, nodes, &frame);
     const double *body = bodies[point->body].z;
     for (int c = 0; c < D; c++) {
@@ -54,59 +54,6 @@ static double deformation(const struct reading *o, const struct frame nodes[], c
     }
     for (int c = 0; c < D; c++) along += moved[c] * body[D + D * o->axis + c];
     return o->in_body ? along : moved[o->axis];
-}
-
-/* A product and its derivatives, from those of its factors. */
-static void multiply(const double x[3], const double y[3], double found[3]) {
-    double second = x[2] * y[0] + 2.0 * x[1] * y[1] + x[0] * y[2];
-    found[1] = x[1] * y[0] + x[0] * y[1], found[0] = x[0] * y[0], found[2] = second;
-}
-
-/* Displacements of the nodes in body frames, their rates and accelerations, as far as outputs read them. */
-static void find_displacements(const struct pgmp_model *m, double moved[3][N_SHAPES]) {
-    double factors[N_FACTORS][3], one[R][3][4];
-    int rows[R][4];
-    for (int i = 0, pair = M; i < M; i++) {
-        double delta[3] = {m->q[R + i], m->v[R + i], m->a[R + i]};
-        memcpy(factors[i], delta, sizeof delta);
-        for (int j = 0; SECOND_ORDER && j <= i; j++, pair++) {
-            double half = i == j ? 0.5 : 1.0, other[3] = {half * m->q[R + j], half * m->v[R + j], half * m->a[R + j]};
-            multiply(delta, other, factors[pair]);
-        }
-    }
-    for (int k = 0; k < R; k++) {
-        find_along(axes + k, m->q[k], rows[k], one[k]);
-        for (int j = 0; j < 4; j++) { /* of theta, then of time */
-            double slope = one[k][1][j], bend = one[k][2][j];
-            one[k][1][j] = slope * m->v[k], one[k][2][j] = bend * m->v[k] * m->v[k] + slope * m->a[k];
-        }
-    }
-    memset(moved, 0, 3 * N_SHAPES * sizeof(double));
-    for (int p = 0; p < N_STENCIL; p++) {
-        double weight[3] = {1.0, 0.0, 0.0}, part[3];
-        long row = 0;
-        for (int k = 0, digits = p; k < R; k++) { /* rows of the last coordinate run fastest */
-            int j = digits >> 2 * (R - 1 - k) & 3;
-            double along[3] = {one[k][0][j], one[k][1][j], one[k][2][j]};
-            row = row * axes[k].n_rows + rows[k][j];
-            multiply(weight, along, weight);
-        }
-        for (int i = 0; i < N_FACTORS; i++) {
-            multiply(weight, factors[i], part);
-            for (int order = 0; order <= DEPTH; order++)
-                for (int c = 0; c < N_SHAPES; c++) moved[order][c] += part[order] * shapes_table[row][i][c];
-        }
-    }
-}
-
-/* Frames of the nodes on a rigid mechanism whose gaps may be `open`: CLOSURE_TOLERANCE is as the program closes it. */
-static void find_nodes(const double theta[R], const double moved[N_SHAPES], double open, struct frame nodes[]) {
-    struct frame bodies[N_BODIES];
-    place_bodies(theta, open, bodies);
-    for (int k = 0; k < N_NODES; k++) {
-        turn_frame(bodies[node_bodies[k]].z, moved + N_DOFS * k, node_points[k], nodes + k);
-        nodes[k].angle = bodies[node_bodies[k]].angle + moved[N_DOFS * k + D];
-    }
 }
 
 /* All readings, in steps of `stride`. */
@@ -129,25 +76,15 @@ static void read_nodes(const struct frame nodes[], const double theta[R], double
 /* Rates and accelerations of all readings: differences of eighth order along the motion, a line or a parabola, no further
    than 1e-2 rad or of the size. In a loop 0.02 rad from where it is stretched they are 1e-7 off; elsewhere round-off is
    left, of a deformation that of the two places whose difference it is. */
-static void find_changes(const struct pgmp_model *m, double moved[3][N_SHAPES], double found[][3]) {
+static void find_changes(const struct pgmp_model *m, const struct look *look, double found[][3]) {
     static const double first[9] = {3.0, -32.0, 168.0, -672.0, 0.0, 672.0, -168.0, 32.0, -3.0};
     static const double second[9] = {-9.0, 128.0, -1008.0, 8064.0, -14350.0, 8064.0, -1008.0, 128.0, -9.0};
-    double speed = 1e-30, pull = 1e-30, theta[R], there[N_SHAPES], values[AT_LEAST_ONE(N_READINGS)];
+    double speed = 1e-30, pull = 1e-30, theta[R], values[AT_LEAST_ONE(N_READINGS)];
     struct frame nodes[AT_LEAST_ONE(N_NODES)];
-    for (int k = 0; k < R; k++) {
-        speed = fmax(speed, scale[k] * fabs(m->v[k]));
-        pull = fmax(pull, DEPTH > 1 ? scale[k] * fabs(m->a[k]) : 0.0);
-    }
-    for (int c = 0; c < N_SHAPES; c++) {
-        double unit = c < N_DOFS * N_NODES && c % N_DOFS < D ? 1.0 / SIZE : 1.0;
-        speed = fmax(speed, unit * fabs(moved[1][c])), pull = fmax(pull, unit * fabs(moved[2][c]));
-    }
+    find_pace(m, look, &speed, &pull);
     double far = fmin(2e-3 / speed, sqrt(2.5e-4 / pull));
     for (int side = 0; side < 9; side++) {
-        double h = (side - 4) * far, half = DEPTH > 1 ? 0.5 * h * h : 0.0;
-        for (int k = 0; k < R; k++) theta[k] = m->q[k] + h * m->v[k] + half * m->a[k];
-        for (int c = 0; c < N_SHAPES; c++) there[c] = moved[0][c] + h * moved[1][c] + half * moved[2][c];
-        find_nodes(theta, there, 0.0, nodes);
+        see_nodes(m, look, (side - 4) * far, 0.0, theta, nodes);
         read_nodes(nodes, theta, 0.0, 1, values);
         for (int number = 0; number < N_READINGS; number++) {
             found[number][1] += first[side] * values[number] / (840.0 * far);
@@ -159,28 +96,25 @@ static void find_changes(const struct pgmp_model *m, double moved[3][N_SHAPES], 
 void pgmp_observe(struct pgmp_model *m) { pgmp_observe_at(m, pgmp_time(m), pgmp_time(m)); }
 
 void pgmp_observe_at(struct pgmp_model *m, double time, double since) {
-    double moved[3][N_SHAPES], found[AT_LEAST_ONE(N_READINGS)][3] = {{0}}, bases[AT_LEAST_ONE(N_BASES)][3];
-    double strengths[AT_LEAST_ONE(N_STRENGTHS)], acting[N_FORCES + R][3] = {{0}};
+    double found[AT_LEAST_ONE(N_READINGS)][3] = {{0}}, bases[AT_LEAST_ONE(N_BASES)][3], theta[R];
+    double acting[N_FORCES + R][3] = {{0}};
     struct frame nodes[AT_LEAST_ONE(N_NODES)];
-    find_displacements(m, moved);
-    m->elastic_rotation = 0.0;
-    for (int c = N_DOFS * N_NODES; c < N_SHAPES; c += N_DOFS - D) { /* rotations of all flexible nodes */
-        double square = 0.0;
-        for (int i = 0; i < N_DOFS - D; i++) square += moved[0][c + i] * moved[0][c + i];
-        if (sqrt(square) > m->elastic_rotation) m->elastic_rotation = sqrt(square);
-    }
+    struct look look;
+    look_at(m, &look);
+    m->elastic_rotation = find_rotation(m, &look);
     if (m->elastic_rotation > ROTATION_LIMIT) m->validity |= PGMP_ROTATION;
-    find_nodes(m->q, moved[0], CLOSURE_TOLERANCE, nodes);
-    read_nodes(nodes, m->q, CLOSURE_TOLERANCE, 3, &found[0][0]);
-    if (DEPTH) find_changes(m, moved, found);
+    see_nodes(m, &look, 0.0, CLOSURE_TOLERANCE, theta, nodes);
+    read_nodes(nodes, theta, CLOSURE_TOLERANCE, 3, &found[0][0]);
+    if (DEPTH) find_changes(m, &look, found);
     for (int k = 0; k < N_BASES; k++) {
         double rates[2];
         bases[k][0] = evaluate_piece(N_STRENGTHS + R + k, time, since, rates);
         bases[k][1] = rates[0], bases[k][2] = rates[1];
     }
-    if (N_FORCES || DRIVES) {
-        find_strengths(m, time, since, strengths);
-        find_forces(m, strengths, nodes, acting);
-    }
+#if N_FORCES || DRIVES
+    double strengths[AT_LEAST_ONE(N_STRENGTHS)];
+    find_strengths(m, time, since, strengths);
+    find_forces(m, strengths, nodes, acting);
+#endif
     combine(time, m->parameters, bases, found, acting, m->outputs);
 }

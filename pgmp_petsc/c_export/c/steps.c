@@ -16,9 +16,9 @@
 
 #include "tables.h"
 
-enum { EXTRAPOLATED, COASTING, CAREFUL, N_ATTEMPTS };
+static const struct scheme own_scheme = {ALPHA_M, ALPHA_F, BETA, GAMMA};
 
-#define LARGE 1e30 /* gain that makes stiffness negligible beside mass */
+enum { EXTRAPOLATED, COASTING, CAREFUL, N_ATTEMPTS };
 
 void pgmp_initialise(struct pgmp_model *m) {
     memset(m, 0, sizeof *m);
@@ -27,24 +27,32 @@ void pgmp_initialise(struct pgmp_model *m) {
 }
 
 void pgmp_weigh(struct pgmp_model *m) {
-    double of_terms[N_TERMS], of_loads[AT_LEAST_ONE(N_LOAD_TERMS)];
-    weigh(m->parameters, of_terms, of_loads, m->laws, m->q + (N - N_GIVEN), m->controls);
-    m->rigid_cell = -1;
-    memset(m->rigid_rows, 0, sizeof m->rigid_rows);
-    memset(m->terms, 0, sizeof m->terms);
-    memset(m->loads, 0, sizeof m->loads);
-    for (int t = 0; t < N_TERMS; t++) {
-        for (int k = 0; k < RIGID_ROWS; k++)
-            for (int e = 0; e < PACKED(R); e++) m->rigid_rows[k][e] += of_terms[t] * rigid_table[k][t][e];
-        for (int k = 0; k < N_ROWS; k++)
-            for (int e = 0; e < END; e++) m->terms[k][e] += of_terms[t] * terms_table[k][t][e];
-    }
-    for (int t = 0; t < N_LOAD_TERMS; t++)
-        for (int k = 0; k < N_ROWS; k++)
-            for (int e = 0; e < LOAD_END; e++) m->loads[load_of_term[t]][k][e] += of_loads[t] * loads_table[t][k][e];
+    weigh_tables(m);
     for (int k = 0; k < N_PARAMETERS; k++)
         if (!(m->parameters[k] >= parameter_lower[k] && m->parameters[k] <= parameter_upper[k]))
             m->validity |= PGMP_PARAMETER;
+}
+
+/* A function at a time, and its two derivatives, from the piece that holds at the time `since`. */
+double evaluate_piece(int function, double time, double since, double rates[2]) {
+    int p = function_pieces[function];
+    while (p + 1 < function_pieces[function + 1] && since >= pieces[p + 1].begin) p++;
+    const struct piece *f = pieces + p;
+    double s = time - f->origin, rate = f->wave[1], phase = rate * time + f->wave[2];
+    double wave = f->wave[0] * sin(phase), slope = f->wave[0] * cos(phase);
+    const double *c = f->cubic;
+    rates[0] = c[1] + s * (2.0 * c[2] + s * (3.0 * c[3] + s * 4.0 * c[4])) + rate * slope;
+    rates[1] = 2.0 * c[2] + s * (6.0 * c[3] + s * 12.0 * c[4]) - rate * rate * wave;
+    return c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * c[4]))) + wave;
+}
+
+double pgmp_next_break(const struct pgmp_model *m, double time) {
+    double next = 1e300;
+    for (int f = 0; f < N_STRENGTHS + R; f++)
+        for (int p = function_pieces[f] + 1; p < function_pieces[f + 1]; p++)
+            if (pieces[p].begin > time && pieces[p].begin < next && (f >= N_STRENGTHS || m->follows_scene[f]))
+                next = pieces[p].begin;
+    return next;
 }
 
 void find_strengths(const struct pgmp_model *m, double time, double since, double strengths[]) {
@@ -53,111 +61,63 @@ void find_strengths(const struct pgmp_model *m, double time, double since, doubl
         strengths[k] = m->follows_scene[k] ? evaluate_piece(k, time, since, rates) : strength_sizes[k] * m->strengths[k];
 }
 
-/* Strengths of what acts over time; coordinates whose motion is given are put where they are. */
-static void act(const struct pgmp_model *m, double time, double since, double strengths[], double q[N], double v[N],
-                double a[N]) {
-    double rates[2];
-    find_strengths(m, time, since, strengths);
+/* What acts over time. */
+static void act(const struct pgmp_model *m, double time, double since, struct acting *now) {
+    find_strengths(m, time, since, now->strengths);
     for (int k = 0; k < R; k++)
-        if (pgmp_prescribed[k]) {
-            q[k] = evaluate_piece(N_STRENGTHS + k, time, since, rates);
-            v[k] = rates[0], a[k] = rates[1];
-        }
-}
-
-/* The Newton correction at (q, v, a), in r; kept of each action, or none. */
-static void correct(struct pgmp_model *m, const double strengths[], const double q[N], const double v[N],
-                    const double a[N], double gain_v, double gain_a, int fresh, struct iterate kept[],
-                    struct response *response, struct matrix *matrix, double r[N]) {
-    struct stencil stencil;
-    struct terms t;
-    find_stencil(axes, q, &stencil);
-    interpolate(m, &stencil, q, strengths, &t);
-    evaluate_lagrangian(&t, q, v, a, gain_v, gain_a, fresh, r, matrix);
-    add_actions(m, &stencil, strengths, q, v, gain_v, fresh, kept, 0, response, r, matrix, 0, 0);
-    if (fresh) eliminate(matrix);
-    solve(matrix, r);
+        if (function_pieces[N_STRENGTHS + k] < function_pieces[N_STRENGTHS + k + 1])
+            now->motions[k][0] = evaluate_piece(N_STRENGTHS + k, time, since, now->motions[k] + 1);
 }
 
 /* How far every edge of a law is crossed in a state, negative where it is not. */
 static void find_depths(const struct pgmp_model *m, const double q[N], double depths[]) {
     static const double none[AT_LEAST_ONE(N_STRENGTHS)];
     double at_rest[N] = {0}, r[N] = {0};
-    struct stencil stencil;
     if (N_EDGES == 0) return;
-    find_stencil(axes, q, &stencil);
-    add_actions(m, &stencil, none, q, at_rest, 0.0, 0, 0, depths, 0, r, 0, 0, 0);
+    add_actions(m, none, q, at_rest, 0.0, 0, 0, depths, 0, r, 0, 0, 0);
 }
 
 /* Lets controllers respond to a state. */
 static void look_at_motions(const struct pgmp_model *m, const double q[N], const double v[N], struct response *at) {
     static const double none[AT_LEAST_ONE(N_STRENGTHS)];
     double r[N] = {0};
-    struct stencil stencil;
-    find_stencil(axes, q, &stencil);
-    add_actions(m, &stencil, none, q, v, 0.0, 0, 0, 0, at, r, 0, 0, 0);
+    add_actions(m, none, q, v, 0.0, 0, 0, 0, at, r, 0, 0, 0);
 }
 
 static void look_at_state(struct pgmp_model *m) {
     for (int i = 0; i < N; i++)
         if (!isfinite(m->q[i]) || !isfinite(m->v[i]) || !isfinite(m->a[i])) m->validity |= PGMP_NOT_FINITE;
-    for (int k = 0; k < R; k++) {
-        double upper = axes[k].lower + axes[k].n_cells * axes[k].step;
-        if (!axes[k].periodic && !(m->q[k] >= axes[k].lower && m->q[k] <= upper)) m->validity |= PGMP_OUT_OF_RANGE;
-    }
+    if (leaves_tables(m)) m->validity |= PGMP_OUT_OF_RANGE;
 }
 
 void pgmp_accelerate(struct pgmp_model *m, double time, double since) {
-    double strengths[AT_LEAST_ONE(N_STRENGTHS)], r[N], at_rest[N] = {0};
-    struct matrix matrix;
-    act(m, time, since, strengths, m->q, m->v, at_rest);
-    correct(m, strengths, m->q, m->v, at_rest, 0.0, LARGE, 1, 0, 0, &matrix, r);
-    for (int i = 0; i < N; i++) m->a[i] = at_rest[i] - LARGE * r[i];
+    struct acting now;
+    act(m, time, since, &now);
+    find_accelerations(m, &now);
     look_at_state(m);
 }
 
-/* What flexible coordinates add to the static answer to joints that are off: at rest, theta held, without loads. */
-static void answer_offsets(struct pgmp_model *m) {
-    static const double none[AT_LEAST_ONE(N_STRENGTHS)];
-    const double at_rest[N] = {0};
-    double r[N];
-    struct stencil stencil;
-    struct terms t;
-    struct matrix matrix;
-    for (int number = 0; number < (N_GIVEN ? STARTING_CORRECTIONS : 0); number++) {
-        find_stencil(axes, m->q, &stencil);
-        interpolate(m, &stencil, m->q, none, &t);
-        evaluate_lagrangian(&t, m->q, at_rest, at_rest, 0.0, 0.0, 1, r, &matrix);
-        for (int k = 0; k < R; k++) {
-            r[k] = 0.0;
-            for (int j = 0; j < R; j++) matrix.corner[k][j] = j == k;
-            for (int i = 0; i < M; i++) matrix.row[k][i] = 0.0;
-        }
-        eliminate(&matrix);
-        solve(&matrix, r);
-        for (int i = R; i < N; i++) m->q[i] -= r[i];
-    }
-}
+static void find_first(struct pgmp_model *m);
 
 void pgmp_start(struct pgmp_model *m) {
     double depths[AT_LEAST_ONE(N_EDGES)];
     m->number = 0, m->validity = 0, m->correction = 0.0, m->contraction = FIRST_CONTRACTION;
     for (int i = 0; i < N; i++) m->q[i] = m->v[i] = 0.0;
     pgmp_weigh(m);
-    for (int i = 0; i < (BALANCED ? N - N_GIVEN : R); i++) m->q[i] = start_coordinates[i], m->v[i] = start_rates[i];
-    if (!BALANCED) answer_offsets(m);
+    stand_at_start(m);
     m->sampled = 0;
     if (N_CONTROLS > 0) {
         struct response response;
         memset(m->beside, 0, sizeof m->beside);
         begin_sampling(m, EVERYONE, 0.0, &response);
         look_at_motions(m, m->q, m->v, &response);
-        follow_response(m, &response);
+        follow_response(m, &own_scheme, &response);
     }
     pgmp_accelerate(m, 0.0, 0.0);
     find_depths(m, m->q, depths);
     for (int e = 0; e < N_EDGES; e++) m->beyond[e] = depths[e] > 0.0;
     for (int i = 0; i < N; i++) m->auxiliary[i] = m->before[i] = m->a[i];
+    if (LIGHT_NODES) find_first(m);
 }
 
 double pgmp_time(const struct pgmp_model *m) { return STEP * m->number; }
@@ -165,42 +125,51 @@ double pgmp_time(const struct pgmp_model *m) { return STEP * m->number; }
 static double at_most(double most, double x) { return x > most ? most : x; }
 
 /* Auxiliary acceleration at the end of a step where coordinate i has the acceleration a. */
-static double ahead_of(const struct pgmp_model *m, int i, double a) {
-    return ((1.0 - ALPHA_F) * a + ALPHA_F * m->a[i] - ALPHA_M * m->auxiliary[i]) / (1.0 - ALPHA_M);
+static double ahead_of(const struct pgmp_model *m, const struct scheme *s, int i, double a) {
+    return ((1.0 - s->alpha_f) * a + s->alpha_f * m->a[i] - s->alpha_m * m->auxiliary[i]) / (1.0 - s->alpha_m);
 }
 
 /* The end of a step, or of a part of one: its length, the state, and how far edges are crossed there. */
-struct trial { double h, q[N], v[N], a[N], depths[AT_LEAST_ONE(N_EDGES)], left; struct response response; };
+struct trial {
+    const struct scheme *scheme;
+    double forces[AT_LEAST_ONE(N_ALL - N)]; /* multipliers of constraints */
+    double h, q[N], v[N], a[N], depths[AT_LEAST_ONE(N_EDGES)], left;
+    struct response response;
+};
 
 /* Accelerations are extrapolated, at later attempts those for which q goes to q + h v, as a load that sets in at once
    gives light nodes accelerations that no step can follow. */
 static void predict(const struct pgmp_model *m, int attempt, struct trial *t) {
-    const double h = t->h;
+    const struct scheme *s = t->scheme;
+    memset(t->forces, 0, sizeof t->forces); /* the first correction finds them */
+    const double h = t->h, m_share = s->alpha_m, beta = s->beta, gamma = s->gamma;
     for (int i = 0; i < N; i++) {
-        double behind = m->auxiliary[i], kept = (1.0 - ALPHA_M) * (-(0.5 - BETA) / BETA * behind) + ALPHA_M * behind;
-        t->a[i] = attempt == EXTRAPOLATED ? 2.0 * m->a[i] - m->before[i] : (kept - ALPHA_F * m->a[i]) / (1.0 - ALPHA_F);
-        double ahead = ahead_of(m, i, t->a[i]);
-        t->q[i] = m->q[i] + h * m->v[i] + h * h * ((0.5 - BETA) * behind + BETA * ahead);
-        t->v[i] = m->v[i] + h * ((1.0 - GAMMA) * behind + GAMMA * ahead);
+        double behind = m->auxiliary[i], kept = (1.0 - m_share) * (-(0.5 - beta) / beta * behind) + m_share * behind;
+        t->a[i] = attempt == EXTRAPOLATED ? 2.0 * m->a[i] - m->before[i] : (kept - s->alpha_f * m->a[i]) / (1.0 - s->alpha_f);
+        double ahead = ahead_of(m, s, i, t->a[i]);
+        t->q[i] = m->q[i] + h * m->v[i] + h * h * ((0.5 - beta) * behind + beta * ahead);
+        t->v[i] = m->v[i] + h * ((1.0 - gamma) * behind + gamma * ahead);
     }
 }
 
 /* Newton's iteration from a prediction; returns whether it came to its end. */
-static int converge(struct pgmp_model *m, int attempt, int in_part, const double strengths[], struct trial *t) {
-    const double gain_v = GAMMA / (BETA * t->h), gain_a = (1.0 - ALPHA_M) / ((1.0 - ALPHA_F) * BETA * (t->h * t->h));
+static int converge(struct pgmp_model *m, int attempt, int in_part, const struct acting *now, struct trial *t) {
+    const struct scheme *s = t->scheme;
+    const double gain_v = s->gamma / (s->beta * t->h);
+    const double gain_a = (1.0 - s->alpha_m) / ((1.0 - s->alpha_f) * s->beta * (t->h * t->h));
     const int usual = attempt == EXTRAPOLATED && !in_part, careful = attempt == CAREFUL;
-    const double tolerance = usual ? NEWTON_TOLERANCE : TOLERANCE_OF_TRIALS;
     const int least = usual ? CORRECTIONS : 0, most = careful ? CAREFUL_ITERATIONS : MAX_ITERATIONS;
-    double r[N], last = 0.0;
+    double r[N_ALL], last = 0.0;
     struct iterate kept[AT_LEAST_ONE(N_ACTIONS)];
     struct matrix matrix;
     int active = 1;
     for (int k = 0; k < AT_LEAST_ONE(N_ACTIONS); k++) kept[k].about = N_ACTIONS ? NAN : 0.0;
     for (int number = 0; number < most && (active || number < least); number++) {
         double size = 0.0, share = 1.0, contraction = m->contraction;
+        double tolerance = !usual ? TOLERANCE_OF_TRIALS : number == 0 ? TOLERANCE_OF_ONE : NEWTON_TOLERANCE;
         int fresh = attempt != EXTRAPOLATED || number % REFRESH_EVERY == 0;
         int limited = 0;
-        correct(m, strengths, t->q, t->v, t->a, gain_v, gain_a, fresh, kept, &t->response, &matrix, r);
+        correct(m, now, t->q, t->v, t->a, t->forces, gain_v, gain_a, fresh, kept, &t->response, &matrix, r);
         for (int k = 0; k < N_ACTIONS; k++) limited |= isnan(kept[k].about);
         if (limited) last = 0.0; /* nothing follows from the size of the last correction */
         for (int i = 0; i < N && isfinite(size); i++) /* what is no number is not lost to a number behind it */
@@ -212,8 +181,9 @@ static int converge(struct pgmp_model *m, int attempt, int in_part, const double
             t->v[i] -= gain_v * change;
             t->a[i] -= gain_a * change;
         }
+        for (int i = N; active && i < N_ALL; i++) t->forces[i - N] -= share * r[i];
         /* how the iteration contracted before says nothing where the law of a friction bends */
-        if (number == 0 && bends(m, kept, t->v)) contraction = FIRST_CONTRACTION;
+        if (number == 0 && (ALWAYS_PROBED || bends(m, kept, t->v))) contraction = FIRST_CONTRACTION;
         if (number > 0) contraction = at_most(WORST_CONTRACTION, size / (last > 1e-300 ? last : 1e-300));
         if (number == 1 && active && !careful) {
             double known = at_most(WORST_CONTRACTION, CAUTION * contraction);
@@ -228,14 +198,15 @@ static int converge(struct pgmp_model *m, int attempt, int in_part, const double
 
 /* Tries a step, or a part of one, of h to a time; returns whether an attempt came to its end. */
 static int try_step(struct pgmp_model *m, double h, double end, int in_part, struct trial *t) {
-    double strengths[AT_LEAST_ONE(N_STRENGTHS)];
+    struct acting now;
     t->h = h;
+    act(m, end, end, &now);
     if (in_part) m->contraction = FIRST_CONTRACTION;
     for (int attempt = 0; attempt < N_ATTEMPTS; attempt++) {
         predict(m, attempt, t);
-        act(m, end, end, strengths, t->q, t->v, t->a);
-        begin_response(m, h, end, &t->response);
-        if (converge(m, attempt, in_part, strengths, t)) {
+        follow_motions(&now, t->q, t->v, t->a);
+        begin_response(m, t->scheme, h, end, &t->response);
+        if (converge(m, attempt, in_part, &now, t)) {
             find_depths(m, t->q, t->depths);
             if (N_CONTROLS > 0) look_at_motions(m, t->q, t->v, &t->response);
             return 1;
@@ -245,15 +216,29 @@ static int try_step(struct pgmp_model *m, double h, double end, int in_part, str
     return 0;
 }
 
+/* Auxiliary accelerations where there are light nodes: of steps that cannot overshoot, see `first_accelerations` in
+   pgmp_petsc. */
+static void find_first(struct pgmp_model *m) {
+    static const struct scheme implicit = {0.0, 0.0, 0.5, 1.0};
+    struct trial half = {.scheme = &implicit}, whole = {.scheme = &implicit};
+    const double time = pgmp_time(m);
+    for (int i = 0; i < N; i++) m->auxiliary[i] = m->before[i] = m->a[i];
+    m->contraction = FIRST_CONTRACTION;
+    if (try_step(m, 0.5 * STEP, time + 0.5 * STEP, 0, &half) && try_step(m, STEP, time + STEP, 0, &whole))
+        for (int i = 0; i < N; i++) m->auxiliary[i] = 2.0 * half.a[i] - whole.a[i];
+    m->contraction = FIRST_CONTRACTION;
+}
+
 /* Goes to the end of a trial. */
 static void follow(struct pgmp_model *m, const struct trial *t) {
     for (int i = 0; i < N; i++) {
-        double ahead = ahead_of(m, i, t->a[i]);
+        double ahead = ahead_of(m, t->scheme, i, t->a[i]);
         m->before[i] = m->a[i], m->auxiliary[i] = ahead;
         m->q[i] = t->q[i], m->v[i] = t->v[i], m->a[i] = t->a[i];
     }
     m->correction = t->left;
-    follow_response(m, &t->response);
+    follow_response(m, t->scheme, &t->response);
+    count_turns(m, m->q);
 }
 
 /* Samples controllers whose time it is; accelerations jump with their forces. */
@@ -262,10 +247,11 @@ static void sample(struct pgmp_model *m) {
     double before[N], time = pgmp_time(m);
     begin_sampling(m, DUE, time, &response);
     look_at_motions(m, m->q, m->v, &response);
-    follow_response(m, &response);
+    follow_response(m, &own_scheme, &response);
     memcpy(before, m->a, sizeof before);
     pgmp_accelerate(m, time, time);
     for (int i = 0; i < N; i++) m->auxiliary[i] += m->a[i] - before[i], m->before[i] = m->a[i];
+    if (LIGHT_NODES) find_first(m);
     m->sampled = m->number, m->contraction = FIRST_CONTRACTION;
 }
 
@@ -312,7 +298,7 @@ static int find_edge(struct pgmp_model *m, int edge, double rest, double end, do
                      double *root) {
     const double sign = m->beyond[edge] ? -1.0 : 1.0;
     struct bracket s = {.b = rest, .fb = sign * depth, .a = SHORTEST * rest};
-    struct trial t;
+    struct trial t = {.scheme = &own_scheme};
     if (!try_step(m, s.a, end - rest + s.a, 1, &t)) return 0;
     s.fa = sign * t.depths[edge];
     *root = 0.0;
@@ -373,7 +359,7 @@ static void go_back(struct pgmp_model *m, const struct beginning *kept) {
 
 int pgmp_step(struct pgmp_model *m) {
     const double end = STEP * (m->number + 1);
-    struct trial t;
+    struct trial t = {.scheme = &own_scheme};
     m->validity &= ~PGMP_NOT_CONVERGED; /* a step that was not taken has left nothing behind */
     if (jumps(m)) sample(m);
     /* corrected twice, to see how it contracts */

@@ -5,11 +5,10 @@
 #ifndef PGMP_TABLES_H
 #define PGMP_TABLES_H
 
+struct axis { double lower, step; int n_cells, n_rows, periodic, b_spline; };
+
 #include "model.h"
 
-#define N_STENCIL TENSOR(4)
-
-struct axis { double lower, step; int n_cells, n_rows, periodic, b_spline; };
 /* A piece of a function of time: a polynomial of t - origin, of the fourth degree for places of a base, and a sinusoid: amplitude, rate, phase. */
 struct piece { double begin, origin, cubic[5], wave[3]; };
 /* A point of a body: slot of its node among the nodes of the tables, -1 on the ground; point and arm in its frame. */
@@ -61,93 +60,83 @@ struct reading { int kind, axis, in_body; double origin; struct statement statem
 
 enum { MEASURE, ROTATION, POSITION, DEFORMATION };
 
-extern const struct axis axes[R], rigid_axes[R], fine_axes[R], branch_axes[R];
-/* Rows of the rigid inertia; numbers of those that reach into a cell along a coordinate, and what makes the coefficients
-   of its polynomials of them. */
-extern const double rigid_table[RIGID_ROWS][N_TERMS][PACKED(R)], rigid_matrices[R][RIGID_CELLS][8][RIGID_REACH];
-extern const int rigid_stencils[R][RIGID_CELLS][RIGID_REACH];
-extern const double terms_table[N_ROWS][N_TERMS][END];
-extern const double loads_table[AT_LEAST_ONE(N_LOAD_TERMS)][N_ROWS][LOAD_END];
-extern const double shapes_table[N_ROWS][N_FACTORS][N_SHAPES];
-extern const double branch_table[N_BRANCH_PARTS][N_BRANCH][N_BODIES][N_POSE];
-extern const double actions_table[AT_LEAST_ONE(N_FINE)][AT_LEAST_ONE(N_ACTION_ENTRIES)];
-extern const double strength_sizes[];
+extern const struct axis branch_axes[R]; /* ranges of the measured coordinates */
+extern const double strength_sizes[]; /* SI units in one of each strength */
 extern const int load_of_term[], strength_of_load[], action_nodes[], function_pieces[];
-extern const double parameter_values[], parameter_lower[], parameter_upper[], scale[], winding[R][N_BODIES];
-extern const double node_points[AT_LEAST_ONE(N_NODES)][D], start_coordinates[N], start_rates[N];
+extern const double parameter_values[], parameter_lower[], parameter_upper[], scale[];
+extern const double start_coordinates[N], start_rates[N];
 extern const double closure_wanted[];
-extern const int node_bodies[];
 extern const struct piece pieces[];
 extern const struct reading readings[];
 extern const struct force forces[];
 extern const struct force_term force_terms[];
-extern const double gap_table[N_ROWS][AT_LEAST_ONE(N_GAPS)][AT_LEAST_ONE(N_GAP_ENTRIES)];
-extern const double gap_changes[N_ROWS][AT_LEAST_ONE(N_GAPS)][AT_LEAST_ONE(N_GAP_CHANGES)];
 extern const struct action actions[];
 extern const struct part action_parts[];
 extern const struct control controls[];
 extern const int control_actions[];
 extern const double control_origins[];
 extern const struct statement coordinates[R];
-extern const struct term closure[];
+extern const struct term closure[], constraints[]; /* these of a tree of joints alone */
 extern const struct spline_piece spline_pieces[];
 void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW], double *given,
            double (*controls)[AT_LEAST_ONE(N_CONTROL)]);
-void weigh_gaps(const double *p, double *weights);
 /* Makes outputs of readings, places of bases and forces, each with rate and acceleration, the time and the parameters. */
 void combine(double time, const double *p, double (*bases)[3], double (*readings)[3], double (*forces)[3],
              double outputs[]);
 
-/* Rows of a table over the coordinates, with their weights for the value and for the derivative with each of them. */
-struct stencil { int rows[N_STENCIL]; double weights[1 + R][N_STENCIL]; };
-/* The weights along one coordinate, and their first and second derivatives. */
-void find_along(const struct axis *axis, double theta, int rows[4], double weights[3][4]);
-
-/* What is evaluated at one place: value first, then the derivatives. */
-struct terms {
-    double rigid[1 + R][PACKED(R)], table[1 + R][END], load[1 + R][LOAD_END];
-};
-
-/* Iteration matrix [[corner, row], [column, factor + skew]]; factor and skew are packed lower triangles. */
-struct matrix {
-    double factor[AT_LEAST_ONE(PACKED(M))], corner[R][R], column[R][AT_LEAST_ONE(M)], row[R][AT_LEAST_ONE(M)];
-    double skew[AT_LEAST_ONE(PACKED(M))];
-};
-
 /* Frame of a point: position and directors, in the plane the angle too, which counts turns. */
 struct frame { double z[N_FRAME], angle; };
 
-int locate(const struct axis *axis, double theta, double *place);
-void find_stencil(const struct axis of[R], const double theta[R], struct stencil *stencil);
-void interpolate(struct pgmp_model *m, const struct stencil *stencil, const double theta[R],
-                 const double strengths[], struct terms *t);
-void add_rows(const struct stencil *stencil, int n_parts, int n, const double *table, double *found);
 double evaluate_piece(int function, double time, double since, double rates[2]);
 
-void evaluate_lagrangian(const struct terms *t, const double q[N], const double rate[N], const double rates[N],
-                         double gain_v, double gain_a, int fresh, double r[N], struct matrix *matrix);
-void add_actions(const struct pgmp_model *m, const struct stencil *stencil, const double strengths[],
-                 const double q[N], const double v[N], double gain_v, int fresh, struct iterate kept[],
-                 double depths[],
-                 struct response *response, double r[N], struct matrix *matrix,
-                 double forces[], double loads[][N_DOFS]);
+/* A frame, its derivatives with the coordinates, and those with the node's displacement and rotation in the body's frame. */
+struct moving { double frame[N_FRAME], jacobian[N_FRAME][N], own[N_FRAME][N_DOFS]; };
+/* Coefficients of the generalised-alpha scheme. */
+struct scheme { double alpha_m, alpha_f, beta, gamma; };
+/* What acts at an instant: strengths, and measured coordinates whose motion is given, with rates and accelerations. */
+struct acting { double strengths[AT_LEAST_ONE(N_STRENGTHS)], motions[R][3]; };
+
+void add_actions(const struct pgmp_model *m, const double strengths[], const double q[N], const double v[N],
+                 double gain_v, int fresh, struct iterate kept[], double depths[], struct response *response,
+                 double r[N], struct matrix *matrix, double forces[], double loads[][N_DOFS]);
 int bends(const struct pgmp_model *m, const struct iterate kept[], const double v[N]);
 void respond(const struct pgmp_model *m, double motions[][2], struct response *at, double given[][3]);
-void begin_response(const struct pgmp_model *m, double h, double time, struct response *at);
+void begin_response(const struct pgmp_model *m, const struct scheme *s, double h, double time, struct response *at);
 void begin_sampling(const struct pgmp_model *m, int who, double time, struct response *at);
-void follow_response(struct pgmp_model *m, const struct response *at);
+void follow_response(struct pgmp_model *m, const struct scheme *s, const struct response *at);
 int jumps(const struct pgmp_model *m);
-void eliminate(struct matrix *matrix);
-void solve(const struct matrix *matrix, double x[N]);
 
 double evaluate_statement(const struct statement *s, const double z[2 * N_FRAME], double turned, double gradient[],
                           double (*hessian)[2 * N_FRAME]);
-void turn_frame(const double rigid[N_FRAME], const double moved[N_DOFS], const double point[D], struct frame *frame);
 void attach(const struct side *side, const struct frame nodes[], struct frame *frame);
 double of_term(const struct term *term, double s, double *slope, double *bend);
 /* Forces in joints, and behind them what motions take, of the state with its accelerations. */
 void find_forces(struct pgmp_model *m, const double strengths[], const struct frame nodes[], double found[][3]);
 void find_strengths(const struct pgmp_model *m, double time, double since, double strengths[]);
-void place_bodies(const double theta[R], double open, struct frame bodies[N_BODIES]);
+/* One Newton step to poses that hold the joints together at given coordinates; gaps within `open` stay. */
+void close_loops(const double theta[R], double open, double poses[N_BODIES][N_POSE]);
+void frame_of_pose(const double pose[N_POSE], double z[N_FRAME]);
+
+/* What each kind of model has in its own way: its tables, its start, its Newton correction, in r, and accelerations. */
+void weigh_tables(struct pgmp_model *m);
+void stand_at_start(struct pgmp_model *m);
+void follow_motions(const struct acting *now, double q[N], double v[N], double a[N]);
+void correct(struct pgmp_model *m, const struct acting *now, const double q[N], const double v[N], const double a[N],
+             const double forces[], double gain_v, double gain_a, int fresh, struct iterate kept[],
+             struct response *response, struct matrix *matrix, double r[N_ALL]);
+void find_accelerations(struct pgmp_model *m, const struct acting *now);
+int leaves_tables(const struct pgmp_model *m);
+void count_turns(struct pgmp_model *m, const double q[N]); /* what angles are near to, in a state that is kept */
+/* Nodes of the local effects, and what the angles of their parts are near to; and what their tangents add to the matrix. */
+void place_holders(const struct pgmp_model *m, const double q[N], struct moving nodes[], double turned[]);
+void add_tangent(double tangent[N][N], struct matrix *matrix);
+/* What is seen: looked at once; frames of all nodes after a time on a line or a parabola, and what angles are near to; how
+   fast they move at most, in units of the size or rad; and the rigid mechanism at measured coordinates. */
+void look_at(const struct pgmp_model *m, struct look *look);
+void see_nodes(const struct pgmp_model *m, const struct look *look, double after, double open, double theta[R],
+               struct frame nodes[]);
+void find_pace(const struct pgmp_model *m, const struct look *look, double *speed, double *pull);
+double find_rotation(const struct pgmp_model *m, const struct look *look);
+void place_bodies(const double theta[R], const struct frame nodes[], double open, struct frame bodies[N_BODIES]);
 
 #endif

@@ -20,8 +20,8 @@ struct unit *unit_new(struct voice voice, const char *name, const char *token, i
         unit_say(&voice, UNIT_ERROR, "the token is not %s: modelDescription.xml is of another model", FMU_GUID);
         return NULL;
     }
-    if (exchange && N_CONTROLS > 0) {
-        unit_say(&voice, UNIT_ERROR, "a model with controllers is for co-simulation alone: their states are in its steps");
+    if (exchange && !EXCHANGE) {
+        unit_say(&voice, UNIT_ERROR, "a component model, or one with controllers, is for co-simulation alone");
         return NULL;
     }
     me = calloc(1, sizeof *me);

@@ -1,0 +1,61 @@
+/* A component model: bodies along a tree of joints, each in the frame that moves with it.
+
+   written by pgmp_petsc */
+
+#ifndef PGMP_EQUATIONS_H
+#define PGMP_EQUATIONS_H
+
+/* N coordinates: what the tree's joints turn and slide, and amplitudes of the bodies, body by body; N_LEFT constraints that
+   the tree leaves, with a multiplier each. */
+#define N_ALL (N + N_LEFT)
+#define N_TURNS (D == 2 ? 1 : 3)
+
+struct own {
+    double table[AT_LEAST_ONE(N_WORDS)], densities[AT_LEAST_ONE(N_MASSES)][1 + D][1 + D], gravity[AT_LEAST_ONE(N_GRAVITY)][D];
+    double loads[AT_LEAST_ONE(N_LOAD_TERMS)];
+    double turned[R + N_PARTS]; /* what angles are near to: of the measured coordinates, and of the parts of effects */
+};
+
+#ifdef PGMP_TABLES_H /* what is no concern of those who call the model */
+
+enum { BY_AXES, BALL, FREE };
+/* A body of the tree: how it moves on the one before it, nodes of the frame that its joint is on, -1 on the ground, that it
+   holds, and that moves with the body; its coordinates, -1 where it has none; its faces, words of its table, -1 of a rigid one, and entries of
+   its matrices, and whether it follows its foreshortening; damping by stiffness and by mass; and place and triad of the joint in both frames. In the plane `rest` is
+   how far the held frame is turned where the joint is not. */
+struct body {
+    int kind, on, held, base, turning, sliding, natural, first, n, faces, last_face, table, rows, columns, curved;
+    double beta, alpha, rest, before[1 + D][D], after[1 + D][D];
+};
+/* A face of a flexible body: its node and centre, and where displacements and rotations per amplitude begin in `shapes`,
+   and rows of their derivatives with the amplitudes, -1 where there are none. */
+struct face { int node, shapes, bends; double centre[D]; };
+struct mass { int node; double alpha; };
+/* An entry of a load term: on a component of a node's frame, in the plane 2 turns it, or without a node on a coordinate. */
+struct push { int term, node, component; double value; };
+/* A measured coordinate whose motion is given: the coordinate of the tree, and whether it grows with it, 1 or -1. */
+struct drive { int coordinate, measured; double sign; };
+
+/* A constraint: its value, and the measured coordinate whose motion it takes besides, -1 of none. */
+struct bond { double wanted; int motion; };
+
+extern const struct body tree[N_TREE];
+extern const struct face faces[];
+extern const struct mass masses[];
+extern const struct push pushes[];
+extern const struct drive drives[];
+extern const struct bond bonds[];
+extern const int curve_rows[], curve_columns[];
+extern const double shapes[], curves[], moments[N_TERMS][AT_LEAST_ONE(N_WORDS)];
+extern const double densities[N_TERMS][AT_LEAST_ONE(N_MASSES)][1 + D][1 + D], gravity[N_TERMS][AT_LEAST_ONE(N_GRAVITY)][D];
+extern const double start_turned[], body_centres[N_BODIES][D];
+extern const int first_entries[], columns[], gravity_strengths[], body_nodes[];
+
+struct matrix { double a[N_ALL][N_ALL]; int order[N_ALL]; };
+/* The largest rotation of a face, and how fast nodes move and are accelerated at most. */
+struct look { double rotation, speed, pull; };
+
+
+#endif
+
+#endif

@@ -1,0 +1,261 @@
+"""The constants of a component model in C: the tree of its joints, and moments and stiffness of its bodies.
+
+All is what compiled functions take (`full.joint_systems`), evaluated with one sample for each monomial, of which that
+alone is one (`Apart`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.c_export.constants import Along, Constants, check_size, checked_scene, shared_of
+from pgmp_petsc.c_export.statements import Side, StatementInC, TermInC, braced
+from pgmp_petsc.full.joint_systems import JointBatch, JointEquations
+from pgmp_petsc.full.parts import Share, floating_bodies, planar_masses, spatial_masses
+from pgmp_petsc.full.problem import FullEquations
+from pgmp_petsc.mechanism.statement_rows import FROM_SUM
+from pgmp_petsc.models import ComponentModel
+from pgmp_petsc.stepping import alpha_step
+from pgmp_petsc.stepping.sample_blocks import SampleBlocks
+from pgmp_petsc.stepping.static_equilibrium import require_settled
+
+#: How it takes steps: those of the program.
+STEPS = {
+    "ROTATION_LIMIT": np.inf,
+    "LIGHT_NODES": 1,
+    "EXCHANGE": 0,
+    "CORRECTIONS": 1,
+    "BENT_MEASURES": 0,
+    "NEWTON_TOLERANCE": alpha_step.NEWTON_TOLERANCE,
+    "TOLERANCE_OF_ONE": alpha_step.TOLERANCE_OF_ONE,
+    "TOLERANCE_OF_TRIALS": alpha_step.NEWTON_TOLERANCE,
+}
+
+
+class Apart(Share):
+    """A mechanism in as many samples as there are monomials, in each of which one of them is 1 and all others are 0;
+    `values` are their numbers, which are given as they come."""
+
+    def evaluate(self, terms: Mapping[Monomial, Sequence[float] | np.ndarray]) -> np.ndarray:
+        """Return the coefficients of all monomials, shape (..., n_samples)."""
+        n = self.blocks.n_samples
+        columns = [self.values.setdefault(weight, len(self.values)) for weight in terms]
+        return sum(
+            np.multiply.outer(np.array(p), np.eye(1, n, column)[0]) for column, p in zip(columns, terms.values())
+        )
+
+
+def tree_constants_of(model: ComponentModel, what: str) -> Constants:
+    """Collect the constants of a component model; raises as `constants_of`."""
+    scene = checked_scene(model.scene, what, "tree")
+    if scene is not model.scene:
+        model = model.in_scene(scene)
+    system = model.batch({name: np.array([value]) for name, value in scene.values.items()}, 1)
+    _require_taken(model, system, what)
+    own, equations = system.own, system.own.equations
+    tree, mechanism = own.joints.tree, model.kinematics.mechanism
+    kind_of_load = dict.fromkeys(effect.name for effect in equations.loads)
+    loads = {effect.name: effect.strength for effect in equations.loads}
+    n_parts = sum(len(action.statement.terms) for action in equations.actions)
+    windings = np.zeros((n_parts, len(mechanism.coordinates)))
+    shared = shared_of(model, range(mechanism.n_nodes), equations.actions, loads, windings)
+    require_settled(system)
+    state = system.start()
+    turned = equations.turns(equations.initial[0][:, None])[:, 0]  # in the plane nodes count turns
+    turned = turned if turned.size else np.zeros(len(mechanism.coordinates) + n_parts)
+    parts = _parts_of(own, equations)
+    strengths = list(shared.strengths)
+    prescribed = [k for k, one in enumerate(mechanism.coordinates) if one.prescribed]
+    drives = [f"{{{one}, {prescribed[motion]}, {sign}.0}}" for one, motion, sign in own.driven.tolist()]
+    pushes, (constraints, bonds) = _pushes(own, equations), _constraints(own, prescribed, mechanism.n_nodes)
+    tables = {
+        "moments": ("[N_TERMS][AT_LEAST_ONE(N_WORDS)]", parts.moments),
+        "densities": ("[N_TERMS][AT_LEAST_ONE(N_MASSES)][1 + D][1 + D]", parts.densities),
+        "gravity": ("[N_TERMS][AT_LEAST_ONE(N_GRAVITY)][D]", parts.gravity),
+        "shapes": ("[]", tree.shapes),
+        "curves": ("[]", tree.bent),
+        "curve_rows": ("[]", tree.rows),
+        "curve_columns": ("[]", tree.columns),
+        "first_entries": ("[]", own.problem.floating.rows),
+        "columns": ("[]", own.problem.floating.columns),
+        "body_centres": ("[N_BODIES][D]", _centres(model, equations)),
+        "scale": ("[]", own.joints.units),
+        "start_coordinates": ("[N]", system.unpack(state.q)[:, 0]),
+        "start_rates": ("[N]", system.unpack(state.v)[:, 0]),
+        "start_turned": ("[]", turned),
+    }
+    sizes = {
+        "N": own.n,
+        "N_LEFT": own.n_statements,
+        "N_CONSTRAINT_TERMS": len(constraints),
+        "N_TREE": len(tree.kinds),
+        "N_WORDS": parts.moments.shape[1],
+        "N_MASSES": len(parts.masses),
+        "N_GRAVITY": own.problem.floating.gravity_loads.size,
+        "N_TERMS": len(parts.weights),
+        "N_LOAD_TERMS": len(equations.load_weights),
+        "N_PUSHES": len(pushes),
+        "N_DRIVES": len(drives),
+        "MOST": max(2, *tree.n_amplitudes),
+        "ALWAYS_PROBED": int(any(action.law.about_zero for action in equations.actions)),
+        "TYPICAL_MASS": float(system.typical_mass[0]),
+    }
+    check_size({name: table for name, (_, table) in tables.items()}, what)
+    given = set(own.driven[:, 0].tolist())
+    return replace(
+        shared,
+        kind="tree",
+        settings=shared.settings | STEPS | sizes,
+        tables=tables,
+        lists={
+            "const struct body tree[N_TREE]": _bodies(own),
+            "const struct face faces[]": _faces(own),
+            "const struct mass masses[]": parts.masses,
+            "const struct push pushes[]": pushes,
+            "const struct drive drives[]": drives,
+            "const struct bond bonds[]": bonds,
+            "const int gravity_strengths[]": [
+                str(strengths.index(equations.loads[load].name)) for load in own.problem.floating.gravity_loads
+            ],
+            "const int body_nodes[]": list(map(str, _base_nodes(equations))),
+        },
+        axes={"branch_axes": [Along(c.lower, c.upper - c.lower, 1, 2, c.periodic) for c in mechanism.coordinates]},
+        weights=parts.weights,
+        load_weights=equations.load_weights,
+        load_of_term=[list(kind_of_load).index(effect.name) for effect in equations.loads],
+        prescribed=[k in given for k in range(own.n)],
+        constraints=constraints,
+        control_origins=[] if model.measures is None else model.measures.origins.tolist(),
+    )  # fmt: skip
+
+
+def _require_taken(model: ComponentModel, system: JointBatch, what: str) -> None:
+    """Refuse what models in C of component models do not have."""
+    own, scene = system.own, model.scene
+    why = ""
+    if own.problem.modal.kinds.size:
+        why = "effects: a model in C has no modal damping of bodies on their meshes"
+    if why:
+        raise InputError(f"{why}; {what} cannot be written. Take pgmp simulate for this model, or a reduced one")
+    most = alpha_step.DAMPED
+    if scene.simulation.spectral_radius > most and system.moving_constraints:
+        raise InputError(
+            f"simulation.spectral_radius = {scene.simulation.spectral_radius:g}: a model in C does not project "
+            f"its motion, and needs some numerical damping; {what} cannot be written. Take at most {most:g}"
+        )
+
+
+class Parts(NamedTuple):
+    """What of the equations hangs on parameters: monomials, and their coefficients; and nodes with masses, in C."""
+
+    weights: list[Monomial]
+    moments: np.ndarray  # shape (n_weights, n_words)
+    densities: np.ndarray  # shape (n_weights, n_masses, 1 + d, 1 + d)
+    gravity: np.ndarray  # shape (n_weights, n_gravity, d)
+    masses: list[str]
+
+
+def _parts_of(own: JointEquations, equations: FullEquations) -> Parts:
+    """Return the parts of the equations, one by one in their monomials."""
+    unknowns, d = equations.unknowns, equations.unknowns.dimension
+    falling = [(load, equations.loads[load]) for load in own.problem.floating.gravity_loads.tolist()]
+    weights: dict[Monomial, int] = {}
+    n = 1  # until all are known
+    while True:
+        share = Apart(unknowns.bodies, range(equations.n_dofs), weights, SampleBlocks.of(n), equations.damping)
+        floating = floating_bodies(share, unknowns, falling)[0]
+        lumps, masses = planar_masses(share)[0], spatial_masses(share, unknowns)[0]
+        if n == len(weights):
+            break
+        n = len(weights)
+
+    def apart(array: np.ndarray) -> np.ndarray:
+        return np.moveaxis(share.blocks.unpack(array), -1, 0)
+
+    if d == 3:
+        nodes, owners, densities = masses.dofs[:, 0] // unknowns.frame(0).size, masses.body, apart(masses.density)
+    else:
+        every, (parts, values) = lumps.dofs // 3, (lumps.dofs % 3, apart(lumps.mass))
+        nodes, rows = np.unique(every, return_inverse=True)
+        owners, densities = np.zeros(nodes.size, dtype=int), np.zeros((n, nodes.size, 3, 3))
+        owners[rows] = lumps.body
+        densities[:, rows[parts == 0], 0, 0] = values[:, parts == 0]
+        for k in (1, 2):  # of directors, which turn together
+            densities[:, rows[parts == 2], k, k] = 0.5 * values[:, parts == 2]
+    rayleigh = own.problem.rayleigh
+    texts = [f"{{{node}, {float(rayleigh[body, 1])!r}}}" for node, body in zip(nodes.tolist(), owners.tolist())]
+    return Parts(list(weights), apart(floating.table), densities, apart(floating.gravity), texts)
+
+
+def _bodies(own: JointEquations) -> Iterator[str]:
+    """Yield the bodies of the tree in C."""
+    tree, floating = own.joints.tree, own.problem.floating
+    for k, kind in enumerate(tree.kinds.tolist()):
+        on, held, base = tree.nodes[k]
+        turning, sliding, natural, first = tree.firsts[k, :4]
+        number, table, rows, columns, damped, curved = tree.floating[k], -1, 0, 0, (0.0, 0.0), 0
+        if number >= 0:
+            _, table, _, rows, columns = floating.firsts[number]
+            damped = own.problem.rayleigh[floating.body[number]]
+            n, d = tree.n_amplitudes[k], len(tree.axes)
+            curved = int(floating.firsts[number + 1, 3] - rows > d * d * n + n + 1)
+        whole = (
+            kind, on, held, base, turning, sliding, natural, first, tree.n_amplitudes[k], tree.faces[k],
+            tree.faces[k + 1], table, rows, columns, curved,
+        )  # fmt: skip
+        numbers = (*map(repr, map(float, (*damped, tree.rest[k]))), *map(braced, (tree.before[k], tree.after[k])))
+        yield f"{{{', '.join([*map(str, whole), *numbers])}}}"
+
+
+def _faces(own: JointEquations) -> Iterator[str]:
+    tree = own.joints.tree
+    for node, (shapes, bends), centre in zip(tree.face_nodes, tree.at, tree.centres):
+        yield f"{{{node}, {shapes}, {bends}, {braced(centre)}}}"
+
+
+def _pushes(own: JointEquations, equations: FullEquations) -> list[str]:
+    """Return the entries of all loads in C."""
+    loads, tree, unknowns = own.problem.loads, own.joints.tree, equations.unknowns
+    n_frame, found = unknowns.frame(0).size, []
+    of_frames = n_frame * unknowns.mechanism.n_nodes
+    for term, dof, value in zip(loads.numbers.tolist(), loads.dofs.tolist(), loads.values.tolist()):
+        node, component = divmod(dof, n_frame)
+        if dof >= of_frames:
+            k = int(np.flatnonzero((tree.internal <= dof) & (dof < tree.internal + tree.n_amplitudes))[0])
+            node, component = -1, tree.firsts[k, 3] + dof - tree.internal[k]
+        found.append(f"{{{term}, {node}, {component}, {value!r}}}")
+    return found
+
+
+def _base_nodes(equations: FullEquations) -> list[int]:
+    return [body.first_node + body.n_nodes - 1 for body in equations.unknowns.bodies]
+
+
+def _centres(model: ComponentModel, equations: FullEquations) -> np.ndarray:
+    """Return where the nodes of the frames of all bodies are in them, shape (n_bodies, d), m."""
+    space, theta = model.kinematics.mechanism.space, equations.initial[0]
+    poses, frames = model.kinematics.poses(theta)[..., 0], equations.unknowns.frames(equations.start()[0])
+    d, nodes = space.dimension, _base_nodes(equations)
+    return np.array(
+        [space.to_body(pose[:, None], (frames[node] - pose)[:d, None])[:, 0] for node, pose in zip(nodes, poses)]
+    )
+
+
+def _constraints(own: JointEquations, prescribed: Sequence[int], n_nodes: int) -> tuple[list[TermInC], list[str]]:
+    """Return the terms of the constraints that the tree leaves, and the constraints in C."""
+    _, parts, wanted, motions = own.set.statements_among(own.chosen)
+    near, terms, slots = iter(own.set.rows_among(own.chosen).near.tolist()), [], {k: k for k in range(n_nodes)}
+    for row, (part, sides) in enumerate(parts):
+        points = [Side.of(side, slots) for side in sides]
+        for (statement, function), a, b in zip(part.terms, points[::2], points[1::2]):
+            of = next(near)
+            number = of if of >= 0 else -1 if of == FROM_SUM else -2
+            terms.append(TermInC(row, StatementInC(statement, a, b), function, number))
+    bonds = [f"{{{float(w)!r}, {-1 if k < 0 else prescribed[k]}}}" for w, k in zip(wanted, motions.tolist())]
+    return terms, bonds
