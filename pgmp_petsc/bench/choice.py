@@ -296,7 +296,8 @@ def choose_over_lengths(
     if not names:
         return choose(scene, meshes, group, say, finished)
     nominal = {name: scene.nominal[name] for name in names}
-    say(f"tolerances: what they leave open is chosen at {values_text(scene, nominal)}, and checked at the ends of the range")
+    at = values_text(scene, nominal)
+    say(f"tolerances: what they leave open is chosen at {at}, and checked at the ends of the range")
     found = _chosen_at(scene, nominal, meshes, group, say, finished)
     chosen = scene.model_copy(update={"reduction": found.scene.reduction, "simulation": found.scene.simulation})
     asked, remarks = _asked_again(scene, chosen), []

@@ -161,8 +161,8 @@ def served_remarks(model: ReducedModel, names: Sequence[str]) -> Iterator[Remark
         low, high = max(bounds[0], served.low), min(bounds[1], served.high)
         if (low, high) != tuple(bounds):
             yield note(
-                f"{name} is searched in [{served.shown(low)}, {served.shown(high)}], the range that the reduced model "
-                f"was built for, and not in all of its bounds [{', '.join(map(served.shown, bounds))}]: for these build "
+                f"{name} is searched in [{served.shown(low)}, {served.shown(high)}], the range that the reduced "
+                f"model was built for, and not in all of its bounds [{', '.join(map(served.shown, bounds))}]: for these build "
                 f"with a distribution that spans them, or without one (pgmp build SCENE)"
             )
 

@@ -467,8 +467,8 @@ def draw_remarks(scene: Scene) -> Iterator[Remark]:
             continue
         if parameter.value is not None:
             yield note(
-                f"parameters.{name}.value = {to_own(scene, name) * parameter.value:g} is that of single runs and has no part in an "
-                "ensemble, which draws from the distribution"
+                f"parameters.{name}.value = {to_own(scene, name) * parameter.value:g} is that of single runs and has "
+                "no part in an ensemble, which draws from the distribution"
             )
         with np.errstate(all="ignore"):  # scipy divides by zero where there is no variance
             varies_finitely = parameter.bounds is not None or np.isfinite(parameter.deviation)

@@ -253,14 +253,14 @@ def _check(
 def _remarks(family: LengthFamily, n_builds: int, cosine: float, indefinite: str) -> Iterator[Remark]:
     grid, check = family.grid, family.check
     system = family.members[0].record.system
-    shown = {name: system.shown(value, "m") for name, value in check.values.items()}
+    at = ", ".join(f"{name} = {system.shown(value, 'm'):.6g}" for name, value in check.values.items())
     ranges = ", ".join(
         f"{name} from {system.shown(low, 'm'):g} to {system.text(high, 'm', 'g')}"
         for name, (low, high) in zip(grid.names, grid.ranges)
     )
     said = (
         f"lengths: {ranges} are served by polynomials through models at {len(grid.points)} points ({n_builds} "
-        f"builds); at {', '.join(f'{name} = {value:.6g}' for name, value in shown.items())}, between them, frequencies are within {check.frequencies:.2g} and the "
+        f"builds); at {at}, between them, frequencies are within {check.frequencies:.2g} and the "
         f"rigid inertia of ensembles within {check.inertia:.2g} of a model built there"
     )
     poor = max(check.frequencies, check.inertia) > LARGE

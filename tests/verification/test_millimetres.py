@@ -368,7 +368,7 @@ def _reading(save: Callable, texts: list[str]) -> Callable:
     return savefig
 
 
-#: Code says how many bytes it has, models are in SI units, and say so, and a fit of rounded numbers may take a run more.
+#: Code says how many bytes it has, models say that they are in SI units, a fit of rounded numbers may take a run more.
 UNLIKE = ("code", "info", "fit")
 CUT = ("sensitivities", "fit")  # titles where they are too long for the picture
 
