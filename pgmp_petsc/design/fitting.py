@@ -162,8 +162,8 @@ def served_remarks(model: ReducedModel, names: Sequence[str]) -> Iterator[Remark
         if (low, high) != tuple(bounds):
             yield note(
                 f"{name} is searched in [{served.shown(low)}, {served.shown(high)}], the range that the reduced "
-                f"model was built for, and not in all of its bounds [{', '.join(map(served.shown, bounds))}]: for these build "
-                f"with a distribution that spans them, or without one (pgmp build SCENE)"
+                f"model was built for, and not in all of its bounds [{', '.join(map(served.shown, bounds))}]: for these "
+                f"build with a distribution that spans them, or without one (pgmp build SCENE)"
             )
 
 
