@@ -175,10 +175,9 @@ def _question(
     """Return what is to be designed; raises `InputError` where a text is no goal or constraint of the scene."""
     if not outputs:
         raise InputError("outputs: none is given, so there is nothing to design for; add a table [outputs.NAME]")
-    known = (
-        {name: 1.0 / scene.system.size_of(unit) for name, unit in outputs.items()},
-        {name: to_own(scene, name) for name in scene.parameters},
-    )
+    factors = {name: 1.0 / scene.system.size_of(unit) for name, unit in outputs.items()}
+    factors |= {f"parameters.{name}": to_own(scene, name) for name in scene.parameters}
+    known = outputs, scene.parameters, factors
     constraints = tuple(read_constraint(text, *known) for text in subject_to)
     figures = () if robust is None else (robust.deviations, robust.n, robust.seed)
     return Question(read_goal(goal, *known), constraints, designed_parameters(scene, names), *figures)

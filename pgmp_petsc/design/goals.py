@@ -20,8 +20,9 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -135,11 +136,13 @@ class Constraint:
     right: Expression
 
 
-#: Names, and by what their values are multiplied for the units in which goals and constraints are written.
-Names = Mapping[str, float]
+#: Factors by which goals and constraints have outputs, and parameters behind ``parameters.``; 1 where none is given.
+Factors = Mapping[str, float]
 
 
-def read_goal(text: str, outputs: Names, parameters: Names) -> Goal:
+def read_goal(
+    text: str, outputs: Collection[str], parameters: Collection[str], factors: Factors = MappingProxyType({})
+) -> Goal:
     """Read a goal.
 
     Raises
@@ -147,7 +150,7 @@ def read_goal(text: str, outputs: Names, parameters: Names) -> Goal:
     InputError
         With the position marked.
     """
-    parser = _Parser("goal", text, outputs, parameters)
+    parser = _Parser("goal", text, outputs, parameters, factors)
     word = parser.token
     if word not in SENSES:
         parser.refuse("a goal begins with minimise or maximise")
@@ -157,9 +160,11 @@ def read_goal(text: str, outputs: Names, parameters: Names) -> Goal:
     return Goal(text, SENSES[word], expression)
 
 
-def read_constraint(text: str, outputs: Names, parameters: Names) -> Constraint:
+def read_constraint(
+    text: str, outputs: Collection[str], parameters: Collection[str], factors: Factors = MappingProxyType({})
+) -> Constraint:
     """Read a constraint; raises as `read_goal`."""
-    parser = _Parser("--subject-to", text, outputs, parameters)
+    parser = _Parser("--subject-to", text, outputs, parameters, factors)
     left = parser.sum()
     relation = parser.token
     if relation not in ("<=", ">="):
@@ -173,7 +178,10 @@ def read_constraint(text: str, outputs: Names, parameters: Names) -> Constraint:
 class _Parser:
     """Reads one text, token by token."""
 
-    def __init__(self, entry: str, text: str, outputs: Names, parameters: Names) -> None:
+    def __init__(
+        self, entry: str, text: str, outputs: Collection[str], parameters: Collection[str], factors: Factors
+    ) -> None:
+        self._factors = factors
         self._entry, self._text, self._outputs, self._parameters = entry, text, outputs, parameters
         self._end = self._depth = 0
         if len(text) > LONGEST:
@@ -260,7 +268,7 @@ class _Parser:
         if name not in self._parameters:
             self.refuse(f"there is no such parameter or figure{nearest_name(name, [*self._parameters, *FIGURES])}")
         self.advance()
-        factor = self._parameters[name]
+        factor = self._factors.get(f"parameters.{name}", 1.0)
         return lambda outcome: Dual(
             factor * outcome.values[name], np.array([factor * (name == other) for other in outcome.names])
         )
@@ -274,7 +282,7 @@ class _Parser:
         output = self.token
         if output not in self._outputs:
             self.refuse(f"there is no such output{nearest_name(output, self._outputs)}")
-        factor = self._outputs[output]
+        factor = self._factors.get(output, 1.0)
         self.advance()
         self._expect(")")
         if absolute:
