@@ -8,7 +8,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.design.goals import Outcome, read_constraint, read_goal
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 
-OUTPUTS, PARAMETERS = dict.fromkeys(("angle", "bend"), 1.0), dict.fromkeys(("r1", "max", "c-2"), 1.0)
+OUTPUTS, PARAMETERS = ("angle", "bend"), ("r1", "max", "c-2")
 TIME = np.linspace(0.0, 2.0, 201)
 
 
