@@ -199,7 +199,9 @@ class Bench:
     def _surface(self, setting: Setting) -> tuple[ResponseSurface, int, float]:
         nodes = node_values(self.scene, setting.nodes)
         values = at_values(self.scene, nodes)
-        runs = run_history(self.reference.model, values, setting.nodes, setting.n_steps).require_fine(values)
+        runs = run_history(self.reference.model, values, setting.nodes, setting.n_steps).require_fine(
+            self.scene, values
+        )
         return ResponseSurface(nodes, dict(zip(self.outputs, runs.outputs))), setting.nodes, 1.0
 
     def _refined(self, parts: int) -> dict[str, BodyShape]:
@@ -508,7 +510,7 @@ class Bench:
             if isinstance(model, ResponseSurface):
                 history = self._on_surface(model, setting.n_steps)
             elif not reason:
-                history = history_of(case, setting, model).require_fine(case.values)
+                history = history_of(case, setting, model).require_fine(case.scene, case.values)
         except FAILURES as error:
             reason = str(error) if isinstance(error, PgmpError) else f"{type(error).__name__}: {error}"
             return Measured(None, reason=" ".join(reason.split()))

@@ -25,6 +25,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.scene.effects import Driving, OverTime
 from pgmp_petsc.scene.fields import LoadHarmonic
 from pgmp_petsc.scene.numerics import Initial, Reduction, Simulation, count_steps
@@ -146,6 +147,7 @@ class Load:
 class Training:
     """Training cases: every sample under every load."""
 
+    scene: Scene = field(repr=False)
     values: dict[str, np.ndarray]  # value of every parameter, shape (n_samples,); the first sample is the nominal one
     n_samples: int  # one without parameters
     loads: tuple[Load, ...]  # the scene's own first
@@ -165,12 +167,12 @@ class Training:
             remarks.append("no parameter has a distribution: none is varied")
         if any(isinstance(effect, Driving) for effect in scene.effects.values()):
             remarks.append("prescribed motions are not varied")
-        return cls(values, n_samples, loads, tuple(remarks))
+        return cls(scene, values, n_samples, loads, tuple(remarks))
 
     @classmethod
     def of_own_loads(cls, scene: Scene, values: dict[str, np.ndarray], n_samples: int) -> Training:
         """Return samples under the scene's own loads."""
-        return cls(values, n_samples, training_loads(scene)[:1], ())
+        return cls(scene, values, n_samples, training_loads(scene)[:1], ())
 
     def case(self, scene: Scene, load: str, factor: float = 1.0) -> Case:
         """Return a case of the scene under one of the loads, times a factor."""
@@ -189,7 +191,7 @@ class Training:
 
     def sample_text(self, sample: int) -> str:
         """Return the parameter values of a sample, ``r1 = 0.0056``."""
-        return ", ".join(f"{name} = {column[sample]:.4g}" for name, column in self.values.items())
+        return values_text(self.scene, {name: float(column[sample]) for name, column in self.values.items()}, ".4g")
 
 
 def training_loads(scene: Scene) -> tuple[Load, ...]:

@@ -24,6 +24,7 @@ from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.results.selection import Attempt
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
@@ -58,8 +59,8 @@ class History:
         """Return what was kept by `arrays`."""
         return cls(**{name: int(value) if name in ("n_steps", "every") else value for name, value in arrays.items()})
 
-    def require_fine(self, values: Mapping[str, np.ndarray]) -> Self:
-        """Return the history, of samples with some parameter values.
+    def require_fine(self, scene: Scene, values: Mapping[str, np.ndarray]) -> Self:
+        """Return the history, of samples of a scene with some parameter values.
 
         Raises `RunError` if a sample failed, with the first one's values, time and reason.
         """
@@ -67,7 +68,7 @@ class History:
         if not failed.size:
             return self
         first = failed[0]
-        where = ", ".join(f"{name} = {column[first]:.4g}" for name, column in values.items())
+        where = values_text(scene, {name: float(column[first]) for name, column in values.items()}, ".4g")
         raise RunError(
             f"{failed.size} of {self.status.size} samples failed, the first{f' ({where})' if where else ''} at "
             f"{self.failure_time[first]:.4g} s: {Status(self.status[first]).meaning}"

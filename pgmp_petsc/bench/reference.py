@@ -47,6 +47,7 @@ from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.stepping.status import Status
 
 
@@ -255,15 +256,15 @@ def distance_from_mesh(
             if any(run.status[0] != Status.FINE for run in runs):
                 failed, status = (model, runs[0].status[0]) if runs[0].status[0] else (mesh, runs[1].status[0])
                 raise RunError(
-                    f"comparing the component model with the mesh: the {failed.title} run at {_named(at)} fails: "
-                    f"{Status(status).meaning}"
+                    f"comparing the component model with the mesh: the {failed.title} run at {_named(scene, at)} "
+                    f"fails: {Status(status).meaning}"
                 )
             found[point] = errors_between(*runs, floors_of(mesh))[:, 0]
     every = {point: errors for part in comm.allgather(found) for point, errors in part.items()}
     worst = np.nanmax([every[point] for point in chosen], axis=0)
     names = list(model.outputs.functions)
     apart = ", ".join(f"{name} {error:.2g}" for name, error in zip(names, worst))
-    points = " and ".join(_named({name: column[[k]] for name, column in values.items()}) for k in chosen)
+    points = " and ".join(_named(scene, {name: column[[k]] for name, column in values.items()}) for k in chosen)
     over = "" if taken == n_steps else f" over the first {window:.3g} s of {scene.simulation.duration:g} s"
     measured = f"it is {apart} of the largest values away from the mesh at {points}{over}, {taken} steps"
     return replace(reference, why=f"{reference.why}; {measured}", from_mesh={n: float(e) for n, e in zip(names, worst)})
@@ -278,8 +279,8 @@ def _outermost(values: Mapping[str, np.ndarray], n_samples: int) -> Sequence[int
     return [int(k) for k in np.argsort(-away, kind="stable")[: n_samples - 1]]
 
 
-def _named(at: Mapping[str, np.ndarray]) -> str:
-    return ", ".join(f"{name} = {float(column[0]):.4g}" for name, column in at.items()) or "the scene's values"
+def _named(scene: Scene, at: Mapping[str, np.ndarray]) -> str:
+    return values_text(scene, {name: float(column[0]) for name, column in at.items()}, ".4g") or "the scene's values"
 
 
 DEPENDENT = 1e-9  # of the largest singular value of the constraints: those below follow from others

@@ -24,6 +24,7 @@ from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.ensemble import UNSTABLE, Ensemble
 from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.scene.border import to_own
 from pgmp_petsc.stepping.generalised_alpha import DIVISORS, RETRIED
 from pgmp_petsc.stepping.status import Status
 
@@ -195,7 +196,7 @@ def read_earlier(path: Path, model: Model) -> Earlier:
     n, seed = len(found.status), found.record.seed
     file = None if seed is not None else read_samples(path, model.scene, None)
     if file is None:
-        _check_draws(path, found, Sampler(model.scene, Plan(n, seed)))
+        _check_draws(path, found, model.scene, Sampler(model.scene, Plan(n, seed)))
     return Earlier(path, n, n_failed, seed or 0, file)
 
 
@@ -216,7 +217,7 @@ def _check_scene(path: Path, there: Scene, here: Scene) -> None:
             raise InputError(f"{OPTION} {path}: [{table}] is not that of the file; leave it as it was")
 
 
-def _check_draws(path: Path, found: Ensemble, sampler: Sampler) -> None:
+def _check_draws(path: Path, found: Ensemble, scene: Scene, sampler: Sampler) -> None:
     """Refuse samples that are not those of the sampler: failed ones would be drawn anew among fine ones of another
     design, as another version of the program had it."""
     drawn = sampler.draw(0, len(found.status))
@@ -224,10 +225,10 @@ def _check_draws(path: Path, found: Ensemble, sampler: Sampler) -> None:
         there, here = found.parameters[name], drawn[name]
         differing = np.flatnonzero(~np.isclose(there, here, rtol=SAME_DRAW, atol=0.0, equal_nan=True))
         if differing.size:
-            k = differing[0]
+            k, own = differing[0], to_own(scene, name)
             raise InputError(
-                f"{OPTION} {path}: sample {k} has {name} = {there[k]:.9g} there and {here[k]:.9g} here: it is of "
-                f"another version, whose sampler {sampler.kind} drew other samples; run the ensemble again"
+                f"{OPTION} {path}: sample {k} has {name} = {own * there[k]:.9g} there and {own * here[k]:.9g} here: it "
+                f"is of another version, whose sampler {sampler.kind} drew other samples; run the ensemble again"
             )
 
 

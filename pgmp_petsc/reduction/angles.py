@@ -34,6 +34,7 @@ from pgmp_petsc.reduction.tables import ReducedTables, indefinite_between, with_
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.references import stressed_bodies
+from pgmp_petsc.scene.uses import slides
 
 #: What may be left. Full-order runs of slider-cranks are met within 1 % from there on (`test_section_forces.py`).
 TARGET = 0.01
@@ -135,8 +136,7 @@ def _share(error: float) -> str:
 def _uneven(scene: Scene, basis: ContinuousBasis) -> bool:
     """Return whether vectors of other parameter values turn too quickly for the angles."""
     return basis.uneven > UNEVEN or (
-        scene.reduction.parameter_modes > 0
-        and bool(indefinite_between(basis.tables, scene.interpolation, *spanning_values(scene)))
+        scene.reduction.parameter_modes > 0 and bool(indefinite_between(basis.tables, scene, *spanning_values(scene)))
     )
 
 
@@ -169,9 +169,11 @@ def _beyond_tolerance(
         poor = new[errors > tolerance]
         if grid.n > scene.reduction.max_angles and poor.size:
             what = "angles" if grid.n_coordinates == 1 else "configurations"
+            unit = "m" if slides(scene, scene.coordinates[name]) else "rad"
+            where = scene.system.text(float(new[np.argmax(errors)]), unit, ".4g")
             raise RunError(
                 f"reduction.sampling_tolerance = {tolerance:g}: with {grid.n} {what} the tables still differ by "
-                f"{errors.max():.2g} near {name} = {new[np.argmax(errors)]:.4g}; raise reduction.max_angles "
+                f"{errors.max():.2g} near {name} = {where}; raise reduction.max_angles "
                 f"({scene.reduction.max_angles}) or the tolerance"
             )
         # both halves of the interval that a poor sample has split

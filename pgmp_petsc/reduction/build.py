@@ -276,7 +276,7 @@ def _built(
         both = mode_changes(kinematics, mass, tables.samples, wider, scene.interpolation)
         gaps = gaps.changing(both, tables.samples, scene.interpolation)
     n_parameter = tables.n_modes - tables.n_given - joined.n_kept
-    indefinite = indefinite_between(tables.moving(), scene.interpolation, *spanning_values(scene))
+    indefinite = indefinite_between(tables.moving(), scene, *spanning_values(scene))
     remarks = (
         *scene.remarks,
         *(() if way.checkpoint is None else way.checkpoint.remarks),

@@ -218,7 +218,7 @@ def _joined(
     nominal, cosine = built[0], min(cosine for _, cosine in turned)
     family = LengthFamily(grid, tuple(member for member, _ in turned), LengthCheck(between[0], 0.0, 0.0))
     family = replace(family, check=_check(scene, family, nominal, *between))
-    indefinite = indefinite_between(family.merged(nominal).tables, scene.interpolation, *spanning_values(scene))
+    indefinite = indefinite_between(family.merged(nominal).tables, scene, *spanning_values(scene))
     timings = dict(seconds)
     for model in built:
         for phase, time in model.record.timings.items():

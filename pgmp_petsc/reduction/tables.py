@@ -58,6 +58,9 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.cell_products import CURVED, SecondOrderTables, congruent
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.border import values_text
+from pgmp_petsc.scene.uses import slides
 
 WEIGHT_FREE = "SI, weight taken out"
 WEIGHTS = (
@@ -382,15 +385,15 @@ MIDDLE = (0.5,)  # the same over several coordinates, whose cells are many
 SMALLEST = 1e-6  # eigenvalue of a matrix with unit diagonal
 
 
-def indefinite_between(tables: ReducedTables, scheme: str, values: Mapping[str, np.ndarray], n_samples: int) -> str:
+def indefinite_between(tables: ReducedTables, scene: Scene, values: Mapping[str, np.ndarray], n_samples: int) -> str:
     """Say where flexible mass or stiffness is indefinite between samples; empty where it is nowhere.
 
     Parameters
     ----------
     tables
         In the continuous basis.
-    scheme
-        Interpolation over the samples.
+    scene
+        Says how they are interpolated over the samples.
     values, n_samples
         Parameter values to look at, shape (n_samples,) each.
 
@@ -406,7 +409,7 @@ def indefinite_between(tables: ReducedTables, scheme: str, values: Mapping[str, 
         ("mass", tables.mass[:, :, r:, r:], tables.mass_weights),
         ("stiffness", tables.stiffness, tables.stiffness_weights),
     ):
-        between = interpolant(samples, table, scheme)(theta)
+        between = interpolant(samples, table, scene.interpolation)(theta)
         for k in range(n_samples):
             point = {key: float(column[k]) for key, column in values.items()}
             matrices = _scaled(with_units(np.tensordot(evaluate_weights(weights, point), between, axes=(0, 1))))
@@ -415,13 +418,15 @@ def indefinite_between(tables: ReducedTables, scheme: str, values: Mapping[str, 
             smallest = np.linalg.eigvalsh(matrices)[:, 0]
             worst = int(np.argmin(smallest))
             if smallest[worst] < SMALLEST:
-                where = "".join(f", {key} = {value:.4g}" for key, value in point.items())
-                at = [axis.in_first_turn(value) for axis, value in zip(samples, theta[worst])]
+                where = ", ".join(["", *filter(None, [values_text(scene, point, ".4g")])])
+                units = ["m" if slides(scene, coordinate) else "rad" for coordinate in scene.coordinates.values()]
+                places = [axis.in_first_turn(value) for axis, value in zip(samples, theta[worst])]
+                at = ", ".join(scene.system.text(*place, ".4g") for place in zip(places, units))
                 return (
                     f"with {' x '.join(str(axis.n // axis.turns) for axis in samples)} angles the interpolated {name} "
-                    f"matrix is not positive definite at {', '.join(f'{value:.4g}' for value in at)}{where} (smallest "
+                    f"matrix is not positive definite at {at}{where} (smallest "
                     f"eigenvalue {smallest[worst]:.2g}, diagonal 1): the model runs away with small steps; take "
-                    f"{smoother(scheme)}"
+                    f"{smoother(scene.interpolation)}"
                 )
     return ""
 

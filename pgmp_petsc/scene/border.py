@@ -114,7 +114,7 @@ def _parameter(parameter: Any, unit: str, convert: Convert, label: Callable[[str
     def law(own: Any) -> Any:
         if own is None:
             return None
-        changed = {key: convert(getattr(own, key), unit) for key in ("values",) if own.values is not None}
+        changed = {} if own.values is None else {"values": convert(own.values, unit)}
         if own.of is not None:
             changed["of"] = tuple(map(law, own.of))
         found = own.model_copy(update=changed)

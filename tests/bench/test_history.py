@@ -104,9 +104,9 @@ def test_a_sample_that_fails_is_named() -> None:
     values = samples(limited, 2, r1=np.array([5e-3, 6e-3]))
     found = run_history(reduced_model(limited), values, 2, 20)
     with pytest.raises(RunError, match=r"2 of 2 samples failed, the first \(r1 = 0.005\) at 0.01.* a coordinate left"):
-        found.require_fine(values)
+        found.require_fine(limited, values)
     full = run_history(full_model(limited), values, 2, 200)
-    assert not full.inside.any() and full.require_fine(values) is full, "the full-order model goes on"
+    assert not full.inside.any() and full.require_fine(limited, values) is full, "the full-order model goes on"
 
 
 def test_the_largest_error_is_none_where_numbers_are_missing() -> None:

@@ -27,7 +27,7 @@ def mechanism() -> Mechanism:
 
 
 def training() -> Training:
-    return Training({"r": np.array([1.0])}, 1, LOADS, ())
+    return Training(slider_crank(), {"r1": np.array([1.0])}, 1, LOADS, ())
 
 
 def errors_of(values: tuple[float, ...], round_off: float = 0.0) -> Errors:

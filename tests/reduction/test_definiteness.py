@@ -41,9 +41,9 @@ def test_the_matrix_and_the_parameters_are_named(name: str) -> None:
     table[5, :, -1, -1] *= 1e3
     spoilt = replace(tables, **{name: table})
     values = {"r1": np.array([RADIUS, 0.7 * RADIUS])}
-    assert indefinite_between(tables, "spline", values, 2) == ""
-    said = indefinite_between(spoilt, "spline", values, 2)
+    assert indefinite_between(tables, slider_crank(SPLINE), values, 2) == ""
+    said = indefinite_between(spoilt, slider_crank(SPLINE), values, 2)
     assert f"the interpolated {name} matrix is not positive definite" in said and "r1 = 0.0056" in said
     assert said.endswith("take more reduction.angles or fewer reduction.modes"), "it is a spline already"
-    other = indefinite_between(spoilt, "spectral", values, 2)
+    other = indefinite_between(spoilt, slider_crank('reduction.interpolation="spectral"'), values, 2)
     assert name in other and other.endswith('or reduction.interpolation = "spline"')
