@@ -470,7 +470,7 @@ pgmp.merge([]) -> files: list received; allowed is a list of names of shards
 pgmp.fit(rom, 3) -> measured: int received; allowed is the name of a CSV file
 pgmp.fit(rom, "a.csv", noise={"x": 0}) -> noise of x = 0: allowed are positive
 pgmp.fit(rom, "a.csv", noise=0.1) -> noise: float received; allowed is a mapping
-pgmp.export_model(rom, "a.txt") -> output 'a.txt': a reduced model is exported as
+pgmp.export_model(rom, "a.txt") -> output 'a.txt': a model is exported as
 pgmp.export_model(rom, 3) -> output: int received; allowed is the name of a file
 pgmp.export_model(rom, "a", fmi=3) -> fmi 3 is for FMUs, and 'a' is none
 pgmp.export_model(rom, "a.fmu", fmi=4) -> fmi = 4: allowed are whole numbers from 2 to 3

@@ -108,7 +108,7 @@ def test_results_of_a_program(tmp_path: Path) -> None:
         (("simulate", "ROM", "-o", "mine.csv"), "exists, and nothing in a CSV file says whose it is; give another"),
         (("export", "ROM", "-o", "x.csv"), "has no rows and columns; a table can be made of a trajectory, an"),
         (("export", "run.h5", "-o", "mine.csv"), "exists, and nothing in a CSV file says whose it is"),
-        (("export", "run.h5", "-o", "x.csv", "--set", "r1=5e-3"), "are for the export of a reduced model"),
+        (("export", "run.h5", "-o", "x.csv", "--set", "r1=5e-3"), "are for the export of a model"),
         (("export", "none.h5", "-o", "x.csv"), "does not exist"),
         (("schema", "-o", "x.toml"), "a schema is JSON for editors or a page in Markdown; name it"),
         (("schema", "-o", "."), "output '.' is a directory; give the name of a file in it, FILE.json or FILE.md"),
