@@ -314,7 +314,7 @@ def refused(n: int, commands: Sequence[Iterable[object]]) -> list[str]:
 
 def besides_progress(stderr: str) -> str:
     """Return what a program said on stderr besides lines of progress, which a busy machine brings about."""
-    return re.sub(r"^[a-z -]+: (\d+ of \d+, .*|[a-z, -]+, \d+ (s|min \d+ s))\n", "", stderr, flags=re.MULTILINE)
+    return re.sub(r"^[a-z, -]+: (\d+( of \d+)?, \d+ .*|[a-z, -]+, \d+ (s|min \d+ s))\n", "", stderr, flags=re.MULTILINE)
 
 
 def overridden(*entries: str) -> list[str]:
