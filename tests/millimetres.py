@@ -6,6 +6,7 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,17 @@ OF_ROUND_OFF = 0.02  # of the numbers in a text: derivatives that are zero are s
 NOTHING = 1e-18  # of what is round-off in either system
 ONE = 1e-15  # round-off of 1
 OF_VALUES = ("nominal", "value", "bounds")
+
+
+def with_short_numbers(text: str, folder: Path) -> str:
+    """Return a scene's text with copies of its meshes in a folder, whose places are multiples of a nanometre: those of
+    16 digits would be rounded where they are written in mm."""
+    for name in dict.fromkeys(re.findall(r'"([^"]+\.msh)"', text)):
+        mesh = meshio.read(name)
+        mesh.points = np.round(mesh.points, 9)
+        mesh.write(folder / Path(name).name, file_format="gmsh22", binary=False)
+        text = text.replace(name, Path(name).name)
+    return text
 
 
 def in_millimetres(path: Path, changes: list[str], target: Path) -> Path:
@@ -49,7 +61,7 @@ def in_millimetres(path: Path, changes: list[str], target: Path) -> Path:
     for name, body in tables["bodies"].items():
         if "mesh" in body:
             mesh = meshio.read(scene.path_of(body["mesh"]))
-            mesh.points *= 1e3
+            mesh.points = np.vectorize(lambda x: float(Decimal(repr(float(x))).scaleb(3)))(mesh.points)
             mesh.write(target.with_name(f"{name}.msh"), file_format="gmsh22", binary=False)
             body["mesh"] = f"{name}.msh"
     target.write_text(tomli_w.dumps(tables), encoding="utf-8")
@@ -167,6 +179,7 @@ def _dimension(unit: str) -> tuple[float, float, float]:
 
 #: Units as texts have them, with prefixes, and the SI unit of each.
 IN_SI = {f"{prefix}{unit}": unit for unit in _PREFIXED_UNITS for prefix in _PREFIXES.values()} | {u: u for u in UNITS}
+IN_SI |= {"m2": "m2"}  # of surfaces
 IN_MM = {unit: f"{unit} of SI" for unit in IN_SI.values()} | {MM.unit(unit): unit for unit in IN_SI.values()}
 IN_MM |= {f"{prefix}{unit}": unit for unit in ("N", "s", "rad", "Hz") for prefix in _PREFIXES.values()}
 NUMBER = r"(?<![\w.])[-+]?(?:\d+(?:,\d{3})*(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?"
@@ -188,7 +201,7 @@ def told(text: str, units: dict[str, str]) -> tuple[str, list[tuple[float, bool]
         known = found[2] is not None and re.search(r"[.e]", found[1]) is not None
         numbers.append((float(found[1].replace(",", "")) * (size if known else 1.0), known))
     text = re.sub(NUMBER, "#", text)
-    text = re.sub(rf"(?<!\w)({labels})(?!\w)", lambda found: units[found[1]], text)
+    text = re.sub(rf"(?<!\w)({labels})(?!\w| =)", lambda found: units[found[1]], text)
     return " ".join(text.split()), numbers
 
 

@@ -22,7 +22,7 @@ from coupled_scenes import GEARED
 from exported import COMPILER, assert_same_in_c, needs_compiler
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from millimetres import differences, flat, in_millimetres, strange
+from millimetres import differences, flat, in_millimetres, strange, with_short_numbers
 from offset_scenes import CLAMPED
 from runs import IN_TURN, pgmp, reduced_model
 from sealed import resealed
@@ -39,7 +39,7 @@ from scenes import HEADER, tables
 EXACT = 1e-12  # numbers that are converted: 3e-16 but for differences of such
 #: Extremes are vertices of parabolas through values that nearly agree. Searches end by small steps, of goals that are
 #: computed in the units of the scene, and of measurements that were written in these.
-OF_COMMANDS = {"sensitivities": 1e-11, "optimize": 1e-8, "fit": 1e-5}
+OF_COMMANDS = {"sensitivities": 1e-10, "optimize": 1e-8, "fit": 1e-5}
 #: Of a formula's round-off in bending moments and axial forces, which are differences of far larger displacements.
 OF_FORMULAS = 1e-6
 FOUR_BAR = """
@@ -341,7 +341,7 @@ def twins(folder: Path) -> Callable[[str, str], Twin]:
 
 def _made(case: Case, which: str, folder: Path) -> Twin:
     folder.mkdir(parents=True)
-    (folder / "scene.toml").write_text(case.text, encoding="utf-8")
+    (folder / "scene.toml").write_text(with_short_numbers(case.text, folder), encoding="utf-8")
     if which == "mm":
         (folder / "scene.toml").rename(folder / "si.toml")
         in_millimetres(folder / "si.toml", [], folder / "scene.toml")
