@@ -37,6 +37,7 @@ import h5py
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.declare.conversion import converted
 from pgmp_petsc.files.hdf5 import RunRecord, open_file, put, shapes_of, take, write_file
 
 NEEDED = object()  # what an absent field is without which a file is damaged
@@ -311,7 +312,7 @@ class Record:
         """Return it in other units; `convert` takes an array or number and its unit, and of a text the text's."""
         context = Context(self, {} if outer is None else outer.words, outer)
         known = ((one, getattr(self, one.name)) for one in declared(type(self)))
-        found = {one.name: _converted(one, value, context, convert, one.depth) for one, value in known}
+        found = {one.name: converted(one, value, context, convert, one.depth) for one, value in known}
         return replace(self, **found | self.converted_by_itself(convert))
 
     def converted_by_itself(self, convert: Callable[[Any, str], Any]) -> dict[str, Any]:
@@ -383,62 +384,6 @@ class Result(Record):
             with shapes_of(file):
                 found = cls.take(file)
             yield found
-
-
-NAMES_OF_UNITS = ("unit", "units", "coordinate_units", "parameter_units")  # fields that have these
-UNKNOWN_UNITS = ("SI", "as attribute units")  # of numbers that stay, or are converted by their record
-
-
-def _converted(one: Holding, value: Any, context: Context, convert: Callable[[Any, str], Any], depth: int) -> Any:
-    """Return a value of a record in other units."""
-    entry = one.entry
-    if value is None:
-        return None
-    if one.name in NAMES_OF_UNITS:
-        if isinstance(value, str):
-            return convert(None, value)
-        if isinstance(value, tuple):
-            return tuple(convert(None, unit) for unit in value)
-        return {name: convert(None, unit) for name, unit in value.items()}
-    if depth:
-
-        def of(key: str) -> Any:
-            return _converted(one, value[key], context.of_key(entry, key), convert, depth - 1)
-
-        return Converted(value, of) if type(value) is not dict else {key: of(key) for key in value}
-    if one.is_rows:
-        return tuple(row.converted(convert, context) for row in value)
-    if one.is_record:
-        if one.depth == 0 and entry.words is not None:
-            context = context._replace(words={**context.words, **entry.words(context.own, "", context)})
-        return value.converted(convert, context)
-    is_number = isinstance(value, float) or getattr(value, "dtype", None) is not None and value.dtype.kind == "f"
-    if not is_number or entry.unit in UNKNOWN_UNITS:
-        return value
-    units = context.text(entry.unit).split(", ")
-    if entry.columns is not None:
-        units = list(getattr(context.own, entry.columns).values())
-    if len(units) == 1:
-        return convert(value, units[0])
-    axis = next(k for k, size in enumerate(entry.sizes) if str(size).rstrip("?") in ("coordinate", "parameter"))
-    parts = [convert(part, unit) for part, unit in zip(np.moveaxis(value, axis, 0), units)]
-    return np.moveaxis(np.array(parts).reshape(len(units), *np.delete(value.shape, axis)), 0, axis)
-
-
-class Converted(Mapping[str, Any]):
-    """Arrays by name that are converted when they are asked for."""
-
-    def __init__(self, given: Mapping[str, Any], of: Callable[[str], Any]) -> None:
-        self._given, self._of = given, of
-
-    def __getitem__(self, name: str) -> Any:
-        return self._of(name)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._given)
-
-    def __len__(self) -> int:
-        return len(self._given)
 
 
 class Leaf(NamedTuple):
