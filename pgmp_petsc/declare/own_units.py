@@ -22,8 +22,8 @@ from typing import Any
 from pgmp_petsc.base.units import times
 from pgmp_petsc.declare.formulas import evaluated
 
-#: In which order unknowns are made what equations ask for: those of names, of numbers, of 0 and 1, between sides.
-OF_NAMES, OF_NUMBERS, OF_SIGNS, BETWEEN = range(4)
+#: In which order unknowns are made what equations ask for: those of names and of 0, of numbers, of 1, between sides.
+OF_NAMES, OF_NUMBERS, OF_ONE, BETWEEN = range(4)
 SIGNS = {operator.lt: "<", operator.le: "<=", operator.gt: ">", operator.ge: ">="}
 
 Unknown = tuple[int, int]  # when it is made what equations ask for: its kind and its number
@@ -35,6 +35,14 @@ Solution = Mapping[Unknown, Fraction]
 def shifted(value: float, power: float) -> float:
     """Return ``10^power`` times a number, through decimals."""
     return times(value, 10.0 ** float(power)) if power else value
+
+
+def _times(text: str, power: float) -> str:
+    """Return a text times a power of ten."""
+    if not power:
+        return text
+    size = 10.0 ** abs(float(power))
+    return f"({size!r} * {text})" if power > 0 else f"({text} / {size!r})"  # whose powers are exact
 
 
 def _sum(a: Power, b: Power, factor: Fraction | int = 1) -> Power:
@@ -54,12 +62,7 @@ class Part:
         """Return how it is written where it is to be larger by another power, which it should be."""
         between = self.system.unknown(BETWEEN)
         self.system.equal(_sum(self.power, power, -1), between)
-
-        def write(found: Solution) -> str:
-            factor = self.system.solved(between, found)
-            return f"({shifted(1.0, factor)!r} * {self.write(found)})" if factor else self.write(found)
-
-        return write
+        return lambda found: _times(self.write(found), self.system.solved(between, found))
 
     def joined(self, sign: str, other: Part, power: Power, right: Callable[[Solution], str] | None = None) -> Part:
         """Return both with a sign between them."""
@@ -110,13 +113,13 @@ class OwnUnits:
         """Ask for equal powers."""
         self.equations.append(_sum(a, b, -1))
 
-    def named(self, name: str, power: Power) -> Part:
-        """Return what has a name."""
-        return Part(self, power, lambda found: name)
+    def named(self, name: str, power: Power, is_own: bool) -> Part:
+        """Return what has a name; `is_own` if its value is in the units of the formulas."""
+        return Part(self, power, lambda found: _times(name, -is_own * self.solved(power, found)))
 
     def number(self, value: float) -> Part:
         """Return a number."""
-        power = self.unknown(OF_SIGNS if value in (-1.0, 0.0, 1.0) else OF_NUMBERS)
+        power = self.unknown({0.0: OF_NAMES, 1.0: OF_ONE}.get(abs(value), OF_NUMBERS))
         return Part(self, power, lambda found: repr(shifted(value, -self.solved(power, found))), value)
 
     def compared(self, ordering: Callable[..., Any], a: Part, b: Part) -> Part:
@@ -175,7 +178,7 @@ class InSi:
 
 
 def in_si(
-    texts: Mapping[str, str], known: Mapping[str, float], wanted: Mapping[str, float | str | None] = {}
+    texts: Mapping[str, str], known: Mapping[str, float | None], wanted: Mapping[str, float | str | None] = {}
 ) -> InSi:  # fmt: skip
     """Write formulas in the language of declarations anew for SI units; those of which no number changes stay.
 
@@ -184,7 +187,8 @@ def in_si(
     texts
         Formulas by keys. All names that are not `known` are numbers of any unit, the same in all of them.
     known
-        By which power of ten what has a name is larger in the units of the formulas.
+        By which power of ten what has a name is larger in the units of the formulas; None of a value that is of any
+        unit as well, and stays in these.
     wanted
         The same of the formulas, by their keys, or the name of what they are to be as; None and without an entry: it
         follows.
@@ -192,11 +196,12 @@ def in_si(
     if not any(known.values()) and not any(power for power in wanted.values() if not isinstance(power, str)):
         return InSi(dict(texts), {}, dict.fromkeys(texts, Fraction(0)))
     system = OwnUnits()
-    powers: dict[str, Power] = {name: {None: Fraction(power)} for name, power in known.items()}
+    powers = {name: {None: Fraction(power)} for name, power in known.items() if power is not None}
 
     class Names(dict):
         def __missing__(self, name: str) -> Part:
-            return system.named(name, powers.setdefault(name, system.unknown(OF_NAMES)))
+            power = powers.setdefault(name, system.unknown(OF_NAMES))
+            return system.named(name, power, name in known and known[name] is None)
 
     parts, names = {}, Names()
     for key, text in texts.items():
@@ -206,7 +211,9 @@ def in_si(
             part = Part(system, power, part.at(power))
         parts[key] = part
     found = system.solution()
-    kept = not any(found.get(key) for key in found if key[0] != OF_NAMES)
+    own = [name for name, power in known.items() if power is None]
+    kept = not any(power for key, power in found.items() if key[0] != OF_NAMES)
+    kept = kept and not any(system.solved(powers[name], found) for name in own if name in powers)
     written = {key: texts[key] if kept else part.write(found) for key, part in parts.items()}
     of_names = {name: system.solved(power, found) for name, power in powers.items()}
     return InSi(written, of_names, {key: system.solved(part.power, found) for key, part in parts.items()})

@@ -68,11 +68,11 @@ def to_own(scene: AnyScene, parameter: str) -> float:
     return 1.0 / scene.system.size_of(scene.parameters[parameter].unit or "1")
 
 
-def own_powers(scene: AnyScene, given: Mapping[str, float | str]) -> dict[str, int]:
+def own_powers(scene: AnyScene, given: Mapping[str, float | str]) -> dict[str, int | None]:
     """Return by which power of ten what names parameters is larger in the units of the scene, by the keys of `given`;
-    numbers have no part."""
-    named = {key: scene.parameters[one] for key, one in given.items() if isinstance(one, str)}
-    return {key: scene.system.power_of(parameter.unit or "1") for key, parameter in named.items()}
+    numbers have no part, and parameters without a unit, which stay as they are written, have None."""
+    units = {key: scene.parameters[one].unit for key, one in given.items() if isinstance(one, str)}
+    return {key: scene.system.power_of(unit) if unit else None for key, unit in units.items()}
 
 
 def shown_in(scene: AnyScene) -> Callable[[str, Any], Any]:
