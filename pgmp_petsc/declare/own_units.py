@@ -151,17 +151,18 @@ class OwnUnits:
         return sum((n * (Fraction(1) if key is None else found.get(key, 0)) for key, n in power.items()), Fraction(0))
 
     def solution(self) -> Solution:
-        """Solve the equations (Gauss and Jordan), for the first unknown in each; unknowns that are left over are 0."""
+        """Solve the equations (Gauss), each for its first unknown; unknowns that are left over are 0."""
         rows: dict[Unknown, Power] = {}
         for equation in self.equations:
-            for key, row in rows.items():
-                equation = _sum(equation, row, -equation.get(key, Fraction(0)))
-            own = min((key for key, factor in equation.items() if factor and key is not None), default=None)
-            if own is None:
-                continue
-            equation = {key: factor / equation[own] for key, factor in equation.items() if factor}
-            rows = {key: _sum(row, equation, -row.get(own, Fraction(0))) for key, row in rows.items()} | {own: equation}
-        return {key: -row.get(None, Fraction(0)) for key, row in rows.items()}
+            while own := min((key for key, factor in equation.items() if factor and key is not None), default=None):
+                if own not in rows:
+                    rows[own] = {key: factor / equation[own] for key, factor in equation.items() if factor}
+                    break
+                equation = _sum(equation, rows[own], -equation[own])
+        found: dict[Unknown, Fraction] = {}
+        for own in sorted(rows, reverse=True):
+            found[own] = -self.solved({key: factor for key, factor in rows[own].items() if key != own}, found)
+        return found
 
 
 @dataclass(frozen=True)
