@@ -229,8 +229,8 @@ class _Job:
         self._step("compare", BETTER, known, make, self._headline_of_comparison)
 
     def refine(self) -> None:
-        """Run the better model on other meshes, for the mesh's share: lines with twice the elements, or parts of CAD with
-        larger cells; where these are all that deforms, and it is affordable."""
+        """Run the better model on other meshes, for the mesh's share: lines with twice the elements, or parts of CAD
+        with larger cells; where these are all that deforms, and it is affordable."""
         flexible = [name for name, body in self.scene.bodies.items() if body.flexible]
         lines = {name: mesh for name, mesh in self.meshes.items() if isinstance(mesh, LineMesh)}
         solids = [name for name in flexible if name not in lines]

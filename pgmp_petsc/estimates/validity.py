@@ -315,7 +315,8 @@ def _beyond(scene: Scene) -> dict[str, str]:
     if scene.second_order:
         texts["stiffness_lost"] = (
             f"forces in the bodies change the stiffness of a mode by {{}} times itself, beyond {share}: close to "
-            f"buckling or beyond it (-1), where geometric_stiffening, of first order in these forces, does not hold; {full}"
+            "buckling or beyond it (-1), where geometric_stiffening, of first order in these forces, does not hold; "
+            f"{full}"
         )
         return texts
     cure = f"name it in [effects], with mode_inertia, and build again, or {full}"
