@@ -21,10 +21,9 @@ from pydantic import Field, model_validator
 from pgmp_petsc.base.units import STANDARD_GRAVITY
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.matrices import AffineMatrices
-from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.action import SOURCE, Action
 from pgmp_petsc.effects.effect import ActionEffect, Effect, Load
 from pgmp_petsc.effects.joint_effects import joint_measure
-from pgmp_petsc.effects.laws import SOURCE
 from pgmp_petsc.effects.over_joint import load_over_joint, load_over_problems
 from pgmp_petsc.effects.time_function import amplitude_of
 from pgmp_petsc.mechanism.attachment import Attachment

@@ -2,7 +2,7 @@
 
 The engine ends a part of a step where an edge is crossed, depth(q, p) = 0, and goes on from there with the scheme as it
 stands: positions, velocities, accelerations and auxiliary accelerations are what they were, as the force of a stop
-begins and ends at zero (`effects.laws`). The discrete map is differentiated, with the length h of a part as one more
+begins and ends at zero (`effects.law`). The discrete map is differentiated, with the length h of a part as one more
 variable (Galan, Feehery and Barton 1999 have the same of continuous time). With the prediction of `propagation` and all
 other symbols from there,
 

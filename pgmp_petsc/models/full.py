@@ -64,6 +64,7 @@ class FullModel:
 
     name = "full"
     title = "full-order"
+    served: Mapping[str, Served] = {}  # any values of parameters
     in_joints = False  # whether samples in lanes are stepped in joint coordinates
 
     def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh], kinematics: RigidKinematics | None = None) -> None:

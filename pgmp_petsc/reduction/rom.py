@@ -430,11 +430,8 @@ def check_served(ranges: Mapping[str, Served], scene: Scene) -> tuple[Remark, ..
     return tuple(warning(text) for name, served in ranges.items() for text in _of_parameter(name, served, scene))
 
 
-def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> None:
-    """Refuse samples beyond what is served; parameters as of `outside_of`.
-
-    Raises `InputError`, naming the first of them.
-    """
+def check_samples(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> tuple[Remark, ...]:
+    """Return `outside_of`; raises `InputError`, naming the first of them, where samples are beyond what is served."""
     for name, served in ranges.items():
         beyond = served.beyond(values.get(name, np.zeros(0)))
         if beyond.any():
@@ -444,6 +441,7 @@ def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray]
                 f"number {first} with {name} = {served.shown(values[name][first])}, which must be within "
                 f"{served.limits}; {CURE}"
             )
+    return outside_of(ranges, values, where)
 
 
 @gathered
