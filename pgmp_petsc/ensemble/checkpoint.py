@@ -41,31 +41,13 @@ class Finished:
 
 
 class Checkpoint:
-    """Finished batches of one ensemble; used by rank 0.
+    """Finished batches of the ensemble of a plan; used by rank 0.
 
-    Parameters
-    ----------
-    plan
-        The ensemble.
-    scene_toml
-        The resolved scene: a checkpoint of another one is refused.
-    model
-        ``full`` or ``reduced``.
-    tables
-        Identity of what the model is made of besides the scene (see `Model`): two reduced models of the same scene may
-        differ, and so may meshes of the same name.
-    design
-        Where samples come from, in words, and the identity of the numbers (`Sampler.named`): a checkpoint of another
-        design is refused.
-    extends
-        Whether a longer run has the samples of a shorter one, so that it may take up what that left.
-
-    Attributes
-    ----------
-    remarks
-        What was found and not taken up.
-    run
-        What the whole ensemble is, by key; the same for all its shards.
+    It is refused where it is of another resolved scene (TOML), model, or `tables`, the identity of what the model is
+    made of besides (see `Model`): two reduced models of the same scene may differ, and so may meshes of the same name.
+    So it is of another `design`, where samples come from in words and the identity of the numbers (`Sampler.named`). A
+    run that `extends` a shorter one has its samples, and may take up what that left. `remarks` say what was found and
+    not taken up; `run` is what the whole ensemble is, by key, the same for all its shards.
     """
 
     def __init__(
@@ -253,19 +235,8 @@ _AT_ONCE = 1 << 16  # numbers
 class Columns(Mapping[str, np.ndarray]):
     """Columns (n_samples,) by name, read when they are asked for; NaN where nothing was put.
 
-    The file has no name: it is gone with the last reference to it, however the run ends.
-
-    Parameters
-    ----------
-    folder
-        Where there is space for it.
-    n_samples
-        Length of every column.
-
-    Raises
-    ------
-    RunError
-        If the system fails to make it.
+    They are in a file without a name in a folder with space for it: it is gone with the last reference to it, however
+    the run ends. Raises `RunError` if the system fails to make it.
     """
 
     def __init__(self, folder: Path, n_samples: int) -> None:

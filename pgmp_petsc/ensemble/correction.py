@@ -43,19 +43,9 @@ def plan_of(plan: Plan, better: Better) -> Plan:
 class Levels:
     """The samples of all models, the best first, as far as they are fine in their own model and in all cheaper ones.
 
-    Parameters
-    ----------
-    columns
-        Of the samples of every model by its name, as many as each has; the best first, the ensemble's own last.
-    replicates
-        That samples belong to, (N,); None where they are independent.
-
-    Attributes
-    ----------
-    names
-        Of the models.
-    n_lost
-        Draws that failed in a better model, though not in the ensemble's own.
+    `columns` are those of every model by its name, the ensemble's own last, as many samples as each has, `replicates`,
+    (N,), what these belong to, None where they are independent. `names` are those of the models, `n_lost` the number of
+    draws that failed in a better model, though not in the ensemble's own.
     """
 
     def __init__(self, columns: Mapping[str, Columns], replicates: np.ndarray | None = None) -> None:
@@ -75,10 +65,8 @@ class Levels:
         return np.array([int(self._usable[:n].sum()) for n in self._sizes])
 
     def values(self, of: Callable[[Columns], np.ndarray]) -> tuple[list[np.ndarray], np.ndarray | None]:
-        """Return a quantity of every model, of the samples that can be used and have one in all models.
-
-        And the replicates that these belong to; None where they are independent.
-        """
+        """Return a quantity of every model, of the samples that can be used and have one in all models, and the
+        replicates that these belong to; None where they are independent."""
         each = [of(one) for one in self.columns]
         usable = self._usable.copy()
         for values in each:
@@ -114,13 +102,8 @@ def join(scene: Scene, levels: Levels) -> Joined:
 def with_better(
     ensemble: Ensemble, scene: Scene, columns: Mapping[str, Columns], replicates: np.ndarray | None
 ) -> Ensemble:
-    """Return an ensemble with the figures of the best model, and what is to be said of them.
-
-    Parameters
-    ----------
-    columns, replicates
-        As of `Levels`.
-    """
+    """Return an ensemble with the figures of the best model, and what is to be said of them; columns and replicates are
+    as of `Levels`."""
     levels = Levels(columns, replicates)
     found, record = join(scene, levels), ensemble.record
     remarks = (*record.remarks, *joined_remarks(found, levels), *event_remarks(scene, levels))

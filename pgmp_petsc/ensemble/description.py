@@ -271,15 +271,8 @@ def tail_remarks(
 def over_time_remarks(
     counts: Mapping[str, int], over_time: Mapping[str, Collection[str]], n_fine: int
 ) -> Iterator[Remark]:
-    """Return which figures over time are of a part of the samples that are fine.
-
-    Parameters
-    ----------
-    counts
-        Number of values that the statistics of each quantity are of.
-    over_time
-        Names of what is known, as in `Ensemble`: of ``extremes`` and of ``first_passages``.
-    """
+    """Return which figures over time are of a part of the `n_fine` samples, by the number of values that the statistics
+    of each quantity are of, and the names of ``extremes`` and ``first_passages`` that are known."""
     for label in over_time["first_passages"]:
         if counts[label] < n_fine:
             yield note(

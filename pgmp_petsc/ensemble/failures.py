@@ -41,22 +41,11 @@ def failure_remarks(
     hidden: float = 1.0,
     may_be_retried: bool = True,
 ) -> Iterator[Remark]:
-    """Return what is to be said of failed samples; nothing where all are fine.
+    """Return what is to be said of failed samples of a model by status (N,) and drawn values (N,) with their units;
+    nothing where all are fine.
 
-    Parameters
-    ----------
-    status
-        Shape (N,).
-    parameters
-        Drawn values by name, each of shape (N,).
-    units
-        Of the parameters.
-    model
-        Name of the model that was run.
-    hidden
-        Largest share of failed samples that the others are described without.
-    may_be_retried
-        Whether a further try takes any of them with steps that were not tried.
+    `hidden` is the largest share of failed samples that the others are described without; `may_be_retried` says whether
+    a further try takes any of them with steps that were not tried.
     """
     failed = status != Status.FINE
     n, n_failed = failed.size, int(failed.sum())
@@ -233,13 +222,7 @@ def _check_draws(path: Path, found: Ensemble, scene: Scene, sampler: Sampler) ->
 
 
 def fine_pieces(earlier: Earlier, share: float, block: int) -> Iterator[tuple[Piece, Batch]]:
-    """Yield neighbouring samples that are fine, and those of them whose errors were estimated.
-
-    Parameters
-    ----------
-    share, block
-        Of the samples whose errors are estimated, and in what numbers.
-    """
+    """Yield neighbouring samples that are fine, and those of them whose errors were estimated: a share, in blocks."""
     found = Ensemble.read(earlier.path).in_si_units()
     fine = found.status == Status.FINE
     for first, last in _runs(fine, 0, fine.size):

@@ -61,23 +61,9 @@ if TYPE_CHECKING:
 
 
 class Integration:
-    """The samples of one model, in a checkpoint.
+    """The samples of one model, in a checkpoint; see `run_ensemble`. Collective on ``group.world``, as are all methods.
 
-    Parameters
-    ----------
-    model, plan, group
-        As of `run_ensemble`. Collective on ``group.world``, as are all methods.
-    timings
-        Where the time goes.
-    phase
-        What is timed.
-    sampler
-        Where samples come from; that of the plan, unless they are another ensemble's.
-
-    Raises
-    ------
-    InputError
-        As `run_ensemble`.
+    Time goes to a `phase` of the timings. Samples come from the plan's sampler, unless they are another ensemble's.
     """
 
     def __init__(
@@ -242,12 +228,7 @@ def _with_outputs(
 
 
 class Watching:
-    """Follows the runs of a model's samples.
-
-    Attributes
-    ----------
-    share, block
-        Of the samples whose errors are estimated, and in what numbers (`block_of`).
+    """Follows the runs of a model's samples; `share` and `block` are of those whose errors are estimated (`block_of`).
     """
 
     def __init__(self, model: Model) -> None:
@@ -281,23 +262,12 @@ def run_ensemble(
 ) -> Ensemble | ShardSamples | None:
     """Integrate the samples that are missing; describe all, or keep those of a shard. Collective on ``group.world``.
 
-    Groups of several ranks share one full-order sample at a time. Raises `InputError` if the checkpoint to resume
-    belongs to another scene, model, seed or number of samples; `RunError` if the finished batches are not all samples,
-    each once.
+    Groups of several ranks share one full-order sample at a time. `stop` may end the ensemble before the plan's last
+    sample; `better` models, the best first, integrate its first samples too; of an `earlier` ensemble the failed
+    samples alone are integrated, further than in an ensemble. The first rank gets the result, others None.
 
-    Parameters
-    ----------
-    stop
-        What ends the ensemble before the plan's last sample, if anything.
-    better
-        Better models, the best first, that integrate the first samples of the ensemble too.
-    earlier
-        The same ensemble, whose failed samples alone are integrated, further than in an ensemble.
-
-    Returns
-    -------
-    Ensemble, or ShardSamples of a shard, or None
-        On the first rank, None elsewhere.
+    Raises `InputError` if the checkpoint to resume belongs to another scene, model, seed or number of samples;
+    `RunError` if the finished batches are not all samples, each once.
     """
     timings, comm = Timings(), group.world
     own = Integration(model, plan, group, timings, "integration")

@@ -84,7 +84,8 @@ class Estimate:
 
 
 def calibrated(values: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return values of all models, cheaper ones through the parabola that fits the best one on their common samples.
+    """Return values of all models, as `mean_of` takes them, cheaper ones through the parabola that fits the best one on
+    their common samples.
 
     Only where it predicts each of these from the others with less than `HALF` of the squared error of a straight line,
     below `FEWEST_OF_PARABOLA` samples `TENTH` (PRESS: Allen, Technometrics 16 (1974) 125-127). A curvature that is
@@ -92,11 +93,6 @@ def calibrated(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     the figures than it takes away, of which intervals do not know. What is taken is no more than a model that is
     another function of the parameters, so that whatever follows keeps its expectation; `python -m benchmarks.joined
     coverage` measures how often intervals hold.
-
-    Parameters
-    ----------
-    values
-        As `mean_of` takes them.
     """
     return [values[0], *(_calibrated(values[0], other) for other in values[1:])]
 
@@ -214,14 +210,10 @@ def deviation_of(
     n_curved: int = 0,
     part: float = 0.0,
 ) -> tuple[float, np.ndarray]:
-    """Return the standard deviation of the best model and its interval (2,).
+    """Return the standard deviation of the best model and its interval (2,); arguments are as `mean_of` takes and gives
+    them.
 
     Both are NaN where the variance is not positive, the interval below `FEWEST_OF_DEVIATION` samples.
-
-    Parameters
-    ----------
-    values, mean, replicates, n_curved, part
-        As `mean_of` takes and gives them.
     """
     n_taken = n_curved + (replicates is not None)  # of few replicates the mean takes one more degree
     centres = [mean.value, *(float(np.mean(value)) for value in values[1:])]
@@ -239,13 +231,8 @@ def deviation_of(
 
 
 def probability_of(came_true: Sequence[np.ndarray], confidence: float) -> tuple[float, np.ndarray]:
-    """Return the probability of an event in the best model and its interval (2,).
-
-    Parameters
-    ----------
-    came_true
-        Of every model, bool, as `mean_of` takes values.
-    """
+    """Return the probability of an event in the best model and its interval (2,), from whether it came true in each
+    model, bool, as `mean_of` takes values."""
     value = float(np.mean(came_true[-1]))
     low, high = intervals.of_probability(int(came_true[-1].sum()), came_true[-1].size, confidence)
     for better, cheaper in reversed(list(zip(came_true, came_true[1:]))):
@@ -265,13 +252,10 @@ def probability_of(came_true: Sequence[np.ndarray], confidence: float) -> tuple[
 def probability_with_failed(
     came_true: Sequence[np.ndarray], known: Sequence[np.ndarray], confidence: float
 ) -> tuple[float, np.ndarray]:
-    """Return the probability of an event over the draws that are known in all models, and an interval (2,) in which
-    the others are outside the event in every model at its lower end, and in it at the upper one.
+    """Return the probability of an event over the draws that are known in all models, and an interval (2,) in which the
+    others are outside the event in every model at its lower end, and in it at the upper one.
 
-    Parameters
-    ----------
-    came_true, known
-        Of every model, bool, as `mean_of` takes values; draws that are not known did not come true.
+    Both arguments are bool of every model, as `mean_of` takes values; draws that are not known did not come true.
     """
     each = [known[-1][: one.size] for one in came_true]
     for one in known[:-1]:
@@ -291,18 +275,12 @@ def _share(true: np.ndarray, of_none: float, confidence: float) -> tuple[float, 
 
 
 def allocation(costs: np.ndarray, correlations: np.ndarray) -> np.ndarray:
-    """Return how many samples models have for one of the best, (k,), the least variance for the costs.
+    """Return how many samples models have for one of the best, (k,), the least variance for the costs of a sample,
+    (k,), the best first.
 
-    Theorem 3.4 of Peherstorfer et al.: ``r_i = sqrt(w_1 (rho_i^2 - rho_(i+1)^2) / (w_i (1 - rho_2^2)))``. Where models
-    are not in the order of their correlations, or a cheaper one would have fewer samples, r_i is that of the one
-    before.
-
-    Parameters
-    ----------
-    costs
-        Of a sample of every model, the best first, (k,).
-    correlations
-        With the best one, (k,), that of the best itself is 1.
+    Theorem 3.4 of Peherstorfer et al.: ``r_i = sqrt(w_1 (rho_i^2 - rho_(i+1)^2) / (w_i (1 - rho_2^2)))``, rho the
+    correlations with the best one, (k,), 1 of itself. Where models are not in the order of their correlations, or a
+    cheaper one would have fewer samples, r_i is that of the one before.
     """
     squared = np.append(np.minimum(correlations**2, 1.0 - 1e-12), 0.0)
     squared[0] = 1.0
@@ -332,22 +310,12 @@ class Integrated(Protocol):
 def allot(
     own: Integrated, better: Sequence[Integrated], given: Sequence[int | None], limit: int | None, stop: Stop
 ) -> tuple[list[int], int]:
-    """Integrate as many samples of all models as the budget pays for. Collective.
+    """Integrate as many samples of all models as the budget pays for; return the numbers of samples of the better
+    models, and of the ensemble's own. Collective.
 
-    Raises `InputError` if the budget does not pay for what is given; `RunError` if the outputs of the pilot's samples
-    are not known, or do not vary.
-
-    Parameters
-    ----------
-    given
-        Numbers of the better models' samples that are not to be chosen, None for the others.
-    limit
-        Number of the ensemble's samples, None where it is to be chosen.
-
-    Returns
-    -------
-    list of int, int
-        Numbers of samples of the better models, and of the ensemble's own.
+    Numbers of better models that are `given` are not chosen, nor the `limit` of the ensemble's own; None are. Raises
+    `InputError` if the budget does not pay for what is given; `RunError` if the outputs of the pilot's samples are not
+    known, or do not vary.
     """
     comm, models = own.comm, (*better, own)
     kept = on_root(comm, lambda: own.checkpoint.counts)
@@ -393,20 +361,11 @@ def allot(
 def counts(
     costs: np.ndarray, correlations: np.ndarray, given: Sequence[int | None], budget: float, most: int
 ) -> np.ndarray | None:
-    """Return the numbers of samples of all models, the best first, that a budget pays for; None where there are none.
+    """Return the numbers of samples of all models, the best first, that a budget (s) pays for; None where there are
+    none.
 
-    Parameters
-    ----------
-    costs
-        Of a sample, s, (k,).
-    correlations
-        With the best model, (k,).
-    given
-        Numbers that are not to be chosen, None for the others.
-    budget
-        For all samples, s.
-    most
-        Samples of the cheapest model.
+    Costs of a sample (s) and correlations with the best model are of shape (k,). Numbers that are `given` are not
+    chosen, None are; the cheapest model has so many at `most`.
     """
     shares = allocation(costs, correlations)
     enough = FEWEST_OF_DEVIATION

@@ -185,16 +185,11 @@ class Piece:
 
 
 def pieces(samples: Ranges, to_check: Ranges, n_groups: int, largest: int) -> list[Piece]:
-    """Return the pieces of an ensemble, or of what is left of it, in the order in which they are dealt out.
+    """Return the pieces of an ensemble, or of what is left of it, in the order in which they are dealt out to ranks, or
+    groups of ranks that share a sample.
 
-    Parameters
-    ----------
-    samples, to_check
-        Ranges (first, last) of the samples to be integrated, and of those whose errors are to be estimated.
-    n_groups
-        Number of ranks, or of groups of ranks that share a sample.
-    largest
-        Most samples of a piece.
+    Ranges (first, last) are of the samples to be integrated, and of those whose errors are to be estimated; a piece has
+    so many samples as the `largest` at most.
     """
     a_rank = -(-sum(last - first for first, last in to_check) // n_groups)
     even = min(max(_whole_lanes(a_rank), LEAST_CHECKED), MOST_CHECKED, largest)

@@ -639,16 +639,11 @@ def apart(points: np.ndarray, others: np.ndarray) -> np.ndarray:
 def entrances(
     limit_state: Callable[[np.ndarray], np.ndarray], directions: np.ndarray, probability: float
 ) -> np.ndarray:
-    """Return points in the event near where rays enter it, shape (n_entrances, d); of rays that do not, none.
+    """Return points in the event near where rays along unit vectors (n, d) enter it, shape (n_entrances, d); of rays
+    that do not, none.
 
-    Parameters
-    ----------
-    limit_state
-        g of points (n, d), shape (n,); all rays are followed at once.
-    directions
-        Unit vectors, shape (n, d).
-    probability
-        Of the event, as nearly as it is known.
+    `limit_state` gives g of points (n, d), shape (n,), of all rays at once; the probability is that of the event, as
+    nearly as it is known.
     """
     far = -float(ndtri(RARER * probability))
     if len(directions):

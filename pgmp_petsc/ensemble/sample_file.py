@@ -65,16 +65,10 @@ def of_columns(
     others: Sequence[str] = (),
     place: str = "sample",
 ) -> SampleFile:
-    """Return columns of parameters of a scene as samples; raises `InputError` where one is wrong.
+    """Return the first `n_samples`, or all, of columns of parameters of a scene as samples; raises `InputError` where
+    one is wrong.
 
-    Parameters
-    ----------
-    where, place
-        What messages call the columns, and a row of them.
-    n_samples
-        Number of the first rows that are wanted, all if None.
-    others
-        Names of columns that have no part.
+    Messages call the columns `where`, and a row of them `place`; `others` are names of columns that have no part.
     """
     _check_lengths(columns, where)
     content, lines = hashlib.sha256(), np.arange(len(next(iter(columns.values()))))

@@ -33,15 +33,11 @@ FEW_OF_REPLICATE = 16  # blocks, below which measured intervals are short: 89 to
 
 
 def of_blocks(values: np.ndarray, names: list[str], confidence: float, n_replicates: int) -> Sensitivity | None:
-    """Return the indices of an output whose samples (N,) are Saltelli's blocks.
+    """Return the indices of an output whose samples (N,) are Saltelli's blocks, of so many independent Sobol sequences
+    in turn.
 
     Blocks with a sample that failed (NaN) are left out. None where too few are left of a replicate, or one does not
     vary.
-
-    Parameters
-    ----------
-    n_replicates
-        Number of independent Sobol sequences that blocks are of in turn.
     """
     d = len(names)
     blocks = values.reshape(-1, d + 2)
@@ -110,18 +106,10 @@ def sensitivities(
     n_replicates: int | None,
     confidence: float,
 ) -> dict[str, Sensitivity]:
-    """Return the indices of all quantities that have them.
+    """Return the indices of all quantities that have them, of names and columns (N,), one in memory at a time.
 
-    Parameters
-    ----------
-    quantities
-        Names and columns (N,); one is in memory at a time.
-    parameters, names
-        Columns (N,), and which of them are drawn.
-    fine
-        Which samples are fine, (N,).
-    n_replicates
-        Number of Sobol sequences that Saltelli's blocks are of in turn; None of other samples.
+    `names` are those of the parameters, columns (N,), that are drawn; `fine`, (N,), the samples that are.
+    `n_replicates` Sobol sequences are what Saltelli's blocks are of in turn; None of other samples.
     """
     if n_replicates is None and len(names) < 2:
         return {}

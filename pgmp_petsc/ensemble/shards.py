@@ -50,21 +50,9 @@ def shard_of(origin: Origin, plan: Plan, checkpoint: Checkpoint, ranks: int, tim
 
 
 class Shards:
-    """All shards of an ensemble, in their order; in place of a checkpoint.
+    """All shards of an ensemble, in their order; in place of a checkpoint. Their columns are put together in a folder.
 
-    Parameters
-    ----------
-    paths
-        Their files.
-    shards
-        What is in them.
-    folder
-        Where there is space for their columns.
-
-    Raises
-    ------
-    InputError
-        If they are not all shards of one ensemble, each once.
+    Raises `InputError` if they are not all shards of one ensemble, each once.
     """
 
     def __init__(self, paths: Sequence[Path], shards: Sequence[ShardSamples], folder: Path) -> None:

@@ -245,12 +245,8 @@ def of_event(
 ) -> tuple[int, int, np.ndarray]:
     """Return in how many samples an event came true, of how many that is known, and the probability's interval.
 
-    Parameters
-    ----------
-    true, known, failed
-        Whether it came true, whether that is known, and whether it is not because the sample failed, bool (N,).
-    replicates
-        Numbers of the replicates that samples belong to, (N,); None of independent samples.
+    Arguments are bool (N,): whether it came true, whether that is known, and whether it is not because the sample
+    failed; and the numbers of the replicates that samples belong to, (N,), None of independent ones.
     """
     places = np.zeros(true.size, dtype=int) if replicates is None else np.unique(replicates, return_inverse=True)[1]
     n = int(places.max(initial=0)) + 1
@@ -261,15 +257,9 @@ def of_event(
 def holds_to(excess: np.ndarray, largest: np.ndarray, true: np.ndarray, confidence: float) -> float:
     """Return up to which error of an output a probability holds, as a share of the output's size in each sample.
 
-    With a larger one the event is in doubt in so many samples that the interval, which all of them widen, gets wider
-    by more than it is, and by more than `MATTERS` of the probability. NaN of no samples.
-
-    Parameters
-    ----------
-    excess, largest, true
-        By how much the output is beyond the level, its largest size, and whether the event came true, (N,).
-    confidence
-        Of the interval.
+    With a larger one the event is in doubt in so many samples that the interval, which all of them widen, gets wider by
+    more than it is, and by more than `MATTERS` of the probability. NaN of no samples. Arguments (N,) are by how much
+    the output is beyond the level, its largest size, and whether the event came true.
     """
     n, count = true.size, int(true.sum())
     if not n:
