@@ -35,10 +35,20 @@ from pgmp_petsc.base.progress import announce
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
+from pgmp_petsc.ensemble.description import Shards
 from pgmp_petsc.ensemble.failures import read_earlier
 from pgmp_petsc.ensemble.integration import run_ensemble
-from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, SampleFile, Shard
-from pgmp_petsc.ensemble.sample_file import Columns, called, read_samples
+from pgmp_petsc.ensemble.plan import (
+    LARGEST_SEED,
+    MOST_SAMPLES,
+    SAMPLERS,
+    Columns,
+    Plan,
+    SampleFile,
+    Shard,
+    called,
+    read_samples,
+)
 from pgmp_petsc.ensemble.sampling import refuse_drawn
 from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.mechanism.capabilities import check_capabilities
@@ -56,7 +66,7 @@ from pgmp_petsc.texts.ensemble_table import report as report_of_ensemble
 from pgmp_petsc.texts.ensemble_table import report_of_rare_event, report_of_shard
 
 if TYPE_CHECKING:
-    from pgmp_petsc.ensemble.correction import Better
+    from pgmp_petsc.ensemble.joined import Better
 
 MODELS = ("reduced", "components", "full")  # from worse to better
 MOST_DIVISOR = 1000
@@ -157,7 +167,7 @@ def better_models(wanted: Sequence[Correction], own: Model, origin: Origin, comm
     """
     if not wanted:
         return []
-    from pgmp_petsc.ensemble.correction import Better  # as above
+    from pgmp_petsc.ensemble.joined import Better  # as above
 
     return [Better(one.name, _model(one, own, origin, comm), one.n) for one in wanted]
 
@@ -626,8 +636,6 @@ def merge(
 
     Exit status 1 if some samples failed.
     """
-    from pgmp_petsc.ensemble.shards import Shards  # as above
-
     comm, found = solving_ranks_of(comm), None
     paths = [Path(file) for file in files]
     with ExitStack() as stack:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -16,16 +16,11 @@ from weakref import finalize
 import numpy as np
 
 from pgmp_petsc.base.errors import Remark, RunError
-from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
+from pgmp_petsc.ensemble.plan import IN_ALL, IN_CHECKED, NAMED, Batch, Piece, Plan
 from pgmp_petsc.files.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.files.seal import BrokenSeal, identity
 
 FORMAT = 7
-# of a batch: arrays by name
-IN_CHECKED = ("errors", "errors_at_end")  # known of the samples whose errors were estimated only
-IN_ALL = ("parameters", "outputs", "numerics", "validity", "balance", "extremes", "first_passages")
-OVER_TIME = ("bands",)  # known of the first samples only, at several instants
-NAMED = (*IN_ALL, *IN_CHECKED, *OVER_TIME)
 OF_LATIN_HYPERCUBE = "number of samples, on which every sample of a Latin hypercube depends,"
 SAMPLES, CHECKED = "samples_", "checked_"  # with the number of the first sample, the names of pieces
 COUNTS = "counts"  # the piece that says how many samples were allotted
@@ -173,7 +168,7 @@ class Checkpoint:
             try:
                 batch = self._read(path, parts)
                 if batch.first < self._end:
-                    yield _cut(batch, self._end - batch.first)
+                    yield batch.part(0, self._end - batch.first)
             except BrokenSeal as broken:
                 what = f"a finished piece in '{self.folder}' was damaged during the run: {broken}"
                 raise RunError(f"{what}; {CURE}") from broken
@@ -207,14 +202,6 @@ def _named(batch: Batch, kinds: Sequence[str], with_ends: bool = True) -> dict[s
     """Return arrays of a batch by ``<kind>.<name>``, and how its samples ended."""
     ends = {"status": batch.status, "failure_time": batch.failure_time} if with_ends else {}
     return ends | {f"{kind}.{name}": values for kind in kinds for name, values in getattr(batch, kind).items()}
-
-
-def _cut(batch: Batch, n: int) -> Batch:
-    """Return the first n samples of a batch."""
-    if n >= len(batch.status):
-        return batch
-    named = {kind: {name: values[:n] for name, values in getattr(batch, kind).items()} for kind in NAMED}
-    return replace(batch, status=batch.status[:n], failure_time=batch.failure_time[:n], **named)
 
 
 def _batch(first: int, arrays: Mapping[str, np.ndarray], parts: Sequence[str]) -> Batch:

@@ -21,7 +21,7 @@ from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished
-from pgmp_petsc.ensemble.description import Origin, describe_ensemble
+from pgmp_petsc.ensemble.description import Origin, describe_ensemble, shard_of
 from pgmp_petsc.ensemble.failures import FURTHER, Earlier, fine_pieces
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, block_of, checked, missing, pieces, share_of, within
 from pgmp_petsc.ensemble.sampling import Sampler, physical
@@ -57,7 +57,7 @@ from pgmp_petsc.stepping.second_order_system import SecondOrderSystem
 from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:
-    from pgmp_petsc.ensemble.correction import Better
+    from pgmp_petsc.ensemble.joined import Better
 
 
 class Integration:
@@ -228,8 +228,7 @@ def _with_outputs(
 
 
 class Watching:
-    """Follows the runs of a model's samples; `share` and `block` are of those whose errors are estimated (`block_of`).
-    """
+    """Follows the runs of a model's samples; `share` and `block` are of those whose errors are estimated (`block_of`)."""
 
     def __init__(self, model: Model) -> None:
         self.share, self.block = share_of(model), block_of(model.scene, model.name)
@@ -272,7 +271,7 @@ def run_ensemble(
     timings, comm = Timings(), group.world
     own = Integration(model, plan, group, timings, "integration")
     if better:
-        from pgmp_petsc.ensemble.correction import plan_of, with_better  # most ensembles are of one model
+        from pgmp_petsc.ensemble.joined import plan_of, with_better  # most ensembles are of one model
     others = [
         Integration(one.model, plan_of(plan, one), group, timings, f"integration of {one.key}", own.sampler)
         for one in better
@@ -296,8 +295,6 @@ def run_ensemble(
         if comm.rank > 0:
             return None
         if plan.shard is not None:
-            from pgmp_petsc.ensemble.shards import shard_of
-
             return shard_of(Origin.of(model), plan, own.checkpoint, comm.size, timings)
         found = describe_ensemble(
             Origin.of(model), replace(plan, n_samples=n), own.sampler, own.checkpoint.up_to(n), comm.size, timings,
