@@ -113,18 +113,9 @@ class Correction:
 
 
 def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> list[Correction]:
-    """Return better models, the best first; the same on all ranks.
+    """Return better models than the ensemble's `own`, the best first; `n_samples` is None where it is to be chosen.
 
-    Raises `InputError` if models or numbers are in no order that makes sense.
-
-    Parameters
-    ----------
-    wanted
-        In any order.
-    own
-        Name of the ensemble's own model.
-    n_samples
-        Number of its samples, None where it is to be chosen.
+    Raises `InputError` if models or numbers are in no order that makes sense. The same on all ranks.
     """
     if not wanted:
         return []
@@ -154,16 +145,9 @@ def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> l
 
 
 def better_models(wanted: Sequence[Correction], own: Model, origin: Origin, comm: Comm) -> list[Better]:
-    """Return the models that are asked for. Collective on `comm`.
+    """Return the models that are asked for beside the ensemble's own one, from its origin. Collective on `comm`.
 
     Raises `InputError` if meshes are not at hand, or a model cannot have what the scene has.
-
-    Parameters
-    ----------
-    own
-        The ensemble's own model.
-    origin
-        Where it is from.
     """
     if not wanted:
         return []

@@ -487,20 +487,8 @@ def _once(settings: Iterable[Setting]) -> list[Setting]:
 
 
 class ResponseSurface:
-    """Interpolates outputs over time between nodes in the space of the parameters.
-
-    Parameters
-    ----------
-    nodes
-        Parameter values, shape (n_nodes, n_parameters).
-    outputs
-        Outputs at the nodes, each of shape (n_t, n_nodes).
-
-    Raises
-    ------
-    ValueError
-        If there are too few nodes for any interpolation.
-    """
+    """Interpolates outputs over time, each of shape (n_t, n_nodes), between nodes in the space of the parameters, shape
+    (n_nodes, n_parameters). Raises `ValueError` if there are too few nodes for any interpolation."""
 
     def __init__(self, nodes: np.ndarray, outputs: Mapping[str, np.ndarray]) -> None:
         self._names = list(outputs)

@@ -86,20 +86,12 @@ def choose(
     say: Callable[[str], None] = lambda text: None,
     finished: Finished | None = None,
 ) -> Choice:
-    """Choose what the tolerances of a scene leave open. Collective on ``group.world``.
+    """Choose what the tolerances of a scene leave open. Collective on ``group.world``; its groups share an
+    eigenproblem.
 
-    Raises `InputError` if a tolerance cannot be met, or there is no reference within the budget.
-
-    Parameters
-    ----------
-    scene, meshes
-        The scene, with a tolerance, and the mesh of every body.
-    group
-        Ranks that share an eigenproblem.
-    say
-        Gets what errors are measured against and what that is predicted to take, before it is run.
-    finished
-        Runs of the reference that an earlier run of the program left, and where they are kept.
+    What errors are measured against, and what that is predicted to take, goes to `say` before it is run; runs of the
+    reference that an earlier run of the program left are in `finished`, where others are kept. Raises `InputError` if a
+    tolerance cannot be met, or there is no reference within the budget.
     """
     timings, ledger, training = Timings(), Ledger(), Training.of(scene)
     entry = "reduction.tolerance" if scene.reduction.tolerance is not None else "simulation.tolerance"

@@ -5,6 +5,7 @@ import pytest
 from SALib.analyze import sobol
 from scipy import stats
 
+from pgmp_petsc.ensemble import statistics
 from pgmp_petsc.ensemble.sampling import Blocks
 from pgmp_petsc.ensemble.statistics import of_blocks, of_given, sensitivities, sensitivity_remarks
 
