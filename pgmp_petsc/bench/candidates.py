@@ -45,8 +45,8 @@ from pgmp_petsc.bench.finished import LOCAL_EFFECT, duration_text
 from pgmp_petsc.bench.reference import start_of_coordinates, takes_second_order
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, patterns_of
+from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.capabilities import why_no_grid
-from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space

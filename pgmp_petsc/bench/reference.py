@@ -37,8 +37,8 @@ from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed, floating_shapes
 from pgmp_petsc.effects import start_of
+from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, why_no_full_model
-from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel

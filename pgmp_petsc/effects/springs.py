@@ -33,9 +33,9 @@ from pgmp_petsc.bodies.affine import AffineSum, Quantity
 from pgmp_petsc.effects.action import SPRING_DAMPER, Action
 from pgmp_petsc.effects.effect import ActionEffect, Effect
 from pgmp_petsc.effects.joint_effects import place_of
+from pgmp_petsc.mechanism.composition import sines
 from pgmp_petsc.mechanism.joints import Coupling, triad
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.releases import sines
 from pgmp_petsc.mechanism.space import directors
 from pgmp_petsc.mechanism.statements import ANGLE, Statement, along, angle
 from pgmp_petsc.scene import Scene

@@ -28,9 +28,8 @@ import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.mechanism.body_frames import BodyGradients
+from pgmp_petsc.mechanism.body_frames import BodyGradients, ConstraintJacobian
 from pgmp_petsc.mechanism.closure import size_of
-from pgmp_petsc.mechanism.constraints import ConstraintJacobian
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet

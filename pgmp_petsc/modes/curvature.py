@@ -62,8 +62,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import ThirdDerivative, axial_stiffness, director_inertia
-from pgmp_petsc.mechanism.body_frames import linear_motion
-from pgmp_petsc.mechanism.constraints import ConstraintHessian, ConstraintHessians
+from pgmp_petsc.mechanism.body_frames import ConstraintHessian, ConstraintHessians, linear_motion
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE
 from pgmp_petsc.mechanism.space import SPATIAL, turning_of_second_order

@@ -59,7 +59,7 @@ class Elastic(Table):
     """A table ``elastic`` of a joint: how stiff it is in the directions that it holds.
 
     The rigid mechanism closes with the joint locked, and has as many coordinates as without. In the motion the joint
-    holds the directions whose stiffness is infinite, and gives way in the others (`mechanism.releases`).
+    holds the directions whose stiffness is infinite, and gives way in the others (`mechanism.composition`).
     """
 
     reference: tuple[Direction, ...] = Field(

@@ -16,7 +16,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
