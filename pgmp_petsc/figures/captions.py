@@ -114,16 +114,8 @@ def tell_apart(
 ) -> list[str]:
     """Return for each result the words that tell it from the others; empty texts where there is one result alone.
 
-    Parameters
-    ----------
-    records
-        Of the results.
-    kinds
-        What else a result is, the model say; told where it varies.
-    files
-        Where the results come from; told where nothing else differs.
-    ignored
-        Tables and entries of scenes that make no difference.
+    What else a result is, the model say, is told where `kinds` vary, and the file it comes from where nothing else
+    differs; `ignored` tables and entries of scenes make no difference.
     """
     if len(records) < 2:
         return [""] * len(records)

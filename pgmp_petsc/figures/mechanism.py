@@ -125,15 +125,7 @@ class Shapes:
                     axes.plot(*path[0], marker=_GROUND, color=style.QUIET, markersize=size, zorder=1.5, clip_on=False)
 
     def draw(self, axes: Axes, number: int, colour: Sequence[float], width: float, pin: float, zorder: float) -> None:
-        """Draw all bodies at one frame.
-
-        Parameters
-        ----------
-        number
-            Of the frame.
-        width, pin
-            Width of the lines and size of the markers on the bodies' ends, points.
-        """
+        """Draw all bodies at the frame of that number, with lines and markers of their ends so many points wide."""
         for body, cells in self.frames.cells.items():
             points = self.draw_body(axes, body, number, colour, width, 1.6 * pin, zorder)
             if len(cells):

@@ -113,19 +113,9 @@ def view_of(points: np.ndarray, flat: bool) -> np.ndarray:
 
 
 class Stage:
-    """Bodies in front of a camera that sees all of their motion; to be closed.
+    """Bodies in front of a camera that sees all of their motion, in a picture of so many pixels; to be closed.
 
-    Parameters
-    ----------
-    motion
-        What is drawn.
-    width, height
-        Of the picture, in pixels.
-
-    Attributes
-    ----------
-    metre
-        Pixels that a metre across the line of sight has.
+    `metre` is in pixels a metre across the line of sight.
     """
 
     def __init__(self, motion: Motion, width: int, height: int) -> None:
@@ -356,23 +346,9 @@ def _images(motion: Motion, numbers: np.ndarray, frame: Surround) -> Iterator[np
 
 
 class Surround:
-    """Surround of the bodies: title, notes, bar of the colours, bar of the scale, and the instant.
+    """Surround of the bodies: title, notes, bar of the colours, bar of the scale, and the instant with its caption.
 
-    Parameters
-    ----------
-    motion
-        What is drawn.
-    caption
-        Of the instant.
-    resolution
-        Pixels an inch.
-
-    Attributes
-    ----------
-    figure, axes
-        The figure, and where in it the bodies are.
-    size
-        Width and height of that place, pixels.
+    `resolution` is in pixels an inch; `axes` is where in the figure the bodies are, in `size`, pixels.
     """
 
     def __init__(self, motion: Motion, caption: str, resolution: int = RESOLUTION) -> None:

@@ -32,14 +32,7 @@ _REFERENCES: dict[Any, ReferenceType] = {}
 
 
 class Reference:
-    """Parts, nested named tuples of contiguous arrays, numbers and tuples of these.
-
-    Attributes
-    ----------
-    parts
-        As given.
-    address
-        Of the table of words.
+    """Parts, nested named tuples of contiguous arrays, numbers and tuples of these; `address` is of the table of words.
     """
 
     def __init__(self, parts: Any) -> None:

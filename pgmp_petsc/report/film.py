@@ -454,18 +454,10 @@ def still_of(
     number: int,
     size: tuple[int, int],
 ) -> str:
-    """Return the address of a picture of a frame as PNG, empty where there is no surface.
+    """Return the address of a picture of the frame of that number as PNG, empty where there is no surface.
 
-    Parameters
-    ----------
-    places
-        Of the bodies' nodes in the picture, and towards the eye, shape (n, 3) each.
-    shares
-        Of the largest stress, shape (n_f, n); None where none is known.
-    number
-        Of the frame.
-    size
-        Width and height of the picture in its own unit.
+    Places are of the bodies' nodes in the picture, and towards the eye, shape (n, 3) each, in a picture whose size is
+    in its own unit; shares are of the largest stress, shape (n_f, n), None where none is known.
     """
     corners, colours = [], []
     for body, at, share in zip(bodies, places, shares):
