@@ -121,12 +121,7 @@ class Closing:
 class BuiltIn:
     """The static answers X of a scene's offsets. Collective on the problem's communicator.
 
-    Parameters
-    ----------
-    problem
-        Of the mechanism with no joint off, at the nominal parameters.
-    scene, shapes
-        The scene, and the shapes of its bodies.
+    The problem is that of the mechanism with no joint off, at the nominal parameters.
     """
 
     def __init__(self, problem: ModalProblem, scene: Scene, shapes: Mapping[str, BodyShape]) -> None:

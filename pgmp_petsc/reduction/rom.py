@@ -229,15 +229,10 @@ class LengthFamily:
     check: LengthCheck  # of the family against a model of none of these points
 
     def at(self, scene: Scene, nominal: ReducedOrderModel) -> ReducedOrderModel:
-        """Return the model with the lengths of a scene's run (``scene.values``).
+        """Return the model with the lengths of a scene's run (``scene.values``), of the one at nominal lengths.
 
         Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths. Raises `InputError` if the
         mechanism cannot be closed with these lengths.
-
-        Parameters
-        ----------
-        nominal
-            The model at the nominal lengths, which the family belongs to.
         """
         kinematics = self.kinematics(scene, nominal, None)
         mechanism = kinematics.mechanism
@@ -389,13 +384,7 @@ class Served:
 
 
 def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
-    """Return the ranges of the parameters that the tables of a reduced model depend on, by name.
-
-    Parameters
-    ----------
-    built
-        The scene that it was built from.
-    """
+    """Return the ranges of the parameters that the tables of a reduced model, built from a scene, depend on, by name."""
     weights = (*rom.tables.mass_weights, *rom.tables.stiffness_weights)
     found = ranges_of(built, {name for weight in weights for name, _ in weight.powers})
     if rom.family is not None:
@@ -446,15 +435,8 @@ def check_samples(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray]
 
 @gathered
 def outside_of(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> Iterator[Remark]:
-    """Return a warning that counts samples outside what is served; nothing where all are inside.
-
-    Parameters
-    ----------
-    values
-        Of the parameters, shape (n,) each.
-    where
-        What the samples are, before the message.
-    """
+    """Return a warning that counts samples, values of shape (n,) each, outside what is served; nothing where all are
+    inside. `where` says before the message what they are."""
     known, lines = {name: served for name, served in ranges.items() if name in values}, []
     outside = {name: served.outside(values[name]) for name, served in known.items()}
     for name, which in outside.items():
