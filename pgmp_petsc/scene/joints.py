@@ -396,11 +396,8 @@ class JointEntry(JointTable):
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> Sequence[Any]:
         """Return what is to be zero, `mechanism.statements` about the frames a and b of its points.
 
-        Parameters
-        ----------
-        in_a, in_b
-            The joint's axes, an orthonormal triad along `axes`, in the frame of a, and the same directions, as
-            assembled, in the frame of b, shape (d, d) each, one axis a column.
+        The joint's axes, an orthonormal triad along `axes`, are given in the frame of a, and the same directions, as
+        assembled, in the frame of b, shape (d, d) each, one axis a column.
         """
         raise NotImplementedError
 
