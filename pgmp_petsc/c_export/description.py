@@ -115,18 +115,9 @@ KINDS = {
 
 
 def description(constants: Constants, version: int, identifier: str, token: str, sources: Sequence[str]) -> bytes:
-    """Return modelDescription.xml.
+    """Return modelDescription.xml of version 2 or 3 of FMI, for the library of that name.
 
-    Parameters
-    ----------
-    version
-        Of FMI, 2 or 3.
-    identifier
-        Name of the library.
-    token
-        What an importer shows at instantiation.
-    sources
-        Files to be compiled; for FMI 3.0 they are in `build_description`.
+    An importer shows the token at instantiation; sources are files to be compiled, for FMI 3.0 in `build_description`.
     """
     step, n_steps = constants.settings["STEP"], constants.settings["N_STEPS"]
     root = Element(

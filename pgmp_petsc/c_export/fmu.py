@@ -31,16 +31,11 @@ PLATFORMS = {("Linux", "x86_64"): {2: "linux64", 3: "x86_64-linux"}}
 
 
 def write_fmu(constants: Constants, path: str | Path, version: int = 2, compiler: str | None = None) -> str:
-    """Write an FMU, one process, and return the platform of its library, empty where it has sources only.
+    """Write an FMU of version 2 or 3 of FMI, one process, and return the platform of its library, empty where it has
+    sources only.
 
-    Raises `InputError` if the file cannot be written there; `RunError` if the compiler or the system fails.
-
-    Parameters
-    ----------
-    version
-        Of FMI, 2 or 3.
-    compiler
-        C compiler to call, by default ``cc`` or ``gcc`` in PATH.
+    The C compiler is by default ``cc`` or ``gcc`` in PATH. Raises `InputError` if the file cannot be written there;
+    `RunError` if the compiler or the system fails.
     """
     path = check_output(path, "fmu")
     identifier = re.sub(r"\W", "_", constants.name, flags=re.ASCII)

@@ -79,10 +79,7 @@ NOTHING = Law("nothing", (), force="0")  # of an action that leads
 class Action:
     """A force law on a statement about two attachments.
 
-    Raises
-    ------
-    LawMismatch
-        If the law has other parameters; with the file and line of who makes the action.
+    Raises `LawMismatch` if the law has other parameters; with the file and line of who makes the action.
     """
 
     effect: str  # name of the effect that it belongs to

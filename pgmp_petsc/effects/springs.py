@@ -108,11 +108,8 @@ def spring_force(
     """Return the force ``-k (s - rest)`` of a spring on the rigid mechanism, N or N m: none in a coupling, which that
     keeps.
 
-    Parameters
-    ----------
-    poses, theta
-        One configuration, shapes (n_bodies, n_pose) and (n_theta,), rad. Angles that are no coordinates are in (-pi,
-        pi] in space, and as the bodies are turned in the plane.
+    Poses, shape (n_bodies, n_pose), and theta, shape (n_theta,), rad, are of one configuration. Angles that are no
+    coordinates are in (-pi, pi] in space, and as the bodies are turned in the plane.
     """
     if len(spring.statement.terms) > 1:
         return 0.0
@@ -137,14 +134,8 @@ def spring_block(
 ) -> Block:
     """Return the stiffness of a spring on the rigid mechanism at poses (n_bodies, n_pose), in body frames.
 
-    Parameters
-    ----------
-    gradient
-        That of its statement in the unknowns of `moving_dofs` there, shape (n,).
-    values
-        Parameter values.
-    force
-        That it has already (`spring_force`), N or N m; 0 leaves the second term of the module's equation out.
+    The gradient is that of its statement in the unknowns of `moving_dofs` there, shape (n,). The force is that it has
+    already (`spring_force`), N or N m; 0 leaves the second term of the module's equation out.
     """
     matrix = spring.stiffness.at(values) * np.outer(gradient, gradient)
     if force:
