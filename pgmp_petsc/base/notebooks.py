@@ -23,9 +23,14 @@ def card(
     remarks: Iterable[object] = (),
     folded: Mapping[str, str] | None = None,
 ) -> str:
-    """Return HTML of something, a line an entry; tables without rows, and entries without a text, are left out.
+    """Return HTML of something; tables without rows, and entries without a text, are left out.
 
-    `folded` is HTML by its heading, which opens it.
+    Parameters
+    ----------
+    about
+        Entries, a line each.
+    folded
+        HTML by its heading, which opens it.
     """
     lines = [(name.replace("_", " "), text) for name, text in about.items() if text not in ("", None)]
     parts = [f"<div><strong>{escape(title)}</strong></div>", _table((), lines)]

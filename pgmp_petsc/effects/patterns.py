@@ -39,7 +39,20 @@ class Patterns:
 
 
 class UnitForces:
-    """Unit forces of actions on the rigid mechanism, in body frames, at any configuration."""
+    """Unit forces of actions on the rigid mechanism, in body frames, at any configuration.
+
+    Parameters
+    ----------
+    actions
+        What acts.
+    mechanism
+        What they act on.
+
+    Attributes
+    ----------
+    actions
+        The actions.
+    """
 
     def __init__(self, actions: Sequence[Action], mechanism: Mechanism) -> None:
         self.actions, self._mechanism = tuple(actions), mechanism
