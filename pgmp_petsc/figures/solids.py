@@ -29,7 +29,6 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.figures.loads import Arrow
 from pgmp_petsc.figures.motion import Motion, Skin, motion_of
 from pgmp_petsc.figures.style import (
     PROGRAM,
@@ -135,7 +134,8 @@ class Stage:
             # in front of all bodies; without perspective that is the same place of the picture
             before = (depth + 2.0 * max(skin.radius for skin in motion.skins)) * view[2]
             for arrow in motion.arrows:
-                self._drawn.append(_Pointed(self._pyvista, self._plotter, arrow, motion, reach, before))
+                ends = arrow.place + before, motion.end(arrow) + before
+                self._drawn.append(_Pointed(self._pyvista, self._plotter, *ends, 1.4e-2 * reach))
             centre = 0.5 * (low + high)
             middle = centre @ view[:2] + float(np.mean(motion.points @ view[2])) * view[2]
             camera, away = self._plotter.camera, 2.0 * (depth + reach)
@@ -192,14 +192,12 @@ class _Drawn:
             self._mesh = self._split()
             self.show(0)
             plotter.add_mesh(self._mesh, smooth_shading=not motion.flat, show_scalar_bar=False, **look, **colour)
-            lines = np.column_stack([np.full(len(skin.edges), 2), skin.edges])
-            self._edges = pyvista.PolyData(skin.points[0].astype(float), lines=lines.ravel())
+            self._edges = pyvista.PolyData(skin.points[0].astype(float), lines=_counted(skin.edges))
             actor = plotter.add_mesh(self._edges, color=EDGE, line_width=1.0, opacity=0.45, lighting=False)
             actor.mapper.resolve = "polygon_offset"
             return
         if len(skin.edges):
-            lines = np.column_stack([np.full(len(skin.edges), 2), skin.edges])
-            self._line = pyvista.PolyData(skin.points[0].astype(float), lines=lines.ravel())
+            self._line = pyvista.PolyData(skin.points[0].astype(float), lines=_counted(skin.edges))
             self._line["number"] = np.arange(skin.points.shape[1])
             self._line = self._line.strip()
         self._mesh = self._solid(0)
@@ -222,8 +220,7 @@ class _Drawn:
     def _split(self) -> pyvista.PolyData:
         """Return the surface with its nodes split at sharp edges, and their numbers."""
         skin = self._skin
-        faces = np.column_stack([np.full(len(skin.triangles), 3), skin.triangles])
-        mesh = self._pyvista.PolyData(skin.points[0].astype(float), faces=faces.ravel())
+        mesh = self._pyvista.PolyData(skin.points[0].astype(float), faces=_counted(skin.triangles))
         mesh["number"] = np.arange(skin.points.shape[1])
         if not skin.points[..., 2].any():
             return mesh
@@ -250,20 +247,18 @@ class _Drawn:
         return (255.0 * found).round().astype(np.uint8)
 
 
+def _counted(cells: np.ndarray) -> np.ndarray:
+    """Return cells (n, k) as VTK has them, each behind its number of nodes."""
+    return np.column_stack([np.full(len(cells), cells.shape[1]), cells]).ravel()
+
+
 class _Pointed:
     """A force on the stage, an arrow of one thickness."""
 
     def __init__(
-        self,
-        pyvista: ModuleType,
-        plotter: pyvista.Plotter,
-        arrow: Arrow,
-        motion: Motion,
-        reach: float,
-        before: np.ndarray,
+        self, pyvista: ModuleType, plotter: pyvista.Plotter, starts: np.ndarray, ends: np.ndarray, thick: float
     ) -> None:
-        self._pyvista, self._thick = pyvista, 1.4e-2 * reach
-        self._starts, self._ends = arrow.place + before, motion.end(arrow) + before
+        self._pyvista, self._starts, self._ends, self._thick = pyvista, starts, ends, thick
         self._mesh = self._shape(0)
         plotter.add_mesh(self._mesh, color=FORCE, lighting=False)
 

@@ -136,6 +136,12 @@ class Stress:
     path: str  # path, index: dataset and place in the file; empty of beams at frames, where it is worked out of two
     index: str
 
+    def shown(self, file: str, pascal: str) -> tuple[Datum, str]:
+        """Return the largest one, of a file, and its unit, of which the file's is `pascal`."""
+        factor, unit = axis_unit(pascal, np.array([self.largest]))
+        text = f"{factor * self.largest:.4g}"
+        return Datum(self.largest, text, file if self.path else "", self.path, self.index), unit
+
 
 def stress_of(run: Trajectory) -> Stress | None:
     """Return the largest stress; None where none is known.
@@ -266,7 +272,6 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
     bar = round_below(SIZE / 6.0 / picture.unit)  # m, about a sixth of the picture
     length, metre = axis_unit(run.record.system.unit("m"), np.array([bar]))
     stops = [to_hex(colour) for colour in matplotlib.colormaps[COLOURS](np.linspace(0.0, 1.0, N_STOPS))]
-    legend = None if stress is None else _legend(stress, name, stops, run.record.system.unit("Pa"))
     data: dict[str, Any] = {
         "time": time.tolist(),
         "decimals": decimals,
@@ -281,9 +286,12 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
             for key, own in run.outputs.items()
         },
     }
+    legend = None
     if stress is not None:
-        factor, _ = axis_unit(run.record.system.unit("Pa"), np.array([stress.largest]))
-        data |= {"stops": stops, "stress": (factor * stress.over_time[chosen]).tolist(), "unit": legend.unit}
+        pascal = run.record.system.unit("Pa")
+        factor, unit = axis_unit(pascal, np.array([stress.largest]))
+        legend = Legend(WORDS["mises"], unit, stops, stress.shown(name, pascal)[0], f"{stress.body} {stress.when}")
+        data |= {"stops": stops, "stress": (factor * stress.over_time[chosen]).tolist(), "unit": unit}
     if not picture.flat:
         everywhere = picture.places(np.concatenate([body.points.reshape(-1, 3) for body in shown]))
         middle = 0.5 * (everywhere.min(axis=0) + everywhere.max(axis=0))
@@ -408,13 +416,6 @@ def _paths(run: Trajectory, joints: dict[str, np.ndarray], picture: _Picture, mo
     extent = max(np.ptp(np.concatenate([at.reshape(-1, 3) for at in joints.values()]), axis=0)[:2])
     every = (joints[body][:, node] for body, cells in run.frames.cells.items() for node in ends(cells))
     return [path for path in every if len(path) > 1 and (np.ptp(path, axis=0).max() >= AT_REST * extent) == moving]
-
-
-def _legend(stress: Stress, name: str, stops: list[str], pascal: str) -> Legend:
-    factor, unit = axis_unit(pascal, np.array([stress.largest]))
-    largest = Datum(stress.largest, f"{factor * stress.largest:.4g}", name if stress.path else "", stress.path,
-                    stress.index)  # fmt: skip
-    return Legend(WORDS["mises"], unit, stops, largest, f"{stress.body} {stress.when}")
 
 
 def _notes(run: Trajectory, bodies: list[FilmBody], enlarged: bool) -> list[str]:
