@@ -14,24 +14,12 @@ if TYPE_CHECKING:  # the names that `__getattr__` gives, for editors and checker
     from pgmp_petsc.api.designs import Robust as Robust
     from pgmp_petsc.api.designs import fit as fit
     from pgmp_petsc.api.designs import optimize as optimize
-    from pgmp_petsc.api.ensembles import (
-        Correction as Correction,
-    )
-    from pgmp_petsc.api.ensembles import (
-        Stopping as Stopping,
-    )
-    from pgmp_petsc.api.ensembles import (
-        merge as merge,
-    )
-    from pgmp_petsc.api.ensembles import (
-        montecarlo as montecarlo,
-    )
-    from pgmp_petsc.api.ensembles import (
-        rare_event as rare_event,
-    )
-    from pgmp_petsc.api.ensembles import (
-        retry_failed as retry_failed,
-    )
+    from pgmp_petsc.api.ensembles import Correction as Correction
+    from pgmp_petsc.api.ensembles import Stopping as Stopping
+    from pgmp_petsc.api.ensembles import merge as merge
+    from pgmp_petsc.api.ensembles import montecarlo as montecarlo
+    from pgmp_petsc.api.ensembles import rare_event as rare_event
+    from pgmp_petsc.api.ensembles import retry_failed as retry_failed
     from pgmp_petsc.api.exports import export_model as export_model
     from pgmp_petsc.api.exports import export_result as export_result
     from pgmp_petsc.api.files import contents as contents

@@ -280,13 +280,7 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
     n_modes, stressed = scene.reduction.modes + scene.n_overconstrained, meshed.solid.name in stressed_bodies(scene)
     points = serving_points(scene, meshed)
     component, recovery, _ = condense(
-        meshed.solid,
-        meshed.frames,
-        points,
-        n_modes,
-        alone(),
-        stressed=stressed,
-        large=scene.static_stiffening,
+        meshed.solid, meshed.frames, points, n_modes, alone(), stressed=stressed, large=scene.static_stiffening
     )
     if scene.static_stiffening:
         component = with_second_order(component, meshed.solid, recovery, alone(), scene.nominal)

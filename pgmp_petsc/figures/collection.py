@@ -22,15 +22,7 @@ from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.solids import has_solids, solids
 from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
-from pgmp_petsc.figures.trajectories import (
-    design,
-    energies,
-    fit,
-    labels_of,
-    paired,
-    sensitivities,
-    trajectories,
-)
+from pgmp_petsc.figures.trajectories import design, energies, fit, labels_of, paired, sensitivities, trajectories
 from pgmp_petsc.files.claims import check_folder, check_output
 from pgmp_petsc.results import READERS, Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
 from pgmp_petsc.results.statistics import RareEvent

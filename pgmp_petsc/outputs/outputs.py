@@ -21,16 +21,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.effects.base_motion import bases_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.outputs.readings import (
-    AnyReading,
-    Base,
-    Frames,
-    Jet,
-    ModelReading,
-    Needs,
-    RigidReference,
-    Seen,
-)
+from pgmp_petsc.outputs.readings import AnyReading, Base, Frames, Jet, ModelReading, Needs, RigidReference, Seen
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:

@@ -96,8 +96,7 @@ class Rainflow(OutputEntry):
         description="damage: sum of cycles over cycles to failure, the part fails at 1; life: time over damage (s)",
     )
     run_out: Annotated[PositiveNumber | None, Unit("s")] = Field(
-        None,
-        description="of a life: the longest that counts (s); what lives longer does not fail",
+        None, description="of a life: the longest that counts (s); what lives longer does not fail"
     )
 
     def measured(self, entry: str) -> Iterator[Use]:

@@ -20,17 +20,7 @@ from pgmp_petsc.effects.time_function import evaluate
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import empty_lanes
-from pgmp_petsc.lanes.vectors import (
-    EVERY_LANE,
-    LANES,
-    blend,
-    count_lanes,
-    exceeding,
-    first_lane,
-    load,
-    spread,
-    store,
-)
+from pgmp_petsc.lanes.vectors import EVERY_LANE, LANES, blend, count_lanes, exceeding, first_lane, load, spread, store
 from pgmp_petsc.reduced.action_kernel import act, allocate_local, bent_lanes, forget_rates, limited_lanes
 from pgmp_petsc.reduced.arrays import Strengths, acting_of, allocate, places_of
 from pgmp_petsc.reduced.control import (
@@ -52,9 +42,7 @@ from pgmp_petsc.stepping.alpha_step import (
     expected_after,
     goes_on,
 )
-from pgmp_petsc.stepping.alpha_step import (
-    NEWTON_TOLERANCE as TOLERANCE_OF_TRIALS,
-)
+from pgmp_petsc.stepping.alpha_step import NEWTON_TOLERANCE as TOLERANCE_OF_TRIALS
 from pgmp_petsc.stepping.edge_search import (
     REST,
     WHOLE,

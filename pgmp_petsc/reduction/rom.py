@@ -38,14 +38,7 @@ from pgmp_petsc.reduction.cell_products import CURVED, SecondOrderTables
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.joint_gaps import JointGaps
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
-from pgmp_petsc.reduction.rom_file import (
-    BodyFile,
-    GapsFile,
-    LengthsFile,
-    ModelFile,
-    RomFile,
-    SecondOrderFile,
-)
+from pgmp_petsc.reduction.rom_file import BodyFile, GapsFile, LengthsFile, ModelFile, RomFile, SecondOrderFile
 from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints
 from pgmp_petsc.reduction.tables import ModeChanges, ReducedTables, StiffnessChanges, rigid_inertia
 from pgmp_petsc.scene import Scene
@@ -384,7 +377,7 @@ class Served:
 
 
 def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
-    """Return the ranges of the parameters that the tables of a reduced model, built from a scene, depend on, by name."""
+    """Return by name the ranges of the parameters that the tables of a reduced model, built from a scene, depend on."""
     weights = (*rom.tables.mass_weights, *rom.tables.stiffness_weights)
     found = ranges_of(built, {name for weight in weights for name, _ in weight.powers})
     if rom.family is not None:
