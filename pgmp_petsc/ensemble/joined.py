@@ -127,21 +127,13 @@ def _calibrated(best: np.ndarray, other: np.ndarray) -> np.ndarray:
 def mean_of(
     values: Sequence[np.ndarray], replicates: np.ndarray | None = None, n_curved: int = 0, part: float = 0.0
 ) -> Estimate:
-    """Return the mean of the best model.
+    """Return the mean of the best model, from values of every model, the best first: shapes (m_1,) to (m_k,), each the
+    first samples of the next; m_1 at least `FEWEST`.
 
-    Parameters
-    ----------
-    values
-        Of every model, the best first: shapes (m_1,) to (m_k,), each the first samples of the next; m_1 at least
-        `FEWEST`.
-    replicates
-        Numbers of the independent replicates that samples belong to, shape (m_k,), each with one of the first m_1 at
-        least; None where samples are independent. The variance is then the jackknife's over replicates, each left out
-        in turn with the coefficients of the others.
-    n_curved
-        Number of models that `calibrated` has taken through a parabola: one more coefficient each.
-    part
-        That the interval as of independent samples has in that of replicates.
+    Replicates are the numbers of the independent ones that samples belong to, shape (m_k,), each with one of the first
+    m_1 at least; None where samples are independent. The variance is then the jackknife's over replicates, each left
+    out in turn with the coefficients of the others, and `part` that the interval as of independent samples has in that
+    of replicates. `n_curved` models `calibrated` has taken through a parabola: one more coefficient each.
     """
     best, others = values[0], values[1:]
     m = np.array([value.size for value in values])

@@ -134,29 +134,17 @@ def describe(
     replicates: np.ndarray | None = None,
     size: float = 0.0,
 ) -> Statistics:
-    """Describe a sample, of which some values may be missing.
+    """Describe a sample, values of shape (N,), all finite, of which `n_missing` more may be missing.
 
-    The standard error of the standard deviation s takes the sample's own fourth moment,
-    ``var(s) = (mu4 - s^4) / (4 s^2 N)``. Where the sample consists of independent replicates, standard errors and
-    intervals follow from the spread between these.
+    The standard error of the standard deviation s takes the sample's own fourth moment, ``var(s) = (mu4 - s^4) / (4 s^2
+    N)``. Where the sample consists of independent replicates, standard errors and intervals follow from the spread
+    between these. An empty sample gives NaN and no bins.
 
-    Parameters
-    ----------
-    values
-        Shape (N,), all finite; an empty sample gives NaN and no bins.
-    bins
-        Number of equal bins of the density over the sample's range; None for as many as the sample tells.
-    probabilities
-        Of the quantiles.
-    n_missing
-        How many more values there would be if no sample had failed; they have no part but in the bounds of the
-        quantiles.
-    confidence
-        Level of the intervals; see `intervals`.
-    replicates
-        Numbers of the replicates that the values belong to, shape (N,); None where values are independent.
-    size
-        Of the quantity, beside which variation may be round-off (`is_constant`); what is constant has no deviation.
+    The density has so many equal bins over the sample's range; None for as many as the sample tells. Values that are
+    missing, as samples failed, have no part but in the bounds of the quantiles of these probabilities. The confidence
+    is the level of the intervals; see `intervals`. Replicates are the numbers of those that the values belong to, shape
+    (N,); None where values are independent. Beside the `size` of the quantity variation may be round-off
+    (`is_constant`); what is constant has no deviation.
     """
     constant = values.size > 1 and is_constant(values, size)
     if constant:

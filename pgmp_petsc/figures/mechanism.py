@@ -219,21 +219,12 @@ WIDTH = 8.6
 def mechanism(
     trajectory: Trajectory, n_instants: int = N_INSTANTS, exaggeration: float = 1.0, label: str = ""
 ) -> Figure:
-    """Draw the mechanism's shape at instants that divide the run equally.
+    """Draw the mechanism's shape at instants that divide the run, which `label` tells from others, equally; fewer where
+    there are fewer frames.
 
-    Raises `InputError` if the trajectory has no frames.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        With frames.
-    n_instants : int
-        Number of shapes; fewer where there are fewer frames.
-    exaggeration : float
-        Factor on each body's deformation: its nodes' distances from the undeformed body laid through the
-        body's two ends, so that the bodies stay joined. Stated in the picture if it is not 1.
-    label : str
-        What tells the run from others.
+    The exaggeration is a factor on each body's deformation: its nodes' distances from the undeformed body laid through
+    the body's two ends, so that the bodies stay joined. It is stated in the picture if it is not 1. Raises `InputError`
+    if the trajectory has no frames.
     """
     frames = trajectory.frames
     if frames is None or not len(frames.time):

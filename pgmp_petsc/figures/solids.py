@@ -282,20 +282,12 @@ LOWEST, HIGHEST = 2.2, 6.6
 
 @styled
 def solids(run: Trajectory, at: float | None = None, exaggeration: float = 1.0, label: str = "") -> Figure:
-    """Draw the bodies of a run with von Mises' stress in colour.
+    """Draw the bodies of a run, with frames and fields, which `label` tells from others, with von Mises' stress in
+    colour.
 
-    Raises `InputError` if there is nothing to draw, `at` is outside the run, or there is nothing to draw with.
-
-    Parameters
-    ----------
-    run
-        With frames and fields.
-    at
-        Instant, s: the nearest frame is drawn, and named. None for that of the largest stress.
-    exaggeration
-        Factor on the deformation; stated in the picture if it is not 1.
-    label
-        What tells the run from others.
+    Drawn and named is the frame nearest to the instant `at`, s, by default that of the largest stress. The
+    exaggeration, a factor on the deformation, is stated in the picture if it is not 1. Raises `InputError` if there is
+    nothing to draw, `at` is outside the run, or there is nothing to draw with.
     """
     motion = motion_of(run, "mises", exaggeration, label)
     number, why = motion.peak, ", when it is largest"
