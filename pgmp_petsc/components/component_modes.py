@@ -428,17 +428,9 @@ def in_floating_frame(
     if component.foreshortening is not None and basis is None:
         bent, curved = foreshortened(component.foreshortening, shapes, moments)
     kept = component.recovery and replace(component.recovery, shapes=component.recovery.shapes @ modes, curved=None)
-    return FloatingBody(
-        component.frames,
-        component.centres,
-        shapes,
-        moments,
-        stiffness,
-        bent,
-        curved,
-        kept,
-        np.linalg.inv(np.hstack([rigid, modes])) if basis is None else None,
-    )
+    taken = np.linalg.inv(np.hstack([rigid, modes])) if basis is None else None
+    frames, centres = component.frames, component.centres
+    return FloatingBody(frames, centres, shapes, moments, stiffness, bent, curved, kept, taken)
 
 
 def elastic_modes(component: Component, nominal: Mapping[str, float], basis: np.ndarray | None = None) -> np.ndarray:

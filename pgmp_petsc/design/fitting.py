@@ -208,14 +208,8 @@ class _Fitting:
             )
             for k, name in enumerate(history.outputs)
         }  # fmt: skip
-        record = RunRecord(
-            scene_to_toml(scene),
-            own_values(scene, scene.values | solution.values),
-            None,
-            n_ranks,
-            timings.as_dict(),
-            remarks,
-        )
+        values = own_values(scene, scene.values | solution.values)
+        record = RunRecord(scene_to_toml(scene), values, None, n_ranks, timings.as_dict(), remarks)
         return Fit(record, history.time, outputs, tuple(parameters), correlation, self.n_runs, solution.converged)
 
     def _solved(self) -> tuple[np.ndarray, _Solution]:

@@ -208,15 +208,8 @@ class WatchedRun(Observer):
         checking, states = indicator.checking, states[schedule.places][:, :, chosen]
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
         full = checking.scheduled(self._batch_of(chosen, values), schedule, indicator.step / reference_motion.FINER)
-        motion = reference_motion.ReferenceMotion(
-            checking.unknowns_of,
-            full.n_dofs,
-            states,
-            r,
-            indicator.simulation.duration,
-            checking.rotations,
-            indicator.model.terms.scale[:r],
-        )
+        unknowns, longest, turns = checking.unknowns_of, indicator.simulation.duration, indicator.model.terms.scale[:r]
+        motion = reference_motion.ReferenceMotion(unknowns, full.n_dofs, states, r, longest, checking.rotations, turns)
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
         time = schedule.steps * (indicator.step / reference_motion.FINER)
         observed = _Observed(checking.full, full, values, motion, schedule, time)

@@ -274,20 +274,10 @@ def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | 
         raise InputError(f"nothing of this mode is known in {WORDS[colour]}; take --field displacement or none")
     skins = [skin if skin.values is None else replace(skin, values=skin.values / largest) for skin in skins]
     notes = [*shape.notes, *uncoloured(shape.fields, colour)]
-    what = f"Mode {shape.number}, {shape.frequency_hz:.4g} Hz at {shape.configuration}"
+    title = heading(f"Mode {shape.number}, {shape.frequency_hz:.4g} Hz at {shape.configuration}", shape.record)
     quantity = "" if colour == "none" else f"{WORDS[colour]} over the largest"
-    captions = ["size arbitrary"] * N_PHASES
-    return Motion(
-        tuple(skins),
-        captions,
-        heading(what, shape.record),
-        notes,
-        quantity,
-        1.0,
-        1.0,
-        N_PHASES // 4,
-        shape.record.system.unit("m"),
-    )
+    captions, metre = ["size arbitrary"] * N_PHASES, shape.record.system.unit("m")
+    return Motion(tuple(skins), captions, title, notes, quantity, 1.0, 1.0, N_PHASES // 4, metre)
 
 
 def skin_of(name: str, own: BodyField, scale: float, values: Callable[[BodyField], np.ndarray | None]) -> Skin:

@@ -211,13 +211,8 @@ def _joined(
         for phase, time in model.record.timings.items():
             timings[phase] = timings.get(phase, 0.0) + time
     remarks = (*nominal.record.remarks, *_remarks(family, len(built), cosine, indefinite))
-    record = replace(
-        nominal.record,
-        scene_toml=scene_to_toml(scene),
-        parameters=own_values(scene, scene.nominal),
-        timings=timings,
-        remarks=remarks,
-    )
+    text, values = scene_to_toml(scene), own_values(scene, scene.nominal)
+    record = replace(nominal.record, scene_toml=text, parameters=values, timings=timings, remarks=remarks)
     return replace(nominal, record=record, family=family, indefinite=nominal.indefinite or indefinite)
 
 

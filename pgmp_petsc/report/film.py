@@ -59,14 +59,8 @@ class FilmBody:
 
     def at(self, frames: np.ndarray) -> FilmBody:
         """Return the body at some of the frames."""
-        values = None if self.values is None else self.values[frames]
-        return replace(
-            self,
-            points=self.points[frames],
-            deformation=self.deformation[frames],
-            known=self.known[frames],
-            values=values,
-        )
+        chosen = {name: getattr(self, name)[frames] for name in ("points", "deformation", "known")}
+        return replace(self, **chosen, values=None if self.values is None else self.values[frames])
 
 
 def bodies_of(run: Trajectory) -> list[FilmBody]:
@@ -97,19 +91,8 @@ def _with_field(name: str, own: BodyField, most: int) -> FilmBody:
         used = used[kept]
         edges = outlines(triangles, own.nodes[used])
     values = None if skin.values is None else skin.values[:, used]
-    return FilmBody(
-        name,
-        kind,
-        own.nodes[used],
-        skin.points[:, used],
-        moved[:, used],
-        known,
-        nothing,
-        triangles,
-        edges,
-        values,
-        note,
-    )
+    nodes, points = own.nodes[used], skin.points[:, used]
+    return FilmBody(name, kind, nodes, points, moved[:, used], known, nothing, triangles, edges, values, note)
 
 
 def _of_frames(run: Trajectory, name: str) -> FilmBody:

@@ -74,14 +74,8 @@ class Scheme:
         alpha_f = spectral_radius / (spectral_radius + 1)
         gamma = 0.5 + alpha_f - alpha_m
         beta = 0.25 * (gamma + 0.5) ** 2
-        return cls(
-            alpha_m,
-            alpha_f,
-            beta,
-            gamma,
-            gain_v=gamma / (beta * step),
-            gain_a=(1 - alpha_m) / ((1 - alpha_f) * beta * step**2),
-        )
+        gain_v, gain_a = gamma / (beta * step), (1 - alpha_m) / ((1 - alpha_f) * beta * step**2)
+        return cls(alpha_m, alpha_f, beta, gamma, gain_v=gain_v, gain_a=gain_a)
 
 
 @dataclass(frozen=True, eq=False)
