@@ -301,8 +301,8 @@ def controls_in_c(scene: Scene, tunable: Container[str], step: float) -> list[Co
 
 
 def outputs_in_c(
-    outputs: OutputSet, carried: Sequence[ForceOutput], slots: Mapping[int, int], values: Mapping[str, str | float], gaps: Sequence[int],
-    actions: Sequence[Action], system: UnitSystem,
+    outputs: OutputSet, carried: Sequence[ForceOutput], slots: Mapping[int, int], values: Mapping[str, str | float],
+    gaps: Sequence[int], actions: Sequence[Action], system: UnitSystem,
 ) -> OutputsInC:  # fmt: skip
     """Return outputs in units of a system, and before their forces those that friction hangs on, `carried`; see
     `outputs.readings`, and for `gaps` and `actions` `ForceInC.of`."""

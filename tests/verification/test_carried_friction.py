@@ -10,6 +10,7 @@ from machine_scenes import run
 from refusals import cases, check_said, refusal
 from runs import components_model, history, motion, read_meshes, reduced_model, samples
 from scipy.integrate import solve_ivp
+from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.finished import CARRIED, step_seconds
@@ -18,7 +19,6 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER, tables
-from spatial_beams import slider_crank_of_beams
 
 MASS, LEVER, INERTIA, G = 2.0, 0.3, 0.05, 9.80665
 MU, RADIUS, SLOW = 0.2, 0.05, 0.2  # it sets in within 8 ms, which the steps below resolve
