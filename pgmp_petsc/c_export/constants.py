@@ -33,8 +33,7 @@ from pgmp_petsc.c_export.statements import (
 from pgmp_petsc.controllers.acting import ACTING_LAW, has_motion, measured_by
 from pgmp_petsc.declare.ideas import OUTPUTS
 from pgmp_petsc.effects import motions_of
-from pgmp_petsc.effects.action import Action
-from pgmp_petsc.effects.laws import CARRIED_FRICTION
+from pgmp_petsc.effects.action import CARRIED_FRICTION, Action
 from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
