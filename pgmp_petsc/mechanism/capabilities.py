@@ -257,10 +257,10 @@ FEATURES = (
         cure="take pgmp check without --effects",
     ),
     Feature(
-        "trade-off with forces beside",
-        _beside,
+        "trade-off with controllers",
+        _controllers,
         frozenset({Purpose.TRADEOFF}),
-        why_not="runs are compared without control, and without forces that joints carry",
+        why_not="runs are compared without control",
         cure="compare pgmp simulate SCENE --full with reduced runs",
     ),
     Feature(

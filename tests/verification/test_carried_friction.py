@@ -8,12 +8,13 @@ import pytest
 from exported import assert_same_in_c, compiled
 from machine_scenes import run
 from refusals import cases, check_said, refusal
-from runs import components_model, history, motion, read_meshes, reduced_model, samples
+from runs import components_model, full_model, history, motion, read_meshes, reduced_model, samples
 from scipy.integrate import solve_ivp
 from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.finished import CARRIED, step_seconds
+from pgmp_petsc.bench.history import run_history
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -208,10 +209,19 @@ def test_component_models_in_c_do_not_know_it(tmp_path):
         compiled(components_model(slider()), tmp_path)
 
 
-@pytest.mark.parametrize("purpose", [Purpose.TRADEOFF, Purpose.SIZES])
-def test_what_does_not_know_it_refuses_it(purpose):
+@pytest.mark.parametrize("make", [full_model, reduced_model])
+def test_runs_of_a_trade_off_have_it(make):
+    scene = slider("simulation.duration=0.01")
+    check_capabilities(scene, Purpose.TRADEOFF)
+    model = make(scene)
+    found = run_history(model, samples(scene, 2, mu=np.array([0.0, 0.2])), 2, 100).outputs[0]
+    alone = motion(model).outputs["theta"]
+    assert found[-1, 1] == pytest.approx(alone[-1], rel=1e-12) and abs(found[-1, 0] - alone[-1]) > 1e-4
+
+
+def test_sizes_of_effects_do_not_know_it():
     with pytest.raises(InputError, match="effects.in_main.coefficient"):
-        check_capabilities(slider(), purpose)
+        check_capabilities(slider(), Purpose.SIZES)
 
 
 def test_predicted_times_count_it():
