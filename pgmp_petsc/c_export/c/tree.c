@@ -672,6 +672,7 @@ void place_bodies(const double theta[R], const struct frame nodes[], double open
         for (int j = 0; j < D; j++)
             for (int c = 0; c < D; c++) poses[k][c] -= body_centres[k][j] * node->z[D + D * j + c];
     }
-    for (int k = 0; k < POSES; k++) close_loops(theta, open, poses);
+    (void)open; /* they begin at poses of deformed bodies, as near as that may be */
+    for (int k = 0; k < POSES; k++) close_loops(theta, 0.0, poses);
     for (int k = 0; k < N_BODIES; k++) frame_of_pose(poses[k], bodies[k].z), bodies[k].angle = D == 2 ? poses[k][2] : 0.0;
 }
