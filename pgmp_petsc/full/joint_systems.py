@@ -90,7 +90,7 @@ class JointEquations:
         dofs = problem.masses.dofs[:, 0] // 12 if d == 3 else problem.lumps.dofs // 3
         self._tree = tree_of(unknowns, self.motions, q, dofs)
         self.n = int(self._tree.firsts[:, 4].max())
-        self._set = ConstraintSet(unknowns)
+        self._set = equations.every_constraint
         directors = self._directors() if d == 3 else np.zeros(0, dtype=int)
         held = np.flatnonzero(~self._of_tree())
         n_own = self._set.n_constraints - self._set.n_driven
