@@ -19,7 +19,7 @@ from pgmp_petsc.full.batched_ldl import Pattern
 from pgmp_petsc.full.joint_kernel import Joints, carry_in_joints, correct_in_joints, unknowns_of
 from pgmp_petsc.full.joint_map import N_TURNED, Room
 from pgmp_petsc.full.joint_matrix import N_SPARE, column_size
-from pgmp_petsc.full.joint_tree import BALL, BY_AXES, FREE, coordinates_of, motions_of, tree_of
+from pgmp_petsc.full.joint_tree import BALL, BY_AXES, FREE, coordinates_of, held_by, motions_of, tree_of
 from pgmp_petsc.full.kernel import Factors
 from pgmp_petsc.full.node_constraints import ConstraintParts
 from pgmp_petsc.full.part_reference import Reference
@@ -92,7 +92,8 @@ class JointEquations:
         self.n = int(self._tree.firsts[:, 4].max())
         self._set = equations.every_constraint
         directors = self._directors() if d == 3 else np.zeros(0, dtype=int)
-        held = np.flatnonzero(~self._of_tree())
+        self._in_tree = held_by(unknowns.mechanism, self.motions)
+        held = np.flatnonzero(~self._in_tree)
         n_own = self._set.n_constraints - self._set.n_driven
         self._driven = self._driven_coordinates()
         drives = [n_own + k for k in range(self._set.n_driven) if k not in self._driven[:, 1]]
@@ -106,23 +107,12 @@ class JointEquations:
         self.n_left = self.n_statements + len(self._driven)
         self._held = self._by_tree()
 
-    def _of_tree(self) -> np.ndarray:
-        """Return which of what joints and couplings hold the tree's joints hold, shape (n_held,)."""
-        mechanism, found = self._unknowns.mechanism, []
-        by_number = {motion.number: motion for motion in self.motions if motion.number >= 0}
-        for number, holder in enumerate(mechanism.holders):
-            held = holder.holding(moving=True)
-            motion = by_number.get(number) if number < len(mechanism.connections) else None
-            for part, _ in held:
-                found.append(motion is not None and (motion.kind != BALL or part.kind == 0))
-        return np.array(found, dtype=bool)
-
     def _by_tree(self) -> Held:
         """Return what the tree's joints hold, and its driven coordinates."""
         unknowns, order = self._unknowns, {motion.number: k for k, motion in enumerate(self.motions)}
         mechanism = unknowns.mechanism
         parts = [(i, part) for i, holder in enumerate(mechanism.holders) for part in holder.holding(moving=True)]
-        found = [(place, order[parts[place][0]], parts[place][1]) for place in np.flatnonzero(self._of_tree())]
+        found = [(place, order[parts[place][0]], parts[place][1]) for place in np.flatnonzero(self._in_tree)]
         prescribed = [(one.statement, one.sides) for one in mechanism.coordinates if one.prescribed]
         bodies = np.searchsorted(self._tree.firsts[:, 5], self._driven[:, 0], side="right") - 1
         found += [(len(parts) + k, body, prescribed[k]) for body, k in zip(bodies, self._driven[:, 1])]
