@@ -71,8 +71,8 @@ def export_model(
     notes: list[str] = []
 
     def without_what_is_left_out(scene: Scene) -> Scene:
-        notes.append(left_out(scene, kind))
-        return checked_scene(scene, str(target), kind)
+        notes.append(left_out(scene))
+        return checked_scene(scene, str(target))
 
     model = origin.prepared(comm, without_what_is_left_out, told=False)
 

@@ -29,9 +29,11 @@ from pgmp_petsc.full.rank_solver import Layout
 from pgmp_petsc.full.systems import FullBatch, Gains
 from pgmp_petsc.lanes.lane_items import aligned
 from pgmp_petsc.lanes.vectors import aligned_zeros
+from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.mechanism.statement_rows import StatementRows
+from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.stepping.energies import Energies
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 from pgmp_petsc.stepping.second_order_system import State
@@ -54,7 +56,8 @@ class _Slopes(Layout):
 class Held(NamedTuple):
     """What the tree's joints hold of frames, and what drives them."""
 
-    rows: StatementRows  # n statements
+    parts: tuple[tuple[Statement, tuple[Attachment, Attachment]], ...]  # n statements, and their sides
+    rows: StatementRows  # of them
     places: np.ndarray  # of their multipliers among those of joints and driven angles, shape (n,)
     bodies: np.ndarray  # number in the tree of the body that each joint moves, shape (n,)
     felt: np.ndarray  # which slopes of the rows are in the unknowns of the frame that it holds, shape (n, 2 n_pose)
@@ -105,7 +108,7 @@ class JointEquations:
                 self._take(kept)
         self.n_statements = self._chosen.size
         self.n_left = self.n_statements + len(self._driven)
-        self._held = self._by_tree()
+        self.held = self._by_tree()
 
     def _by_tree(self) -> Held:
         """Return what the tree's joints hold, and its driven coordinates."""
@@ -121,7 +124,7 @@ class JointEquations:
         bodies = np.array(bodies, dtype=int)
         frames = np.array([unknowns.frame(node) for node in self._tree.nodes[bodies, 1]], dtype=int)
         felt = (rows.dofs[:, :, None] == frames.reshape(bodies.size, 1, unknowns.frame(0).size)).any(axis=2)
-        return Held(rows, np.array(places, dtype=int), bodies, felt)
+        return Held(parts, rows, np.array(places, dtype=int), bodies, felt)
 
     def multipliers_of_joints(self, q: np.ndarray, left: np.ndarray, loads: np.ndarray) -> np.ndarray:
         """Return the multipliers of joints and driven angles, shape (n, n_samples).
@@ -135,7 +138,7 @@ class JointEquations:
         loads
             See `carry_in_joints`, shape (n_bodies, d (d + 1), n_samples).
         """
-        every, d, held = np.zeros((self._set.n_constraints, q.shape[1])), self._unknowns.dimension, self._held
+        every, d, held = np.zeros((self._set.n_constraints, q.shape[1])), self._unknowns.dimension, self.held
         every[self._chosen] = left[: self.n_statements]
         found = self._set.of_joints(every)
         if not held.places.size:

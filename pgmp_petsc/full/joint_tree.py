@@ -95,8 +95,9 @@ def rows_of(connection: Connection, dimension: int) -> tuple[int, int, bool, boo
     plain = connection.level is None and len(kinds) == sum(counts)
     motion = _MOTIONS.get((dimension, *counts)) if plain else None
     if motion is not None:
-        # what is measured is about the first axis; what gives way may be about any one
-        for axis in range(dimension if any(motion) and connection.released else 1):
+        # what is measured is about the first axis; what turns by giving way may do so about any one
+        about_any = dimension == 3 and motion == (True, False) and connection.released
+        for axis in range(3 if about_any else 1):
             if _by_axis(connection, axis, *motion):
                 return BY_AXES, axis, *motion
     return BALL if dimension == 3 and counts[0] == 3 else FREE, -1, False, False

@@ -345,27 +345,36 @@ def test_it_runs_without_the_sources_of_this_program(slider_crank, tmp_path) -> 
 
 
 TREES = {
-    "six_joint_arm": ("simulation.duration=0.3",),
+    "six_joint_arm": (
+        "simulation.duration=0.3", 'outputs.power={type="power", coordinate="elbow"}',
+        *forces_in("shoulder", joint_force=("axial", "radial"), joint_torque=("y", "magnitude")),
+    ),
     "scara": ("simulation.duration=0.3",),
-    "payload_arm": ("simulation.duration=0.05",),
-    "palletizer": ("simulation.duration=0.1",),
+    "payload_arm": (
+        "simulation.duration=0.05", *forces_in("shoulder_gearbox", joint_torque=("y",)),
+        *forces_in("wrist_roll", joint_force=("magnitude",), joint_torque=("z",)),
+    ),
+    "palletizer": (
+        "simulation.duration=0.1", 'outputs.torque={type="drive_torque", coordinate="drive"}',
+        *forces_in("cross", joint_force=("x",)), *forces_in("elbow", joint_force=("y",)),
+    ),
     "delta_robot": ("simulation.duration=0.1",),
     "servo_arm": ("simulation.duration=0.2",),
     "machine_on_mounts": ("simulation.duration=0.1",),
     "crank_press": ("simulation.duration=0.1",),
     "slider_crank_solid3d": ("simulation.duration=0.3",),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", TREES)
 def test_component_models(name, tmp_path) -> None:
-    """Along chains of joints and in loops; a deformation is the difference of places, of round-off 2e-15 of the
+    """Along chains of joints and in loops, with what joints of the tree and others carry; a deformation is the difference of places, of round-off 2e-15 of the
     mechanism's size, of three coordinates 2e-13, as the program closes loops of which it has no table."""
     path = ROOT / "scenes" / f"{name}.toml"
     model = components_model(*read_scene(path, TREES[name], (), MPI.COMM_SELF, Purpose.COMPONENTS))
     found, wanted = exported.outputs_of(exported.compiled(model, tmp_path)), motion(model).outputs
     closing = (2e-15 if len(model.kinematics.coordinates) < 3 else 2e-13) * model.kinematics.size
-    for output, values in ((name, wanted[name]) for name in wanted if name in found):  # but for forces in joints
+    for output, values in ((name, wanted[name]) for name in wanted if name in found):  # but for forces in sections
         off = np.max(np.abs(found[output] - values)) - closing
         assert off <= 1e-9 * np.max(np.abs(values)), (output, off)
 

@@ -55,15 +55,10 @@ double pgmp_next_break(const struct pgmp_model *m, double time) {
     return next;
 }
 
-void find_strengths(const struct pgmp_model *m, double time, double since, double strengths[]) {
+void act(const struct pgmp_model *m, double time, double since, struct acting *now) {
     double rates[2];
     for (int k = 0; k < N_STRENGTHS; k++)
-        strengths[k] = m->follows_scene[k] ? evaluate_piece(k, time, since, rates) : strength_sizes[k] * m->strengths[k];
-}
-
-/* What acts over time. */
-static void act(const struct pgmp_model *m, double time, double since, struct acting *now) {
-    find_strengths(m, time, since, now->strengths);
+        now->strengths[k] = m->follows_scene[k] ? evaluate_piece(k, time, since, rates) : strength_sizes[k] * m->strengths[k];
     for (int k = 0; k < R; k++)
         if (function_pieces[N_STRENGTHS + k] < function_pieces[N_STRENGTHS + k + 1])
             now->motions[k][0] = evaluate_piece(N_STRENGTHS + k, time, since, now->motions[k] + 1);
