@@ -43,11 +43,12 @@ from pgmp_petsc.report.budget import (
 )
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.studies.inputs import read_scene
+from pgmp_petsc.studies.inputs import coarser_parts, read_scene
 from pgmp_petsc.studies.simulate import simulate_full
 
 PAGE = "report.html"
-ROM, RUN, BETTER, FINER, MANY = "rom.h5", "run.h5", "better.h5", "finer.h5", "samples.h5"
+ROM, RUN, BETTER, MANY = "rom.h5", "run.h5", "better.h5", "samples.h5"
+FINER, COARSER = "finer.h5", "coarser.h5"  # of other meshes: lines are cut, parts of CAD are meshed anew
 
 
 @dataclass(frozen=True)
@@ -228,27 +229,46 @@ class _Job:
         self._step("compare", BETTER, known, make, self._headline_of_comparison)
 
     def refine(self) -> None:
-        """Run the full-order model on a mesh of twice the elements, where bodies are lines and that is affordable."""
+        """Run the better model on other meshes, for the mesh's share: lines with twice the elements, or parts of CAD
+        with larger cells; where these are all that deforms, and it is affordable."""
+        flexible = [name for name, body in self.scene.bodies.items() if body.flexible]
         lines = {name: mesh for name, mesh in self.meshes.items() if isinstance(mesh, LineMesh)}
-        cells = [name for name, body in self.scene.bodies.items() if body.flexible and name not in lines]
-        own = self._of(RUN if self.model == "full" else BETTER)
-        is_full = own in self.files and on_root(self.comm, lambda: Trajectory.read(own).model == "full")
-        if not self.flexible or cells or not is_full:
-            why = f"only lines are cut: {', '.join(cells)}; " if cells else "no run of the mesh to compare with; "
-            why = "no body deforms" if not self.flexible else f"{why}give the report a run with another mesh"
-            self._say("mesh", f"left out: {why}")
-            return
-        with agreed(self.comm, "preparing the finer mesh"):
-            model = FullModel(self.scene, dict(self.meshes) | {name: refined(mesh, 2) for name, mesh in lines.items()})
-            price = Price(step_seconds(model.kinematics.mechanism), self.n_steps)
+        solids = [name for name in flexible if name not in lines]
+        given = [name for name in solids if not self.scene.bodies[name].of_cad]
+        own = next((self._of(name) for name in (BETTER, RUN) if self._of(name) in self.files), None)
+        kind = None if own is None else on_root(self.comm, lambda: Trajectory.read(own).model)
+        if not flexible:
+            return self._say("mesh", "left out: no body deforms")
+        if given:
+            why = (
+                f"cells of a file are not cut: {', '.join(given)}; simulate with --override bodies.{given[0]}.mesh=FILE"
+            )
+            return self._say("mesh", f"left out: {why}, and give the report both runs")
+        if kind not in ("full", "components") or (not solids and kind == "components"):
+            return self._say("mesh", "left out: no run of the mesh to compare with")
+        name = COARSER if solids else FINER
+        if self._is_finished(name, ()):
+            return self._take("mesh", name, lambda path: headline_of_meshes(own, path), again=True)
+        if solids:
+            with doing("coarser mesh"):
+                others = coarser_parts(self.scene, self.comm)
+        else:
+            others = {name: refined(mesh, 2) for name, mesh in lines.items()}
+        meshes = dict(self.meshes) | others
+        if kind == "components":
+            model = component_model(self.scene, meshes, self.comm)
+        else:
+            with agreed(self.comm, "preparing the other mesh"):
+                model = FullModel(self.scene, meshes)
+        price = Price(step_seconds(model.kinematics.mechanism), self.n_steps)
         if price.seconds > (budget := self.scene.reference.budget):
             self._say("mesh", f"left out: it is predicted to take {price}, and reference.budget = {budget:g} s")
-            return
+            return None
 
         def make(target: Path, resume: bool) -> str:
             return self._run_full(model, target)
 
-        self._step("mesh", FINER, (), make, lambda path: headline_of_meshes(own, path))
+        return self._step("mesh", name, (), make, lambda path: headline_of_meshes(own, path))
 
     def _run_full(self, model: FullModel, target: Path) -> str:
         """Run a model on meshes, write the trajectory, and return why it stopped; empty where it did not."""
@@ -300,7 +320,7 @@ class _Job:
         known = (self._made_from(), n_samples, seed)
 
         def headline(path: Path) -> str:
-            return headline_of_ensemble(path, *(file for file in self.files if file.name in (RUN, BETTER, FINER)))
+            return headline_of_ensemble(path, *(file for file in self.files if file.name != ROM))
 
         self._step("ensemble", MANY, known, make, headline)
 

@@ -15,12 +15,14 @@ nodes                span the plane, or space
 ==================== ====================================================================================
 
 Of a body that is reduced already (Craig and Bampton) the stiffness is K_r of amplitudes, with the fields T
-(d n_nodes, m) behind them and the mass M of all nodes. With its eigenvalues lambda_i, kappa ten times the largest, and
-shapes ``phi_i`` in all nodes,
+(d n_nodes, m) behind them and the mass M of all nodes. Displacements are split by amplitudes L, ``L T = 1``,
 
-    K = kappa M - sum_i (kappa - lambda_i) M phi_i phi_i^T M
+    K = L^T K_r L + kappa Q^T M Q,    Q = 1 - T L,    L = (T^T S T)^-1 T^T S,
 
-has its energies, frequencies and rigid motions; what is M-orthogonal to T vibrates faster than the fastest of these.
+so that fields of T have their own energies, and what is left is held by a stiffness kappa. S is M, with nodes that
+joints and effects hold weighted by 1e4: what is left then does not move these where T can, so that it lends them no
+flexibility of its own. (With S = M it did, by a share of 1 / kappa: hinged frequencies were 2e-6 too low, and a
+larger kappa costs digits of the lowest ones, of which 1e7 times their eigenvalue leaves eight.)
 
 Whether K is positive, and whether anything but rigid motion is free, takes a factorisation: it is found out where
 bodies are condensed (`components.body_problem`).
@@ -37,6 +39,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, eigsh
 from pgmp_petsc.base.errors import InputError, shortened
 from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
+from pgmp_petsc.bodies.framed_solid import framed_solid
 from pgmp_petsc.bodies.linear_fields import linear_fields, rigid_motions
 from pgmp_petsc.mesh.matrix_files import in_order_of_nodes, read_matrix, read_nodes, read_rows
 from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE
@@ -67,7 +70,10 @@ def read_assembled(scene: Scene, name: str) -> Assembled:
         read = read_matrix(scene.path_of(getattr(given, kind)), received[kind], kind)
         if kind == "stiffness" and given.modes is not None:
             modes = read_matrix(scene.path_of(given.modes), received["modes"], "modes").matrix
-            matrix = of_all_nodes(read.matrix, modes, found["mass"] / mass, received)
+            at_rest = Assembled.of(nodes, file.labels, file.sets, file.mesh, found["mass"], found["mass"])
+            frames = framed_solid(scene, name, at_rest).frames.values()
+            held = np.unique([node for frame in frames for node in frame.nodes]).astype(int)
+            matrix = of_all_nodes(read.matrix, modes, found["mass"] / mass, held, d, received)
         else:
             matrix = in_order_of_nodes(read, rows, file, received[kind], received["nodes"])
         matrix.data = unit * np.asarray(matrix.data, dtype=float)
@@ -90,12 +96,18 @@ PENALTY = 1e30  # of Abaqus' 1e36 on the diagonal where displacements are prescr
 DENSE = 100  # nodes up to which all eigenvalues are as quick
 AXES = "xyz"
 MOST_REDUCED = 6000  # displacements of a reduced body, whose stiffness is full: 0.3 GB
-BEYOND = 10.0  # times the largest eigenvalue of a reduced body, at which the rest vibrates; more costs digits
+BEYOND = 1e7  # times the first elastic eigenvalue of a reduced body, at which the rest vibrates at least
+WEIGHT = 1e4  # of the mass of nodes that are held, where fields are told apart from the rest
 DEPENDENT = 1e-13  # smallest eigenvalue of the products of columns of size 1
 
 
 def of_all_nodes(
-    stiffness: sp.csr_matrix, modes: sp.csr_matrix, mass: sp.csr_matrix, received: dict[str, str]
+    stiffness: sp.csr_matrix,
+    modes: sp.csr_matrix,
+    mass: sp.csr_matrix,
+    held: np.ndarray,
+    d: int,
+    received: dict[str, str],
 ) -> sp.coo_matrix:
     """Return the stiffness of all nodes (d n_nodes, d n_nodes) that a reduced one (m, m) has: see the module.
 
@@ -103,6 +115,10 @@ def of_all_nodes(
     ----------
     stiffness, modes, mass
         Of amplitudes (m, m); the fields behind these (d n_nodes, m); of all nodes (d n_nodes, d n_nodes).
+    held
+        Nodes that joints and effects hold, shape (n,).
+    d
+        2 in the plane, 3 in space.
     received
         The scene's entries and their values.
 
@@ -121,17 +137,25 @@ def of_all_nodes(
             "with the mass lumped to them, or the matrices of all nodes without `modes`"
         )
     fields = modes.toarray()
-    momenta = mass @ fields
-    sizes = np.sqrt(np.einsum("im,im->m", fields, momenta))
-    gram = (fields.T @ momenta) / np.outer(sizes, sizes)
-    if not sizes.all() or np.linalg.eigvalsh(gram)[0] < DEPENDENT:
+    sizes = np.sqrt(np.einsum("im,im->m", fields, mass @ fields))
+    sizes[sizes == 0.0] = 1.0
+    fields /= sizes
+    gram = fields.T @ (mass @ fields)
+    if np.linalg.eigvalsh(gram)[0] < DEPENDENT:
         raise InputError(f"{received['modes']}: its columns depend on each other; each is to be a motion of its own")
     values, shapes = eigh(stiffness.toarray() / np.outer(sizes, sizes), gram)
-    shapes = fields / sizes @ shapes
+    shapes = fields @ shapes
     shapes = shapes @ (1.5 * np.eye(m) - 0.5 * shapes.T @ (mass @ shapes))  # once more, against round-off
     momenta = mass @ shapes
-    beyond = BEYOND * values[-1]
-    whole = beyond * mass.toarray() - (momenta * (beyond - values)) @ momenta.T
+    weights = np.ones(n)
+    weights[(d * held[:, None] + np.arange(d)).ravel()] = np.sqrt(WEIGHT)
+    weighted = weights[:, None] * (mass @ (weights[:, None] * shapes))
+    oblique = np.linalg.solve(shapes.T @ weighted, weighted.T) - momenta.T
+    oblique -= (oblique @ shapes) @ (oblique + momenta.T)  # that of a shape is 0, but for round-off
+    amplitudes = oblique + momenta.T
+    beyond = max(values[-1], BEYOND * values[min(d * (d + 1) // 2, m - 1)])
+    rest = mass.toarray() - momenta @ momenta.T + oblique.T @ oblique
+    whole = beyond * rest + (amplitudes.T * values) @ amplitudes
     return sp.coo_matrix(0.5 * (whole + whole.T))
 
 

@@ -314,12 +314,13 @@ def _beyond(scene: Scene) -> dict[str, str]:
     }
     if scene.second_order:
         texts["stiffness_lost"] = (
-            f"forces in the bodies change the stiffness of a mode by {{}} of it, beyond {share}: close to buckling or "
-            f"beyond it (-1), where geometric_stiffening, of first order in these forces, does not hold; {full}"
+            f"forces in the bodies change the stiffness of a mode by {{}} times itself, beyond {share}: close to "
+            "buckling or beyond it (-1), where geometric_stiffening, of first order in these forces, does not hold; "
+            f"{full}"
         )
         return texts
     cure = f"name it in [effects], with mode_inertia, and build again, or {full}"
-    what = "the effect geometric_stiffening, which the model leaves out, changes the stiffness of a mode by {} of it"
+    what = "geometric_stiffening, which the model leaves out, changes the stiffness of a mode by {} times itself"
     texts["stiffness_gained"] = f"{what}: {cure}"
     texts["stiffness_lost"] = f"{what} (-1 is buckling): {cure}"
     return texts

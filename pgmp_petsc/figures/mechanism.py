@@ -288,6 +288,7 @@ RINGS, DIRECTIONS = (14.0, 30.0, 50.0, 75.0, 105.0, 140.0, 180.0), 16
 MARGIN = 0.22  # of the mechanism's size, around it, for labels
 MOST_POINTS = 60  # names beyond are left out, which is said
 ON_LABEL, ON_LINE = 1000.0, 40.0  # what a place costs that hides another label, or a body
+MARK = 5.0  # half the size of a mark, points
 
 
 @dataclass
@@ -301,7 +302,8 @@ class _Label:
 
 @dataclass
 class _Hidden:
-    """Things that labels should not hide: points (n, 2) along bodies and leaders, boxes of labels; all in pixels."""
+    """Things that labels should not hide: points (n, 2) along bodies and leaders, and of marks, boxes of labels; all in
+    pixels."""
 
     lines: np.ndarray
     labels: list[Bbox]
@@ -314,7 +316,7 @@ class _Hidden:
         )
         shared = filter(None, (Bbox.intersection(box, other) for other in self.labels))
         cost = 1e6 * outside + ON_LABEL * sum(one.width * one.height for one in shared)
-        cost += ON_LINE * box.padded(2).count_contains(self.lines)
+        cost += ON_LINE * box.padded(6).count_contains(self.lines)
         return cost + ON_LINE * sum(other.count_contains(leader) for other in self.labels)
 
     def add(self, box: Bbox, leader: np.ndarray) -> None:
@@ -403,7 +405,9 @@ def _place_labels(
     axes: Axes, names: Sequence[tuple[str, np.ndarray, str]], labels: Sequence[_Label], shapes: Shapes
 ) -> None:
     """Write every label at the place, of those around its point, where it hides least."""
-    hidden = _Hidden(_pixels(axes, shapes), [], axes.get_window_extent())
+    across = np.indices((3, 3)).reshape(2, -1).T - 1.0
+    marks = [axes.transData.transform(label.place) + MARK * axes.figure.dpi / 72.0 * across for label in labels]
+    hidden = _Hidden(np.concatenate([_pixels(axes, shapes), *marks]), [], axes.get_window_extent())
     for name, place, colour in names:
         _write(axes, place, name, {"color": colour, "weight": "bold", "fontsize": 10.0}, hidden)
     for label in sorted(labels, key=lambda label: not label.joints):
@@ -454,7 +458,7 @@ def _leader(note: Annotation, offset: tuple[float, float]) -> np.ndarray:
 
 def _pixels(axes: Axes, shapes: Shapes) -> np.ndarray:
     """Return points along all bodies, (n, 2), pixels."""
-    shares = np.linspace(0.0, 1.0, 7)[:, None]
+    shares = np.linspace(0.0, 1.0, 13)[:, None]
     found = [np.zeros((0, 2))]
     for body, cells in shapes.frames.cells.items():
         points = shapes.positions[body][0]

@@ -16,19 +16,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.effects.action import BY_LOAD, LED, amplitudes_over
 from pgmp_petsc.effects.law import differentiate, obey
+from pgmp_petsc.full.part_reference import Reference, loaded
 from pgmp_petsc.gradients.differences import CENTRAL
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import empty_lanes
+from pgmp_petsc.lanes.lane_items import aligned
 from pgmp_petsc.lanes.vectors import LANES, add, load, same_in_all_lanes, spread, store
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.reduced.action_frames import KeptPlaces, place_nodes
-from pgmp_petsc.reduced.action_kernel import LEADING, MEASURE, RATE, allocate_local, measure
+from pgmp_petsc.reduced.action_kernel import LEADING, MEASURE, RATE, LocalEffects, LocalWork, measure
 from pgmp_petsc.stepping.second_order_system import State
 
 DIFFERENCE = 1e-8  # in rad, and of flexible coordinates in units of the mechanism's size or of 1 rad
@@ -64,6 +66,7 @@ class LocalDerivatives:
         of_sample = {name: np.array([value]) for name, value in values.items()}
         self._local = model.actions.of_samples(of_sample, 1)
         weights = model.actions.weights
+        self._room = Reference(_Room.of(self._local, len(self._terms.grid), self._terms.layout.n_eta))
         self._weights = same_in_all_lanes(evaluate_weights(weights, values))
         places = {place.name: place for weight in weights for place, _ in weight.places}
         # weights beside those of a length, by its number: how far these are (m), and the factors of differences
@@ -114,7 +117,7 @@ class LocalDerivatives:
             by_v += pushes[:, number, None, None] * gradient[:, number, :, None] * gradient[:, number - 1, None]
         by_q += np.matmul(across * stiffness[:, None], leading)
         _bend(
-            self._local, self._weights, self._terms.grid, DIFFERENCE / self._terms.scale,
+            self._local, self._weights, self._terms.grid, self._room, DIFFERENCE / self._terms.scale,
             np.ascontiguousarray(states.q), np.ascontiguousarray(states.v), measured, pushes, by_q,
         )  # fmt: skip
         for number, beside in self._beside.items():
@@ -170,10 +173,35 @@ class LocalDerivatives:
         depths = np.empty((n_t, len(self._edges)))
         strengths = np.ascontiguousarray(amplitudes_over(self._actions, times))
         _measure(
-            self._local, weights, self._terms.grid, strengths, np.ascontiguousarray(q), np.ascontiguousarray(v),
-            self._addresses, gradients, measured, slopes, depths,
+            self._local, weights, self._terms.grid, self._room, strengths, np.ascontiguousarray(q),
+            np.ascontiguousarray(v), self._addresses, gradients, measured, slopes, depths,
         )  # fmt: skip
         return gradients, measured, slopes, depths
+
+
+class _Room(NamedTuple):
+    """What the compiled functions below work with, arrays of vectors (n, LANES)."""
+
+    work: LocalWork
+    #: rigid, shapes: polynomials of places in the cells of the instants
+    rigid: np.ndarray
+    shapes: np.ndarray
+    cells: np.ndarray  # numbers of these, 2
+    #: q, v, total: coordinates, velocities and what forces come to, n_eta each
+    q: np.ndarray
+    v: np.ndarray
+    total: np.ndarray
+    straight: np.ndarray  # gradients of all actions
+    laws: np.ndarray  # force, damping and push of every action
+    leading: np.ndarray  # of the action before, 1
+
+    @classmethod
+    def of(cls, local: LocalEffects, r: int, n: int) -> _Room:
+        """Return room for local effects in r rigid and n coordinates in all."""
+        rigid, shapes = (places.polynomials.shape[2] for places in (local.places.rigid, local.places.shapes))
+        n_actions = local.actions.roles.size
+        sizes = rigid, shapes, 2, n, n, n, n_actions * n, 3 * n_actions, 1
+        return cls(LocalWork.of(local, r, n), *(aligned((size, LANES)) for size in sizes))
 
 
 def _summed(forces: np.ndarray, gradients: np.ndarray) -> np.ndarray:
@@ -181,19 +209,14 @@ def _summed(forces: np.ndarray, gradients: np.ndarray) -> np.ndarray:
     return np.matmul(forces[:, None], gradients)[:, 0]
 
 
-@njit(error_model="numpy", forceinline=True)
-def _places_kept(local, weights):
+@njit(error_model="numpy", forceinline=True, counted=False)
+def _places_kept(room, weights):
     """Return room for the polynomials of places, of no cell yet."""
-    places = local.places
-    kept = KeptPlaces(
-        empty_lanes(2, LANES), weights, empty_lanes(places.rigid.polynomials.shape[2], LANES),
-        empty_lanes(places.shapes.polynomials.shape[2], LANES),
-    )  # fmt: skip
-    kept.cells[:] = -1.0
-    return kept
+    room.cells[:] = -1.0
+    return KeptPlaces(room.cells, weights, room.rigid, room.shapes)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True, counted=False)
 def _take(q, first, of_q):
     """Take the rows (n_t, n_eta) of LANES instants from one on; where there are none left, the last one again."""
     for lane in range(LANES):
@@ -202,8 +225,8 @@ def _take(q, first, of_q):
             of_q[i, lane] = q[t, i]
 
 
-@njit(cache=True, entry=True, error_model="numpy")
-def _measure(local, weights, grid, strengths, q, v, addresses, gradients, measured, slopes, depths):
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def _measure(local, weights, grid, room, strengths, q, v, addresses, gradients, measured, slopes, depths):
     """Measure all actions in states (n_t, n_eta), LANES of them at once.
 
     Weights are those of the terms of the places, vectors (n_terms, LANES); strengths are (n_t, n_actions); addresses
@@ -212,8 +235,7 @@ def _measure(local, weights, grid, strengths, q, v, addresses, gradients, measur
     places, actions = local.places, local.actions
     n_t, n = q.shape
     d, n_actions, r = actions.statements.axes.shape[2], actions.roles.size, len(grid)
-    work, kept = allocate_local(local, r, n), _places_kept(local, weights)
-    of_q, of_v = empty_lanes(n, LANES), empty_lanes(n, LANES)
+    work, kept, of_q, of_v = loaded(room.work), _places_kept(room, weights), room.q, room.v
     for first in range(0, n_t, LANES):
         _take(q, first, of_q)
         _take(v, first, of_v)
@@ -240,8 +262,8 @@ def _measure(local, weights, grid, strengths, q, v, addresses, gradients, measur
                     gradients[t, action, i] = work.projected[i, lane]
 
 
-@njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"})
-def _bend(local, weights, grid, steps, q, v, measured, pushes, by_q):
+@njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"}, counted=False)
+def _bend(local, weights, grid, room, steps, q, v, measured, pushes, by_q):
     """Add ``c g (H eta')^T - F H`` to `by_q` (n_t, n_eta, n_eta), with differences over steps (n_eta,) for H; pushes
     (n_t, n_actions) are damping by the rate of the action before.
 
@@ -251,10 +273,8 @@ def _bend(local, weights, grid, steps, q, v, measured, pushes, by_q):
     places = local.places
     n_t, n = q.shape
     d, n_actions, r = local.actions.statements.axes.shape[2], local.actions.roles.size, len(grid)
-    work, kept = allocate_local(local, r, n), _places_kept(local, weights)
-    of_q, of_v, total = empty_lanes(n, LANES), empty_lanes(n, LANES), empty_lanes(n, LANES)
-    straight, laws = empty_lanes(n_actions * n, LANES), empty_lanes(3 * n_actions, LANES)
-    roles, leading = local.actions.roles, empty_lanes(1, LANES)
+    work, kept, of_q, of_v = loaded(room.work), _places_kept(room, weights), room.q, room.v
+    total, straight, laws, leading, roles = room.total, room.straight, room.laws, room.leading, local.actions.roles
     for first in range(0, n_t, LANES):
         _take(q, first, of_q)
         _take(v, first, of_v)

@@ -54,7 +54,7 @@ class CadPart:
     inertia: np.ndarray  # about the centre at a density of 1, shape (3, 3), m5
 
 
-def read_part(path: Path, received: str, unit: float, size: float | None = None) -> CadPart:
+def read_part(path: Path, received: str, unit: float, size: float | None = None, coarser: float = 1.0) -> CadPart:
     """Return the part of a STEP file.
 
     Parameters
@@ -67,6 +67,8 @@ def read_part(path: Path, received: str, unit: float, size: float | None = None)
         How many m the unit of length is that the part is wanted in.
     size
         The largest size of a cell, in that unit; by the thickness of the walls where it is not given.
+    coarser
+        How many times as large cells are to be made.
 
     Raises
     ------
@@ -78,16 +80,16 @@ def read_part(path: Path, received: str, unit: float, size: float | None = None)
     if not content.lstrip().startswith(b"ISO-10303-21"):
         raise InputError(f"{received}: this is no STEP file, which begins with ISO-10303-21; export the part anew")
     asked = 0.0 if size is None else size * unit / MILLIMETRE
-    found = _by_gmsh(sha256(content).hexdigest(), path, asked)
+    found = _by_gmsh(sha256(content).hexdigest(), path, asked, coarser)
     if isinstance(found, str):
         raise InputError(f"{received}: {found}")
     return _part(found, received, MILLIMETRE / unit)
 
 
 @lru_cache(maxsize=KEPT)
-def _by_gmsh(content: str, path: Path, size: float) -> dict[str, np.ndarray] | str:
+def _by_gmsh(content: str, path: Path, size: float, coarser: float) -> dict[str, np.ndarray] | str:
     """Return what gmsh makes of a file with a digest, or why there is nothing; `size` in mm."""
-    return made_by(PROGRAM, (path.resolve(), size), LONGEST)
+    return made_by(PROGRAM, (path.resolve(), size, coarser), LONGEST)
 
 
 def _part(found: dict[str, np.ndarray], received: str, scale: float) -> CadPart:

@@ -1,11 +1,12 @@
 """A program of its own: gmsh meshes the solid of a STEP file with tetra10. It imports nothing of the package.
 
-    python -P part_by_gmsh.py PART.step SIZE MESH.npz
+    python -P part_by_gmsh.py PART.step SIZE COARSER MESH.npz
 
 SIZE is the largest size of a cell in mm, or 0 for one that follows from the thickness of the walls: rays from a coarse
 mesh of each face go into the solid, the 20 % quantile of their lengths is the thickness at the face, and cells are
-between a half and the whole of it, the smaller the fewer they are altogether. MESH.npz has lengths in mm; a part that
-is refused has the array ``refused`` alone. gmsh and OpenCASCADE end a process now and then, which is why it is one.
+between a half and the whole of it, the smaller the fewer they are altogether. All of them are COARSER times as large in
+the end. MESH.npz has lengths in mm; a part that is refused has the array ``refused`` alone. gmsh and OpenCASCADE end a
+process now and then, which is why it is one.
 """
 
 from __future__ import annotations
@@ -123,8 +124,8 @@ def thickness(extent: float) -> dict[int, float]:
     return found
 
 
-def made(size: float, extent: float, solid: int) -> None:
-    """Mesh a solid with cells of a size, in mm, or by its walls."""
+def made(size: float, coarser: float, extent: float, solid: int) -> None:
+    """Mesh a solid with cells of a size, in mm, or by its walls; or with cells so many times as large."""
     walls = {tag: size for _, tag in gmsh.model.getEntities(2)} if size else thickness(extent)
     share = set_sizes(walls, size, extent, solid, 0.0 if size else 0.5)
     meshed(size)
@@ -132,6 +133,10 @@ def made(size: float, extent: float, solid: int) -> None:
     if not size and share < 1.0 and n > MOST_WANTED:
         gmsh.model.mesh.clear()
         set_sizes(walls, size, extent, solid, min(1.0, share * (n / MOST_WANTED) ** (1.0 / 3.0)))
+        meshed(size)
+    if coarser != 1.0:
+        gmsh.model.mesh.clear()
+        gmsh.option.setNumber("Mesh.MeshSizeFactor", coarser)
         meshed(size)
 
 
@@ -239,12 +244,12 @@ def cylinders(faces: dict[int, np.ndarray], nodes: np.ndarray, outward: dict[int
     return sorted(whole, key=lambda one: (-round(one[1] / extent, 6), *np.round(one[3] / extent, 6)))
 
 
-def main(path: str, size: float, output: str) -> None:
+def main(path: str, size: float, coarser: float, output: str) -> None:
     """Mesh a part; see the module."""
     solid = opened(path)
     box = np.reshape(gmsh.model.getBoundingBox(3, solid), (2, 3))
     extent = float(np.max(box[1] - box[0]))
-    made(size, extent, solid)
+    made(size, coarser, extent, solid)
     tags, places, _ = gmsh.model.mesh.getNodes()
     number = np.zeros(int(tags.max()) + 1, dtype=int)
     cells = gmsh.model.mesh.getElementsByType(11)[1].astype(int).reshape(-1, 10)[:, [*range(8), 9, 8]]
@@ -285,13 +290,13 @@ def outward_normals(nodes: np.ndarray, cells: np.ndarray, faces: dict[int, np.nd
 
 if __name__ == "__main__":
     if MISSING:
-        np.savez(sys.argv[3], refused=np.array(MISSING))
+        np.savez(sys.argv[4], refused=np.array(MISSING))
         sys.exit()
     gmsh.initialize(sys.argv[:1])
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("General.NumThreads", 1)
     try:
-        main(sys.argv[1], float(sys.argv[2]), sys.argv[3])
+        main(sys.argv[1], *map(float, sys.argv[2:4]), sys.argv[4])
     except Refused as refused:
-        np.savez(sys.argv[3], refused=np.array(str(refused)))
+        np.savez(sys.argv[4], refused=np.array(str(refused)))
     gmsh.finalize()

@@ -22,7 +22,7 @@ from numba import types
 from pgmp_petsc.effects.action import BY_LOAD, LEADS, LED, Actions
 from pgmp_petsc.effects.law import obey
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items
+from pgmp_petsc.lanes.lane_items import WIDE, aligned, items
 from pgmp_petsc.lanes.vectors import LANES, N_POWERS, add, aligned_zeros, differing, load, spread, store
 from pgmp_petsc.mechanism.node_statements import is_itself, through_function
 from pgmp_petsc.mechanism.statements import evaluate
@@ -82,45 +82,29 @@ class LocalWork(NamedTuple):
     rubbing: np.ndarray
     felt: np.ndarray  # by the nodes' frames, (n_nodes, n_frame)
 
+    @classmethod
+    def of(cls, local: LocalEffects, r: int, n_eta: int) -> LocalWork:
+        """Return arrays of any numbers; with one in place of n_eta those for rates in place of Jacobians
+        (`place_nodes`)."""
+        d, n_nodes = local.actions.statements.axes.shape[2], local.places.n_nodes
+        n_frame, n_dofs = d * (d + 1), d * (d + 1) // 2
+        n_rigid = local.places.rigid.polynomials.shape[2] // N_POWERS**r
+        n, n_rubbing = 2 * n_frame, int(np.sum(local.actions.laws.taken_up))
+        of_frames = (
+            (r,), (n_rigid,), (r * n_rigid,), (n_nodes, n_dofs), (n_dofs, n_eta), (3, 3), (3,), (n_nodes, n_frame),
+            (n_nodes, n_frame, n_eta),
+        )  # fmt: skip
+        own = (
+            (n,), (n,), (n,), (n, n), (n, n_eta), (3,), (n_eta,), (n_eta,), (n_eta,), (LEADING + 1,),
+            (n_rubbing, n_eta + 5), (n_nodes, n_frame),
+        )  # fmt: skip
+        frames = Frames(*(aligned((*shape, LANES)) for shape in of_frames))
+        return cls(frames, *(aligned((*shape, LANES)) for shape in own))
+
 
 #: Rows of `LocalWork.measured`: the measure that the law is of and its rate, the force and its derivatives, and the
 #: rate of what it acts along, and of what the last action measured that is of its own.
 MEASURE, RATE, STRENGTH, STIFFNESS, DAMPING, ALONG, LEADING = range(7)
-
-
-@njit(error_model="numpy", forceinline=True)
-def allocate_local(local, r, n_eta):
-    """Return work arrays; with one in place of n_eta those for rates in place of Jacobians (`place_nodes`)."""
-    d, n_nodes = local.actions.statements.axes.shape[2], local.places.n_nodes
-    n_frame, n_dofs = d * (d + 1), d * (d + 1) // 2
-    n_rigid = local.places.rigid.polynomials.shape[2] // N_POWERS**r
-    n, n_rubbing = 2 * n_frame, np.sum(local.actions.laws.taken_up)
-    frames = Frames(
-        empty_lanes(r, LANES),
-        empty_lanes(n_rigid, LANES),
-        empty_lanes(r * n_rigid, LANES),
-        empty_lanes(n_nodes * n_dofs, LANES).reshape((n_nodes, n_dofs, LANES)),
-        empty_lanes(n_dofs * n_eta, LANES).reshape((n_dofs, n_eta, LANES)),
-        empty_lanes(9, LANES).reshape((3, 3, LANES)),
-        empty_lanes(3, LANES),
-        empty_lanes(n_nodes * n_frame, LANES).reshape((n_nodes, n_frame, LANES)),
-        empty_lanes(n_nodes * n_frame * n_eta, LANES).reshape((n_nodes, n_frame, n_eta, LANES)),
-    )
-    return LocalWork(
-        frames,
-        empty_lanes(n, LANES),
-        empty_lanes(n, LANES),
-        empty_lanes(n, LANES),
-        empty_lanes(n * n, LANES).reshape((n, n, LANES)),
-        empty_lanes(n * n_eta, LANES).reshape((n, n_eta, LANES)),
-        empty_lanes(3, LANES),
-        empty_lanes(n_eta, LANES),
-        empty_lanes(n_eta, LANES),
-        empty_lanes(n_eta, LANES),
-        empty_lanes(LEADING + 1, LANES),
-        empty_lanes(n_rubbing * (n_eta + 5), LANES).reshape((n_rubbing, n_eta + 5, LANES)),
-        empty_lanes(n_nodes * n_frame, LANES).reshape((n_nodes, n_frame, LANES)),
-    )
 
 
 @njit(cache=True, apart=True, error_model="numpy", counted=False)

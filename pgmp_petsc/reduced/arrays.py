@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import empty_lanes
+from pgmp_petsc.lanes.lane_items import aligned
 from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.reduced.action_frames import KeptPlaces
-from pgmp_petsc.reduced.action_kernel import Acting, LocalEffects
+from pgmp_petsc.reduced.action_kernel import Acting, LocalEffects, LocalWork
 from pgmp_petsc.reduced.cells import Cells, Grid
 
 
@@ -78,6 +78,17 @@ class Work(NamedTuple):
     along: np.ndarray
     across: np.ndarray
     place: np.ndarray  # in the cells, n_theta, rad
+
+    @classmethod
+    def of(cls, layout: Layout) -> Work:
+        """Return arrays for a layout, of any numbers."""
+        r, n, n_load = len(layout.rigid), layout.n_eta, layout.load_end
+        m = n - r
+        sizes = (
+            n, n, n, n, n, n, layout.n_rigid, r * layout.n_rigid, n_load, r * n_load, r * n, r * n, r * m,
+            m * (m + 1) // 2, max(r, m), max(r, m), r,
+        )  # fmt: skip
+        return cls(*(aligned((size, LANES)) for size in sizes))
 
 
 class Matrix(NamedTuple):
@@ -168,30 +179,20 @@ class Strengths(NamedTuple):
     motions: np.ndarray
 
 
-@njit(error_model="numpy", forceinline=True)
-def allocate(layout):
-    """Return work arrays of one block."""
-    r, n = len(layout.rigid), layout.n_eta
-    m = n - r
-    return Work(
-        empty_lanes(n, LANES),
-        empty_lanes(n, LANES),
-        empty_lanes(n, LANES),
-        empty_lanes(n, LANES),
-        empty_lanes(n, LANES),
-        empty_lanes(n, LANES),
-        empty_lanes(layout_n_rigid(r), LANES),
-        empty_lanes(r * layout_n_rigid(r), LANES),
-        empty_lanes(layout.load_end, LANES),
-        empty_lanes(r * layout.load_end, LANES),
-        empty_lanes(r * n, LANES),
-        empty_lanes(r * n, LANES),
-        empty_lanes(r * m, LANES),
-        empty_lanes(m * (m + 1) // 2, LANES),
-        empty_lanes(max(r, m), LANES),
-        empty_lanes(max(r, m), LANES),
-        empty_lanes(r, LANES),
-    )
+class Room(NamedTuple):
+    """What the kernels work with, one block of samples at a time."""
+
+    work: Work
+    #: local, rates: of local effects, and of their rates alone
+    local: LocalWork
+    rates: LocalWork
+
+    @classmethod
+    def of(cls, equations: Equations) -> Room:
+        """Return room for equations."""
+        layout, local = equations.layout, equations.local
+        r = len(equations.grid)
+        return cls(Work.of(layout), LocalWork.of(local, r, layout.n_eta), LocalWork.of(local, r, 1))
 
 
 @njit(inline="always")

@@ -299,11 +299,13 @@ def sample_states(
 
 
 @njit(cache=True, apart=True, error_model="numpy", fastmath={"contract"}, counted=False)
-def accelerate_lanes(equations, memory, block, strengths, state, lanes, work, local):
+def accelerate_lanes(equations, memory, room, block, strengths, state, lanes):
     """Give some lanes the accelerations that the equations have where forces jump; the next step begins with these.
 
-    `state` are the vectors of the block, `strengths` what acts on the lanes now; `work` is at their place.
+    `state` are the vectors of the block, `strengths` what acts on the lanes now; the room's
+    `work` is at their place.
     """
+    work, local = room.work, room.local
     n, none = equations.layout.n_eta, spread(0.0)
     for i in range(n):
         store(work.q, i, load(state[0], i))
@@ -314,7 +316,7 @@ def accelerate_lanes(equations, memory, block, strengths, state, lanes, work, lo
         memory.samples[block], lanes, none, np.bool_(True), np.bool_(False), local, places_of(memory, block),
         acting_of(memory, block), memory.known, memory.depths,
     )  # fmt: skip
-    correct_block(equations, memory, block, strengths.loads, (none, spread(LARGE)), np.bool_(True), work)
+    correct_block(equations, memory, room, block, strengths.loads, (none, spread(LARGE)), np.bool_(True))
     for i in range(n):
         now, then = load(state[2], i), -LARGE * load(work.balance, i)
         if i < len(equations.layout.rigid) and equations.prescribed[i]:

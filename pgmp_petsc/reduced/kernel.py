@@ -11,9 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import empty_lanes
 from pgmp_petsc.lanes.vectors import (
     EVERY_LANE,
     LANES,
@@ -32,8 +30,8 @@ from pgmp_petsc.lanes.vectors import (
     spread,
     store,
 )
-from pgmp_petsc.reduced.action_kernel import act, add_tangents, allocate_local, load_nodes
-from pgmp_petsc.reduced.arrays import acting_of, allocate, layout_n_rigid, matrix_of, pair, places_of
+from pgmp_petsc.reduced.action_kernel import act, add_tangents, load_nodes
+from pgmp_petsc.reduced.arrays import acting_of, layout_n_rigid, matrix_of, pair, places_of
 from pgmp_petsc.reduced.bordered import eliminate, solve
 from pgmp_petsc.reduced.cells import locate_all, place_of, refill
 from pgmp_petsc.reduced.lagrangian import evaluate
@@ -84,13 +82,13 @@ def interpolate(equations, memory, block, amplitudes, work):
                     store(work.load_slope, k * layout.load_end + entry, total[k])
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
-def evaluate_block(equations, memory, block, amplitudes, gains, fresh, work):
-    """Evaluate residual and, if `fresh`, iteration matrix at ``work.q``, ``work.rate`` and ``work.acceleration``.
+@njit(cache=True, apart=True, error_model="numpy", fastmath={"contract"}, counted=False)
+def evaluate_block(equations, memory, room, block, amplitudes, gains, fresh):
+    """Evaluate residual and, if `fresh`, iteration matrix at q, rate and acceleration of ``room.work``.
 
     Lanes have `amplitudes` of loads (n_effects, LANES) and a vector of each of the two `gains` of their own.
     """
-    layout = equations.layout
+    work, layout = room.work, equations.layout
     r, n = len(layout.rigid), layout.n_eta
     gain_v, gain_a = gains
     interpolate(equations, memory, block, amplitudes, work)
@@ -113,13 +111,12 @@ def evaluate_block(equations, memory, block, amplitudes, gains, fresh, work):
             add_tangents(acting.tangent, r, matrix)
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
-def correct_block(equations, memory, block, amplitudes, gains, fresh, work):
-    """Replace ``work.balance`` of a block by its Newton correction; see `evaluate_block`."""
-    layout = equations.layout
-    r, n = len(layout.rigid), layout.n_eta
-    evaluate_block(equations, memory, block, amplitudes, gains, fresh, work)
-    matrix = matrix_of(memory, block)
+@njit(cache=True, apart=True, error_model="numpy", fastmath={"contract"}, counted=False)
+def correct_block(equations, memory, room, block, amplitudes, gains, fresh):
+    """Replace ``room.work.balance`` of a block by its Newton correction; see `evaluate_block`."""
+    evaluate_block(equations, memory, room, block, amplitudes, gains, fresh)
+    matrix, work = matrix_of(memory, block), room.work
+    r, n = len(equations.layout.rigid), equations.layout.n_eta
     for k in range(n):
         if equations.prescribed[k]:
             store(work.balance, k, spread(0.0))
@@ -193,8 +190,8 @@ def take_up(state, samples, work):
     gather(state[2], samples, work.acceleration)
 
 
-@njit(cache=True, entry=True, error_model="numpy")
-def correct(equations, memory, strengths, state, gains, active, fresh, size):
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def correct(equations, memory, room, strengths, state, gains, active, fresh, size):
     """Do one Newton correction of some samples in place.
 
     Parameters
@@ -212,15 +209,13 @@ def correct(equations, memory, strengths, state, gains, active, fresh, size):
     size
         Result: size of the correction, 0 where there is none, (n_blocks, LANES).
     """
-    equations, memory = loaded(equations), loaded(memory)
-    gain_v, gain_a = spread(gains[0]), spread(gains[1])
-    work = allocate(equations.layout)
+    gain_v, gain_a, work = spread(gains[0]), spread(gains[1]), room.work
     for block in range(active.size):
         store(size, block, spread(0.0))
         if active[block] == 0:
             continue
         take_up(state, memory.samples[block], work)
-        correct_block(equations, memory, block, strengths.loads, (gain_v, gain_a), fresh, work)
+        correct_block(equations, memory, room, block, strengths.loads, (gain_v, gain_a), fresh)
         found = follow_correction(equations, (gain_v, gain_a), EVERY_LANE, work)
         scatter(work.q, memory.samples[block], active[block], state[0])
         scatter(work.rate, memory.samples[block], active[block], state[1])
@@ -228,8 +223,8 @@ def correct(equations, memory, strengths, state, gains, active, fresh, size):
         store(size, block, blend(active[block], found, spread(0.0)))
 
 
-@njit(cache=True, entry=True, error_model="numpy")
-def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, known):
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def act_on(equations, memory, room, amplitudes, trail, active, gain_v, with_tangent, known):
     """Evaluate the local effects on some samples at several instants, the last of which stays in the memory.
 
     Parameters
@@ -247,9 +242,7 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
     known
         Result: as of `act`, shape (n_t, n_samples, 3, n_actions).
     """
-    equations, memory = loaded(equations), loaded(memory)
-    work, n_actions = allocate(equations.layout), amplitudes.shape[2]
-    local = allocate_local(equations.local, len(equations.grid), equations.layout.n_eta)
+    work, local, n_actions = room.work, room.local, amplitudes.shape[2]
     for block in range(active.size):
         if active[block] == 0:
             continue
@@ -269,13 +262,11 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
                             known[instant, samples[lane], row, k] = memory.known[samples[lane], row, k]
 
 
-@njit(cache=True, entry=True, error_model="numpy")
-def load_on(equations, memory, amplitudes, trail, loads):
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def load_on(equations, memory, room, amplitudes, trail, loads):
     """Fill what local effects do to their nodes in all samples at several instants, vectors (n_t, n_blocks, n_nodes,
     n_dofs, LANES); see `load_nodes` and `act_on`."""
-    equations, memory = loaded(equations), loaded(memory)
-    n, local = equations.layout.n_eta, equations.local
-    q, v, work = empty_lanes(n, LANES), empty_lanes(n, LANES), allocate_local(local, len(equations.grid), 1)
+    local, q, v, work = equations.local, room.work.q, room.work.rate, room.rates
     for block in range(amplitudes.shape[1]):
         for instant in range(trail.shape[0]):
             gather(trail[instant, 0], memory.samples[block], q)
@@ -286,28 +277,26 @@ def load_on(equations, memory, amplitudes, trail, loads):
             )  # fmt: skip
 
 
-@njit(cache=True, entry=True, error_model="numpy")
-def evaluate_residual(equations, memory, loads, state, result):
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def evaluate_residual(equations, memory, room, loads, state, result):
     """Evaluate the residual of every sample, (n_samples, n_eta); of prescribed coordinates it is the driving force.
 
     Lanes have amplitudes of loads of their own, (n_blocks, n_effects, LANES). Local effects are as they were evaluated
     last.
     """
-    equations, memory = loaded(equations), loaded(memory)
-    work = allocate(equations.layout)
+    work = room.work
     for block in range(memory.cells.shape[0]):
         take_up(state, memory.samples[block], work)
-        evaluate_block(equations, memory, block, loads[block], (spread(0.0), spread(0.0)), np.bool_(False), work)
+        evaluate_block(equations, memory, room, block, loads[block], (spread(0.0), spread(0.0)), np.bool_(False))
         # lanes behind the last sample have no local effects
         count = min(LANES, result.shape[0] - block * LANES)
         scatter(work.balance, memory.samples[block], (1 << count) - 1, result)
 
 
-@njit(cache=True, entry=True, error_model="numpy")
-def fill_matrices(equations, memory, strengths, state, gain_a):
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def fill_matrices(equations, memory, room, strengths, state, gain_a):
     """Fill the iteration matrices of ``memory.matrix``, not factorised and without gain of the velocities."""
-    equations, memory = loaded(equations), loaded(memory)
-    work = allocate(equations.layout)
+    gains = spread(0.0), spread(gain_a)
     for block in range(memory.cells.shape[0]):
-        take_up(state, memory.samples[block], work)
-        evaluate_block(equations, memory, block, strengths.loads, (spread(0.0), spread(gain_a)), np.bool_(True), work)
+        take_up(state, memory.samples[block], room.work)
+        evaluate_block(equations, memory, room, block, strengths.loads, gains, np.bool_(True))

@@ -17,9 +17,8 @@ import numpy as np
 
 from pgmp_petsc.effects.law import rubs
 from pgmp_petsc.effects.time_function import evaluate
-from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import empty_lanes
+from pgmp_petsc.lanes.lane_items import aligned
 from pgmp_petsc.lanes.vectors import (
     EVERY_LANE,
     LANES,
@@ -31,8 +30,8 @@ from pgmp_petsc.lanes.vectors import (
     spread,
     store,
 )
-from pgmp_petsc.reduced.action_kernel import act, allocate_local, bent_lanes, forget_rates, limited_lanes
-from pgmp_petsc.reduced.arrays import Strengths, acting_of, allocate, places_of
+from pgmp_petsc.reduced.action_kernel import act, bent_lanes, forget_rates, limited_lanes
+from pgmp_petsc.reduced.arrays import Strengths, acting_of, places_of
 from pgmp_petsc.reduced.control import (
     accelerate_lanes,
     act_of_states,
@@ -59,7 +58,6 @@ from pgmp_petsc.stepping.edge_search import (
     REST,
     WHOLE,
     EdgeSearch,
-    allocate_search,
     begin_step,
     give_up,
     in_search,
@@ -76,37 +74,26 @@ class Clocks(NamedTuple):
     pace: np.ndarray
     strengths: Strengths  # what acts at its end
     search: EdgeSearch  # of the edges of laws
-    #: state at the beginning of a step in which edges are searched, as `reduced_steps.advance` takes it
+    #: state, kept: state of the block as `advance` takes it, and at the beginning of a step in which edges are searched
+    state: tuple[np.ndarray, ...]
     kept: tuple[np.ndarray, ...]
     rows: np.ndarray  # of the trail, the next one to be filled, (LANES,)
 
+    @classmethod
+    def of(cls, n: int, n_beside: int, strengths: Strengths, n_events: int) -> Clocks:
+        """Return those of a block of n coordinates and numbers beside; they show nothing yet."""
+        sizes = n, n, n, n, n, 1, n_beside
+        return cls(
+            aligned((GAIN_A + 1, LANES)),
+            Strengths(*(aligned((part.shape[1], LANES)) for part in strengths)),
+            EdgeSearch.of(n_events),
+            tuple(aligned((size, LANES)) for size in sizes),
+            tuple(aligned((size, LANES)) for size in sizes),
+            np.empty(LANES, dtype=np.int64),
+        )
+
 
 STEP, GAIN_V, GAIN_A = range(3)  # rows of a pace
-
-
-@njit(error_model="numpy", forceinline=True)
-def allocate_clocks(n, n_beside, strengths, n_events):
-    """Return those of a block of n coordinates and numbers beside, as long as they show nothing."""
-    return Clocks(
-        empty_lanes(GAIN_A + 1, LANES),
-        Strengths(
-            empty_lanes(strengths.loads.shape[1], LANES),
-            empty_lanes(strengths.actions.shape[1], LANES),
-            empty_lanes(strengths.motions.shape[1], LANES),
-        ),
-        allocate_search(n_events),
-        allocate_state(n, n_beside),
-        np.empty(LANES, dtype=np.int64),
-    )
-
-
-@njit(error_model="numpy", forceinline=True)
-def allocate_state(n, n_beside):
-    """Return vectors for a state as `reduced_steps.advance` takes it."""
-    return (
-        empty_lanes(n, LANES), empty_lanes(n, LANES), empty_lanes(n, LANES), empty_lanes(n, LANES),
-        empty_lanes(n, LANES), empty_lanes(1, LANES), empty_lanes(n_beside, LANES),
-    )  # fmt: skip
 
 
 @njit(inline="always")
@@ -203,8 +190,10 @@ class Progress(NamedTuple):
     precise: bool  # whether iterations go on as far as those of runs whose differences are taken
 
 
-@njit(cache=True, entry=True, error_model="numpy")
-def advance(equations, memory, strengths, functions, scheme, steps, state, bounds, lanes, progress, control):
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def advance(
+    equations, memory, room, clocks, strengths, functions, scheme, steps, state, bounds, lanes, progress, control
+):  # fmt: skip
     """Take some samples through several equal steps, each until it is done or something happens to it.
 
     A lane goes from step to step by itself: where one searches the edge of a law within a step, others go on.
@@ -232,32 +221,26 @@ def advance(equations, memory, strengths, functions, scheme, steps, state, bound
     control
         The controllers, a reference to `control.Control`.
     """
-    equations, memory = loaded(equations), loaded(memory)
-    n = equations.layout.n_eta
-    work = allocate(equations.layout)
-    local = allocate_local(equations.local, len(equations.grid), n)
-    clocks = allocate_clocks(n, state[6].shape[1], strengths, memory.depths.shape[1])
-    of_block = allocate_state(n, state[6].shape[1])
     for block in range(lanes.size):
         if lanes[block] == 0:
             continue
-        for part, vectors in zip(state, of_block):
+        for part, vectors in zip(state, clocks.state):
             gather(part, memory.samples[block], vectors)
         _advance_block(
-            equations, memory, block, strengths, functions, scheme, steps, bounds, lanes[block], of_block, clocks,
-            work, local, progress, control,
+            equations, memory, room, clocks, block, strengths, functions, scheme, steps, bounds, lanes[block], progress,
+            control,
         )  # fmt: skip
-        for part, vectors in zip(state, of_block):
+        for part, vectors in zip(state, clocks.state):
             scatter(vectors, memory.samples[block], lanes[block], part)
 
 
 @njit(cache=True, apart=True, error_model="numpy", fastmath={"contract"}, counted=False)
 def _advance_block(
-    equations, memory, block, strengths, functions, scheme, steps, bounds, lanes, state, clocks, work, local, progress,
-    control,
+    equations, memory, room, clocks, block, strengths, functions, scheme, steps, bounds, lanes, progress, control
 ):  # fmt: skip
-    """Take some lanes of a block through the steps; `state` are its vectors."""
-    going, outcome, n_steps = lanes, progress.outcome[block], progress.n_steps[block]
+    """Take some lanes of a block through the steps."""
+    work, local = room.work, room.local
+    state, going, outcome, n_steps = clocks.state, lanes, progress.outcome[block], progress.n_steps[block]
     samples, n, search = memory.samples[block], equations.layout.n_eta, clocks.search
     begin(scheme, steps, progress.shown, clocks)
     while going != 0:
@@ -274,9 +257,7 @@ def _advance_block(
             else:
                 _predict_anew(equations, scheme, state, clocks, lost, work)
             careful = searching if attempt == 0 else lost
-            lost = _converge(
-                equations, memory, block, clocks, lost, careful, attempt, state, work, local, progress, control
-            )
+            lost = _converge(equations, memory, room, block, clocks, lost, careful, attempt, state, progress, control)
             if lost == 0:
                 break
             store(state[5], 0, blend(lost, spread(FIRST_CONTRACTION), load(state[5], 0)))
@@ -320,7 +301,7 @@ def _advance_block(
             )  # fmt: skip
         going &= ~_arrive(state, done, samples, steps, clocks.rows, n_steps, progress, control)
         if jumping != 0:
-            accelerate_lanes(equations, memory, block, clocks.strengths, state, jumping, work, local)
+            accelerate_lanes(equations, memory, room, block, clocks.strengths, state, jumping)
 
 
 @njit(inline="always")
@@ -424,7 +405,7 @@ def _prescribe(equations, clocks, lanes, work):
 
 
 @njit(inline="always")
-def _converge(equations, memory, block, clocks, lanes, careful, attempt, state, work, local, progress, control):
+def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, state, progress, control):
     """Run Newton's iteration of some lanes, each to its own convergence; return those that are lost.
 
     At the second attempt every correction has factors of its own. The tolerance of `careful` lanes is that of trials.
@@ -432,7 +413,7 @@ def _converge(equations, memory, block, clocks, lanes, careful, attempt, state, 
     from that expected, in `state`; see `alpha_step.judge`.
     """
     gain_v, gain_a, strengths = load(clocks.pace, GAIN_V), load(clocks.pace, GAIN_A), clocks.strengths
-    expected = state[5]
+    expected, work, local = state[5], room.work, room.local
     last, active, lost = spread(np.inf), lanes, 0
     usual = TOLERANCE_OF_TRIALS if progress.precise else NEWTON_TOLERANCE
     tolerance = blend(careful, spread(TOLERANCE_OF_TRIALS), spread(usual))
@@ -454,7 +435,7 @@ def _converge(equations, memory, block, clocks, lanes, careful, attempt, state, 
             # nothing follows from the size of the last correction
             limited = limited_lanes(memory.known, memory.samples[block], active)
             last = blend(limited, spread(0.0), last)
-        correct_block(equations, memory, block, strengths.loads, (gain_v, gain_a), fresh, work)
+        correct_block(equations, memory, room, block, strengths.loads, (gain_v, gain_a), fresh)
         size = follow_correction(equations, (gain_v, gain_a), active, work)
         progress.n_corrections[0] += count_lanes(active)
         if rubbing and iteration == 0:

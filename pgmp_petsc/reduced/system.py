@@ -21,12 +21,12 @@ from pgmp_petsc.lanes.lane_items import aligned
 from pgmp_petsc.lanes.vectors import LANES, same_in_all_lanes
 from pgmp_petsc.reduced.action_kernel import ABOUT, FORCE, POWER, STORED
 from pgmp_petsc.reduced.actions import ReducedActions, functions_of_time
-from pgmp_petsc.reduced.arrays import Strengths
+from pgmp_petsc.reduced.arrays import Room, Strengths
 from pgmp_petsc.reduced.control import LARGE, Control
 from pgmp_petsc.reduced.energy import damping_power, load_powers, reduced_energy
 from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices, load_on
 from pgmp_petsc.reduced.sample_lanes import ReducedLanes
-from pgmp_petsc.reduced.steps import Progress, advance
+from pgmp_petsc.reduced.steps import Clocks, Progress, advance
 from pgmp_petsc.reduced.terms import ReducedTerms
 from pgmp_petsc.stepping.energies import Energies
 from pgmp_petsc.stepping.second_order_system import Observer, Scheme, SecondOrderSystem, Settled, State, Stretch
@@ -100,7 +100,8 @@ class ReducedSystem(SecondOrderSystem):
         self._is_rigid = np.arange(self.n_eta) < tables.n_coordinates
         self._lanes = ReducedLanes(terms, self._actions, names, values, self._prescribed, n_samples)
         self._equations, self._memory = self._lanes.equations, self._lanes.memory
-        self._passed = Reference(self._equations), Reference(self._memory)
+        self._passed = Reference(self._equations), Reference(self._memory), Reference(Room.of(self._equations))
+        self._clocks: dict[int, Reference] = {}  # by how many numbers are beside
         bounds = [(-np.inf, np.inf) if axis.periodic else (axis.lower, axis.upper) for axis in tables.samples]
         self._bounds = np.array(bounds, dtype=float)
         self._strengths = ReducedStrengths(
@@ -216,12 +217,13 @@ class ReducedSystem(SecondOrderSystem):
         return np.isnan(self._memory.known[:, ABOUT]).any(axis=1)
 
     def _correct(
-        self, equations: Reference, memory: Reference, strengths: Strengths, state: State, scheme: Scheme,
-        active: np.ndarray, fresh: bool,
+        self, equations: Reference, memory: Reference, room: Reference, strengths: Strengths, state: State,
+        scheme: Scheme, active: np.ndarray, fresh: bool,
     ) -> np.ndarray:  # fmt: skip
         """Do one Newton correction of some samples in place; return its size."""
         size, gains = self._lanes.zeros(), (scheme.gain_v, scheme.gain_a)
-        correct(equations, memory, strengths, _parts(state), gains, self._lanes.sets(active), np.bool_(fresh), size)
+        lanes = self._lanes.sets(active)
+        correct(equations, memory, room, strengths, _parts(state), gains, lanes, np.bool_(fresh), size)
         return self._lanes.unpacked(size).copy()
 
     def begin_at(self, q: np.ndarray, v: np.ndarray) -> None:
@@ -265,6 +267,7 @@ class ReducedSystem(SecondOrderSystem):
         size = self._correct(
             Reference(self._equations._replace(prescribed=self._prescribed | self._is_rigid)),
             Reference(memory._replace(acting=acting)),
+            self._passed[2],
             at_start,
             state,
             Scheme(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
@@ -405,11 +408,14 @@ class ReducedSystem(SecondOrderSystem):
         )
         beside = moment.state.beside if self.carries else np.empty((self.n_samples, 0))
         state = (*_parts(moment.state), moment.auxiliary, moment.before, moment.contraction[:, None], beside)
-        control = self._control
+        control, strengths = self._control, self._strengths.over(stretch.ends)
+        if beside.shape[1] not in self._clocks:
+            clocks = Clocks.of(self.n_eta, beside.shape[1], strengths, self.n_events)
+            self._clocks[beside.shape[1]] = Reference(clocks)
         if self.carries:
             control = control.over_steps(self.beside, stretch.ends, stretch.goes_on, stretch.trail.forces)
         advance(
-            *self._passed, self._strengths.over(stretch.ends), self._functions,
+            *self._passed, self._clocks[beside.shape[1]], strengths, self._functions,
             (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma), (stretch.first, stretch.ends, stretch.step),
             state, self._bounds, self._lanes.sets(stretch.samples), progress, Reference(control),
         )  # fmt: skip

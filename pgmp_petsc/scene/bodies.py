@@ -307,6 +307,13 @@ class Placement(Table):
         description="rotation vector: axis times angle (rad); in space, where the angles of joints are zero as placed",
     )
 
+    @field_validator("rotation", mode="before")
+    @classmethod
+    def _is_a_vector(cls, rotation: object) -> object:
+        if isinstance(rotation, (int, float, str)):
+            raise refusal("a rotation vector has three numbers, such as [0.0, 0.0, 1.0]; in the plane give angle")
+        return rotation
+
     def origin_in(self, dimension: int) -> np.ndarray:
         """Return the origin, shape (dimension,)."""
         return np.array((*self.origin, 0.0)[:dimension])

@@ -62,23 +62,13 @@ class EdgeSearch(NamedTuple):
     bracket: np.ndarray  # see above, (8, LANES)
     beyond: np.ndarray  # which edges were crossed at the beginning of the step, (n_events, LANES)
 
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def allocate_search(n_events):
-    """Return arrays for the search in a block."""
-    return EdgeSearch(
-        np.empty(LANES, dtype=np.int64),
-        np.empty(LANES, dtype=np.int64),
-        np.empty(LANES, dtype=np.int64),
-        np.empty(LANES, dtype=np.int64),
-        np.empty(LANES, dtype=np.int64),
-        np.empty(LANES),
-        np.empty(LANES),
-        np.empty(LANES),
-        np.empty((n_events, LANES)),
-        np.empty((8, LANES)),
-        np.empty((n_events, LANES), dtype=np.bool_),
-    )
+    @classmethod
+    def of(cls, n_events: int) -> EdgeSearch:
+        """Return arrays for the search in a block."""
+        whole, lengths = (np.empty((n, LANES), dtype=kind) for n, kind in ((5, np.int64), (3, float)))
+        of_edges, bracket = (np.empty((n_events, LANES), dtype=kind) for kind in (float, bool)), np.empty((8, LANES))
+        depths, beyond = of_edges
+        return cls(*whole, *lengths, depths, bracket, beyond)
 
 
 @njit(inline="always")
@@ -364,7 +354,7 @@ class EventLocation:
         alone
             The sample as a mask, shape (n_samples,).
         """
-        search, taken, (sample,) = allocate_search(len(self.beyond)), [], np.flatnonzero(alone)
+        search, taken, (sample,) = EdgeSearch.of(len(self.beyond)), [], np.flatnonzero(alone)
         beyond = self.beyond[:, sample].copy()
         search.stage[0], search.duration[0] = WHOLE, step
         left, found = step, TRIED

@@ -24,6 +24,7 @@ from pgmp_petsc.scene.references import stressed_bodies
 from pgmp_petsc.studies.plausibility import plausibility
 
 AnyMesh = TypeVar("AnyMesh", LineMesh, SolidMesh)
+COARSER = 1.5  # times as large are cells of the mesh that tells what meshing does
 
 
 def read_scene(
@@ -54,7 +55,14 @@ def with_meshes(scene: Scene, purpose: Purpose) -> tuple[Scene, dict[str, BodySh
     return scene.with_remarks((*plausibility(scene, meshes), *field_remarks(scene, meshes))), meshes
 
 
-def _mesh_of(scene: Scene, name: str) -> BodyShape:
+def coarser_parts(scene: Scene, comm: Comm) -> dict[str, BodyShape]:
+    """Return meshes of the parts of CAD with cells `COARSER` times as large. Collective on `comm`; raises as
+    `read_scene`."""
+    parts = [name for name, body in scene.bodies.items() if body.of_cad]
+    return on_root(comm, lambda: {name: _mesh_of(scene, name, COARSER) for name in parts})
+
+
+def _mesh_of(scene: Scene, name: str, coarser: float = 1.0) -> BodyShape:
     body = scene.bodies[name]
     written = shape_in_scene(scene, name)
     if written is not None:
@@ -73,7 +81,7 @@ def _mesh_of(scene: Scene, name: str) -> BodyShape:
     from pgmp_petsc.mesh.solid_mesh_reading import read_solid_mesh
 
     if body.of_cad:
-        mesh = read_part(path, shortened(f'{entry} = "{path}"'), SI.length, body.mesh_size).mesh
+        mesh = read_part(path, shortened(f'{entry} = "{path}"'), SI.length, body.mesh_size, coarser).mesh
     else:
         mesh = in_metres(read_solid_mesh(path, body.dimension, entry), length)
     return with_groups(mesh, body.faces, f"bodies.{name}.faces")

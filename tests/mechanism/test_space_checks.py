@@ -105,7 +105,7 @@ effects.push={type='force', point='rod:tip', direction=[0, -1], table=[[0, 1]]} 
     effects.push.direction = [0.0, -1.0]: three numbers (x, y, z) are needed in space
 effects.weight={type='gravity', direction=[0, 0, 0]} -> effects.weight.direction = [0, 0, 0]: a direction other than [0
 bodies.crank.placement={angle=0.3} -> bodies.crank.placement.angle = 0.3: for the plane; give rotation
-bodies.crank.placement={rotation=0.3} -> bodies.crank.placement.rotation = 0.3: three finite numbers in brackets are
+bodies.crank.placement={rotation=0.3} -> bodies.crank.placement.rotation = 0.3: a rotation vector has three numbers
 effects.weight={type='gravity'} -> effects.weight.direction: missing; needed in space: direction (x, y, z)
 effects.push={type='force', point='rod:tip', table=[[0, 1]], direction=[0, -1], follows=true} -> \
     effects.push.direction = [0.0, -1.0]: three numbers (x, y, z) are needed in space

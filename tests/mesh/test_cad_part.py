@@ -1,5 +1,6 @@
 """Parts of CAD: what gmsh makes of a STEP file, its units, bores and names, the scene that is made of one, refusals."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ import pytest
 import scipy.sparse as sp
 from conftest import ROOT
 from refusals import cases, check_said, refusal
-from runs import in_turn, one_message, refused, said
+from runs import in_turn, one_message, overridden, refused, said
 from scipy.sparse.linalg import eigsh
 from solids import body_of, box_mesh, matrices_of
 
@@ -199,6 +200,25 @@ def test_a_part_is_the_same_on_any_number_of_ranks(parts: Path) -> None:
         assert statuses == [n * [0]]
         texts.append([line for line in done.stdout.splitlines() if not line.startswith("[")])
     assert texts[0] == texts[1] and "frames bore1 (" in "".join(texts[0])
+
+
+def test_a_coarser_mesh_tells_the_share_of_the_mesh(parts: Path, tmp_path: Path) -> None:
+    """The better model of a part is run again with larger cells; a mesh of a file is not cut."""
+    said("new", tmp_path / "bar.toml", "--from", parts / "bar.step")
+    short = overridden("bodies.bar.mesh_size=10.0", "simulation.duration=8e-4", "reduction.modes=2")
+    out, _ = said("run", tmp_path / "bar.toml", "-n", "2", *short)
+    (line,) = re.findall("^mesh .*", out, re.MULTILINE)
+    found = re.search(
+        r"at most ([\d.]+) % of the largest .*: (\d+) nodes against (\d+), component modes; of the c", line
+    )
+    assert found and int(found[2]) < 0.7 * int(found[3]) and 0.0 < float(found[1]) < 20.0, line
+    again = said("run", tmp_path / "bar.toml", "-n", "2", *short)[0]
+    assert f"{line} (finished before; --force does it again)" in again
+    scene, short = "scenes/slider_crank_solid2d.toml", overridden("simulation.duration=5e-3", "reduction.angles=4")
+    out, _ = said("run", ROOT / scene, "-n", "1", "-o", tmp_path / "out", *short)
+    assert (
+        "mesh       left out: cells of a file are not cut: crank, rod; simulate with --override bodies.crank.m" in out
+    )
 
 
 def test_a_scene_is_made_of_a_part(parts: Path, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from pgmp_petsc.stepping.edge_search import (
     SHORTEST,
     TIME_TOLERANCE,
     TRIED,
-    allocate_search,
+    EdgeSearch,
     look,
 )
 
@@ -36,7 +36,7 @@ def through(
     depths: Sequence[Depth], beyond: Sequence[bool], reached: list[float] | None = None
 ) -> tuple[list[float], list[tuple[int, float]], np.ndarray]:
     """Take a lane through a step; return what it reached, all trials as (what came of it, end), and what is beyond."""
-    search, now = allocate_search.py_func(len(depths)), np.array(beyond)
+    search, now = EdgeSearch.of(len(depths)), np.array(beyond)
     edge_search.begin_step(search, LANE, STEP)
     begin, reached, tried = 0.0, [] if reached is None else reached, []
     while True:
@@ -115,7 +115,7 @@ def test_a_step_with_too_many_edges_ends_as_it_is() -> None:
 
 
 def test_a_search_that_does_not_end_is_given_up() -> None:
-    search, beyond = allocate_search.py_func(1), np.array([False])
+    search, beyond = EdgeSearch.of(1), np.array([False])
     edge_search.begin_step(search, LANE, STEP)
     assert look.py_func(search, LANE, STEP, np.array([1.0]), beyond) == BEGUN
     assert look.py_func(search, LANE, STEP, np.array([-1.0]), beyond) == TRIED

@@ -17,7 +17,13 @@ from pgmp_petsc.results.selection import Assembly
 from pgmp_petsc.studies.field_frames import assembly_of
 from pgmp_petsc.studies.inputs import read_scene
 
-SCENES = {"plane": "slider_crank", "many bodies": "platform_3rrr", "space": "six_joint_arm", "solids": "spatial_mixed"}
+SCENES = {
+    "plane": "slider_crank",
+    "close points": "crank_press",
+    "many bodies": "platform_3rrr",
+    "space": "six_joint_arm",
+    "solids": "spatial_mixed",
+}
 
 
 def assembled(name: str, *overrides: str) -> Assembly:
@@ -35,6 +41,8 @@ def test_everything_has_its_name_and_none_hides_another(name: str) -> None:
     assert written >= {*shown.frames.nodes, *shown.joints, *named}
     renderer = figure.canvas.get_renderer()
     boxes = [super(Annotation, note).get_window_extent(renderer) for note in notes]
+    marks = [figure.axes[0].transData.transform(note.xy) for note in notes if note.get_text() not in shown.frames.nodes]
+    assert not any(box.contains(*mark) for box in boxes for mark in marks)
     for number, box in enumerate(boxes):
         for other in boxes[:number]:
             apart = box.x0 >= other.x1 or other.x0 >= box.x1 or box.y0 >= other.y1 or other.y0 >= box.y1
