@@ -200,7 +200,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         model.actions.places.winding, [] if gaps is None else model.multipliers.rows,
     )  # fmt: skip
     sizes = {**_sizes(model, tables), **_sizes_of_gaps(gaps, of_gaps), "LIGHT_NODES": 0, "BENT_MEASURES": 1}
-    sizes |= {"CORRECTIONS": CORRECTIONS, "EXCHANGE": int(not scene.controllers), "ALWAYS_PROBED": 0}
+    sizes |= {"CORRECTIONS": CORRECTIONS, "EXCHANGE": int(not scene.controllers), "ALWAYS_PROBED": 0, "PROJECTS": 0}
     return replace(
         shared,
         kind="reduced",

@@ -22,6 +22,7 @@ from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.mechanism.statement_rows import FROM_SUM
 from pgmp_petsc.models import ComponentModel
 from pgmp_petsc.outputs.joint_forces import OfMotion
+from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping import alpha_step
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 from pgmp_petsc.stepping.static_equilibrium import require_settled
@@ -107,6 +108,7 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
         "N_LOAD_TERMS": len(equations.load_weights),
         "N_PUSHES": len(pushes),
         "N_DRIVES": len(drives),
+        "PROJECTS": int(_projects(scene, system)),
         "N_GAPS": len(gaps),
         "N_HOLDS": len(holds),
         "MOST": max(2, *tree.n_amplitudes),
@@ -154,12 +156,17 @@ def _require_taken(model: ComponentModel, system: JointBatch, what: str) -> None
         why = "effects: a model in C has no modal damping of bodies on their meshes"
     if why:
         raise InputError(f"{why}; {what} cannot be written. Take pgmp simulate for this model, or a reduced one")
-    most = alpha_step.DAMPED
-    if scene.simulation.spectral_radius > most and system.moving_constraints:
+    if scene.controllers and _projects(scene, system):
         raise InputError(
             f"simulation.spectral_radius = {scene.simulation.spectral_radius:g}: a model in C does not project "
-            f"its motion, and needs some numerical damping; {what} cannot be written. Take at most {most:g}"
+            "motions beside controllers, which need some numerical damping then; "
+            f"{what} cannot be written. Take at most {alpha_step.DAMPED:g}"
         )
+
+
+def _projects(scene: Scene, system: JointBatch) -> bool:
+    """Return whether steps end with a projection, see `AlphaStep`."""
+    return scene.simulation.spectral_radius > alpha_step.DAMPED and system.moving_constraints
 
 
 class Parts(NamedTuple):

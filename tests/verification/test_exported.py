@@ -14,8 +14,10 @@ from spatial import slider_crank_in_space
 from spatial_beams import slider_crank_of_beams
 from two_coordinates import five_bar
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.c_export.constants import constants_of, left_out
 from pgmp_petsc.c_export.source import compiled_of, write_sources
+from pgmp_petsc.c_export.tree import tree_constants_of
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction import tables as of_reduction
@@ -358,9 +360,9 @@ TREES = {
         "simulation.duration=0.1", 'outputs.torque={type="drive_torque", coordinate="drive"}',
         *forces_in("cross", joint_force=("x",)), *forces_in("elbow", joint_force=("y",)),
     ),
-    "delta_robot": ("simulation.duration=0.1",),
+    "delta_robot": ("simulation.duration=0.1", "simulation.spectral_radius=1.0"),  # steps end with a projection
     "servo_arm": ("simulation.duration=0.2",),
-    "machine_on_mounts": ("simulation.duration=0.1",),
+    "machine_on_mounts": ("simulation.duration=0.1", "simulation.spectral_radius=1.0"),
     "crank_press": ("simulation.duration=0.1",),
     "slider_crank_solid3d": ("simulation.duration=0.3",),
 }  # fmt: skip
@@ -380,6 +382,13 @@ def test_component_models(name, tmp_path) -> None:
     for output, values in ((name, wanted[name]) for name in wanted if name in found):  # but for forces in sections
         off = np.max(np.abs(found[output] - values)) - closing
         assert off <= 1e-9 * np.max(np.abs(values)), (output, off)
+
+
+def test_a_projection_beside_controllers_is_refused() -> None:
+    servo = 'controllers.servo={type="pid", measures="crank_angle", reference=0.1, gains={p=1.0}, joint="crank_hinge"}'
+    scene = load_scene(ROOT / "scenes/slider_crank.toml", (servo, "simulation.spectral_radius=1.0"), ())
+    with pytest.raises(InputError, match=r"spectral_radius = 1: .* beside controllers, .* Take at most 0\.99"):
+        tree_constants_of(components_model(scene), "it")
 
 
 def test_parameters_of_a_component_model(tmp_path) -> None:

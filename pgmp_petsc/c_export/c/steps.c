@@ -202,6 +202,7 @@ static int try_step(struct pgmp_model *m, double h, double end, int in_part, str
         follow_motions(&now, t->q, t->v, t->a);
         begin_response(m, t->scheme, h, end, &t->response);
         if (converge(m, attempt, in_part, &now, t)) {
+            if (PROJECTS && t->scheme == &own_scheme) project_motion(m, &now, h, t->q, t->v, t->a);
             find_depths(m, t->q, t->depths);
             if (N_CONTROLS > 0) look_at_motions(m, t->q, t->v, &t->response);
             return 1;

@@ -127,6 +127,8 @@ void correct(struct pgmp_model *m, const struct acting *now, const double q[N], 
              const double forces[], double gain_v, double gain_a, int fresh, struct iterate kept[],
              struct response *response, struct matrix *matrix, double r[N_ALL]);
 void find_accelerations(struct pgmp_model *m, const struct acting *now);
+/* Makes velocities and accelerations at the end of a step of h consistent with the constraints; where PROJECTS alone. */
+void project_motion(struct pgmp_model *m, const struct acting *now, double h, const double q[N], double v[N], double a[N]);
 int leaves_tables(const struct pgmp_model *m);
 void count_turns(struct pgmp_model *m, const double q[N]); /* what angles are near to, in a state that is kept */
 /* Nodes of the local effects, and what the angles of their parts are near to; and what their tangents add to the matrix. */

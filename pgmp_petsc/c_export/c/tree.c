@@ -567,12 +567,13 @@ void correct(struct pgmp_model *m, const struct acting *now, const double q[N], 
 }
 
 /* Accelerations with which constraints are obeyed, and multipliers. */
-static void accelerate(struct pgmp_model *m, const struct acting *now, double a[N], double left[]) {
+static void accelerate(struct pgmp_model *m, const struct acting *now, const double q[N], const double v[N], double a[N],
+                       double left[]) {
     static const double at_rest[N_ALL];
     double r[N_ALL];
     struct chain nodes[N_NODES];
     struct matrix matrix;
-    evaluate(m, now, m->q, m->v, at_rest, at_rest, 0.0, LARGE, 1, 0, 0, &matrix, r, nodes, 0);
+    evaluate(m, now, q, v, at_rest, at_rest, 0.0, LARGE, 1, 0, 0, &matrix, r, nodes, 0);
     for (const struct drive *d = drives; d < drives + N_DRIVES; d++)
         give(d, -d->sign * now->motions[d->measured][2] / LARGE, LARGE * TYPICAL_MASS, 1, &matrix, r);
     factorise(&matrix);
@@ -583,13 +584,35 @@ static void accelerate(struct pgmp_model *m, const struct acting *now, double a[
 
 void find_accelerations(struct pgmp_model *m, const struct acting *now) {
     double left[AT_LEAST_ONE(N_LEFT)];
-    accelerate(m, now, m->a, left);
+    accelerate(m, now, m->q, m->v, m->a, left);
+}
+
+/* The least change dv in the norm of the mass with which C v = c_t, of which a step's worth is an acceleration, and then the
+   accelerations at these velocities. */
+void project_motion(struct pgmp_model *m, const struct acting *now, double h, const double q[N], double v[N], double a[N]) {
+    static const double at_rest[N_ALL];
+    const double scale = LARGE * TYPICAL_MASS;
+    double r[N_ALL], left[AT_LEAST_ONE(N_LEFT)], off[N_ALL] = {0};
+    struct chain nodes[N_NODES];
+    struct matrix matrix;
+    evaluate(m, now, q, v, at_rest, at_rest, 0.0, LARGE, 1, 0, 0, &matrix, r, nodes, 0);
+    for (int row = 0; row < N_LEFT; row++) {
+        for (int i = 0; i < N; i++) off[N + row] += matrix.a[N + row][i] * v[i];
+        off[N + row] -= bonds[row].motion < 0 ? 0.0 : scale * now->motions[bonds[row].motion][1];
+        off[N + row] /= h * LARGE;
+    }
+    for (const struct drive *d = drives; d < drives + N_DRIVES; d++)
+        give(d, (v[d->coordinate] - d->sign * now->motions[d->measured][1]) / (h * LARGE), scale, 1, &matrix, off);
+    factorise(&matrix);
+    solve(&matrix, off);
+    for (int i = 0; i < N; i++) v[i] -= h * LARGE * off[i];
+    accelerate(m, now, q, v, a, left);
 }
 
 void find_residual(struct pgmp_model *m, const struct acting *now, struct chain nodes[N_NODES], double on_frames[N_NODES][N_FRAME],
                    double left[], double r[N_ALL]) {
     double a[N];
-    accelerate(m, now, a, left);
+    accelerate(m, now, m->q, m->v, a, left);
     memset(on_frames, 0, N_NODES * sizeof *on_frames);
     evaluate(m, now, m->q, m->v, a, left, 0.0, 1.0, 0, 0, 0, 0, r, nodes, on_frames);
 }
