@@ -25,7 +25,7 @@ from conftest import ROOT, run_mpi
 SCENES = sorted((ROOT / "scenes").glob("*.toml"))
 # what makes a run short: as many steps, angles and samples as every path needs
 STEPS = 5
-ANGLES = 12  # along the only coordinate; with two, modes cannot be followed over fewer than the scene's
+ANGLES = {1: 12, 3: 4}  # along each of so many coordinates; with two, modes are followed over no fewer than the scene's
 MOST_COORDINATES = 3  # of reduced models
 TRACE = ("Traceback", "Warning:", "Segmentation", "PETSC ERROR")
 OUTPUT = re.compile(r"estimated errors over the run|errors? (was|were|is|are) not estimated|not estimated")
@@ -124,8 +124,8 @@ def overrides(scene: Path) -> list[str]:
     tables = tomllib.loads(scene.read_text())
     step = tables.get("simulation", {}).get("step", 1e-3)
     entries = [f"simulation.duration={STEPS * step!r}", "simulation.frames=3"]
-    if len(tables["coordinates"]) == 1:
-        entries.append(f"reduction.angles={ANGLES}")
+    if len(tables["coordinates"]) in ANGLES:
+        entries.append(f"reduction.angles={ANGLES[len(tables['coordinates'])]}")
     return [word for entry in entries for word in ("--override", entry)]
 
 

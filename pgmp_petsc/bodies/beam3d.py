@@ -319,12 +319,7 @@ def _angle_over_sine(tau):
 def natural_mass(lengths: np.ndarray, axes: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """Return consistent mass matrices in natural coordinates, shape (n, 24, 24).
 
-    Parameters
-    ----------
-    lengths, axes
-        Shape (n,), m, and T, shape (n, 3, 3).
-    inertia
-        ``(rho A, rho I_2, rho I_3)``, shape (3,), kg/m and kg m.
+    Lengths are in m, axes T of shape (n, 3, 3), and the inertia ``(rho A, rho I_2, rho I_3)``, kg/m and kg m.
     """
     density = np.zeros((len(lengths), 4, 4))
     density[:, 0, 0] = inertia[0]
@@ -373,32 +368,19 @@ def strain_gradients(lengths: np.ndarray, axes: np.ndarray) -> np.ndarray:
 def undeformed_stiffness(lengths: np.ndarray, axes: np.ndarray, section: np.ndarray) -> np.ndarray:
     """Return tangents at rest for displacements and rotations of the nodes in the body's frame, shape (n, 12, 12).
 
-    Parameters
-    ----------
-    lengths, axes
-        Shape (n,), m, and T, shape (n, 3, 3).
-    section
-        Shape (6,).
+    Lengths are in m, axes T of shape (n, 3, 3), and the section of shape (6,).
     """
     gradients = strain_gradients(lengths, axes)
     return np.einsum("s,esi,esj,e->eij", section, gradients, gradients, lengths)
 
 
 N_STRAINS = 9  # w, m, k
-ALONG = np.array([1.0, 0.0, 0.0])
 
 
 def rest_strains(lengths: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Return ``(w, m, k)`` in the axes of the elements for displacements and rotations of both nodes.
+    """Return ``(w, m, k)`` in the axes of the elements for displacements and rotations of both nodes, shape (n, 9, 12).
 
-    Parameters
-    ----------
-    lengths, axes
-        Shape (n,), m, and axes, one a column, shape (n, 3, 3).
-
-    Returns
-    -------
-    ndarray, shape (n, 9, 12)
+    Lengths are in m, and axes, one a column, of shape (n, 3, 3).
     """
     rows = np.zeros((len(lengths), N_STRAINS, 12))
     turned, over = axes.swapaxes(1, 2), axes.swapaxes(1, 2) / lengths[:, None, None]
@@ -411,13 +393,8 @@ def rest_strains(lengths: np.ndarray, axes: np.ndarray) -> np.ndarray:
 
 
 def second_order(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the second derivatives of ``(gamma, kappa)`` in the directions a and b, shape (6, ...).
-
-    Parameters
-    ----------
-    a, b
-        ``(w, m, k)`` of both, shape (9, ...).
-    """
+    """Return the second derivatives of ``(gamma, kappa)`` in the directions a and b, shape (6, ...), from ``(w, m, k)``
+    of both, shape (9, ...)."""
     (w_a, m_a, k_a), (w_b, m_b, k_b) = _parts(a), _parts(b)
     gamma = -_cross(m_a, w_b) - _cross(m_b, w_a) + 0.5 * (_cross(m_a, _tilted(m_b)) + _cross(m_b, _tilted(m_a)))
     return np.concatenate([gamma, -0.5 * (_cross(m_a, k_b) + _cross(m_b, k_a))])
@@ -453,13 +430,13 @@ def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.nd
     bent = stiffness * second_order(a, b)
     force, moment = bent[:3], bent[3:]
     # e'[c] = (w - m x e, k)
-    on_w, on_m, on_k = force.copy(), _cross(force, _along(force)), moment.copy()
+    on_w, on_m, on_k = force.copy(), _tilted(force), moment.copy()
     for (w, m, k), (other_w, other_m, other_k) in ((_parts(a), _parts(b)), (_parts(b), _parts(a))):
         force, moment = stiffness[:3] * (w - _tilted(m)), stiffness[3:] * k
         # the forces of one vector on e''[c, .] of the other
         turned = _cross(force, other_m)
         on_w -= turned
-        on_m += _cross(force, other_w) + 0.5 * (_cross(_along(turned), turned) + _cross(_tilted(other_m), force))
+        on_m += _cross(force, other_w) + 0.5 * (_cross(_tilted(other_m), force) - _tilted(turned))
         on_k -= 0.5 * _cross(moment, other_m)
         on_m += 0.5 * _cross(moment, other_k)
     return np.concatenate([on_w, on_m, on_k]).swapaxes(0, 1)
@@ -470,13 +447,11 @@ def _parts(strains: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.cross(a, b, axis=0)
-
-
-def _along(like: np.ndarray) -> np.ndarray:
-    return np.broadcast_to(ALONG.reshape(3, *[1] * (like.ndim - 1)), like.shape)
+    """Return ``a x b`` of shape (3, ...); numpy's own function looks at axes for ten times as long as it computes."""
+    (a_1, a_2, a_3), (b_1, b_2, b_3) = a, b
+    return np.stack([a_2 * b_3 - a_3 * b_2, a_3 * b_1 - a_1 * b_3, a_1 * b_2 - a_2 * b_1])
 
 
 def _tilted(turn: np.ndarray) -> np.ndarray:
     """Return ``m x e``."""
-    return _cross(turn, _along(turn))
+    return np.stack([np.zeros_like(turn[0]), turn[2], -turn[1]])

@@ -174,20 +174,12 @@ def chosen_density(
     families: np.ndarray | None = None,
     values: np.ndarray | None = None,
 ) -> Mixture:
-    """Return the density that is nearest to that of the event's points.
+    """Return the density that is nearest to that of the event's points, shape (m, d), with how many each represents,
+    (m,).
 
-    Parameters
-    ----------
-    points, weights
-        Points of the event, shape (m, d), and how many each represents, shape (m,).
-    random
-        Which points try the densities that others make.
-    families
-        Numbers of the families of points that are alike, shape (m,): a family makes densities or tries them. None
-        where all points are independent.
-    values
-        g of the points, shape (m,), whose slope tells where a part of the event lies (`_shrunk_mean`). None where it is
-        not known.
+    `families` are numbers of the families of points that are alike, shape (m,): a family makes densities or tries them,
+    at random; None where all points are independent. `values` are g of the points, shape (m,), whose slope tells where
+    a part of the event lies (`_shrunk_mean`); None where it is not known.
     """
     families = np.arange(len(points)) if families is None else families
     values = np.zeros(len(points)) if values is None else values
@@ -305,10 +297,13 @@ def _root(steps: np.ndarray, weights: np.ndarray, families: np.ndarray) -> np.nd
     matrix = np.einsum("n,nd,ne->de", shares, steps, steps)
     target = max(1.0, np.trace(matrix) / d) * np.eye(d)
     beyond = np.sum((matrix - target) ** 2)
-    own, noise = np.unique(families, return_inverse=True)[1], 0.0
-    for number in range(own.max() + 1):
-        some, of_some = steps[own == number], shares[own == number]
-        noise += np.sum((np.einsum("n,nd,ne->de", of_some, some, some) - of_some.sum() * matrix) ** 2)
+    order, noise = np.argsort(families, kind="stable"), 0.0
+    starts = np.unique(families[order], return_index=True)[1]
+    some, of_some = steps[order], shares[order]
+    of_families = np.add.reduceat(of_some, starts)[:, None]
+    for row, along in zip(matrix, some.T):  # of the part of every family
+        part = np.add.reduceat((of_some * along)[:, None] * some, starts)
+        noise += np.sum((part - of_families * row) ** 2)
     believed = max(0.0, 1.0 - noise / beyond) if beyond > 0.0 else 0.0
     variances, axes = np.linalg.eigh(target + believed * (matrix - target))
     return np.einsum("dk,k,ek->de", axes, np.sqrt(np.maximum(variances, LEAST_VARIANCE)), axes)
@@ -408,6 +403,6 @@ def _labels(points: np.ndarray, weights: np.ndarray, n_clusters: int, random: np
     some, shares = _some(points, weights, 4 * KERNELS, random)
     with warnings.catch_warnings(), np.errstate(invalid="ignore"):  # of points that are all one
         warnings.simplefilter("ignore", UserWarning)  # an empty cluster, which is left out by who asks
-        tries = [kmeans2(some, n_clusters, iter=10, minit="++", seed=random) for _ in range(TRIES)]
+        tries = [kmeans2(some, n_clusters, minit="++", seed=random, check_finite=False) for _ in range(TRIES)]
     centres = min(tries, key=lambda one: np.sum(shares * np.sum((some - one[0][one[1]]) ** 2, axis=1)))[0]
     return np.argmin(np.sum((points[:, None] - centres) ** 2, axis=2), axis=1)

@@ -62,8 +62,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import ThirdDerivative, axial_stiffness, director_inertia
-from pgmp_petsc.mechanism.body_frames import linear_motion
-from pgmp_petsc.mechanism.constraints import ConstraintHessian, ConstraintHessians
+from pgmp_petsc.mechanism.body_frames import ConstraintHessian, ConstraintHessians, linear_motion
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE
 from pgmp_petsc.mechanism.space import SPATIAL, turning_of_second_order
@@ -85,16 +84,11 @@ class Curvature:
 
 
 class CurvatureProblem:
-    """Static modal derivatives at any configuration. Collective on the communicator of `problem`.
+    """Static modal derivatives at any configuration, at the nominal parameters. Collective on the communicator of
+    `problem`.
 
-    Parameters
-    ----------
-    problem
-        Eigenproblem at the nominal parameters.
-    static_stretching
-        Whether chi keeps its part along stiff vectors, which stretch the bodies.
-    built_in
-        Offsets, which the last vectors of a basis answer.
+    `static_stretching` tells whether chi keeps its part along stiff vectors, which stretch the bodies; the last vectors
+    of a basis answer the offsets `built_in`.
     """
 
     def __init__(self, problem: ModalProblem, static_stretching: bool = False, built_in: BuiltIn | None = None) -> None:
@@ -251,15 +245,8 @@ class CurvatureProblem:
     def answered_loads(self, modes: ModeSet, static: np.ndarray, loads: np.ndarray) -> np.ndarray:
         """Return the loads that modes and static modes answer, shape (n_local, n_modes + n_static).
 
-        Those of modes are their inertia forces; those of static modes combinations of the given loads, balanced by
-        inertia forces.
-
-        Parameters
-        ----------
-        static
-            Static modes, local rows, shape (n_local, n_static).
-        loads
-            The loads that they answer, in their order, in body frames, local rows, shape (n_local, n_static).
+        Those of modes are their inertia forces; those of static modes, local rows, shape (n_local, n_static),
+        combinations of the given loads, in their order, of the same shape in body frames, balanced by inertia forces.
         """
         problem = self._problem
         inertia = modes.eigenvalues * problem.times_mass(modes.flexible)
@@ -278,18 +265,9 @@ class CurvatureProblem:
 class _TurningJoints:
     """Contribution of joints that turn with a body to displacements and forces of second order; all rows, every rank.
 
-    Parameters
-    ----------
-    jacobian
-        C in body frames, shape (n_constraints, n_dofs).
-    hessians
-        Second derivatives of the joints that are not linear.
-    shape
-        Psi in body frames, shape (n_dofs, m).
-    pairs
-        Numbers i and j of the vectors of every pair, shape (n_pairs,) each.
-    gaps
-        Of the offsets that the last vectors answer, if there are any.
+    In body frames are C, shape (n_constraints, n_dofs), second derivatives of the joints that are not linear, and Psi,
+    shape (n_dofs, m); pairs are the numbers i and j of vectors, shape (n_pairs,) each, and gaps those of the offsets
+    that the last vectors answer, if there are any.
     """
 
     def __init__(
@@ -332,13 +310,8 @@ class _TurningJoints:
         return result
 
     def forces(self, reactions: np.ndarray) -> np.ndarray:
-        """Return ``(mu_i.c'') psi_j + (mu_j.c'') psi_i``, shape (n_dofs, n_pairs).
-
-        Parameters
-        ----------
-        reactions
-            ``C^T mu_i``, shape (n_dofs, m).
-        """
+        """Return ``(mu_i.c'') psi_j + (mu_j.c'') psi_i``, shape (n_dofs, n_pairs), from ``C^T mu_i``, shape (n_dofs,
+        m)."""
         i, j = self._pairs
         multipliers = np.linalg.lstsq(self._jacobian.T, reactions[self._touched], rcond=RANK_TOLERANCE)[0]
         result = np.zeros((len(self._shape), i.size))
@@ -355,13 +328,7 @@ Pairs = tuple[np.ndarray, np.ndarray]
 
 
 class RotaryCurvature:
-    """The directors of all nodes.
-
-    Parameters
-    ----------
-    mechanism
-        The mechanism; bodies on meshes and condensed ones have no directors with mass.
-    """
+    """The directors of all nodes of a mechanism; bodies on meshes and condensed ones have none with mass."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         self._n_dofs = mechanism.n_dofs
@@ -383,14 +350,9 @@ class RotaryCurvature:
         return result
 
     def work(self, accelerations: np.ndarray, vectors: np.ndarray, pairs: Pairs, weight: Monomial) -> np.ndarray:
-        """Return the work of accelerations on pairs of vectors in one term of the mass, shape (k, n_pairs).
+        """Return the work of accelerations on pairs of vectors (n_dofs, m) in one term of the mass, shape (k, n_pairs).
 
-        Parameters
-        ----------
-        accelerations
-            Linear fields of every body, shape (n_bodies, 12, k): `Space.acceleration_field`.
-        vectors
-            Shape (n_dofs, m).
+        Accelerations are linear fields of every body, shape (n_bodies, 12, k): `Space.acceleration_field`.
         """
         result = np.zeros((accelerations.shape[2], pairs[0].size))
         for number, own, turns, inertia in self._parts:

@@ -102,17 +102,10 @@ class StressOutput:
 
     @classmethod
     def of(cls, name: str, scene: Scene, number: int, body: Body) -> StressOutput:
-        """Prepare an output of a scene.
+        """Prepare an output of a scene, of the body with that number.
 
         Raises `InputError` if the place is not on the body's mesh, or the body was condensed without what stresses
         need.
-
-        Parameters
-        ----------
-        name
-            In the scene.
-        number, body
-            The body that the output names, with its number.
         """
         entry, stresses = scene.outputs[name], body.stresses(scene)
         if stresses is None or not body.answered:

@@ -59,12 +59,7 @@ QUICK_STRESSES = "stress outputs change quickly between them: "
 class AngleRounds:
     """Rounds of the build of one mechanism, each with further angles (first rank).
 
-    Parameters
-    ----------
-    scene, mechanism
-        The scene, and its mechanism.
-    refinable
-        Whether angles may be added where no tolerance asks for them.
+    `refinable` tells whether angles may be added where no tolerance asks for them.
     """
 
     def __init__(self, scene: Scene, mechanism: Mechanism, refinable: bool) -> None:
@@ -191,12 +186,8 @@ def stress_errors(
     """Return by stress output how far interpolation is off, as a share of its largest value; infinity where angles are
     too few to tell.
 
-    Parameters
-    ----------
-    projection
-        Flexible vectors, shape (n, n_dofs, n_delta), and any behind them.
-    static
-        Numbers of the vectors whose loads count, too.
+    The projection has flexible vectors, shape (n, n_dofs, n_delta), and any behind them; loads of the vectors whose
+    numbers are `static` count, too.
     """
     numbers = {body.name: number for number, body in enumerate(mechanism.bodies)}
     outputs = [
