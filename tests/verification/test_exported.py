@@ -372,8 +372,8 @@ TREES = {
 def test_component_models(name, tmp_path) -> None:
     """Along chains of joints and in loops, with what joints of the tree and others carry.
 
-    A deformation is the difference of places, of round-off 2e-15 of the mechanism's size, of three coordinates 2e-13, as
-    the program closes loops of which it has no table.
+    A deformation is the difference of places, of round-off 2e-15 of the mechanism's size, of three coordinates 2e-13,
+    as the program closes loops of which it has no table.
     """
     path = ROOT / "scenes" / f"{name}.toml"
     model = components_model(*read_scene(path, TREES[name], (), MPI.COMM_SELF, Purpose.COMPONENTS))
