@@ -78,7 +78,7 @@ def _name(kind: str, task: object) -> str:
 LOCAL_EFFECT = 1.5e-6  # s, of a step of a sample, Newton corrections included
 # s, of a step of a sample of a component model: a pair of a body's amplitudes, a body in space, and of the matrix
 PAIR, BODY, CUBE = 1.1e-8, 1.2e-6, 3.3e-11
-CARRIED = 7e-4  # s, the same of friction by the force that a joint carries, which is found between corrections
+CARRIED = 8e-4  # s, the same of friction by the force that a joint carries, which is found between corrections
 
 
 @dataclass(frozen=True)

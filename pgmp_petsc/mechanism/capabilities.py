@@ -264,13 +264,6 @@ FEATURES = (
         cure="compare pgmp simulate SCENE --full with reduced runs",
     ),
     Feature(
-        "models in C and FMUs with friction by the force carried",
-        _carried,
-        frozenset({Purpose.EXPORT}),
-        why_not="a model in C does not know what joints carry",
-        cure="take pgmp simulate for this model",
-    ),
-    Feature(
         "static equilibrium beside clearance",
         _with(_loose, _at_rest),
         EVERYWHERE - {Purpose.MODES},

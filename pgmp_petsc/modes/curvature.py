@@ -33,7 +33,10 @@ Psi``
     S = s^2 (3 - 2 s),  s = K^-1 K_axial,      F = (1 + a^2)^-1 a^2,  a = tr(A^-1) A / STIFF,  A = M^-1 K.
 
 S leaves out what stretches bodies itself. The part that follows at once is chosen by frequency: few vectors of a
-mechanism hold what only stretches, and one that stretches by a quarter is as stiff.
+mechanism hold what only stretches, and one that stretches by a quarter is as stiff. Nothing follows at once what is
+faster than itself: of eigenvectors of A with the values lambda, the part along k of the pair i, j has the factors
+``lambda_k^2 / (lambda_k^2 + lambda_i^2)`` and that of j too. Without these a vector that bends at 140 kHz, left of a
+static answer, had chi of 5e11 along modes of 400 Hz.
 
 Vectors psi_r without strain, as elastic joints allow them, answer no load. The loads f_j turn with the bodies there, by
 the rotations phi of psi_r: to the right-hand side comes ``phi x f_j``. So chi_rj is the shape that is turned with its
@@ -59,6 +62,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import eigh
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import ThirdDerivative, axial_stiffness, director_inertia
@@ -234,13 +238,17 @@ class CurvatureProblem:
         gram = problem.inner(shape, problem.times_mass(shape))
         share = np.linalg.solve(stiffness, problem.inner(shape, self._axial @ everywhere))
         bending = np.eye(m) - share @ share @ (3.0 * np.eye(m) - 2.0 * share)
-        squares = np.linalg.solve(gram, stiffness)
-        squares *= np.trace(np.linalg.inv(squares)) / STIFF
-        stiff = np.eye(m) - np.linalg.inv(np.eye(m) + squares @ squares)
+        squares, vectors = eigh(stiffness, gram)
+        inverse, bending = vectors.T @ gram, bending @ vectors
+        stiff = 1.0 / (1.0 + (STIFF / (squares * np.sum(1.0 / squares))) ** 2)
+        ahead = 1.0 / (1.0 + (squares / squares[:, None]) ** 2)
         along = np.empty((m, m, m))
         along[:, rows, columns] = along[:, columns, rows] = np.linalg.solve(gram, part)
-        kept = np.einsum("kab,ai,bj->kij", along, bending, bending, optimize=True)
-        return (along - np.einsum("lk,kij->lij", stiff, kept))[:, rows, columns]
+        kept = np.einsum("kl,lab,ai,bj->kij", inverse, along, bending, bending, optimize=True)
+        kept *= stiff[:, None, None] * ahead[:, :, None] * ahead[:, None]
+        return (along - np.einsum("lk,kij,ia,jb->lab", vectors, kept, inverse, inverse, optimize=True))[
+            :, rows, columns
+        ]
 
     def answered_loads(self, modes: ModeSet, static: np.ndarray, loads: np.ndarray) -> np.ndarray:
         """Return the loads that modes and static modes answer, shape (n_local, n_modes + n_static).

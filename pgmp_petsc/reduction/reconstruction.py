@@ -119,6 +119,8 @@ class Reconstruction:
         from the cells of other eta, next to these.
         """
         eta = states[0]
+        if not self._nodes.size:  # of forces in joints alone, most of which take no frames
+            return [np.empty((0, self._space.n_pose, len(eta)))] * (order + 1)
         if order == 0 and cells_of is None:
             return [self.frames(eta)]
         theta, poses = self._theta(eta), self._kinematics.poses(self._theta(eta))

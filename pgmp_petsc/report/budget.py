@@ -196,8 +196,9 @@ def _of_steps(sources: Sequence[Source]) -> Iterator[Line]:
 
 
 def step_errors(sources: Sequence[Source]) -> Iterator[tuple[Source, EstimatedErrors]]:
-    """Yield the runs that know the errors of their time step alone, and these."""
-    for source in sources:
+    """Yield the runs that know the errors of their time step alone, and these; not runs on other meshes beside them."""
+    twins = [other for _, other in mesh_twins(sources)]
+    for source in (source for source in sources if source not in twins):
         errors = source.result.errors if isinstance(source.result, Trajectory) else None
         if errors is not None and errors.what == OF_STEP:
             yield source, errors

@@ -252,7 +252,7 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
     time = frames.time[chosen]
     # digits behind the point that tell frames apart
     decimals = int(np.clip(1 - np.floor(np.log10(np.diff(time).min()) + 1e-9), 0, 12)) if len(time) > 1 else 3
-    bar = round_below(SIZE / 6.0 / picture.unit)  # m, about a sixth of the picture
+    bar = round_below(SIZE / 6.0 / picture.unit)  # in the run's unit, about a sixth of the picture
     length, metre = axis_unit(run.record.system.unit("m"), np.array([bar]))
     stops = [to_hex(colour) for colour in matplotlib.colormaps[COLOURS](np.linspace(0.0, 1.0, N_STOPS))]
     data: dict[str, Any] = {
@@ -261,7 +261,7 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
         "width": SIZE,
         "height": height + FOOT,
         "start": start,
-        "bar": bar,
+        "bar": bar * run.record.system.length,
         "bodies": [entry | {"colour": colour} for entry, colour in zip(packed, colours)],
         "factors": [factor for factor in FACTORS if factor == 1 or 0.0 < factor * reach <= LARGEST_SHOWN * height],
         "outputs": {
