@@ -294,11 +294,14 @@ def put(group: h5py.Group, name: str, data: Any, unit: str, description: str) ->
     """Write numbers, or an array of texts, with their ``unit`` ("1" if they have none) and ``description``; return the
     dataset."""
     # files have thousands of datasets: `create_dataset` and `attrs` take more than twice as long for the same bytes
-    how, links, text, scalar = _of_datasets(name.isascii())
+    parent, _, own = name.rpartition("/")
+    if parent:
+        group = group.require_group(parent)  # which keeps the order of what is put there
+    how, links, text, scalar = _of_datasets(own.isascii())
     data = np.asarray(data, order="C")
     kind = h5py.h5t.py_create(data.dtype, logical=True)
     space = h5py.h5s.create_simple(data.shape) if data.ndim else scalar
-    dataset = h5py.h5d.create(group.id, name.encode(), kind, space, how, links)
+    dataset = h5py.h5d.create(group.id, own.encode(), kind, space, how, links)
     dataset.write(h5py.h5s.ALL, h5py.h5s.ALL, data)
     for attribute, value in ((b"unit", unit), (b"description", description)):
         h5py.h5a.create(dataset, attribute, text, scalar).write(np.array(value, dtype=h5py.string_dtype()))
@@ -310,7 +313,6 @@ def _of_datasets(ascii_names: bool) -> tuple[Any, Any, Any, Any]:
     """Return how datasets and their links are made, the type of texts, and the space of one."""
     how, links = h5py.h5p.create(h5py.h5p.DATASET_CREATE), h5py.h5p.create(h5py.h5p.LINK_CREATE)
     how.set_obj_track_times(False)
-    links.set_create_intermediate_group(True)
     links.set_char_encoding(h5py.h5t.CSET_ASCII if ascii_names else h5py.h5t.CSET_UTF8)
     return how, links, h5py.h5t.py_create(h5py.string_dtype(), logical=True), h5py.h5s.create(h5py.h5s.SCALAR)
 
