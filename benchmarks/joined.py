@@ -25,8 +25,8 @@ from scipy import stats
 from benchmarks.tables import Table
 from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.ensemble import intervals, joined
-from pgmp_petsc.ensemble.correction import corrected
 from pgmp_petsc.ensemble.integration import run_batch
+from pgmp_petsc.ensemble.joined import corrected
 from pgmp_petsc.ensemble.sampling import Replicates
 from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.ensemble.stopping import Rule, Seen, Stop, level_of_each, stages

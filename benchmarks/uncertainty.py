@@ -33,8 +33,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Blocks, Replicates, Sampler
-from pgmp_petsc.ensemble.sensitivity import of_blocks, of_given
-from pgmp_petsc.ensemble.statistics import describe, of_event
+from pgmp_petsc.ensemble.statistics import describe, of_blocks, of_event, of_given
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc

@@ -14,24 +14,12 @@ if TYPE_CHECKING:  # the names that `__getattr__` gives, for editors and checker
     from pgmp_petsc.api.designs import Robust as Robust
     from pgmp_petsc.api.designs import fit as fit
     from pgmp_petsc.api.designs import optimize as optimize
-    from pgmp_petsc.api.ensembles import (
-        Correction as Correction,
-    )
-    from pgmp_petsc.api.ensembles import (
-        Stopping as Stopping,
-    )
-    from pgmp_petsc.api.ensembles import (
-        merge as merge,
-    )
-    from pgmp_petsc.api.ensembles import (
-        montecarlo as montecarlo,
-    )
-    from pgmp_petsc.api.ensembles import (
-        rare_event as rare_event,
-    )
-    from pgmp_petsc.api.ensembles import (
-        retry_failed as retry_failed,
-    )
+    from pgmp_petsc.api.ensembles import Correction as Correction
+    from pgmp_petsc.api.ensembles import Stopping as Stopping
+    from pgmp_petsc.api.ensembles import merge as merge
+    from pgmp_petsc.api.ensembles import montecarlo as montecarlo
+    from pgmp_petsc.api.ensembles import rare_event as rare_event
+    from pgmp_petsc.api.ensembles import retry_failed as retry_failed
     from pgmp_petsc.api.exports import export_model as export_model
     from pgmp_petsc.api.exports import export_result as export_result
     from pgmp_petsc.api.files import contents as contents
@@ -48,6 +36,7 @@ if TYPE_CHECKING:  # the names that `__getattr__` gives, for editors and checker
     from pgmp_petsc.api.result import Rom as Rom
     from pgmp_petsc.api.result import StoppedRun as StoppedRun
     from pgmp_petsc.api.runs import fields as fields
+    from pgmp_petsc.api.runs import histories as histories
     from pgmp_petsc.api.runs import sensitivities as sensitivities
     from pgmp_petsc.api.runs import simulate as simulate
     from pgmp_petsc.api.scenes import compose as compose
@@ -55,14 +44,13 @@ if TYPE_CHECKING:  # the names that `__getattr__` gives, for editors and checker
     from pgmp_petsc.api.scenes import new as new
     from pgmp_petsc.api.scenes import schema as schema
     from pgmp_petsc.api.scenes import use as use
-    from pgmp_petsc.api.sweeps import histories as histories
     from pgmp_petsc.base.errors import InputError as InputError
     from pgmp_petsc.base.errors import PgmpError as PgmpError
     from pgmp_petsc.base.errors import RunError as RunError
     from pgmp_petsc.ensemble.plan import Shard as Shard
     from pgmp_petsc.scene import Scene as Scene
 
-#: Classes of the interface, and the modules that have them; its functions are found (`api.found`).
+#: Classes of the interface, and the modules that have them; its functions are found (`api`).
 _CLASSES = {
     "Scene": "scene",
     "Shard": "ensemble.plan",
@@ -80,7 +68,7 @@ _CLASSES = {
 
 def _modules() -> dict[str, str]:
     """Return the names of the interface, and the modules that have them."""
-    functions = import_module("pgmp_petsc.api.found").found()
+    functions = import_module("pgmp_petsc.api").found()
     return {name: f"pgmp_petsc.{module}" for name, module in _CLASSES.items()} | {
         one.function: one.module for one in functions
     }

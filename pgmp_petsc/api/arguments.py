@@ -58,18 +58,9 @@ def checked(
 ) -> Function:
     """Let a function of the interface, or a method of a result, be called with arguments that its annotations allow.
 
-    Numbers of numpy become Python's, None means no overrides. Raises `InputError`, from the function, on all ranks, if
-    an argument is something else.
-
-    Parameters
-    ----------
-    function
-        The function.
-    declared
-        Declarations of the arguments (`api.declared.Argument`).
-    names
-        A program's names for options of the command line, which messages use: no caller reads words that are not its
-        own.
+    Numbers of numpy become Python's, None means no overrides. Arguments are declared (`api.declared.Argument`); `names`
+    are a program's for options of the command line, which messages use: no caller reads words that are not its own.
+    Raises `InputError`, from the function, on all ranks, if an argument is something else.
     """
     signature = inspect.signature(function)
     kinds = {name: kinds_of(str(entry.annotation)) for name, entry in signature.parameters.items()}

@@ -131,7 +131,7 @@ def check(
 def _draw(scene: Scene, meshes: Mapping[str, BodyShape], picture: Path, inputs: Sequence[Path]) -> list[str]:
     """Draw the assembled mechanism and its parts of cells, and say where; by one process only."""
     from pgmp_petsc.figures.mechanism import assembly  # matplotlib takes a noticeable time
-    from pgmp_petsc.figures.part import meshed_part
+    from pgmp_petsc.figures.solids import meshed_part
     from pgmp_petsc.figures.style import save
     from pgmp_petsc.studies.field_frames import assembly_of
 

@@ -1,7 +1,7 @@
 """A command is a function and one declaration, which describes each of its arguments once.
 
 From it follow the function's checks and docstring, click's command, ``--json`` and docs/commands.md. Commands are found
-by the heads of the modules in this room (`api.found`), which are read and not imported: a command is one more file, or
+by the heads of the modules in this room (`api`), which are read and not imported: a command is one more file, or
 one more function in a file of its kin::
 
     @command("merge", "Join the shards of an ensemble.", 80, report=report, files=Argument("Shards, in any order."))
@@ -22,8 +22,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from pgmp_petsc.api import Found
 from pgmp_petsc.api.arguments import Function, Range, checked, kinds_of, wrong
-from pgmp_petsc.api.found import Found
 from pgmp_petsc.base.errors import InputError
 
 
@@ -168,7 +168,9 @@ class Command:
         its own. Raises `InputError` where it has to be named."""
         ending = self.ending(given)
         if ending is None:
-            raise InputError(f"{self.arguments['output'].called}: missing; the name of the file to write is needed here")
+            raise InputError(
+                f"{self.arguments['output'].called}: missing; the name of the file to write is needed here"
+            )
         first = given[next(name for name, one in self.function.declared.items() if one.by_place and one.meaning)]
         stem = Path(first[0] if isinstance(first, (list, tuple)) else first).stem
         model = f"_{given['model']}" if given.get("model") else ""

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import re
-import shutil
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
@@ -20,25 +18,46 @@ from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.result import Result
 from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import PURPOSES, REDUCED, SOURCE, AnySource, Keeper, Origin, keeping, kind_of, mesh_model
+from pgmp_petsc.api.sources import (
+    PURPOSES,
+    REDUCED,
+    SOURCE,
+    AnySource,
+    Keeper,
+    Origin,
+    keeping,
+    kind_of,
+    mesh_model,
+    place_on_the_way,
+)
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.progress import announce
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
+from pgmp_petsc.ensemble.description import Shards
 from pgmp_petsc.ensemble.failures import read_earlier
 from pgmp_petsc.ensemble.integration import run_ensemble
-from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, SampleFile, Shard
-from pgmp_petsc.ensemble.sample_file import Columns, called, read_samples
+from pgmp_petsc.ensemble.plan import (
+    LARGEST_SEED,
+    MOST_SAMPLES,
+    SAMPLERS,
+    Columns,
+    Plan,
+    SampleFile,
+    Shard,
+    called,
+    read_samples,
+)
 from pgmp_petsc.ensemble.sampling import refuse_drawn
 from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.mechanism.capabilities import check_capabilities
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
+from pgmp_petsc.models import FullModel, Model
 from pgmp_petsc.models.component_file import ComponentsFile
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, RankGroup
-from pgmp_petsc.reduction.rom import outside_of, refuse_beyond
+from pgmp_petsc.reduction.rom import check_samples
 from pgmp_petsc.results.ensemble import Ensemble, ShardSamples, read_shard
 from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.scene import Scene, scene_from_toml
@@ -47,7 +66,7 @@ from pgmp_petsc.texts.ensemble_table import report as report_of_ensemble
 from pgmp_petsc.texts.ensemble_table import report_of_rare_event, report_of_shard
 
 if TYPE_CHECKING:
-    from pgmp_petsc.ensemble.correction import Better
+    from pgmp_petsc.ensemble.joined import Better
 
 MODELS = ("reduced", "components", "full")  # from worse to better
 MOST_DIVISOR = 1000
@@ -94,18 +113,9 @@ class Correction:
 
 
 def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> list[Correction]:
-    """Return better models, the best first; the same on all ranks.
+    """Return better models than the ensemble's `own`, the best first; `n_samples` is None where it is to be chosen.
 
-    Raises `InputError` if models or numbers are in no order that makes sense.
-
-    Parameters
-    ----------
-    wanted
-        In any order.
-    own
-        Name of the ensemble's own model.
-    n_samples
-        Number of its samples, None where it is to be chosen.
+    Raises `InputError` if models or numbers are in no order that makes sense. The same on all ranks.
     """
     if not wanted:
         return []
@@ -135,20 +145,13 @@ def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> l
 
 
 def better_models(wanted: Sequence[Correction], own: Model, origin: Origin, comm: Comm) -> list[Better]:
-    """Return the models that are asked for. Collective on `comm`.
+    """Return the models that are asked for beside the ensemble's own one, from its origin. Collective on `comm`.
 
     Raises `InputError` if meshes are not at hand, or a model cannot have what the scene has.
-
-    Parameters
-    ----------
-    own
-        The ensemble's own model.
-    origin
-        Where it is from.
     """
     if not wanted:
         return []
-    from pgmp_petsc.ensemble.correction import Better  # as above
+    from pgmp_petsc.ensemble.joined import Better  # as above
 
     return [Better(one.name, _model(one, own, origin, comm), one.n) for one in wanted]
 
@@ -299,11 +302,8 @@ class Request:
             if name in file.values:
                 why = f"every sample takes '{name}' from {called(self.samples)}"
                 raise InputError(f"--set {setting}: {why}; leave one of them out")
-        if isinstance(model, (ReducedModel, ComponentModel)):
-            refuse_beyond(model.served, file.values, called(self.samples))
-            said = outside_of(model.served, file.values, called(self.samples))
-            file = replace(file, remarks=(*file.remarks, *said))
-        return file
+        said = check_samples(model.served, file.values, called(self.samples))
+        return replace(file, remarks=(*file.remarks, *said))
 
     def with_table(self, file: SampleFile | None) -> Request:
         """Return the request with the number of samples that a file gives."""
@@ -424,7 +424,7 @@ def retry_failed(
     with ExitStack() as stack:
         group = stack.enter_context(RankGroup.split(comm, ranks_per_sample, "--ranks-per-sample"))
         keeper = stack.enter_context(keeping("ensemble", comm, output, on_all_ranks, (origin.path, failed)))
-        place = stack.enter_context(_place_of(keeper))
+        place = stack.enter_context(place_on_the_way(comm, keeper.output))
         prepared = origin.settled(comm, check, many=True)
         _say_if_small(prepared, ranks_per_sample, comm)
         earlier = on_root(comm, read_earlier, Path(failed), prepared)
@@ -589,7 +589,7 @@ def montecarlo(
     with ExitStack() as stack:
         group = stack.enter_context(RankGroup.split(comm, ranks_per_sample, "--ranks-per-sample"))
         keeper = stack.enter_context(keeping(asked.kind, comm, output, on_all_ranks, (origin.path,)))
-        place = stack.enter_context(_place_of(keeper))
+        place = stack.enter_context(place_on_the_way(comm, keeper.output))
         prepared = origin.settled(comm, check, many=True)
         _say_if_small(prepared, ranks_per_sample, comm)
         file = on_root(comm, asked.table, prepared, origin.settings)
@@ -620,11 +620,11 @@ def merge(
 
     Exit status 1 if some samples failed.
     """
-    from pgmp_petsc.ensemble.shards import Shards  # as above
-
     comm, found = solving_ranks_of(comm), None
     paths = [Path(file) for file in files]
-    with keeping("ensemble", comm, output, on_all_ranks, paths) as keeper, _place_of(keeper) as place:
+    with ExitStack() as stack:
+        keeper = stack.enter_context(keeping("ensemble", comm, output, on_all_ranks, paths))
+        place = stack.enter_context(place_on_the_way(comm, keeper.output))
         with agreed(comm, "merging"), ExitStack() as opened:
             if comm.rank == 0:
                 shards = [opened.enter_context(read_shard(path)) for path in paths]
@@ -656,20 +656,3 @@ def _kept(keeper: Keeper, found: object, plan: Plan, origin: Origin, scene: Scen
     if keeper.output is not None and keeper.comm.rank == 0 and not goes_on:
         remove_checkpoint(plan)
     return result
-
-
-@contextmanager
-def _place_of(keeper: Keeper) -> Iterator[Path]:
-    """Yield where samples are kept on the way: beside their file, or in a folder of their own, which goes at the end.
-
-    Collective on the ranks; what is kept is the first's.
-    """
-    if keeper.output is not None:
-        yield keeper.output
-        return
-    folder = on_root(keeper.comm, tempfile.mkdtemp, None, "pgmp_ensemble_")
-    try:
-        yield Path(folder) / "ensemble.h5"
-    finally:
-        if keeper.comm.rank == 0:
-            shutil.rmtree(folder, ignore_errors=True)

@@ -11,9 +11,9 @@ from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.files import stopped_runs
 from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
-from pgmp_petsc.api.result import MODELS, Result, Rom, file_of
+from pgmp_petsc.api.result import Result, Rom, file_of
 from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import Origin
+from pgmp_petsc.api.sources import Origin, kind_of
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.c_export.constants import (
@@ -30,7 +30,6 @@ from pgmp_petsc.c_export.source import write_sources
 from pgmp_petsc.c_export.tree import tree_constants_of
 from pgmp_petsc.files.claims import KINDS, TABLE, TABULAR, check_output, is_table, named
 from pgmp_petsc.files.hdf5 import open_file
-from pgmp_petsc.files.seal import BrokenSeal, seal_of
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_values
@@ -122,20 +121,13 @@ def _chosen(given: Mapping[str, Any], comm: Comm) -> Callable[..., Path]:
     """Return which of the two functions writes; refuse options of the other. Collective on `comm`."""
     output = given["output"]
     suffix = output.suffix.lower()
-    if suffix == FMU or (suffix not in XDMF and not is_table(output) and on_root(comm, _is_model, given["result"])):
+    if suffix == FMU or (suffix not in XDMF and not is_table(output) and on_root(comm, kind_of, given["result"])):
         return export_model
     if "fmi" in given:
         raise InputError(f"--fmi {given['fmi']} is for FMUs of models, and '{output}' is none; leave it out")
     if "parameters" in given or "overrides" in given:
         raise InputError("--set and --override are for the export of a model; a result is what it is")
     return export_result
-
-
-def _is_model(file: Path) -> bool:
-    try:
-        return seal_of(file).kind in MODELS
-    except (OSError, BrokenSeal):
-        return False  # the reader of trajectories says what is wrong with it
 
 
 @command(

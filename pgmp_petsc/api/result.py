@@ -266,13 +266,7 @@ class Rom(Result):
 
 
 class StoppedRun(RunError):
-    """A run stopped before its end.
-
-    Attributes
-    ----------
-    result : Result
-        The run up to there.
-    """
+    """A run stopped before its end; its `result` is the run up to there."""
 
     def __init__(self, message: str, result: Result | None = None) -> None:
         super().__init__(message)

@@ -127,10 +127,9 @@ def new(
 
 def _write_made(source: Path, file: Path, force: bool) -> tuple[list[Path], list[str], str]:
     """Write the scene of a file of another program; return what was written, what to say, and what to try."""
-    from pgmp_petsc.figures.part import part_picture  # few scenes are made so
+    from pgmp_petsc.figures.solids import part_picture  # few scenes are made so
     from pgmp_petsc.figures.style import save
-    from pgmp_petsc.studies.new_scene import scene_of_part
-    from pgmp_petsc.studies.robot_scene import ROBOT, scene_of_robot
+    from pgmp_petsc.studies.new_scene import ROBOT, scene_of_part, scene_of_robot
 
     check_scene_file(file)
     if source.suffix.lower() in ROBOT:

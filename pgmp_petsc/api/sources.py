@@ -5,6 +5,8 @@ The file of a result, which is claimed before long work and written after it, an
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -361,3 +363,20 @@ def keeping(
         return
     with claimed(comm, own, form_of(own, kind), inputs) as target:
         yield Keeper(kind, comm, own, target, on_all_ranks, folder)
+
+
+@contextmanager
+def place_on_the_way(comm: Comm, output: Path | None = None) -> Iterator[Path]:
+    """Yield where samples are kept on the way: beside their file, or in a folder of their own, which goes at the end.
+
+    Collective on `comm`; what is kept is the first rank's.
+    """
+    if output is not None:
+        yield output
+        return
+    folder = on_root(comm, tempfile.mkdtemp, None, "pgmp_ensemble_")
+    try:
+        yield Path(folder) / "ensemble.h5"
+    finally:
+        if comm.rank == 0:
+            shutil.rmtree(folder, ignore_errors=True)

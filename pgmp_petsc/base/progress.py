@@ -48,12 +48,7 @@ _phases: list[str] = []  # what goes on, the innermost last
 class Progress:
     """A count of work, a context manager; what :func:`progress` returns.
 
-    Parameters
-    ----------
-    total
-        Units of work; None where it is not known before: a search ends when it ends.
-    initial
-        Units that were done before.
+    The total is None where it is not known before: a search ends when it ends. `initial` units were done before.
     """
 
     def __init__(self, total: float | None = None, initial: int = 0) -> None:
@@ -106,18 +101,9 @@ class _Watched:
 
 
 class Lines(Progress, _Watched):
-    """A count that writes a line now and then.
+    """A count that writes a line now and then; see `Progress`.
 
-    Parameters
-    ----------
-    total, initial
-        As of `Progress`; what was done before does not tell how fast the others go.
-    description
-        What is counted.
-    stream
-        Where the lines go.
-    clock
-        Seconds since any instant.
+    What was done before does not tell how fast the others go. The clock tells seconds since any instant.
     """
 
     def __init__(
@@ -226,12 +212,8 @@ class _Bar(Progress):
 class Beat(_Watched):
     """Shows that a command goes on while nothing is counted: what it does, or waits for, and for how long.
 
-    A person sees a line that the next one takes the place of; a log has lines as seldom as those of counts.
-
-    Attributes
-    ----------
-    due
-        When something is to be said, by the clock, s.
+    A person sees a line that the next one takes the place of; a log has lines as seldom as those of counts. Something
+    is to be said when it is `due` by the clock, s.
     """
 
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:

@@ -13,14 +13,10 @@ from pgmp_petsc.base.surroundings import Comm
 
 
 class Timings:
-    """Accumulates time under names; a phase may be entered any number of times, and phases may nest.
+    """Accumulates time under names, where there may be some already; a phase may be entered any number of times, and
+    phases may nest.
 
-    Parameters
-    ----------
-    seconds
-        What there is already.
-    clock
-        Wall time by default; `time.process_time` is that of this process alone.
+    The clock is wall time by default; `time.process_time` is that of this process alone.
     """
 
     def __init__(self, seconds: Mapping[str, float] | None = None, clock: Callable[[], float] = perf_counter) -> None:

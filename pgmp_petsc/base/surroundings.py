@@ -165,14 +165,9 @@ def has_mpi() -> bool:
 
 
 def needs_petsc(what: str) -> None:
-    """Refuse what cannot be done without PETSc, where it is absent.
+    """Refuse what cannot be done without PETSc, where it is absent: the subject of the message, in the plural.
 
     Raises `InputError`, naming the packages that are missing; the same on all ranks.
-
-    Parameters
-    ----------
-    what
-        The subject of the message, in the plural: "eigenproblems of continuum bodies".
     """
     absent = missing()
     if absent:
@@ -200,10 +195,7 @@ def is_communicator(value: object) -> bool:
 def refuse_ranks() -> None:
     """Refuse to be one of several processes without mpi4py: each would do the whole work, and write the same files.
 
-    Raises
-    ------
-    InputError
-        Whose message is empty but on the first of them.
+    Raises `InputError`, whose message is empty but on the first of them.
     """
     started = next((int(os.environ[name]) for name in SIZES if os.environ.get(name, "").isdecimal()), 1)
     if started > 1:
@@ -226,11 +218,6 @@ class OneRank:
 
     What several ranks alone do (messages between ranks, reductions with an operation of MPI) is not here: it is asked
     for where ``size`` is larger than 1.
-
-    Attributes
-    ----------
-    rank, size
-        0 and 1.
     """
 
     rank, size = 0, 1

@@ -38,16 +38,9 @@ def advise(
 ) -> tuple[str, ...]:
     """Return advice for all outputs together, for each of them, and what to keep in mind.
 
-    A piece of advice is one line, or several: a line that begins with ``--`` holds options to paste.
-
-    Parameters
-    ----------
-    study
-        Measurements; its own advice is not looked at.
-    from_mesh
-        How far the reference is from the mesh in outputs, as far as that was measured.
-    sizes
-        Of the outputs, for what shares of small ones are; nothing is said of them without.
+    A piece of advice is one line, or several: a line that begins with ``--`` holds options to paste. `from_mesh` says
+    how far the reference is from the mesh in outputs, as far as that was measured; `sizes` of the outputs what shares
+    of small ones are of.
     """
     targets, bounds = _targets(study, study.errors), _targets(study, bounds_of(study, from_mesh))
     alike: dict[tuple[Choice, ...], list[str]] = {}
@@ -110,15 +103,8 @@ class Choice:
 
 
 def cheapest(study: Tradeoff, errors: np.ndarray, threshold: float, among: np.ndarray) -> int | None:
-    """Return the cheapest setting whose error is at most `threshold`, None where there is none.
-
-    Parameters
-    ----------
-    errors
-        Error of every setting, shape (n,); NaN where it failed.
-    among
-        Settings to choose from, a mask of shape (n,).
-    """
+    """Return the cheapest setting `among` some, a mask (n,), whose error, (n,), NaN where it failed, is at most
+    `threshold`; None where there is none."""
     total = study.total_seconds(study.samples)
     good = among & (errors <= threshold) & np.isfinite(total)
     return int(np.argmin(np.where(good, total, np.inf))) if good.any() else None

@@ -104,28 +104,17 @@ class Measured:
 
 
 class Bench:
-    """Runs what is to be compared; methods are collective on `comm` unless they say otherwise.
+    """Runs what is to be compared; methods are collective on `comm`, whose ranks share the loads, unless they say
+    otherwise.
 
-    Parameters
-    ----------
-    reference
-        What errors are measured against; any model where its own steps alone are compared.
-    training
-        The samples, and loads, to run.
-    comm
-        Ranks that share the loads.
-    subject
-        The scene and its bodies, condensed for all settings; None where only the reference runs.
-    group
-        Ranks that share an eigenproblem.
-    bar
-        Counts the runs.
-    finished
-        What an earlier run of the program left, and where results are kept; None where nothing is.
-    timed
-        Whether each model is made from nothing, and kept for its times; `comm` is this rank alone then. Processor
-        times, s, of what was done once for all settings, of families by name, are to be added: condensing the bodies
-        for ``reduced`` ones, preparing the reference for a ``surface``.
+    Errors are measured against the reference, any model where its own steps alone are compared; the training has the
+    samples, and loads, to run. The subject is the scene and its bodies, condensed for all settings, None where only the
+    reference runs, the group ranks that share an eigenproblem. The bar counts the runs. Results are kept where an
+    earlier run of the program left some (`finished`).
+
+    Where it is `timed` each model is made from nothing, and kept for its times; `comm` is this rank alone then.
+    Processor times, s, of what was done once for all settings, of families by name, are to be added: condensing the
+    bodies for ``reduced`` ones, preparing the reference for a ``surface``.
     """
 
     def __init__(

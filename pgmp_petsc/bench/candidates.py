@@ -45,8 +45,8 @@ from pgmp_petsc.bench.finished import LOCAL_EFFECT, duration_text
 from pgmp_petsc.bench.reference import start_of_coordinates, takes_second_order
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, patterns_of
+from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.capabilities import why_no_grid
-from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
@@ -487,20 +487,8 @@ def _once(settings: Iterable[Setting]) -> list[Setting]:
 
 
 class ResponseSurface:
-    """Interpolates outputs over time between nodes in the space of the parameters.
-
-    Parameters
-    ----------
-    nodes
-        Parameter values, shape (n_nodes, n_parameters).
-    outputs
-        Outputs at the nodes, each of shape (n_t, n_nodes).
-
-    Raises
-    ------
-    ValueError
-        If there are too few nodes for any interpolation.
-    """
+    """Interpolates outputs over time, each of shape (n_t, n_nodes), between nodes in the space of the parameters, shape
+    (n_nodes, n_parameters). Raises `ValueError` if there are too few nodes for any interpolation."""
 
     def __init__(self, nodes: np.ndarray, outputs: Mapping[str, np.ndarray]) -> None:
         self._names = list(outputs)

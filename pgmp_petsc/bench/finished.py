@@ -73,7 +73,7 @@ def _name(kind: str, task: object) -> str:
 
 
 LOCAL_EFFECT = 1.5e-6  # s, of a step of a sample, Newton corrections included
-CARRIED = 7e-4  # s, the same of friction by the force that a joint carries, which is found between corrections
+CARRIED = 8e-4  # s, the same of friction by the force that a joint carries, which is found between corrections
 
 
 @dataclass(frozen=True)

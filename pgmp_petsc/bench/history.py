@@ -96,18 +96,11 @@ def run_history(
     n_steps: int,
     system: SecondOrderSystem | None = None,
 ) -> History:
-    """Integrate samples on this rank, in batches as large as the model takes, or on the ranks of a given system.
+    """Integrate samples with some parameter values, each of shape (n_samples,), in equal steps over the scene's
+    duration.
 
-    Parameters
-    ----------
-    model
-        Any model of a scene.
-    values
-        Parameter values, each of shape (n_samples,).
-    n_steps
-        Equal time steps over the scene's duration.
-    system
-        The only sample on ranks that share it; made here otherwise.
+    On this rank, in batches as large as the model takes, or the only sample on the ranks of a given system that share
+    it.
     """
     if system is not None:
         return _integrated(model, system, n_steps, values)
@@ -176,16 +169,10 @@ def _inside(measured: Sequence[tuple[Coordinate, np.ndarray]], n_samples: int) -
 def errors_between(found: History, exact: History, floors: np.ndarray) -> np.ndarray:
     """Return the largest error over time of every output and sample, shape (n_outputs, n_samples).
 
-    The error is a share of the largest value of the exact output over time, or of `floors` where that is larger. It is
-    infinite where only `found` failed, or has no number at a tenth of the instants and more at which the exact run has
-    one (a deformation is none outside a limited range); NaN where the exact run failed or has no number at any instant.
-
-    Parameters
-    ----------
-    found, exact
-        Histories of the same samples; one's number of steps divides the other's.
-    floors
-        In the outputs' units, shape (n_outputs,).
+    The error is a share of the largest value of the exact output over time, or of `floors`, (n_outputs,) in its unit,
+    where that is larger. It is infinite where only `found` failed, or has no number at a tenth of the instants and more
+    at which the exact run has one (a deformation is none outside a limited range); NaN where the exact run failed or
+    has no number at any instant. The number of steps of one history divides that of the other.
     """
     finest = max(found.n_steps, exact.n_steps)
     strides = [item.every * (finest // item.n_steps) for item in (found, exact)]

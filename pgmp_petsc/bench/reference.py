@@ -37,8 +37,8 @@ from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed, floating_shapes
 from pgmp_petsc.effects import start_of
+from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, why_no_full_model
-from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
@@ -137,16 +137,11 @@ def component_model(
     n_modes: int | None = None,
     kinematics: RigidKinematics | None = None,
 ) -> ComponentModel:
-    """Return the component model of a scene. Collective on `comm`.
+    """Return the component model of a scene, whose fields serve so many modes, ``reduction.modes`` by default.
+    Collective on `comm`.
 
-    Raises `InputError` if a body cannot be put into a floating frame, or the scene has what such bodies do not take.
-
-    Parameters
-    ----------
-    n_modes
-        Modes of the mechanism that its bodies' fields serve; ``reduction.modes`` by default.
-    kinematics
-        Of the same mechanism, where they are at hand.
+    Kinematics are of the same mechanism, where they are at hand. Raises `InputError` if a body cannot be put into a
+    floating frame, or the scene has what such bodies do not take.
     """
     bodies = condensed_bodies(scene, meshes, comm, n_modes)
     with agreed(comm, "preparing the component model"):
@@ -218,12 +213,8 @@ def distance_from_mesh(
 ) -> Reference:
     """Return a reference that says how far it is from the mesh. Collective on `comm`.
 
-    Parameters
-    ----------
-    values
-        Points to try, each of shape (n_samples,), the nominal ones first.
-    n_steps
-        Steps of both models over the whole run; few will do, both make the same errors with them.
+    Points to try are values of shape (n_samples,) each, the nominal ones first. Of steps over the whole run few will
+    do: both models make the same errors with them.
     """
     if reference.is_mesh:
         return reference

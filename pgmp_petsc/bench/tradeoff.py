@@ -63,32 +63,14 @@ def measure_tradeoff(
     finished: Finished | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> Tradeoff | None:
-    """Measure errors and times of the settings of a sweep. Collective on `comm`.
+    """Measure errors and times of the settings of a sweep, on the first rank; None elsewhere. Collective on `comm`.
+
+    The advice is for so many samples; `quick`, whether the sweep is the short one, is for the record. What errors are
+    measured against, and what that is predicted to take, goes to `say` before it is run; what an earlier run finished
+    is in `finished`, where further tasks are kept.
 
     Raises `InputError` if the scene has no outputs, its mechanism cannot be closed, or there is no reference within the
     budget; `RunError` if the reference fails at a test value, so that there is nothing to compare with.
-
-    Parameters
-    ----------
-    scene, meshes
-        The scene, with outputs.
-    sweep
-        How many settings.
-    n_samples
-        Number of samples that the advice is for.
-    quick
-        Whether the sweep is the short one; for the record.
-    comm
-        Ranks that share the settings.
-    finished
-        What an earlier run finished, and where finished tasks are kept.
-    say
-        Gets what errors are measured against and what that is predicted to take, before it is run.
-
-    Returns
-    -------
-    Tradeoff or None
-        On the first rank, None elsewhere.
     """
     if not scene.outputs:
         raise InputError(

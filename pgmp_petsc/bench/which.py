@@ -22,6 +22,7 @@ from pgmp_petsc.bodies.floating import PAIR_SECONDS
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.capabilities import SECONDS, SECONDS_PER_UNKNOWN, Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.outputs.stress import points_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.references import points_used
 
@@ -30,6 +31,7 @@ REDUCED_SAMPLE, REDUCED_ENTRY, REDUCED_EFFECT = 1.0e-7, 2.0e-9, 3.0e-7
 CARRIED = 2e-4  # s, of a step of a sample in a batch, also of components: friction by the force that a joint carries
 MODEL = 0.6  # s, of a build besides its configurations
 CONDENSING, CONDENSING_POWER = 9e-6, 1.3  # s, of a body of cells by its unknowns; measured from 5,850 to 298,134
+STRAIN = 1.6e-8  # s, of a strain at a point of a body of cells, from some 80 coordinates of the body condensed
 GOOD = 0.01  # share of a deformation up to which an error is small
 MANY = 10_000  # samples that a choice is said for
 
@@ -71,7 +73,8 @@ def prospects(
     n_local = sum(effect.local for effect in scene.effects.values())
     n_rigid, fields = len(scene.coordinates), amplitudes(scene, mechanism, scene.reduction.modes)
     answered = scene.reduction.static_modes or not n_loads or scene.reduction.tolerance is not None
-    carried, share = CARRIED * len(scene.carried), "0.1 to 1 % of deformations, with static answers to loads"
+    besides = CARRIED * len(scene.carried) + STRAIN * n_strains(scene, mechanism)
+    share = "0.1 to 1 % of deformations, with static answers to loads"
     if not answered:
         share = "1 to 6 % of deformations, without static answers to loads (reduction.static_modes)"
     found = [
@@ -81,11 +84,11 @@ def prospects(
         ),
         Prospect(
             "components", _refused(scene, Purpose.COMPONENTS, meshes), sum(fields.values()) + n_rigid,
-            condensing(mechanism), component_step(fields, n_local) + carried, 0.002, "0.002 to 0.8 % of deformations",
+            condensing(mechanism), component_step(fields, n_local) + besides, 0.002, "0.002 to 0.8 % of deformations",
         ),
         Prospect(
             "reduced", _refused(scene, Purpose.BUILD, meshes), n_flexible + n_rigid, build_seconds(scene, mechanism),
-            reduced_step(n_flexible + n_rigid, n_rigid, n_local) + carried, 0.005 if answered else 0.03, share,
+            reduced_step(n_flexible + n_rigid, n_rigid, n_local) + besides, 0.005 if answered else 0.03, share,
         ),
     ]  # fmt: skip
     return [Prospect(one.model, one.refused) if one.refused else one for one in found]
@@ -147,6 +150,17 @@ def amplitudes(scene: Scene, mechanism: Mechanism, n_modes: int) -> dict[str, in
             rigid = body.dimension * (body.dimension + 1) // 2
             free = (body.dofs.size if not body.to_condense else body.n_internal) - rigid
             found[body.name] = max(min(n_modes + rigid * len(points_used(scene, body.name)), free), 0)
+    return found
+
+
+def n_strains(scene: Scene, mechanism: Mechanism) -> int:
+    """Return how many strains of bodies of cells the stress outputs of an instant are found from."""
+    bodies, found = {body.name: body for body in mechanism.bodies if body.to_condense}, 0
+    for name, entry in scene.outputs.items():
+        if "stresses" in entry.reads and entry.body in bodies:
+            body = bodies[entry.body]
+            points = points_of(f"outputs.{name}", entry, body.stresses(scene))
+            found += points.n_points * body.dimension * (body.dimension + 1) // 2
     return found
 
 

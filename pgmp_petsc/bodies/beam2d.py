@@ -110,20 +110,11 @@ def fill_tangent(strain, stress, section, cos, sin, length, tangent):
 
 
 def undeformed_stiffness(lengths: np.ndarray, alphas: np.ndarray, section: np.ndarray) -> np.ndarray:
-    """Return the tangents of elements at rest in the mesh's own frame.
+    """Return the tangents of elements of lengths (m) and angles (rad) at rest in the mesh's own frame, shape
+    (n_elements, 6, 6).
 
-    At rest the stress resultants vanish, so the tangent is the sum of three rank-one terms.
-
-    Parameters
-    ----------
-    lengths, alphas
-        Shape (n_elements,): m and rad.
-    section
-        ``(EA, k_s GA, EI)``, shape (3,).
-
-    Returns
-    -------
-    ndarray, shape (n_elements, 6, 6)
+    At rest the stress resultants vanish, so the tangent is the sum of three rank-one terms. The section is ``(EA, k_s
+    GA, EI)``.
     """
     cos, sin, zero, one = np.cos(alphas), np.sin(alphas), np.zeros_like(alphas), np.ones_like(alphas)
     half = lengths / 2
@@ -134,19 +125,11 @@ def undeformed_stiffness(lengths: np.ndarray, alphas: np.ndarray, section: np.nd
 
 
 def rest_strains(lengths: np.ndarray, alphas: np.ndarray) -> np.ndarray:
-    """Return what `third_derivative` is made of, linear in the unknowns: ``(u / L, w / L, psi)`` of every element.
+    """Return what `third_derivative` is made of, linear in the unknowns: ``(u / L, w / L, psi)`` of every element of
+    lengths (m) and angles (rad), shape (n_elements, 3, 6).
 
     Extension u and deflection w are those of the second node against the first, along and across the element, and psi
     the mean rotation of the nodes.
-
-    Parameters
-    ----------
-    lengths, alphas
-        Shape (n_elements,): m and rad.
-
-    Returns
-    -------
-    ndarray, shape (n_elements, 3, 6)
     """
     cos, sin, zero = np.cos(alphas) / lengths, np.sin(alphas) / lengths, np.zeros_like(alphas)
     half = np.full_like(alphas, 0.5)
@@ -187,18 +170,9 @@ def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.nd
 
 
 def consistent_mass(lengths: np.ndarray, line_density: float, rotary_density: float) -> np.ndarray:
-    """Return consistent mass matrices, constant in any frame.
+    """Return consistent mass matrices of elements of lengths (m), constant in any frame, shape (n_elements, 6, 6).
 
-    Parameters
-    ----------
-    lengths
-        Shape (n_elements,), m.
-    line_density, rotary_density
-        rho A (kg/m) and rho I (kg m).
-
-    Returns
-    -------
-    ndarray, shape (n_elements, 6, 6)
+    Densities are rho A (kg/m) and rho I (kg m).
     """
     density = np.diag([line_density, line_density, rotary_density])
     unit = np.kron(np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0, density)

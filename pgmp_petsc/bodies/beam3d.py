@@ -319,12 +319,7 @@ def _angle_over_sine(tau):
 def natural_mass(lengths: np.ndarray, axes: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """Return consistent mass matrices in natural coordinates, shape (n, 24, 24).
 
-    Parameters
-    ----------
-    lengths, axes
-        Shape (n,), m, and T, shape (n, 3, 3).
-    inertia
-        ``(rho A, rho I_2, rho I_3)``, shape (3,), kg/m and kg m.
+    Lengths are in m, axes T of shape (n, 3, 3), and the inertia ``(rho A, rho I_2, rho I_3)``, kg/m and kg m.
     """
     density = np.zeros((len(lengths), 4, 4))
     density[:, 0, 0] = inertia[0]
@@ -373,12 +368,7 @@ def strain_gradients(lengths: np.ndarray, axes: np.ndarray) -> np.ndarray:
 def undeformed_stiffness(lengths: np.ndarray, axes: np.ndarray, section: np.ndarray) -> np.ndarray:
     """Return tangents at rest for displacements and rotations of the nodes in the body's frame, shape (n, 12, 12).
 
-    Parameters
-    ----------
-    lengths, axes
-        Shape (n,), m, and T, shape (n, 3, 3).
-    section
-        Shape (6,).
+    Lengths are in m, axes T of shape (n, 3, 3), and the section of shape (6,).
     """
     gradients = strain_gradients(lengths, axes)
     return np.einsum("s,esi,esj,e->eij", section, gradients, gradients, lengths)
@@ -388,16 +378,9 @@ N_STRAINS = 9  # w, m, k
 
 
 def rest_strains(lengths: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Return ``(w, m, k)`` in the axes of the elements for displacements and rotations of both nodes.
+    """Return ``(w, m, k)`` in the axes of the elements for displacements and rotations of both nodes, shape (n, 9, 12).
 
-    Parameters
-    ----------
-    lengths, axes
-        Shape (n,), m, and axes, one a column, shape (n, 3, 3).
-
-    Returns
-    -------
-    ndarray, shape (n, 9, 12)
+    Lengths are in m, and axes, one a column, of shape (n, 3, 3).
     """
     rows = np.zeros((len(lengths), N_STRAINS, 12))
     turned, over = axes.swapaxes(1, 2), axes.swapaxes(1, 2) / lengths[:, None, None]
@@ -410,13 +393,8 @@ def rest_strains(lengths: np.ndarray, axes: np.ndarray) -> np.ndarray:
 
 
 def second_order(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the second derivatives of ``(gamma, kappa)`` in the directions a and b, shape (6, ...).
-
-    Parameters
-    ----------
-    a, b
-        ``(w, m, k)`` of both, shape (9, ...).
-    """
+    """Return the second derivatives of ``(gamma, kappa)`` in the directions a and b, shape (6, ...), from ``(w, m, k)``
+    of both, shape (9, ...)."""
     (w_a, m_a, k_a), (w_b, m_b, k_b) = _parts(a), _parts(b)
     gamma = -_cross(m_a, w_b) - _cross(m_b, w_a) + 0.5 * (_cross(m_a, _tilted(m_b)) + _cross(m_b, _tilted(m_a)))
     return np.concatenate([gamma, -0.5 * (_cross(m_a, k_b) + _cross(m_b, k_a))])

@@ -100,15 +100,8 @@ class BeamStrains:
         return np.concatenate([at_points, own[:, n_forces:], own[:, 1:n_forces]], axis=1)
 
     def forces(self, found: np.ndarray, resists: np.ndarray) -> np.ndarray:
-        """Return forces and moments in the sections of the points, (N, Q, M), in space (N, Q_2, Q_3, T, M_2, M_3).
-
-        Parameters
-        ----------
-        found
-            Strains, shape (n_points, n_strains, n).
-        resists
-            `stiffnesses` of the points.
-        """
+        """Return forces and moments in the sections of the points, (N, Q, M), in space (N, Q_2, Q_3, T, M_2, M_3), from
+        strains (n_points, n_strains, n) and the `stiffnesses` of the points."""
         n = resists.shape[1]
         resultants, middle = found[:, :n] * resists, found[:, n:] * resists[:, 1 : 1 + found.shape[1] - n]
         arms = ((self.along - 0.5) * self.body.mesh.lengths[self.elements])[:, None]

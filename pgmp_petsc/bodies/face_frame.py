@@ -33,15 +33,8 @@ class FaceFrame:
 
     @classmethod
     def of(cls, places: np.ndarray, faces: np.ndarray, kind: str) -> FaceFrame:
-        """Make the frame of faces.
-
-        Parameters
-        ----------
-        places
-            Nodes of the mesh in the body's frame, shape (n_nodes, d), m.
-        faces
-            Shape (n_faces, n_face_nodes), in the order of the faces' type `kind`.
-        """
+        """Make the frame of faces, shape (n_faces, n_face_nodes) in the order of their type `kind`, on nodes at places
+        in the body's frame, shape (n_nodes, d), m."""
         nodes, local = np.unique(faces, return_inverse=True)
         local = local.reshape(faces.shape)
         rule = reference_element(kind).mass
@@ -60,14 +53,9 @@ class FaceFrame:
 
     @classmethod
     def of_nodes(cls, places: np.ndarray, nodes: np.ndarray) -> FaceFrame:
-        """Make the frame of nodes that count alike, where faces are not known: means over nodes in place of areas.
+        """Make the frame of nodes (n,) that count alike, where faces are not known: means over nodes in place of areas.
 
-        Parameters
-        ----------
-        places
-            All nodes in the body's frame, shape (n_nodes, d), m.
-        nodes
-            Those that it follows, shape (n,).
+        Places are those of all nodes in the body's frame, shape (n_nodes, d), m.
         """
         weights, centre = np.full(nodes.size, 1.0 / nodes.size), places[nodes].mean(axis=0)
         arms = (places[nodes] - centre) / nodes.size

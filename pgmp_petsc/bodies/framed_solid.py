@@ -42,23 +42,11 @@ class FramedSolid:
         points: Mapping[str, str],
         profiles: Profiles = UNIFORM,
     ) -> FramedSolid:
-        """Make a scene's body.
+        """Make a scene's body of its entry, on its mesh, with groups of faces that the scene names, by the entry that
+        names each, and constants multiplied by profiles, cell by cell.
 
         Raises `InputError` if a region or a group is missing, overlaps another one, or is too small to carry a
         rotation; with a scaled cross-section, if a group is no section across the x axis.
-
-        Parameters
-        ----------
-        name, entry
-            The body in the scene.
-        materials
-            Of the scene.
-        mesh
-            Of the body.
-        points
-            Groups of faces that the scene names, with the entry that names each.
-        profiles
-            What its constants are multiplied by, cell by cell.
         """
         frames = {}
         for point, blame in points.items():

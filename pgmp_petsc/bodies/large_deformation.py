@@ -75,18 +75,10 @@ class LongAxis:
 
 
 class FieldsOnCells:
-    """Displacement fields on some cells of a body, and their sums over these cells.
+    """Displacement fields on some cells of a body, by their numbers, and their sums over these cells.
 
-    Parameters
-    ----------
-    solid
-        The body; its cross-section is not scaled.
-    cells
-        Numbers of the cells.
-    places
-        Where the nodes of each of them are in `fields`, shape (n_cells, n_cell_nodes).
-    fields
-        Displacements of the nodes for a unit of every field, shape (n_nodes, d, n).
+    The body's cross-section is not scaled. `places` says where the nodes of each cell are in `fields`, shape (n_cells,
+    n_cell_nodes): displacements of the nodes for a unit of every field, shape (n_nodes, d, n).
     """
 
     def __init__(self, solid: Solid, cells: np.ndarray, places: np.ndarray, fields: np.ndarray) -> None:

@@ -115,19 +115,10 @@ Pairs = tuple[np.ndarray, np.ndarray]
 
 
 class ThirdDerivative:
-    """The rows ``[rows.start, rows.stop)`` of ``K3_i[v_j, v_k]`` for every affine term i.
+    """The rows ``[rows.start, rows.stop)`` of ``K3_i[v_j, v_k]`` for every affine term i of the bodies' strain energy,
+    zero of rigid ones.
 
-    Parameters
-    ----------
-    bodies
-        Bodies of the mechanism; the strain energy of rigid ones is zero.
-    rows
-        The range of rows (unknowns) held here.
-
-    Raises
-    ------
-    ValueError
-        If the third derivative of a body is not known (`Body.third_derivative_known`).
+    Raises ValueError if the third derivative of a body is not known (`Body.third_derivative_known`).
     """
 
     def __init__(self, bodies: Sequence[Body], rows: range) -> None:
@@ -139,19 +130,10 @@ class ThirdDerivative:
         self._parts = [part for part in parts if part is not None]
 
     def times(self, vectors: np.ndarray, pairs: Pairs) -> dict[Monomial, np.ndarray]:
-        """Contract with pairs of vectors.
+        """Return by weight ``K3_i[v_j, v_k]``, shape (n_rows, n_pairs), for pairs of vectors, all rows, shape (n_dofs,
+        m).
 
-        Parameters
-        ----------
-        vectors
-            All rows, shape (n_dofs, m).
-        pairs
-            Numbers j and k of the vectors of every pair, shape (n_pairs,) each.
-
-        Returns
-        -------
-        dict
-            For every weight an array of shape (n_rows, n_pairs): ``K3_i[v_j, v_k]``.
+        Pairs are the numbers j and k, shape (n_pairs,) each.
         """
         found: dict[Monomial, np.ndarray] = {}
         for part in self._parts:

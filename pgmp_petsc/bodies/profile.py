@@ -48,15 +48,8 @@ class Profile:
         return Profile(product)
 
     def over(self, terms: Mapping[Monomial, np.ndarray], cells: np.ndarray | slice) -> dict[Monomial, np.ndarray]:
-        """Return affine terms with the factor, by weight.
-
-        Parameters
-        ----------
-        terms
-            Of a uniform body, each with one row a cell, shape (n, ...).
-        cells
-            Numbers of these cells.
-        """
+        """Return affine terms of a uniform body, by weight, each with one row a cell of these numbers, shape (n, ...),
+        with the factor."""
         found = dict(terms)
         for factor, along in self.terms.items():
             chosen = along[cells]
@@ -72,14 +65,10 @@ class Profile:
     def at(
         self, values: Mapping[str, np.ndarray | float], of_cells: Callable[[np.ndarray], np.ndarray]
     ) -> np.ndarray | float:
-        """Return the factor at points, shape (n_points, 1 or n); of a uniform body 1.0.
+        """Return the factor at points, shape (n_points, 1 or n), for parameter values, numbers or of shape (n,); of a
+        uniform body 1.0.
 
-        Parameters
-        ----------
-        values
-            Parameter values, numbers or of shape (n,).
-        of_cells
-            What makes values at the points (n_points,) of those in all cells (n_cells,), and keeps ones.
+        `of_cells` makes values at the points (n_points,) of those in all cells (n_cells,), and keeps ones.
         """
         total: np.ndarray | float = 1.0
         for weight, along in self.terms.items():

@@ -171,18 +171,10 @@ def correlation(kernel: str, distances: np.ndarray, smoothness: float = 0.5) -> 
 def expansion(
     places: np.ndarray, volumes: np.ndarray, kernel: str, length: float, smoothness: float, n_terms: int
 ) -> Expansion:
-    """Expand a field of variance 1 over cells.
+    """Expand a field of variance 1 over cells in at most n_cells terms.
 
-    Parameters
-    ----------
-    places
-        Middles of the cells, shape (n_cells, d), m.
-    volumes
-        Of the cells, shape (n_cells,), m to the dimension of the cells.
-    kernel, length, smoothness
-        Name of the kernel, correlation length (m) and smoothness; see the module.
-    n_terms
-        Number of terms, at most n_cells.
+    Middles of the cells have shape (n_cells, d), m, and volumes m to the dimension of the cells; for the kernel with
+    its correlation length (m) and smoothness see the module.
     """
     places, volumes = np.ascontiguousarray(places, dtype=float), np.ascontiguousarray(volumes, dtype=float)
     return _expansion(places.tobytes(), volumes.tobytes(), places.shape[1], kernel, length, smoothness, n_terms)

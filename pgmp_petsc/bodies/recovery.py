@@ -38,7 +38,6 @@ class Beams(Protocol):
     def stresses(self, scene: Scene) -> Any: ...
 
 
-
 @dataclass(frozen=True, eq=False)
 class Recovery:
     """The displacements that a condensed body's coordinates describe."""

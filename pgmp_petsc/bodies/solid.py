@@ -152,17 +152,8 @@ class Solid:
 
 
 class BlockPattern:
-    """The nonzero pattern of a share of rows, one block a pair of nodes.
-
-    Parameters
-    ----------
-    cells
-        All cells, shape (n_cells, n_cell_nodes).
-    nodes
-        The share: a range of node numbers.
-    n_nodes
-        Number of all nodes.
-    """
+    """The nonzero pattern of a share of rows, those of a range of nodes, one block a pair of nodes of all cells, shape
+    (n_cells, n_cell_nodes)."""
 
     def __init__(self, cells: np.ndarray, nodes: range, n_nodes: int) -> None:
         self._nodes, self._n_nodes = nodes, n_nodes

@@ -90,17 +90,7 @@ class SolidStrains:
 
     @classmethod
     def at_nodes(cls, mesh: SolidMesh, materials: Sequence[np.ndarray], nodes: np.ndarray) -> SolidStrains:
-        """Take strains at nodes, one point for every material that a node is in.
-
-        Parameters
-        ----------
-        mesh
-            The body's.
-        materials
-            Cells of each material, each of shape (n,).
-        nodes
-            Numbers of the nodes, shape (n,).
-        """
+        """Take strains at nodes of these numbers, one point for every material, by its cells, that a node is in."""
         owner = _owners(mesh, materials)
         chosen = np.flatnonzero(np.isin(mesh.cells, nodes).any(axis=1))
         of_cells = mesh.cells[chosen]

@@ -33,7 +33,7 @@ from pgmp_petsc.c_export.statements import (
 from pgmp_petsc.controllers.acting import ACTING_LAW, has_motion, measured_by
 from pgmp_petsc.declare.ideas import OUTPUTS
 from pgmp_petsc.effects import motions_of
-from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.action import CARRIED_FRICTION, Action
 from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
@@ -144,6 +144,7 @@ class Constants:
     #: actions, action_slots: local effects, and the slots of their nodes
     actions: Sequence[ActionInC]
     action_slots: Sequence[int]
+    carried_actions: Sequence[int]  # numbers of those that hang on forces in joints, the first of the outputs' forces
     #: controls, control_actions, control_origins: controllers, the numbers of the actions by which they act, and what
     #: counts as zero of the motions that these measure
     controls: Sequence[ControlInC]
@@ -185,7 +186,8 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     terms, kinematics = model.terms, model.kinematics
     actions, mechanism = model.actions.actions, kinematics.mechanism
     held, driven = nodes_of(actions), {node for c in mechanism.coordinates for node in _nodes(c.sides)}
-    joints = [one.connection for one in model.outputs.forces if isinstance(one, OfConnection)]
+    forces = (*(() if model.measures is None else model.measures.carried), *model.outputs.forces)
+    joints = [one.connection for one in forces if isinstance(one, OfConnection)]
     ends = {node for joint in joints for node in _nodes([*joint.sides, *(s for _, own in joint.held for s in own)])}
     nodes = sorted({*model.outputs.nodes, *held, *driven, *ends})
     bodies = np.repeat(np.arange(len(mechanism.bodies)), [body.n_nodes for body in mechanism.bodies])
@@ -245,10 +247,12 @@ def shared_of(
     closure, wanted = closure_of(kinematics)
     first_edges = [0, *accumulate(len(action.law.edges) for action in actions)]
     in_c = parameters_in_c(scene)
-    outputs = outputs_in_c(model.outputs, slots, scene.values | in_c, gaps, actions, scene.system)
+    carried = () if model.measures is None else model.measures.carried
+    outputs = outputs_in_c(model.outputs, carried, slots, scene.values | in_c, gaps, actions, scene.system)
     settings = _steps(model.scene)
     controls = controls_in_c(scene, parameters, settings["STEP"])
     control_actions = [k for k, action in enumerate(actions) if action.law is ACTING_LAW]
+    carried_actions = [k for k, action in enumerate(actions) if action.law is CARRIED_FRICTION]
     counts = {
         "D": kinematics.mechanism.space.dimension,
         "R": kinematics.n_coordinates,
@@ -265,6 +269,7 @@ def shared_of(
         "N_READINGS": len(outputs.readings),
         "N_BASES": len(outputs.courses),
         "N_FORCES": len(outputs.forces),
+        "N_CARRIED": len(carried_actions),
         "DRIVES": int(any(isinstance(one, OfMotion) for one in model.outputs.forces)),
         "DEPTH": outputs.depth,
         "N_LOADS": len(loads),
@@ -313,6 +318,7 @@ def shared_of(
         control_actions=control_actions,
         control_origins=(),
         action_slots=[slots[node] for node in held],
+        carried_actions=carried_actions,
         outputs=outputs,
         output_units={name: scene.system.unit(unit) for name, unit in model.outputs.units.items()},
         strength_units={name: scene.system.unit(_unit_of_strength(name, scene)) for name in over_time},
@@ -553,7 +559,7 @@ def checked_scene(scene: Scene, what: str, kind: str = "reduced") -> Scene:
         Of model, see `Constants`.
     """
     check_capabilities(scene, Purpose.EXPORT)
-    for entry, text in _of_scene(scene):
+    for entry, text in _of_scene(scene, kind):
         raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")
     left = {name: output for name, output in scene.outputs.items() if in_c(scene, name, kind)}
     return scene if len(left) == len(scene.outputs) else scene.model_copy(update={"outputs": left})
@@ -580,7 +586,9 @@ def left_out(scene: Scene, kind: str = "reduced") -> str:
     return f"note: {', '.join(lacking)} left out: a model in C has {having}{why}; pgmp simulate has all outputs"
 
 
-def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:
+def _of_scene(scene: Scene, kind: str) -> Iterator[tuple[str, str]]:
+    for name in scene.carried if kind == "tree" else ():
+        yield f"effects.{name}.coefficient", "a component model in C does not know what joints carry"
     for name, one in scene.controllers.items():
         for output in measured_by(scene, one).motions:
             if not has_motion(scene, output):

@@ -1,27 +1,257 @@
 """A functional mock-up unit, FMI 2.0 or 3.0: a model in C with its description in a zip archive.
 
-It is for co-simulation and for model exchange. The archive holds the sources, and a shared library for this machine
-where it has a C compiler.
+It is for co-simulation and for model exchange. The archive holds ``modelDescription.xml`` with its variables, the
+sources, and a shared library for this machine where it has a C compiler.
 """
 
 from __future__ import annotations
 
 import hashlib
+import math
 import platform
 import re
 import shutil
 import zipfile
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
 
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import RunError
+from pgmp_petsc.base.units import SI, measure, times
 from pgmp_petsc.c_export.constants import Constants
-from pgmp_petsc.c_export.description import build_description, description
 from pgmp_petsc.c_export.source import HEAD, compiled_of, read_common, sources_of
 from pgmp_petsc.files.claims import check_output, replacing
 from pgmp_petsc.ranks.ending import TIME_IS_OVER, run_child
+
+# value references, as in unit.h
+BLOCK = 1_000_000
+PARAMETERS, STRENGTHS, OUTPUTS, FOLLOWS, STATES, DERIVATIVES = (k * BLOCK for k in (0, 1, 2, 4, 5, 6))
+ELASTIC_ROTATION, CORRECTION, VALIDITY, VALID, TIME = range(3 * BLOCK, 3 * BLOCK + 5)
+REAL, WHOLE, BOOLEAN = "real", "whole", "Boolean"
+FLAGS = (
+    "0 is fine, else a sum: 1 elastic rotation beyond its limit, 2 a coordinate outside the tables, 4 a step that "
+    "failed and was not taken, 8 no finite number, 16 a parameter outside what the model was built for"
+)
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable: name, value reference, kind (`REAL`, `WHOLE`, `BOOLEAN`), what FMI says of it, and a description."""
+
+    name: str
+    reference: int
+    kind: str
+    causality: str
+    variability: str
+    about: str
+    start: str = ""  # value at the start, of what can be set
+    derivative_of: int | None = None  # reference of the state whose derivative it is
+    unit: str = ""  # in the scene's units, empty where there is none
+    #: low, high: ends of the range that it is in, or that the model was built for; infinite where there are none
+    low: float = -math.inf
+    high: float = math.inf
+
+    @property
+    def is_state(self) -> bool:
+        """Whether it is a continuous state."""
+        return STATES <= self.reference < DERIVATIVES
+
+
+def quoted(name: str) -> str:
+    """Return a name as structured names of FMI have it: one that is no identifier in quotes."""
+    return name if re.fullmatch(r"[A-Za-z_]\w*", name, flags=re.ASCII) else f"'{name}'"
+
+
+def variables_of(constants: Constants) -> list[Variable]:
+    """Return the variables of a model, the independent one left out."""
+    # values are in the units of the scene; what a parameter was given in is of its numbers only
+    found, units = [], "SI units" if constants.system == SI else str(constants.system)
+    for k, (name, value) in enumerate(constants.parameters.items()):
+        served, unit = constants.served.get(name), constants.parameter_units[name]
+        low, high = (-math.inf, math.inf) if served is None else served.widened(value)
+        about = units if served is None else f"{units}; from min to max the model was built for"
+        setting = "parameter", "tunable", about, repr(float(value)), None
+        found.append(Variable(f"parameters.{quoted(name)}", PARAMETERS + k, REAL, *setting, unit, low, high))
+    for k, (name, unit) in enumerate(constants.strength_units.items()):
+        about = "strength at the end of a step, where it does not follow the scene"
+        setting = "input", "continuous", about, "0.0", None
+        found.append(Variable(f"effects.{quoted(name)}", STRENGTHS + k, REAL, *setting, unit))
+        about = "whether the strength is the scene's over time, and the input is not looked at"
+        follows = f"effects.{quoted(f'{name}_follows_scene')}"
+        found.append(Variable(follows, FOLLOWS + k, BOOLEAN, "parameter", "tunable", about, "true"))
+    for k, (name, unit) in enumerate(constants.output_units.items()):
+        found.append(
+            Variable(f"outputs.{quoted(name)}", OUTPUTS + k, REAL, "output", "continuous", f"in {unit}", unit=unit)
+        )
+    about = "largest rotation of a node less that of its rigid body"
+    found.append(
+        Variable("elastic_rotation", ELASTIC_ROTATION, REAL, "output", "continuous", about, unit="rad", low=0.0)
+    )
+    about = (
+        "what Newton's iteration left in the last step, estimated, in units of the mechanism's size or of 1 rad; 0 in "
+        "model exchange"
+    )
+    found.append(Variable("correction", CORRECTION, REAL, "output", "continuous", about, unit="1", low=0.0))
+    found.append(Variable("validity", VALIDITY, WHOLE, "output", "discrete", FLAGS, low=0, high=31))
+    found.append(Variable("valid", VALID, BOOLEAN, "output", "discrete", "whether validity is 0"))
+    return [*found, *_states(constants)] if constants.exchanges else found
+
+
+def _states(constants: Constants) -> list[Variable]:
+    """Return the states of model exchange, positions and rates of what is free, and their derivatives."""
+    free, found = constants.free, []
+    known = [constants.coordinate_units.get(name, "") for name in free]  # modal coordinates have units of their own
+    inside = [quoted(name) if unit else name for name, unit in zip(free, known)]
+    names = [*(f"states.{name}" for name in inside), *(f"rates.{name}" for name in inside)]
+    units = [f"{unit}{per}" if unit else "" for per in ("", "/s", "/s2") for unit in known]
+    for k, name in enumerate(names):
+        about = f"{units[k] or 'a modal coordinate'}" if k < len(free) else "rate of a state"
+        found.append(Variable(name, STATES + k, REAL, "local", "continuous", about, unit=units[k]))
+    for k, name in enumerate(names):
+        about, setting = "derivative of a state", (REAL, "local", "continuous")
+        unit = units[k + len(free)]
+        found.append(Variable(f"der({name})", DERIVATIVES + k, *setting, about, "", STATES + k, unit))
+    return found
+
+
+CATEGORIES = ("logStatusWarning", "logStatusError")
+KINDS = {
+    2: {REAL: "Real", WHOLE: "Integer", BOOLEAN: "Boolean"},
+    3: {REAL: "Float64", WHOLE: "Int32", BOOLEAN: "Boolean"},
+}
+
+
+def description(constants: Constants, version: int, identifier: str, token: str, sources: Sequence[str]) -> bytes:
+    """Return modelDescription.xml of version 2 or 3 of FMI, for the library of that name.
+
+    An importer shows the token at instantiation; sources are files to be compiled, for FMI 3.0 in `build_description`.
+    """
+    step, n_steps = constants.settings["STEP"], constants.settings["N_STEPS"]
+    root = Element(
+        "fmiModelDescription",
+        {
+            "fmiVersion": f"{version}.0",
+            "modelName": constants.name,
+            "guid" if version == 2 else "instantiationToken": token,
+        },
+        generationTool=f"pgmp_petsc {__version__}",
+        variableNamingConvention="structured",
+    )
+    exchange = SubElement(root, "ModelExchange", modelIdentifier=identifier)
+    if not constants.exchanges:
+        root.remove(exchange)
+    simulation = SubElement(
+        root, "CoSimulation", modelIdentifier=identifier, canHandleVariableCommunicationStepSize="false"
+    )
+    if version == 2:
+        root.set("numberOfEventIndicators", "0")
+        for kind in root:
+            kind.set("canNotUseMemoryManagementFunctions", "true")
+            files = SubElement(kind, "SourceFiles")
+            for name in sources:
+                SubElement(files, "File", name=name)
+    else:
+        simulation.set("fixedInternalStepSize", repr(step))
+    variables = variables_of(constants)
+    _define_units(root, sorted({variable.unit for variable in variables} - {""} | {"s"}))
+    categories = SubElement(root, "LogCategories")
+    for name in CATEGORIES:
+        SubElement(categories, "Category", name=name)
+    SubElement(root, "DefaultExperiment", startTime="0", stopTime=repr(step * n_steps), stepSize=repr(step))
+    (_describe_2 if version == 2 else _describe_3)(root, variables)
+    return _text(root)
+
+
+def build_description(identifier: str, sources: Sequence[str]) -> bytes:
+    """Return sources/buildDescription.xml of FMI 3.0."""
+    root = Element("fmiBuildDescription", fmiVersion="3.0")
+    files = SubElement(
+        SubElement(root, "BuildConfiguration", modelIdentifier=identifier), "SourceFileSet", language="C99"
+    )
+    for name in sources:
+        SubElement(files, "SourceFile", name=name)
+    return _text(root)
+
+
+def _text(root: Element) -> bytes:
+    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+
+
+def _define_units(root: Element, units: Sequence[str]) -> None:
+    """Define units by their factors and exponents of kg, m, s and rad, which is a number where scenes calculate."""
+    definitions = SubElement(root, "UnitDefinitions")
+    for unit in units:
+        factor, exponents = measure(unit)
+        above, _, below = unit.partition("/")
+        turns = above.split().count("rad") - below.split().count("rad")
+        known = dict(zip(("kg", "m", "s", "rad"), (*exponents, turns)))
+        base = {name: str(int(exponent)) for name, exponent in known.items() if exponent != 0}
+        base |= {} if factor == 1.0 else {"factor": repr(times(1.0, factor))}
+        SubElement(SubElement(definitions, "Unit", name=unit), "BaseUnit", base)
+
+
+def _numbers(variable: Variable) -> dict[str, str]:
+    """Return unit, range and value at the start of a variable, as far as it has them."""
+    found = {"unit": variable.unit} if variable.unit else {}
+    found |= {key: str(end) for key, end in (("min", variable.low), ("max", variable.high)) if math.isfinite(end)}
+    return found | ({"start": variable.start} if variable.start else {})
+
+
+def _attributes(variable: Variable) -> dict[str, str]:
+    return {
+        "name": variable.name,
+        "valueReference": str(variable.reference),
+        "causality": variable.causality,
+        "variability": variable.variability,
+        "description": variable.about,
+    }
+
+
+def _describe_2(root: Element, variables: Sequence[Variable]) -> None:
+    entries = SubElement(root, "ModelVariables")
+    numbers = {variable.reference: k + 1 for k, variable in enumerate(variables)}
+    for variable in variables:
+        entry = SubElement(entries, "ScalarVariable", _attributes(variable))
+        if variable.is_state:
+            entry.set("initial", "calculated")
+        value = SubElement(entry, KINDS[2][variable.kind], _numbers(variable))
+        if variable.derivative_of is not None:
+            value.set("derivative", str(numbers[variable.derivative_of]))
+    structure = SubElement(root, "ModelStructure")
+    for section, listed in _structure(variables).items():
+        if not listed:  # of co-simulation alone
+            continue
+        part = SubElement(structure, section)
+        for variable in listed:
+            SubElement(part, "Unknown", index=str(numbers[variable.reference]))
+
+
+def _describe_3(root: Element, variables: Sequence[Variable]) -> None:
+    entries = SubElement(root, "ModelVariables")
+    time = Variable("time", TIME, REAL, "independent", "continuous", "time", unit="s")
+    for variable in (time, *variables):
+        entry = SubElement(entries, KINDS[3][variable.kind], _attributes(variable) | _numbers(variable))
+        if variable.is_state:
+            entry.set("initial", "calculated")
+        if variable.derivative_of is not None:
+            entry.set("derivative", str(variable.derivative_of))
+    structure = SubElement(root, "ModelStructure")
+    names = {"Outputs": "Output", "Derivatives": "ContinuousStateDerivative", "InitialUnknowns": "InitialUnknown"}
+    for section, listed in _structure(variables).items():
+        for variable in listed:
+            SubElement(structure, names[section], valueReference=str(variable.reference))
+
+
+def _structure(variables: Sequence[Variable]) -> dict[str, list[Variable]]:
+    outputs = [variable for variable in variables if variable.causality == "output"]
+    derivatives = [variable for variable in variables if variable.derivative_of is not None]
+    unknown = [v for v in variables if v.causality == "output" or v.is_state or v.derivative_of is not None]
+    return {"Outputs": outputs, "Derivatives": derivatives, "InitialUnknowns": unknown}
+
 
 VERSIONS = (2, 3)
 LONGEST_COMPILING = 1800.0  # s; the largest tables that are written take some minutes
@@ -31,16 +261,11 @@ PLATFORMS = {("Linux", "x86_64"): {2: "linux64", 3: "x86_64-linux"}}
 
 
 def write_fmu(constants: Constants, path: str | Path, version: int = 2, compiler: str | None = None) -> str:
-    """Write an FMU, one process, and return the platform of its library, empty where it has sources only.
+    """Write an FMU of version 2 or 3 of FMI, one process, and return the platform of its library, empty where it has
+    sources only.
 
-    Raises `InputError` if the file cannot be written there; `RunError` if the compiler or the system fails.
-
-    Parameters
-    ----------
-    version
-        Of FMI, 2 or 3.
-    compiler
-        C compiler to call, by default ``cc`` or ``gcc`` in PATH.
+    The C compiler is by default ``cc`` or ``gcc`` in PATH. Raises `InputError` if the file cannot be written there;
+    `RunError` if the compiler or the system fails.
     """
     path = check_output(path, "fmu")
     identifier = re.sub(r"\W", "_", constants.name, flags=re.ASCII)

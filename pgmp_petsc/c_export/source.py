@@ -151,6 +151,7 @@ def _tables(constants: Constants) -> str:
         _listed("const double strength_sizes[]", map(_number, constants.strength_sizes)),
         _listed("const int strength_of_load[]", map(str, constants.strength_of_load)),
         _listed("const int action_nodes[]", map(str, constants.action_slots)),
+        _listed("const int carried_actions[]", map(str, constants.carried_actions)),
         _pieces(
             [*constants.strengths.values(), *constants.motions, *constants.outputs.courses]
             + [one.reference for one in constants.controls]

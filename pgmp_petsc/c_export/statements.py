@@ -301,10 +301,11 @@ def controls_in_c(scene: Scene, tunable: Container[str], step: float) -> list[Co
 
 
 def outputs_in_c(
-    outputs: OutputSet, slots: Mapping[int, int], values: Mapping[str, str | float], gaps: Sequence[int],
-    actions: Sequence[Action], system: UnitSystem,
+    outputs: OutputSet, carried: Sequence[ForceOutput], slots: Mapping[int, int], values: Mapping[str, str | float],
+    gaps: Sequence[int], actions: Sequence[Action], system: UnitSystem,
 ) -> OutputsInC:  # fmt: skip
-    """Return outputs in units of a system; see `outputs.readings`, and for `gaps` and `actions` `ForceInC.of`."""
+    """Return outputs in units of a system, and before their forces those that friction hangs on, `carried`; see
+    `outputs.readings`, and for `gaps` and `actions` `ForceInC.of`."""
     combiner = Combiner(outputs.bases, values, outputs.forces)
     of_units = (
         f"{1.0 / size!r} * " if (size := system.size_of(unit)) != 1.0 else "" for unit in outputs.units.values()
@@ -314,7 +315,8 @@ def outputs_in_c(
         for k, (reading, factor) in enumerate(zip(outputs.functions.values(), of_units))
     ]
     readings = [_reading_in_c(reading, slots) for reading in combiner.readings]
-    forces = [ForceInC.of(one, gaps, slots, actions) for one in outputs.forces if not isinstance(one, OfMotion)]
+    in_joints = (one for one in (*carried, *outputs.forces) if not isinstance(one, OfMotion))
+    forces = [ForceInC.of(one, gaps, slots, actions) for one in in_joints]
     return OutputsInC(
         readings,
         forces,

@@ -23,7 +23,7 @@ from typing import NoReturn
 import click
 from click.shell_completion import CompletionItem
 
-from pgmp_petsc.api.found import Found, found
+from pgmp_petsc.api import Found, found
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, PgmpError, missing_extra, nearest_name, plain_reason, visible
 from pgmp_petsc.base.progress import beating

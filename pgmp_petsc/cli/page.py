@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from pgmp_petsc.api import found
 from pgmp_petsc.api.declared import Argument, Command, found_command
-from pgmp_petsc.api.found import found
 
 ABOUT = """# Commands
 

@@ -60,19 +60,8 @@ Operator = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class Subspace:
     """An M-orthonormal basis V with ``M V`` and its images under an operator beside it. Collective on `comm`.
 
-    Parameters
-    ----------
-    mass
-        Symmetric, distributed by rows.
-    operator
-        Linear, symmetric.
-    comm
-        The ranks of both.
-
-    Attributes
-    ----------
-    vectors, mass_vectors, images
-        V, M V, and the operator's images of V: local rows, shape (n_local, n).
+    The mass is symmetric, distributed by rows, and the operator linear and symmetric; V, M V and the images are local
+    rows, shape (n_local, n).
     """
 
     def __init__(self, mass: PETSc.Mat, operator: Operator, comm: Comm) -> None:
@@ -153,20 +142,10 @@ N_WAVES = 4
 
 
 class BlockLanczos:
-    """The lowest modes of one body. Collective on `comm`.
+    """The lowest modes of one body, which ranks share. Collective on `comm`.
 
-    Parameters
-    ----------
-    mass, stiffness
-        Symmetric, of one pattern, distributed by rows.
-    inverse
-        ``(K - sigma M)^-1`` times local columns (n_local, k).
-    shift
-        sigma, below all eigenvalues.
-    start
-        Local columns of the first block.
-    comm
-        Ranks that share the body.
+    Mass and stiffness are symmetric, of one pattern, distributed by rows; the inverse is ``(K - sigma M)^-1`` times
+    local columns (n_local, k), with sigma below all eigenvalues. The first block begins with the columns `start`.
     """
 
     def __init__(
@@ -263,20 +242,10 @@ DEPENDENT_FIELDS = 1e-9  # of the largest square, for polynomials between -1 and
 
 
 class BodyProblem:
-    """A free body's matrices and factor at given parameter values. Collective on `comm`.
+    """A free body's matrices and factor at given parameter values. Collective on `comm`, whose ranks share it.
 
-    Parameters
-    ----------
-    mass, stiffness
-        By weight; they stay the caller's.
-    places
-        This rank's nodes, shape (n, d), m.
-    comm
-        Ranks that share the body.
-    memory
-        What the factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
-    name
-        The body's, for messages.
+    Terms come by weight; they stay the caller's. Places are those of this rank's nodes, shape (n, d), m. Beyond
+    `memory` bytes on this rank the factor is kept in files; None is as much as there is. Messages have the body's name.
     """
 
     def __init__(
@@ -384,18 +353,10 @@ DEGREE = 3
 
 
 def polynomial_fields(places: np.ndarray, comm: Comm) -> np.ndarray:
-    """Return polynomials up to `DEGREE` in every direction, as products of Legendre's over the body's box.
+    """Return polynomials up to `DEGREE` in every direction, as products of Legendre's over the body's box, shape (n d,
+    n_fields).
 
-    Collective on `comm`, whose ranks have different places.
-
-    Parameters
-    ----------
-    places
-        This rank's nodes, shape (n, d), m.
-
-    Returns
-    -------
-    ndarray, shape (n d, n_fields)
+    Collective on `comm`, whose ranks have different places, those of their nodes, shape (n, d), m.
     """
     from mpi4py import MPI
 

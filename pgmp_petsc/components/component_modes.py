@@ -344,15 +344,8 @@ def axial_fields(places: np.ndarray, lowest: float, highest: float) -> np.ndarra
 
 
 def axial_part(momenta: np.ndarray, squares: np.ndarray) -> np.ndarray:
-    """Return what takes vectors of an orthonormal basis V to their part along the axis, shape (n, n).
-
-    Parameters
-    ----------
-    momenta
-        ``V^T M F`` of the fields F, shape (n, n_fields).
-    squares
-        ``F^T M F``.
-    """
+    """Return what takes vectors of an orthonormal basis V to their part along the axis, shape (n, n), from ``V^T M F``,
+    shape (n, n_fields), and ``F^T M F`` of the fields F."""
     values, directions = eigh(squares)
     chosen = values > DEPENDENT * values[-1]
     unit = momenta @ (directions[:, chosen] / np.sqrt(values[chosen]))
@@ -372,20 +365,10 @@ class SectionCoordinates:
     def of(
         cls, factor: Quantity, n_frames: int, across: np.ndarray, mass: np.ndarray, fields: np.ndarray
     ) -> SectionCoordinates:
-        """Find T.
+        """Find T of the factor s, with the unknowns of so many frames first.
 
-        Parameters
-        ----------
-        factor
-            s.
-        n_frames
-            Number of frames, whose unknowns come first.
-        across
-            The rest of a motion beside its part along the axis, shape (n, n); need not be exact.
-        mass
-            In the coordinates at s = 1 for any parameter values, shape (n, n).
-        fields
-            C, shape (n, d (d + 1)), as `Component.fields`.
+        Shapes (n, n) have the rest of a motion beside its part along the axis, which need not be exact, and the mass in
+        the coordinates at s = 1 for any parameter values; C, shape (n, d (d + 1)), is as `Component.fields`.
         """
         d = {6: 2, 12: 3}[fields.shape[1]]
         turning = np.tile(np.arange(3 * (d - 1)) >= d, n_frames)
@@ -445,17 +428,9 @@ def in_floating_frame(
     if component.foreshortening is not None and basis is None:
         bent, curved = foreshortened(component.foreshortening, shapes, moments)
     kept = component.recovery and replace(component.recovery, shapes=component.recovery.shapes @ modes, curved=None)
-    return FloatingBody(
-        component.frames,
-        component.centres,
-        shapes,
-        moments,
-        stiffness,
-        bent,
-        curved,
-        kept,
-        np.linalg.inv(np.hstack([rigid, modes])) if basis is None else None,
-    )
+    taken = np.linalg.inv(np.hstack([rigid, modes])) if basis is None else None
+    frames, centres = component.frames, component.centres
+    return FloatingBody(frames, centres, shapes, moments, stiffness, bent, curved, kept, taken)
 
 
 def elastic_modes(component: Component, nominal: Mapping[str, float], basis: np.ndarray | None = None) -> np.ndarray:

@@ -84,26 +84,12 @@ def condensed(
     timings: Timings | None = None,
     large: bool | None = None,
 ) -> dict[str, BodyShape]:
-    """Return the shapes of a scene's bodies with every mesh of continuum elements, and matrices, condensed. Collective
-    on ``group.world``.
+    """Return the shapes of a scene's bodies, by body, with every mesh of continuum elements, and matrices, condensed;
+    what is no continuum mesh stays as it is. Collective on ``group.world``; ranks of a group share a body.
 
-    Parameters
-    ----------
-    shapes
-        By body; what is no continuum mesh stays as it is.
-    group
-        Ranks that share a body.
-    finished
-        Bodies that are condensed already, and where to keep others.
-    timings
-        Gets this rank's wall time of the phases of `condense`.
-    large
-        Whether what is of second order in the deformation is wanted; None where the scene says so.
-
-    Raises
-    ------
-    InputError, RunError
-        On all ranks, whichever rank met it.
+    `finished` has bodies that are condensed already, and where to keep others; timings get this rank's wall time of the
+    phases of `condense`. `large` tells whether what is of second order in the deformation is wanted; None where the
+    scene says so. Raises `InputError` and `RunError` on all ranks, whichever rank met it.
     """
     done = dict(shapes) | dict({} if finished is None else finished.components)
     waiting = [name for name, shape in done.items() if to_condense(shape)]
@@ -263,16 +249,9 @@ DEPENDENT = 1e-9  # of a load, the part that deforms; of answers of norm 1, the 
 def floating_shapes(
     scene: Scene, shapes: Mapping[str, BodyShape], bodies: Sequence[Body], comm: Comm
 ) -> dict[str, BodyShape]:
-    """Return the shapes of a scene's bodies, the flexible ones in floating frames. Collective on `comm`.
+    """Return the shapes of a scene's bodies by their names, the flexible ones in floating frames. Collective on `comm`.
 
     Raises `RunError` if an eigenproblem fails; on all ranks, whichever rank met it.
-
-    Parameters
-    ----------
-    shapes
-        By the name of the body.
-    bodies
-        That were made of them.
     """
     flexible = [body for body in bodies if body.flexible]
     own, found = flexible[comm.rank :: comm.size], {}
@@ -301,13 +280,7 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
     n_modes, stressed = scene.reduction.modes + scene.n_overconstrained, meshed.solid.name in stressed_bodies(scene)
     points = serving_points(scene, meshed)
     component, recovery, _ = condense(
-        meshed.solid,
-        meshed.frames,
-        points,
-        n_modes,
-        alone(),
-        stressed=stressed,
-        large=scene.static_stiffening,
+        meshed.solid, meshed.frames, points, n_modes, alone(), stressed=stressed, large=scene.static_stiffening
     )
     if scene.static_stiffening:
         component = with_second_order(component, meshed.solid, recovery, alone(), scene.nominal)

@@ -45,17 +45,11 @@ def contraction_of(third: np.ndarray) -> Contraction:
 
 
 def foreshortening(third: Contraction, stiffness: np.ndarray, stretching: np.ndarray, fields: np.ndarray) -> np.ndarray:
-    """Return c of some fields, the second derivatives of all amplitudes, shape (n, m, m), 1/m, the amplitude that is
-    moved first.
+    """Return c of some fields, amplitudes of shape (n, m), the second derivatives of all amplitudes, shape (n, m, m),
+    1/m, the amplitude that is moved first.
 
-    Parameters
-    ----------
-    third
-        W3 of the amplitudes times pairs of vectors (see `contraction_of`), N/m2.
-    stiffness, stretching
-        K, positive definite, and K_s, each of shape (n, n), N/m.
-    fields
-        Amplitudes of the fields that bend the body, shape (n, m).
+    `third` is W3 of the amplitudes times pairs of vectors (see `contraction_of`), N/m2; K, positive definite, and K_s
+    have shape (n, n), N/m.
     """
     n, m = fields.shape
     share = np.linalg.solve(stiffness, stretching)
@@ -74,22 +68,12 @@ def with_second_order(
     n_followed: int | None = None,
     all_fields: bool = True,
 ) -> Component:
-    """Return a condensed body with its foreshortening, and with what is of second order in all of its fields where that
-    is wanted. Collective on `comm`.
+    """Return a condensed body with its foreshortening, and with what is of second order in all of its fields, which
+    takes longest, where that is wanted. Collective on `comm`.
 
     Nothing of it is known where the cross-section is scaled or matrices were assembled elsewhere, and no foreshortening
-    of a body that is not slender.
-
-    Parameters
-    ----------
-    component, solid, recovery
-        The body, its mesh, and this rank's rows of the fields, shape (n_local, n); see `condense`.
-    nominal
-        Parameter values for the foreshortening.
-    n_followed
-        Free modes whose foreshortening is followed, the slowest ones; None for all.
-    all_fields
-        Whether it is wanted of all fields: that takes longest.
+    of a body that is not slender. The fields are this rank's rows, shape (n_local, n); see `condense`. The
+    foreshortening is that at nominal parameter values, of the slowest `n_followed` free modes; None for all.
     """
     if not solid.third_derivative_known:
         return component
@@ -120,13 +104,8 @@ def with_second_order(
 def curved_strains(
     component: Component, of_pairs: Mapping[Monomial, np.ndarray], nominal: Mapping[str, float]
 ) -> np.ndarray:
-    """Return the unknowns whose linear strains stand for those of second order of pairs of fields; see `Recovery`.
-
-    Parameters
-    ----------
-    of_pairs
-        As of `FieldsOnCells.of_pairs`.
-    """
+    """Return the unknowns whose linear strains stand for those of second order of pairs of fields
+    (`FieldsOnCells.of_pairs`); see `Recovery`."""
     modes = elastic_modes(component, nominal)
     stiffness = modes.T @ weighted_sum_dense(component.stiffness, nominal) @ modes
     forces = weighted_sum_dense(of_pairs, nominal) @ modes
@@ -136,17 +115,8 @@ def curved_strains(
 class FieldsOnRanks:
     """The displacement fields of a condensed body on the ranks that share its mesh; methods are collective.
 
-    Parameters
-    ----------
-    solid
-        The body; its cross-section is not scaled.
-    recovery
-        The fields at this rank's nodes, shape (d n_nodes, n).
-
-    Attributes
-    ----------
-    axis
-        The body's long axis.
+    The body's cross-section is not scaled; the fields are at this rank's nodes, shape (d n_nodes, n), and the axis is
+    the long one.
     """
 
     def __init__(self, solid: Solid, recovery: np.ndarray, comm: Comm) -> None:

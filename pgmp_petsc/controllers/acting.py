@@ -15,11 +15,10 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.controllers.law import LIMITS, ControlLaw
 from pgmp_petsc.controllers.measured import Measured
-from pgmp_petsc.effects.action import NOTHING, Action
+from pgmp_petsc.effects.action import CARRIED_FRICTION, NOTHING, Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.joint_effects import joint_measure, measure_of
 from pgmp_petsc.effects.law import Law
-from pgmp_petsc.effects.laws import CARRIED_FRICTION
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import along, angle, distance
 from pgmp_petsc.outputs.of_frames import Deformation, Distance, Rotation

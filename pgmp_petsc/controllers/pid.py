@@ -17,13 +17,7 @@ from pydantic import Field
 from pgmp_petsc.controllers.acting import JointController
 from pgmp_petsc.controllers.law import ControlLaw
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.fields import (
-    NotNegativeOrParameter,
-    NumberOrParameter,
-    PositiveOrParameter,
-    Table,
-    Unit,
-)
+from pgmp_petsc.scene.fields import NotNegativeOrParameter, NumberOrParameter, PositiveOrParameter, Table, Unit
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.uses import Use
 

@@ -9,7 +9,8 @@ rule over its sample time, between two steps (`sample`). Systems that take contr
 
 The force that a joint carries is that of the iterate too. It goes with accelerations, and friction changes these: the
 iteration contracts by about the coefficient times a lever over a length, so that a step takes a few corrections more,
-and what it ends with is solved with the step. In the first accelerations of a run both are found in turn.
+until these forces are settled too (a correction of 1e-12 m is one of 1e-12 m / h^2 of accelerations), and what it ends
+with is solved with the step. In the first accelerations of a run both are found in turn.
 
 Numbers lie in `State.beside`, a row a sample: the forces carried, then of each controller z, z', the auxiliary rates
 Z' and the force.
@@ -32,6 +33,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.controllers import WHOLE, ControllerEntry
 
 MOST_STARTS, SETTLED = 100, 1e-13  # of the forces carried at the start, found in turn with accelerations
+SETTLED_IN_STEP = 1e-9  # their change between two corrections, of which the next leaves the share that it contracts by
 #: Forces (n_carried, n_samples) in joints at a time (s), for a state of a system, from those that were found before.
 Carried = Callable[[float, Any, np.ndarray], np.ndarray]
 #: Motions (n_motions, n_samples), of all controllers, and their rates at a time (s), for a state of a system.
@@ -145,7 +147,7 @@ class Controls:
         self.names = (*scene.carried, *scene.controllers)
         self.each: list[Running] = []
         n_carried = len(scene.carried)
-        self._carried = np.zeros((n_carried, n_samples))
+        self._carried, self._changes = np.zeros((n_carried, n_samples)), np.zeros((n_carried, n_samples))
         every, self.n_beside, n_motions = {**scene.values, **values}, n_carried, 0
         for entry in scene.controllers.values():
             one = Running.of(scene, entry, every, n_samples, self.n_beside, n_motions)
@@ -191,12 +193,10 @@ class Controls:
         """Find what joints carry with the accelerations at the start; return whether that changes these."""
         if not self._carried.size:
             return False
-        found = self._find(0.0, state, self._carried)
-        change = np.abs(found - self._carried)
-        self._carried[:] = found
-        state.beside[:, : len(found)] = found.T
+        self._find_carried(0.0, state)
+        state.beside[:, : len(self._carried)] = self._carried.T
         self._keep(0.0, state, np.ones(self._n_samples, dtype=bool))
-        return bool(np.any(change > SETTLED * np.abs(found)))
+        return bool(np.any(self._changes > SETTLED * np.abs(self._carried)))
 
     def open(self, times: np.ndarray) -> np.ndarray:
         """Make room for the forces at times (n_t,) that are to be seen, (n_t, n_samples, 2, n_names); return it.
@@ -297,9 +297,16 @@ class Controls:
         """Take note of the forces of a state in which samples are after steps of a system's own."""
         self.now[:] = self._forces(state)[:, None]
 
+    @property
+    def unsettled(self) -> np.ndarray:
+        """Mask (n_samples,) of the samples in which the forces carried changed between the last two corrections."""
+        return np.any(self._changes > SETTLED_IN_STEP * np.abs(self._carried), axis=0)
+
     def _find_carried(self, time: float, state) -> None:
         if self._carried.size:
-            self._carried[:] = self._find(time, state, self._carried)
+            found = self._find(time, state, self._carried)
+            self._changes[:] = np.abs(found - self._carried)
+            self._carried[:] = found
 
     def _look(self, time: float, state) -> None:
         if not self.each:

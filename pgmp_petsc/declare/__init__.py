@@ -8,6 +8,6 @@ with `ideas`; `plugins` loads files and says with which of them a result was mad
 follow; `views` has their datasets of xarray and the tables of the documentation.
 
 An expression of a declaration (`expressions`) is checked as it is declared, differentiated by sympy, and printed as
-Python that numba compiles and as C99; laws (`effects.laws`) are declared so. Of sums of products with tables in index
+Python that numba compiles and as C99; laws (`effects.action`) are declared so. Of sums of products with tables in index
 notation, as of a Lagrangian (`reduced.lagrangian_terms`), `forms` prints the equations of motion and their derivatives.
 """

@@ -37,7 +37,7 @@ import h5py
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.declare.conversion import converted
+from pgmp_petsc.declare.values import Lazy, check_known, check_shape, converted, n_dimensions, units_in
 from pgmp_petsc.files.hdf5 import RunRecord, open_file, put, shapes_of, take, write_file
 
 NEEDED = object()  # what an absent field is without which a file is damaged
@@ -127,18 +127,6 @@ def run_record() -> Any:
 def units_of(*groups: str, default: Any = MISSING) -> Any:
     """Declare the units of all in some groups, by name."""
     return array(found=lambda group, _: units_in(group, *groups), default=default)
-
-
-def units_in(group: h5py.Group, *places: str) -> dict[str, str]:
-    """Return the unit of all in some groups, by name; of an array with a dataset for each entry, that of the first."""
-    found = {}
-    for name, item in (pair for place in places if place in group for pair in group[place].items()):
-        while not hasattr(item, "shape"):
-            if not len(item):
-                raise KeyError(f"'{item.name}' is empty")
-            item = item[next(iter(item))]
-        found[name] = str(item.attrs["unit"])
-    return found
 
 
 def columns_of(place: str, size: str) -> Any:
@@ -337,17 +325,15 @@ class Result(Record):
 
     def in_own_units(self) -> Self:
         """Return what was computed in the units of its scene."""
-        system = self.record.system
-        if system.is_si or self.internal:
-            return self
-        return self.converted(system.converting)
+        return self._in_units(self.record.system.converting)
 
     def in_si_units(self) -> Self:
         """Return what is in the units of its scene as it was computed; names of units stay."""
-        system = self.record.system
-        if system.is_si or self.internal:
-            return self
-        return self.converted(lambda value, unit: unit if value is None else value * system.size_of(unit))
+        size_of = self.record.system.size_of
+        return self._in_units(lambda value, unit: unit if value is None else value * size_of(unit))
+
+    def _in_units(self, convert: Callable[[Any, str], Any]) -> Self:
+        return self if self.record.system.is_si or self.internal else self.converted(convert)
 
     def write(self, path: str | os.PathLike[str], *parts: Callable[[h5py.File], None]) -> None:
         """Write the file, to which `parts` add; by one process only.
@@ -589,7 +575,7 @@ class _Reader(NamedTuple):
         entry, texts = one.entry, one.value is tuple
         if one.value is Any and place in group:  # numbers or texts
             texts = h5py.check_string_dtype(group[place].dtype) is not None
-        data = take(group, place, _n_dimensions(entry.sizes, group, place, n_less), texts)
+        data = take(group, place, n_dimensions(entry.sizes, group, place, n_less), texts)
         if not (entry.gaps(name) if callable(entry.gaps) else entry.gaps):
             check_known(group, place, data)
         if one.value is Any and texts:
@@ -649,14 +635,6 @@ def group_at(group: h5py.Group, place: str) -> h5py.Group:
     return found
 
 
-def check_known(group: h5py.Group, place: str, data: np.ndarray) -> np.ndarray:
-    """Return numbers; raise `ValueError` where one is missing."""
-    if data.dtype.kind == "f" and np.isnan(data).any():
-        where = f"{group.name.rstrip('/')}/{place}"
-        raise ValueError(f"dataset '{where}' holds NaN, which no number of it can be")
-    return data
-
-
 def check_finite(record: Record) -> None:
     """Raise `ValueError` where a number of a record is missing or not finite that may not be."""
     for leaf in leaves(record):
@@ -665,34 +643,20 @@ def check_finite(record: Record) -> None:
             raise ValueError(f"{leaf.place} holds numbers that are not finite")
 
 
-class Stored(Mapping[str, np.ndarray]):
+class Stored(Lazy):
     """Arrays of a group, read when they are asked for."""
 
     def __init__(self, reader: _Reader, one: Holding, group: h5py.Group) -> None:
-        self._reader, self._one, self._group = reader, one, group
+        def read(name: str) -> np.ndarray:
+            with shapes_of(group.file):
+                return reader.array(one, group, name.replace("/", ":"), name)
 
-    def __getitem__(self, name: str) -> np.ndarray:
-        with shapes_of(self._group.file):
-            return self._reader.array(self._one, self._group, name.replace("/", ":"), name)
+        super().__init__([name.replace(":", "/") for name in group], read)
+        self._group = group
 
     def dataset(self, name: str) -> h5py.Dataset:
         """Return an array without reading it."""
         return self._group[name.replace("/", ":")]
-
-    def __iter__(self) -> Iterator[str]:
-        return (name.replace(":", "/") for name in self._group)
-
-    def __len__(self) -> int:
-        return len(self._group)
-
-
-def _n_dimensions(sizes: tuple[str | int, ...], group: h5py.Group, place: str, n_less: int) -> int:
-    """Return how many dimensions a dataset is to have; as many as it has where any will do."""
-    least = sum(not str(size).endswith("?") for size in sizes)
-    if sizes != ("...",) and least == len(sizes):
-        return least - n_less
-    n_found = getattr(group.get(place), "ndim", 0)
-    return n_found if sizes == ("...",) or least <= n_found + n_less <= len(sizes) else len(sizes) - n_less
 
 
 def check_sizes(record: Record, known: Mapping[str, int] | None = None, within: str = "") -> dict[str, int]:
@@ -726,17 +690,3 @@ def _labelled(label: str, value: Any, depth: int, is_rows: bool = False) -> Iter
             yield from _labelled(f"{label} {name!r}", own, depth - bool(depth))
     else:
         yield label, value
-
-
-def check_shape(label: str, shape: tuple[int, ...], sizes: tuple[str | int, ...], known: dict[str, int]) -> None:
-    """Raise `ValueError` unless a shape is of these sizes; add those to the `known` ones that are new."""
-    if sizes == ("...",):
-        return
-    own = [size for size in sizes if len(shape) >= len(sizes) or not str(size).endswith("?")]
-    pairs = [*zip(own, shape), *((size, 1) for size in sizes if size not in own)]
-    found = {size.rstrip("?"): n for size, n in pairs if isinstance(size, str)}
-    wanted = [(size if isinstance(size, int) else {**found, **known}[size.rstrip("?")], n) for size, n in pairs]
-    if len(own) != len(shape) or any(n != length for length, n in wanted):
-        words = ", ".join(f"{size}: {known[size]}" if size in known else str(size) for size in sizes)
-        raise ValueError(f"{label} has shape {shape}; needed: ({words})")
-    known |= found

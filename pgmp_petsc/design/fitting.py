@@ -75,26 +75,12 @@ class _Solution:
 def fit(
     model: ReducedModel, history: MeasuredHistory, asked: Sequence[str], noise: Mapping[str, float], comm: Comm
 ) -> Fit | None:
-    """Fit parameters; one rank does, the others wait. Collective on `comm`.
+    """Fit parameters, all with a distribution where none are asked for; one rank does, the others wait, and have None.
+    Collective on `comm`.
 
-    Parameters
-    ----------
-    asked
-        Names of the parameters; where there are none, all with a distribution.
-    noise
-        Deviation of the noise of outputs, where it is known.
-
-    Returns
-    -------
-    Fit or None
-        On the first rank, None elsewhere.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown, or there are fewer measurements than parameters.
-    RunError
-        If a run stops before its end where the search begins; it turns back from others.
+    The deviation of the noise of outputs is given where it is known. Raises `InputError` if a name is unknown, or there
+    are fewer measurements than parameters; `RunError` if a run stops before its end where the search begins; it turns
+    back from others.
     """
     found = None
     with agreed(comm, "fit"):
@@ -222,14 +208,8 @@ class _Fitting:
             )
             for k, name in enumerate(history.outputs)
         }  # fmt: skip
-        record = RunRecord(
-            scene_to_toml(scene),
-            own_values(scene, scene.values | solution.values),
-            None,
-            n_ranks,
-            timings.as_dict(),
-            remarks,
-        )
+        values = own_values(scene, scene.values | solution.values)
+        record = RunRecord(scene_to_toml(scene), values, None, n_ranks, timings.as_dict(), remarks)
         return Fit(record, history.time, outputs, tuple(parameters), correlation, self.n_runs, solution.converged)
 
     def _solved(self) -> tuple[np.ndarray, _Solution]:
@@ -435,12 +415,8 @@ class _Condensed:
     """Measurements between two instants of a run, as four equations for the cubic there.
 
     With ``V c`` the values of the cubic of coefficients c at the measured instants, ``V = Q R``, and m the measurements
-    ``|V c - m|^2 = |R c - Q^T m|^2 + |m|^2 - |Q^T m|^2``.
-
-    Attributes
-    ----------
-    rest
-        Sums of squares by output that no cubic takes away.
+    ``|V c - m|^2 = |R c - Q^T m|^2 + |m|^2 - |Q^T m|^2``. `rest` has the sums of squares by output that no cubic takes
+    away.
     """
 
     def __init__(self, history: MeasuredHistory, time: np.ndarray) -> None:
@@ -473,24 +449,12 @@ class _Condensed:
 def uncertainty(
     jacobian: np.ndarray, scale: np.ndarray, lasting: Sequence[np.ndarray] | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return standard errors, correlations, and which parameters are not identifiable.
+    """Return standard errors of parameters, shape (n_parameters,), infinite where one is not identifiable,
+    correlations, shape (n_parameters, n_parameters), NaN there, and which are not identifiable.
 
-    Parameters
-    ----------
-    jacobian
-        Of the weighted residuals, shape (n, n_parameters), or of several outputs (n_outputs, n, n_parameters).
-    scale
-        Sizes of the parameters, shape (n_parameters,).
-    lasting
-        Of each output, the correlations of its residuals with later ones, 1 first; None: there are none.
-
-    Returns
-    -------
-    ndarray, shape (n_parameters,)
-        Infinite where a parameter is not identifiable.
-    ndarray, shape (n_parameters, n_parameters)
-        NaN there.
-    ndarray of bool, shape (n_parameters,)
+    The Jacobian is that of the weighted residuals, shape (n, n_parameters), or of several outputs (n_outputs, n,
+    n_parameters), and scales are the sizes of the parameters. `lasting` has for each output the correlations of its
+    residuals with later ones, 1 first; None: there are none.
     """
     scaled = jacobian * scale
     matrix = scaled.reshape(-1, scaled.shape[-1])

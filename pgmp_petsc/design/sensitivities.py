@@ -32,10 +32,7 @@ ROUND_OFF = 1e-9  # of an output's largest value
 def chosen_parameters(scene: Scene, asked: Sequence[str], known: Iterable[str], without: str) -> tuple[str, ...]:
     """Return the parameters that are asked for, each once, all that are known where none is.
 
-    Raises
-    ------
-    InputError
-        If there is no parameter, with what is to be done `without`, or none of a name.
+    Raises `InputError` if there is no parameter, with what is to be done `without`, or none of a name.
     """
     for name in asked:
         if name not in scene.parameters:
@@ -47,22 +44,10 @@ def chosen_parameters(scene: Scene, asked: Sequence[str], known: Iterable[str], 
 
 
 def sensitivities(model: ReducedModel, asked: Sequence[str], comm: Comm) -> Derivatives | None:
-    """Run a sample, and differentiate it; one rank does, the others wait. Collective on `comm`.
+    """Run a sample, and differentiate it with the parameters of these names, all where there are none; one rank does,
+    the others wait, and have None. Collective on `comm`.
 
-    Parameters
-    ----------
-    asked
-        Names of parameters, all where there are none.
-
-    Returns
-    -------
-    Derivatives or None
-        On the first rank, None elsewhere.
-
-    Raises
-    ------
-    InputError, RunError
-        As `differentiate` and `chosen_parameters`.
+    Raises `InputError` and `RunError` as `differentiate` and `chosen_parameters`.
     """
     with agreed(comm, "sensitivities"):
         names = chosen_parameters(

@@ -2,7 +2,7 @@
 
 Torques and forces that keep their direction are loads (`effect.Load`); what depends on the state acts locally, on the
 frames of two attachments, and is described once for the full-order and the reduced model, in the plane and in space: an
-`Action` is a statement s (`mechanism.statements`), the two attachments and a law F(t, s, s') (`laws`). With the
+`Action` is a statement s (`mechanism.statements`), the two attachments and a law F(t, s, s') (`law`). With the
 statement's gradient g the frames feel ``F g``, and the power is ``F s'`` in every model alike. The full-order model
 gives the frames from its unknowns, the reduced one from its coordinates.
 
@@ -32,6 +32,45 @@ from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Combination, Statement
 from pgmp_petsc.scene.effects import LawMismatch
 
+# The laws of the program; that of a plugin is another such object. Friction is regularised: its force is smooth.
+# A stop never pulls, and its damping is that of Hunt and Crossley (1975): the force begins at zero, so that it is
+# continuous at contact; side is 1 for an upper stop, -1 for a lower one.
+
+SOURCE = Law("source", ("scale",), force="amplitude * scale")
+
+SPRING_DAMPER = Law(
+    "spring_damper",
+    ("k", "c", "rest"),
+    potential="k * (s - rest)**2 / 2",
+    force="elastic - c * rate",
+    left_out="it is a damper, and modes are those of undamped vibrations",
+)
+
+FRICTION = Law(
+    "friction",
+    ("limit", "speed"),
+    force="-limit * tanh(rate / speed)",
+    about_zero="speed",
+    left_out="it is friction, not linear and without stiffness",
+)
+
+CARRIED_FRICTION = Law(
+    "carried_friction",
+    ("load", "coefficient", "radius", "speed"),
+    force="-coefficient * radius * (load + amplitude) * tanh(rate / speed)",
+    about_zero="speed",
+    left_out=FRICTION.left_out,
+)
+
+STOP = Law(
+    "stop",
+    ("k", "c", "place", "side"),
+    potential="k * (side * (s - place))**2 / 2 if side * (s - place) > 0 else 0",
+    force="elastic * max(0, 1 + c * side * rate)",
+    edges=("side * (s - place)",),
+    left_out="it is one-sided, not linear",
+)
+
 ALONE, LEADS, LED, BY_LOAD = range(4)  # whose measure a law is of: see `Action.role`
 NOTHING = Law("nothing", (), force="0")  # of an action that leads
 
@@ -40,10 +79,7 @@ NOTHING = Law("nothing", (), force="0")  # of an action that leads
 class Action:
     """A force law on a statement about two attachments.
 
-    Raises
-    ------
-    LawMismatch
-        If the law has other parameters; with the file and line of who makes the action.
+    Raises `LawMismatch` if the law has other parameters; with the file and line of who makes the action.
     """
 
     effect: str  # name of the effect that it belongs to

@@ -43,10 +43,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.action import SOURCE, Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.law import Law
-from pgmp_petsc.effects.laws import SOURCE
 from pgmp_petsc.mechanism.joints import Connection, Coupling
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import Combination, Function, U, sweeping

@@ -164,13 +164,7 @@ class StructuralDamping(EffectEntry):
 
 
 class BodiesDamping(Effect):
-    """Structural damping in the models; see the module.
-
-    Attributes
-    ----------
-    of_body
-        Damping of each of its bodies, by the body's number.
-    """
+    """Structural damping in the models, `of_body` by the body's number; see the module."""
 
     def __init__(self, name: str, entry: StructuralDamping, mechanism: Mechanism) -> None:
         super().__init__(name)
@@ -262,29 +256,11 @@ DENSE = 300  # unknowns up to which a dense solver is faster
 def free_modes(
     body: Body, values: Mapping[str, float], n_modes: int, entry: str
 ) -> tuple[np.ndarray, np.ndarray, sp.csr_matrix]:
-    """Compute the first elastic modes of a body.
+    """Compute the first elastic modes of a flexible body: their angular frequencies, shape (n_modes,), rad/s,
+    M-orthonormal modes in the body's frame, shape (n_own, n_modes), at the unknowns `Body.own_dofs`, and M, shape
+    (n_own, n_own).
 
-    Raises `InputError` if the mesh has fewer modes.
-
-    Parameters
-    ----------
-    body
-        A flexible body.
-    values
-        Parameter values.
-    n_modes
-        Number of modes.
-    entry
-        The scene entry that asks for them, for messages.
-
-    Returns
-    -------
-    omega
-        Angular frequencies, shape (n_modes,), rad/s.
-    phi
-        M-orthonormal modes in the body's frame, shape (n_own, n_modes), at the unknowns `Body.own_dofs`.
-    mass
-        M, shape (n_own, n_own).
+    Raises `InputError`, with the scene entry that asks for them, if the mesh has fewer modes.
     """
     alone = body.alone()
     own = alone.own_dofs

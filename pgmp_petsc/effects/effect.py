@@ -41,13 +41,8 @@ class Load:
 
 
 class Effect:
-    """An effect of a scene without any contribution; kinds of effects override what they contribute.
-
-    Parameters
-    ----------
-    name
-        Name in the scene.
-    """
+    """An effect of a scene, by its name there, without any contribution; kinds of effects override what they
+    contribute."""
 
     #: Whether its loads derive from a potential energy, as weights do.
     conservative = False
@@ -95,17 +90,7 @@ class Effect:
 
 
 class ActionEffect(Effect):
-    """An effect that is nothing but one action, or several.
-
-    Parameters
-    ----------
-    name
-        Name in the scene.
-    actions
-        Its actions.
-    mechanism
-        The mechanism.
-    """
+    """An effect of a scene, by its name there, that is nothing but one action on the mechanism, or several."""
 
     def __init__(self, name: str, actions: list[Action], mechanism: Mechanism) -> None:
         super().__init__(name)

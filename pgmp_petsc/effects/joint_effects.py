@@ -28,9 +28,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.action import CARRIED_FRICTION, FRICTION, SPRING_DAMPER, STOP, Action
 from pgmp_petsc.effects.effect import ActionEffect
-from pgmp_petsc.effects.laws import CARRIED_FRICTION, FRICTION, SPRING_DAMPER, STOP
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import distance
 from pgmp_petsc.scene import Scene

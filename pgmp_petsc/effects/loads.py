@@ -21,10 +21,9 @@ from pydantic import Field, model_validator
 from pgmp_petsc.base.units import STANDARD_GRAVITY
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.matrices import AffineMatrices
-from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.action import SOURCE, Action
 from pgmp_petsc.effects.effect import ActionEffect, Effect, Load
 from pgmp_petsc.effects.joint_effects import joint_measure
-from pgmp_petsc.effects.laws import SOURCE
 from pgmp_petsc.effects.over_joint import load_over_joint, load_over_problems
 from pgmp_petsc.effects.time_function import amplitude_of
 from pgmp_petsc.mechanism.attachment import Attachment
@@ -173,15 +172,9 @@ def _is_guided(mechanism: Mechanism, point: Attachment) -> bool:
 
 
 class FixedForce(Effect):
-    """A force on a node that keeps its direction in space.
+    """A force on a node that keeps its direction in space, from the ground's origin.
 
-    Parameters
-    ----------
-    ground, point
-        The ground's origin, and where it acts.
-    guided
-        Whether a guide takes up a part of it: then there is no answer to both axes of the body, but to the force as it
-        is.
+    Where a guide takes up a part of it there is no answer to both axes of the body, but to the force as it is.
     """
 
     def __init__(self, name: str, entry: Force, ground: Attachment, point: Attachment, guided: bool) -> None:
@@ -268,15 +261,7 @@ def _couples(connection: Connection, matrices: AffineMatrices) -> np.ndarray:
 
 
 class Weights(Effect):
-    """A uniform field of acceleration in the models; see the module.
-
-    Attributes
-    ----------
-    direction
-        Of the acceleration, a unit vector of shape (d,).
-    acceleration
-        Its size, m/s2.
-    """
+    """A uniform field of acceleration (m/s2) in the models, along a unit vector of shape (d,); see the module."""
 
     conservative = True
 

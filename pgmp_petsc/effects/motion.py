@@ -129,20 +129,7 @@ class Instant(NamedTuple):
 
 
 class Motion:
-    """The motion of a coordinate that an effect prescribes.
-
-    Parameters
-    ----------
-    name
-        Name of the effect.
-    entry
-        What the scene says.
-
-    Attributes
-    ----------
-    angle
-        The coordinate over time, rad or m.
-    """
+    """The motion of a coordinate that an effect prescribes: its `angle` over time, rad or m."""
 
     def __init__(self, name: str, entry: PrescribedMotion) -> None:
         self.name = name
@@ -156,13 +143,7 @@ class Motion:
 
 
 class Held:
-    """A coordinate that is held where it is, as `Motion`.
-
-    Attributes
-    ----------
-    angle
-        Where, rad or m.
-    """
+    """A coordinate that is held where it is, rad or m, as `Motion`."""
 
     name = "held"
 

@@ -12,9 +12,8 @@ import numpy as np
 from pydantic import Field
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.action import FRICTION, Action
 from pgmp_petsc.effects.effect import ActionEffect
-from pgmp_petsc.effects.laws import FRICTION
 from pgmp_petsc.effects.loads import GROUND_ORIGIN
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import along

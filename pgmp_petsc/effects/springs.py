@@ -30,13 +30,12 @@ from scipy.linalg import block_diag
 
 from pgmp_petsc.base.errors import Remark, gathered, note
 from pgmp_petsc.bodies.affine import AffineSum, Quantity
-from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.action import SPRING_DAMPER, Action
 from pgmp_petsc.effects.effect import ActionEffect, Effect
 from pgmp_petsc.effects.joint_effects import place_of
-from pgmp_petsc.effects.laws import SPRING_DAMPER
+from pgmp_petsc.mechanism.composition import sines
 from pgmp_petsc.mechanism.joints import Coupling, triad
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.releases import sines
 from pgmp_petsc.mechanism.space import directors
 from pgmp_petsc.mechanism.statements import ANGLE, Statement, along, angle
 from pgmp_petsc.scene import Scene
@@ -109,11 +108,8 @@ def spring_force(
     """Return the force ``-k (s - rest)`` of a spring on the rigid mechanism, N or N m: none in a coupling, which that
     keeps.
 
-    Parameters
-    ----------
-    poses, theta
-        One configuration, shapes (n_bodies, n_pose) and (n_theta,), rad. Angles that are no coordinates are in (-pi,
-        pi] in space, and as the bodies are turned in the plane.
+    Poses, shape (n_bodies, n_pose), and theta, shape (n_theta,), rad, are of one configuration. Angles that are no
+    coordinates are in (-pi, pi] in space, and as the bodies are turned in the plane.
     """
     if len(spring.statement.terms) > 1:
         return 0.0
@@ -138,14 +134,8 @@ def spring_block(
 ) -> Block:
     """Return the stiffness of a spring on the rigid mechanism at poses (n_bodies, n_pose), in body frames.
 
-    Parameters
-    ----------
-    gradient
-        That of its statement in the unknowns of `moving_dofs` there, shape (n,).
-    values
-        Parameter values.
-    force
-        That it has already (`spring_force`), N or N m; 0 leaves the second term of the module's equation out.
+    The gradient is that of its statement in the unknowns of `moving_dofs` there, shape (n,). The force is that it has
+    already (`spring_force`), N or N m; 0 leaves the second term of the module's equation out.
     """
     matrix = spring.stiffness.at(values) * np.outer(gradient, gradient)
     if force:

@@ -42,13 +42,7 @@ class Piece(NamedTuple):
 
 
 class TimeFunction:
-    """A function of time (s).
-
-    Parameters
-    ----------
-    pieces
-        One after the other; the first one begins at minus infinity.
-    """
+    """A function of time (s) of pieces, one after the other; the first one begins at minus infinity."""
 
     def __init__(self, *pieces: Piece) -> None:
         self.pieces = pieces
@@ -81,10 +75,7 @@ class TimeFunction:
 class Course:
     """A function of time with its derivatives, of polynomials of any degree; see `TimeFunctions`.
 
-    Parameters
-    ----------
-    pieces
-        As of `TimeFunction`, with as many coefficients as there are.
+    Pieces are as of `TimeFunction`, with as many coefficients as there are.
     """
 
     def __init__(self, *pieces: Piece) -> None:

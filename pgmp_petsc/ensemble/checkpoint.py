@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -16,16 +16,11 @@ from weakref import finalize
 import numpy as np
 
 from pgmp_petsc.base.errors import Remark, RunError
-from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
+from pgmp_petsc.ensemble.plan import IN_ALL, IN_CHECKED, NAMED, Batch, Piece, Plan
 from pgmp_petsc.files.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.files.seal import BrokenSeal, identity
 
 FORMAT = 7
-# of a batch: arrays by name
-IN_CHECKED = ("errors", "errors_at_end")  # known of the samples whose errors were estimated only
-IN_ALL = ("parameters", "outputs", "numerics", "validity", "balance", "extremes", "first_passages")
-OVER_TIME = ("bands",)  # known of the first samples only, at several instants
-NAMED = (*IN_ALL, *IN_CHECKED, *OVER_TIME)
 OF_LATIN_HYPERCUBE = "number of samples, on which every sample of a Latin hypercube depends,"
 SAMPLES, CHECKED = "samples_", "checked_"  # with the number of the first sample, the names of pieces
 COUNTS = "counts"  # the piece that says how many samples were allotted
@@ -41,31 +36,13 @@ class Finished:
 
 
 class Checkpoint:
-    """Finished batches of one ensemble; used by rank 0.
+    """Finished batches of the ensemble of a plan; used by rank 0.
 
-    Parameters
-    ----------
-    plan
-        The ensemble.
-    scene_toml
-        The resolved scene: a checkpoint of another one is refused.
-    model
-        ``full`` or ``reduced``.
-    tables
-        Identity of what the model is made of besides the scene (see `Model`): two reduced models of the same scene may
-        differ, and so may meshes of the same name.
-    design
-        Where samples come from, in words, and the identity of the numbers (`Sampler.named`): a checkpoint of another
-        design is refused.
-    extends
-        Whether a longer run has the samples of a shorter one, so that it may take up what that left.
-
-    Attributes
-    ----------
-    remarks
-        What was found and not taken up.
-    run
-        What the whole ensemble is, by key; the same for all its shards.
+    It is refused where it is of another resolved scene (TOML), model, or `tables`, the identity of what the model is
+    made of besides (see `Model`): two reduced models of the same scene may differ, and so may meshes of the same name.
+    So it is of another `design`, where samples come from in words and the identity of the numbers (`Sampler.named`). A
+    run that `extends` a shorter one has its samples, and may take up what that left. `remarks` say what was found and
+    not taken up; `run` is what the whole ensemble is, by key, the same for all its shards.
     """
 
     def __init__(
@@ -191,7 +168,7 @@ class Checkpoint:
             try:
                 batch = self._read(path, parts)
                 if batch.first < self._end:
-                    yield _cut(batch, self._end - batch.first)
+                    yield batch.part(0, self._end - batch.first)
             except BrokenSeal as broken:
                 what = f"a finished piece in '{self.folder}' was damaged during the run: {broken}"
                 raise RunError(f"{what}; {CURE}") from broken
@@ -227,14 +204,6 @@ def _named(batch: Batch, kinds: Sequence[str], with_ends: bool = True) -> dict[s
     return ends | {f"{kind}.{name}": values for kind in kinds for name, values in getattr(batch, kind).items()}
 
 
-def _cut(batch: Batch, n: int) -> Batch:
-    """Return the first n samples of a batch."""
-    if n >= len(batch.status):
-        return batch
-    named = {kind: {name: values[:n] for name, values in getattr(batch, kind).items()} for kind in NAMED}
-    return replace(batch, status=batch.status[:n], failure_time=batch.failure_time[:n], **named)
-
-
 def _batch(first: int, arrays: Mapping[str, np.ndarray], parts: Sequence[str]) -> Batch:
     """Return parts of a piece; opening an array takes longer than reading it."""
     named: dict[str, dict[str, np.ndarray]] = {part: {} for part in parts}
@@ -253,19 +222,8 @@ _AT_ONCE = 1 << 16  # numbers
 class Columns(Mapping[str, np.ndarray]):
     """Columns (n_samples,) by name, read when they are asked for; NaN where nothing was put.
 
-    The file has no name: it is gone with the last reference to it, however the run ends.
-
-    Parameters
-    ----------
-    folder
-        Where there is space for it.
-    n_samples
-        Length of every column.
-
-    Raises
-    ------
-    RunError
-        If the system fails to make it.
+    They are in a file without a name in a folder with space for it: it is gone with the last reference to it, however
+    the run ends. Raises `RunError` if the system fails to make it.
     """
 
     def __init__(self, folder: Path, n_samples: int) -> None:

@@ -86,24 +86,15 @@ def design_points(
 ) -> DesignPoints | None:
     """Return the design points that searches from some points lead to; None where none settles.
 
-    A few searches at a time, until several have found nothing new. Where a point is explained by a plane that touches g
-    at a point of a search before, none begins. Those that are explained least come first.
+    `evaluate` gives g of points (n, d), shape (n,), NaN where it is not known, `slopes` g and its derivatives, shapes
+    (n,) and (n, d), NaN where there are none; without it they are from differences. `most` evaluations of either are
+    made.
 
-    Parameters
-    ----------
-    evaluate
-        g of points (n, d), shape (n,); NaN where it is not known.
-    slopes
-        g and its derivatives of points (n, d), shapes (n,) and (n, d), NaN where there are none; None: from
-        differences.
-    starts
-        Shape (n, d), near the border, the best first; there are as many searches as evaluations allow.
-    most
-        Evaluations at most, of g or of its derivatives.
-    others
-        Further points (m, d), from anywhere, and their g (m,), from which searches begin after those; but where few of
-        them that are in the event lie beyond planes at the design points that starts lead to, as the border bends or
-        the event is all around, none does.
+    A few searches at a time, until several have found nothing new, begin from `starts`, shape (n, d), near the border,
+    the best first. Where a point is explained by a plane that touches g at a point of a search before, none begins.
+    Those that are explained least come first. After them searches begin from `others`, points (m, d) from anywhere with
+    their g (m,); but where few of them that are in the event lie beyond planes at the design points that starts lead
+    to, as the border bends or the event is all around, none does.
     """
     d, used, found, in_vain, is_bent = starts.shape[1], 0, [], 0, False
     tangents = _Tangents(d)
@@ -227,17 +218,11 @@ def bisected_design_points(inside: LimitState, starts: np.ndarray, most: int) ->
 
     On the ray from the origin through a point of the event bisection finds the border; so it does on rays through
     points at the distance `WIDE` from there along each variable. The plane through those borders (least squares) has a
-    nearest point, whose ray is the next one: it is a design point where the border is on it, too. An error of
-    ``WIDE / 2^BISECTED`` of every border turns the plane by a few hundredths.
+    nearest point, whose ray is the next one: it is a design point where the border is on it, too. An error of ``WIDE /
+    2^BISECTED`` of every border turns the plane by a few hundredths.
 
-    Parameters
-    ----------
-    inside
-        Of points (n, d), shape (n,): whether they are in the event.
-    starts
-        In the event, shape (n, d), the best first.
-    most
-        Evaluations at most.
+    `inside` says of points (n, d), shape (n,), whether they are in the event; `starts`, shape (n, d), are, the best
+    first. At `most` so many evaluations are made.
     """
     d, used, found, in_vain = starts.shape[1], 0, [], 0
     each, n_starts = d * BISECTED + 2 * FINELY, len(starts)

@@ -11,15 +11,14 @@ where they fail, with 1/2, 1/4 and so on of it, down to 1/64 where an ensemble e
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
-from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, SampleFile, checked
-from pgmp_petsc.ensemble.sample_file import read_samples
+from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, SampleFile, checked, read_samples
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.ensemble import UNSTABLE, Ensemble
@@ -41,22 +40,11 @@ def failure_remarks(
     hidden: float = 1.0,
     may_be_retried: bool = True,
 ) -> Iterator[Remark]:
-    """Return what is to be said of failed samples; nothing where all are fine.
+    """Return what is to be said of failed samples of a model by status (N,) and drawn values (N,) with their units;
+    nothing where all are fine.
 
-    Parameters
-    ----------
-    status
-        Shape (N,).
-    parameters
-        Drawn values by name, each of shape (N,).
-    units
-        Of the parameters.
-    model
-        Name of the model that was run.
-    hidden
-        Largest share of failed samples that the others are described without.
-    may_be_retried
-        Whether a further try takes any of them with steps that were not tried.
+    `hidden` is the largest share of failed samples that the others are described without; `may_be_retried` says whether
+    a further try takes any of them with steps that were not tried.
     """
     failed = status != Status.FINE
     n, n_failed = failed.size, int(failed.sum())
@@ -233,48 +221,25 @@ def _check_draws(path: Path, found: Ensemble, scene: Scene, sampler: Sampler) ->
 
 
 def fine_pieces(earlier: Earlier, share: float, block: int) -> Iterator[tuple[Piece, Batch]]:
-    """Yield neighbouring samples that are fine, and those of them whose errors were estimated.
-
-    Parameters
-    ----------
-    share, block
-        Of the samples whose errors are estimated, and in what numbers.
-    """
+    """Yield neighbouring samples that are fine, and those of them whose errors were estimated: a share, in blocks."""
     found = Ensemble.read(earlier.path).in_si_units()
+    ends = found.status, found.failure_time
+    samples = Batch(
+        0, found.parameters, found.outputs, *ends, validity=found.validity, balance=found.balance,
+        numerics={"steps_divided": found.steps_divided, "unstable_start": found.kept[UNSTABLE]},
+        extremes=found.extremes, first_passages=found.first_passages,
+        bands={name.partition(".")[2]: values for name, values in found.kept.items() if name != UNSTABLE},
+    )  # fmt: skip
+    estimates = Batch(0, found.parameters, {}, *ends, errors=found.errors, errors_at_end=found.errors_at_end)
     fine = found.status == Status.FINE
     for first, last in _runs(fine, 0, fine.size):
-        yield Piece(first, last), _batch(found, first, last)
+        yield Piece(first, last), samples.part(first, last)
     for begin, end in checked(share, fine.size, block):
         for first, last in _runs(fine, begin, end):
-            yield Piece(first, last, True), _checked_batch(found, first, last)
+            yield Piece(first, last, True), estimates.part(first, last)
 
 
 def _runs(fine: np.ndarray, begin: int, end: int) -> Iterator[tuple[int, int]]:
     """Yield the ranges of neighbours that are fine."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], fine[begin:end].astype(int), [0]])))
     yield from ((begin + int(first), begin + int(last)) for first, last in zip(edges[::2], edges[1::2]))
-
-
-def _some(found: Ensemble, some: slice, kinds: Sequence[str]) -> dict[str, dict[str, np.ndarray]]:
-    return {kind: {name: values[some] for name, values in getattr(found, kind).items()} for kind in kinds}
-
-
-def _batch(found: Ensemble, first: int, last: int) -> Batch:
-    some = slice(first, last)
-    named = _some(found, some, ("parameters", "outputs", "validity", "balance", "extremes", "first_passages"))
-    bands = {name.partition(".")[2]: values for name, values in found.kept.items() if name != UNSTABLE}
-    numerics = {"steps_divided": found.steps_divided[some], "unstable_start": found.kept[UNSTABLE][some]}
-    return Batch(
-        first,
-        status=found.status[some],
-        failure_time=found.failure_time[some],
-        numerics=numerics,
-        bands={name: values[some] for name, values in bands.items()},
-        **named,
-    )
-
-
-def _checked_batch(found: Ensemble, first: int, last: int) -> Batch:
-    some = slice(first, last)
-    named = _some(found, some, ("parameters", "errors", "errors_at_end"))
-    return Batch(first, outputs={}, status=found.status[some], failure_time=found.failure_time[some], **named)

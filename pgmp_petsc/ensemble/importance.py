@@ -174,20 +174,12 @@ def chosen_density(
     families: np.ndarray | None = None,
     values: np.ndarray | None = None,
 ) -> Mixture:
-    """Return the density that is nearest to that of the event's points.
+    """Return the density that is nearest to that of the event's points, shape (m, d), with how many each represents,
+    (m,).
 
-    Parameters
-    ----------
-    points, weights
-        Points of the event, shape (m, d), and how many each represents, shape (m,).
-    random
-        Which points try the densities that others make.
-    families
-        Numbers of the families of points that are alike, shape (m,): a family makes densities or tries them. None
-        where all points are independent.
-    values
-        g of the points, shape (m,), whose slope tells where a part of the event lies (`_shrunk_mean`). None where it is
-        not known.
+    `families` are numbers of the families of points that are alike, shape (m,): a family makes densities or tries them,
+    at random; None where all points are independent. `values` are g of the points, shape (m,), whose slope tells where
+    a part of the event lies (`_shrunk_mean`); None where it is not known.
     """
     families = np.arange(len(points)) if families is None else families
     values = np.zeros(len(points)) if values is None else values

@@ -21,7 +21,7 @@ from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished
-from pgmp_petsc.ensemble.description import Origin, describe_ensemble
+from pgmp_petsc.ensemble.description import Origin, describe_ensemble, shard_of
 from pgmp_petsc.ensemble.failures import FURTHER, Earlier, fine_pieces
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, block_of, checked, missing, pieces, share_of, within
 from pgmp_petsc.ensemble.sampling import Sampler, physical
@@ -57,27 +57,13 @@ from pgmp_petsc.stepping.second_order_system import SecondOrderSystem
 from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:
-    from pgmp_petsc.ensemble.correction import Better
+    from pgmp_petsc.ensemble.joined import Better
 
 
 class Integration:
-    """The samples of one model, in a checkpoint.
+    """The samples of one model, in a checkpoint; see `run_ensemble`. Collective on ``group.world``, as are all methods.
 
-    Parameters
-    ----------
-    model, plan, group
-        As of `run_ensemble`. Collective on ``group.world``, as are all methods.
-    timings
-        Where the time goes.
-    phase
-        What is timed.
-    sampler
-        Where samples come from; that of the plan, unless they are another ensemble's.
-
-    Raises
-    ------
-    InputError
-        As `run_ensemble`.
+    Time goes to a `phase` of the timings. Samples come from the plan's sampler, unless they are another ensemble's.
     """
 
     def __init__(
@@ -242,13 +228,7 @@ def _with_outputs(
 
 
 class Watching:
-    """Follows the runs of a model's samples.
-
-    Attributes
-    ----------
-    share, block
-        Of the samples whose errors are estimated, and in what numbers (`block_of`).
-    """
+    """Follows the runs of a model's samples; `share` and `block` are of those whose errors are estimated (`block_of`)."""
 
     def __init__(self, model: Model) -> None:
         self.share, self.block = share_of(model), block_of(model.scene, model.name)
@@ -281,28 +261,17 @@ def run_ensemble(
 ) -> Ensemble | ShardSamples | None:
     """Integrate the samples that are missing; describe all, or keep those of a shard. Collective on ``group.world``.
 
-    Groups of several ranks share one full-order sample at a time. Raises `InputError` if the checkpoint to resume
-    belongs to another scene, model, seed or number of samples; `RunError` if the finished batches are not all samples,
-    each once.
+    Groups of several ranks share one full-order sample at a time. `stop` may end the ensemble before the plan's last
+    sample; `better` models, the best first, integrate its first samples too; of an `earlier` ensemble the failed
+    samples alone are integrated, further than in an ensemble. The first rank gets the result, others None.
 
-    Parameters
-    ----------
-    stop
-        What ends the ensemble before the plan's last sample, if anything.
-    better
-        Better models, the best first, that integrate the first samples of the ensemble too.
-    earlier
-        The same ensemble, whose failed samples alone are integrated, further than in an ensemble.
-
-    Returns
-    -------
-    Ensemble, or ShardSamples of a shard, or None
-        On the first rank, None elsewhere.
+    Raises `InputError` if the checkpoint to resume belongs to another scene, model, seed or number of samples;
+    `RunError` if the finished batches are not all samples, each once.
     """
     timings, comm = Timings(), group.world
     own = Integration(model, plan, group, timings, "integration")
     if better:
-        from pgmp_petsc.ensemble.correction import plan_of, with_better  # most ensembles are of one model
+        from pgmp_petsc.ensemble.joined import plan_of, with_better  # most ensembles are of one model
     others = [
         Integration(one.model, plan_of(plan, one), group, timings, f"integration of {one.key}", own.sampler)
         for one in better
@@ -326,8 +295,6 @@ def run_ensemble(
         if comm.rank > 0:
             return None
         if plan.shard is not None:
-            from pgmp_petsc.ensemble.shards import shard_of
-
             return shard_of(Origin.of(model), plan, own.checkpoint, comm.size, timings)
         found = describe_ensemble(
             Origin.of(model), replace(plan, n_samples=n), own.sampler, own.checkpoint.up_to(n), comm.size, timings,

@@ -93,12 +93,8 @@ def of_quantiles(
     """Return the intervals of quantiles of values (n,), sorted; shape (n_quantiles, 2).
 
     An end is infinite where not even the smallest, or largest, value lies beyond the quantile with enough probability.
-
-    Parameters
-    ----------
-    sizes
-        How many independent values are as good at each quantile, (n_quantiles,) (Woodruff, Journal of the American
-        Statistical Association 47 (1952) 635-646); None of independent ones: n.
+    `sizes`, (n_quantiles,), say how many independent values are as good at each quantile (Woodruff, Journal of the
+    American Statistical Association 47 (1952) 635-646); None of independent ones: n.
     """
     n, tail = ordered.size, 0.5 * (1.0 - confidence)
     found = np.full((len(probabilities), 2), [-np.inf, np.inf])
@@ -139,13 +135,8 @@ def of_probability(
 ) -> np.ndarray:
     """Return the interval (low, high) of a probability of which `count` of `n` trials came true.
 
-    Parameters
-    ----------
-    count, n
-        Numbers of independent trials; or of those of each independent replicate, (n_replicates,).
-    n_failed
-        Number of further trials of which it is not known, as `n`: none of them came true at the lower end, all at the
-        upper one.
+    They are numbers of independent trials; or of those of each independent replicate, (n_replicates,). Of `n_failed`
+    further trials it is not known: none of them came true at the lower end, all at the upper one.
     """
     count, failed = np.atleast_1d(count).astype(float), np.atleast_1d(n_failed).astype(float)
     sizes = np.atleast_1d(n) + failed
@@ -170,17 +161,13 @@ def _clopper_pearson(count: np.ndarray, sizes: np.ndarray, confidence: float) ->
 
 
 def equivalent_size(count: np.ndarray, sizes: np.ndarray, confidence: float) -> float:
-    """Return how many independent trials tell as much of a probability as those of replicates do.
+    """Return how many independent trials tell as much of a probability as those of replicates do, of whose `sizes` so
+    many came true, each (n_replicates,).
 
     ``n = p (1 - p) / v (z / t)^2``, v the variance of the share p between replicates, t Student's quantile of their
     freedom and z the normal one. Where replicates agree their counts may still differ by one, with a chance that as
     many replicates as there are would not have shown: v is no smaller than that leaves open. All trials where none or
     all came true, and of one replicate.
-
-    Parameters
-    ----------
-    count, sizes
-        Trials that came true, and all trials, of each replicate, (n_replicates,).
     """
     from scipy.special import ndtri
 
@@ -254,18 +241,10 @@ def with_failed(
 ) -> np.ndarray:
     """Return the interval of a rare event in which failed samples are outside it at the lower end, in it at the upper.
 
-    Parameters
-    ----------
-    ends
-        Of the event without the failed samples, (2,).
-    rounds
-        Weights of the samples of each round that are in the event or failed, 0 of others.
-    n_failed, n_plain, n_in
-        How many of the plain samples, from which the search begins, failed, and how many are in the event. They bound
-        it together with all that fails; so do the weighted samples, but for what fails where they do not come, as some
-        of the plain ones did.
-    confidence
-        Level of the interval.
+    `ends`, (2,), are those without failed samples, `rounds` the weights of the samples of each round that are in the
+    event or failed, 0 of others. Of `n_plain` samples, from which the search begins, `n_failed` failed and `n_in` are
+    in the event. They bound it together with all that fails; so do the weighted samples, but for what fails where they
+    do not come, as some of the plain ones did.
     """
     open_end = of_probability(n_in, n_plain - n_failed, confidence, n_failed)[1]
     if not n_failed and len(rounds):

@@ -31,24 +31,32 @@ output whose models agree least, from costs and correlations of a pilot of every
 decide, which will not come again: a run that is taken up keeps the numbers of the one before. Pilot samples are the
 first ones of the ensemble, and so are used; that they have a part in the choice of the numbers has none in the
 intervals but by the spread that they showed.
+
+Samples of better models on an ensemble's own draws, and the figures that they lead to (`joined`).
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.base.errors import InputError, Remark, RunError, gathered, note, warning
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.ensemble import intervals
-from pgmp_petsc.ensemble.checkpoint import Checkpoint
+from pgmp_petsc.ensemble.checkpoint import Checkpoint, Columns
 from pgmp_petsc.ensemble.plan import Plan
+from pgmp_petsc.ensemble.statistics import came_true, is_constant, parts_of_tails, quantities, quantity
 from pgmp_petsc.ensemble.stopping import Stop
+from pgmp_petsc.files.checkpoint_folder import within_checkpoint
+from pgmp_petsc.models import Model
 from pgmp_petsc.ranks.agreement import on_root
+from pgmp_petsc.results.ensemble import Corrected, Ensemble, Figure, Joined
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.numerics import Event
 from pgmp_petsc.stepping.status import Status
 
 FEWEST = 8  # samples of the best model: coefficients, and a jackknife of them
@@ -84,7 +92,8 @@ class Estimate:
 
 
 def calibrated(values: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return values of all models, cheaper ones through the parabola that fits the best one on their common samples.
+    """Return values of all models, as `mean_of` takes them, cheaper ones through the parabola that fits the best one on
+    their common samples.
 
     Only where it predicts each of these from the others with less than `HALF` of the squared error of a straight line,
     below `FEWEST_OF_PARABOLA` samples `TENTH` (PRESS: Allen, Technometrics 16 (1974) 125-127). A curvature that is
@@ -92,11 +101,6 @@ def calibrated(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     the figures than it takes away, of which intervals do not know. What is taken is no more than a model that is
     another function of the parameters, so that whatever follows keeps its expectation; `python -m benchmarks.joined
     coverage` measures how often intervals hold.
-
-    Parameters
-    ----------
-    values
-        As `mean_of` takes them.
     """
     return [values[0], *(_calibrated(values[0], other) for other in values[1:])]
 
@@ -123,21 +127,13 @@ def _calibrated(best: np.ndarray, other: np.ndarray) -> np.ndarray:
 def mean_of(
     values: Sequence[np.ndarray], replicates: np.ndarray | None = None, n_curved: int = 0, part: float = 0.0
 ) -> Estimate:
-    """Return the mean of the best model.
+    """Return the mean of the best model, from values of every model, the best first: shapes (m_1,) to (m_k,), each the
+    first samples of the next; m_1 at least `FEWEST`.
 
-    Parameters
-    ----------
-    values
-        Of every model, the best first: shapes (m_1,) to (m_k,), each the first samples of the next; m_1 at least
-        `FEWEST`.
-    replicates
-        Numbers of the independent replicates that samples belong to, shape (m_k,), each with one of the first m_1 at
-        least; None where samples are independent. The variance is then the jackknife's over replicates, each left out
-        in turn with the coefficients of the others.
-    n_curved
-        Number of models that `calibrated` has taken through a parabola: one more coefficient each.
-    part
-        That the interval as of independent samples has in that of replicates.
+    Replicates are the numbers of the independent ones that samples belong to, shape (m_k,), each with one of the first
+    m_1 at least; None where samples are independent. The variance is then the jackknife's over replicates, each left
+    out in turn with the coefficients of the others, and `part` that the interval as of independent samples has in that
+    of replicates. `n_curved` models `calibrated` has taken through a parabola: one more coefficient each.
     """
     best, others = values[0], values[1:]
     m = np.array([value.size for value in values])
@@ -214,14 +210,10 @@ def deviation_of(
     n_curved: int = 0,
     part: float = 0.0,
 ) -> tuple[float, np.ndarray]:
-    """Return the standard deviation of the best model and its interval (2,).
+    """Return the standard deviation of the best model and its interval (2,); arguments are as `mean_of` takes and gives
+    them.
 
     Both are NaN where the variance is not positive, the interval below `FEWEST_OF_DEVIATION` samples.
-
-    Parameters
-    ----------
-    values, mean, replicates, n_curved, part
-        As `mean_of` takes and gives them.
     """
     n_taken = n_curved + (replicates is not None)  # of few replicates the mean takes one more degree
     centres = [mean.value, *(float(np.mean(value)) for value in values[1:])]
@@ -239,13 +231,8 @@ def deviation_of(
 
 
 def probability_of(came_true: Sequence[np.ndarray], confidence: float) -> tuple[float, np.ndarray]:
-    """Return the probability of an event in the best model and its interval (2,).
-
-    Parameters
-    ----------
-    came_true
-        Of every model, bool, as `mean_of` takes values.
-    """
+    """Return the probability of an event in the best model and its interval (2,), from whether it came true in each
+    model, bool, as `mean_of` takes values."""
     value = float(np.mean(came_true[-1]))
     low, high = intervals.of_probability(int(came_true[-1].sum()), came_true[-1].size, confidence)
     for better, cheaper in reversed(list(zip(came_true, came_true[1:]))):
@@ -265,13 +252,10 @@ def probability_of(came_true: Sequence[np.ndarray], confidence: float) -> tuple[
 def probability_with_failed(
     came_true: Sequence[np.ndarray], known: Sequence[np.ndarray], confidence: float
 ) -> tuple[float, np.ndarray]:
-    """Return the probability of an event over the draws that are known in all models, and an interval (2,) in which
-    the others are outside the event in every model at its lower end, and in it at the upper one.
+    """Return the probability of an event over the draws that are known in all models, and an interval (2,) in which the
+    others are outside the event in every model at its lower end, and in it at the upper one.
 
-    Parameters
-    ----------
-    came_true, known
-        Of every model, bool, as `mean_of` takes values; draws that are not known did not come true.
+    Both arguments are bool of every model, as `mean_of` takes values; draws that are not known did not come true.
     """
     each = [known[-1][: one.size] for one in came_true]
     for one in known[:-1]:
@@ -291,18 +275,12 @@ def _share(true: np.ndarray, of_none: float, confidence: float) -> tuple[float, 
 
 
 def allocation(costs: np.ndarray, correlations: np.ndarray) -> np.ndarray:
-    """Return how many samples models have for one of the best, (k,), the least variance for the costs.
+    """Return how many samples models have for one of the best, (k,), the least variance for the costs of a sample,
+    (k,), the best first.
 
-    Theorem 3.4 of Peherstorfer et al.: ``r_i = sqrt(w_1 (rho_i^2 - rho_(i+1)^2) / (w_i (1 - rho_2^2)))``. Where models
-    are not in the order of their correlations, or a cheaper one would have fewer samples, r_i is that of the one
-    before.
-
-    Parameters
-    ----------
-    costs
-        Of a sample of every model, the best first, (k,).
-    correlations
-        With the best one, (k,), that of the best itself is 1.
+    Theorem 3.4 of Peherstorfer et al.: ``r_i = sqrt(w_1 (rho_i^2 - rho_(i+1)^2) / (w_i (1 - rho_2^2)))``, rho the
+    correlations with the best one, (k,), 1 of itself. Where models are not in the order of their correlations, or a
+    cheaper one would have fewer samples, r_i is that of the one before.
     """
     squared = np.append(np.minimum(correlations**2, 1.0 - 1e-12), 0.0)
     squared[0] = 1.0
@@ -332,22 +310,12 @@ class Integrated(Protocol):
 def allot(
     own: Integrated, better: Sequence[Integrated], given: Sequence[int | None], limit: int | None, stop: Stop
 ) -> tuple[list[int], int]:
-    """Integrate as many samples of all models as the budget pays for. Collective.
+    """Integrate as many samples of all models as the budget pays for; return the numbers of samples of the better
+    models, and of the ensemble's own. Collective.
 
-    Raises `InputError` if the budget does not pay for what is given; `RunError` if the outputs of the pilot's samples
-    are not known, or do not vary.
-
-    Parameters
-    ----------
-    given
-        Numbers of the better models' samples that are not to be chosen, None for the others.
-    limit
-        Number of the ensemble's samples, None where it is to be chosen.
-
-    Returns
-    -------
-    list of int, int
-        Numbers of samples of the better models, and of the ensemble's own.
+    Numbers of better models that are `given` are not chosen, nor the `limit` of the ensemble's own; None are. Raises
+    `InputError` if the budget does not pay for what is given; `RunError` if the outputs of the pilot's samples are not
+    known, or do not vary.
     """
     comm, models = own.comm, (*better, own)
     kept = on_root(comm, lambda: own.checkpoint.counts)
@@ -393,20 +361,11 @@ def allot(
 def counts(
     costs: np.ndarray, correlations: np.ndarray, given: Sequence[int | None], budget: float, most: int
 ) -> np.ndarray | None:
-    """Return the numbers of samples of all models, the best first, that a budget pays for; None where there are none.
+    """Return the numbers of samples of all models, the best first, that a budget (s) pays for; None where there are
+    none.
 
-    Parameters
-    ----------
-    costs
-        Of a sample, s, (k,).
-    correlations
-        With the best model, (k,).
-    given
-        Numbers that are not to be chosen, None for the others.
-    budget
-        For all samples, s.
-    most
-        Samples of the cheapest model.
+    Costs of a sample (s) and correlations with the best model are of shape (k,). Numbers that are `given` are not
+    chosen, None are; the cheapest model has so many at `most`.
     """
     shares = allocation(costs, correlations)
     enough = FEWEST_OF_DEVIATION
@@ -443,3 +402,181 @@ def _correlations(kept: Sequence, n: int) -> np.ndarray:
             "varies in all of them; give numbers, such as --correct full=200"
         )
     return min(found, key=lambda one: abs(one[1]))
+
+
+@dataclass(frozen=True)
+class Better:
+    """A better model than that of an ensemble, and how many samples of it are wanted."""
+
+    name: str  # as it was asked for: ``full``, ``full/4``
+    model: Model  # its scene is that of the ensemble, but for the step
+    count: int | None  # none where measured costs and correlations are to decide
+
+    @property
+    def key(self) -> str:
+        """The name without a slash, which makes groups in files and folders of paths."""
+        return self.name.replace("/", ":")
+
+
+def plan_of(plan: Plan, better: Better) -> Plan:
+    """Return the plan of a better model's samples, whose checkpoint lies within that of the ensemble."""
+    output = within_checkpoint(plan.output, better.key)
+    return replace(plan, n_samples=plan.n_samples if better.count is None else better.count, output=output)
+
+
+class Levels:
+    """The samples of all models, the best first, as far as they are fine in their own model and in all cheaper ones.
+
+    `columns` are those of every model by its name, the ensemble's own last, as many samples as each has, `replicates`,
+    (N,), what these belong to, None where they are independent. `names` are those of the models, `n_lost` the number of
+    draws that failed in a better model, though not in the ensemble's own.
+    """
+
+    def __init__(self, columns: Mapping[str, Columns], replicates: np.ndarray | None = None) -> None:
+        self.names, self.columns = tuple(columns), list(columns.values())
+        self._replicates = replicates
+        status = [one["status"] for one in self.columns]
+        fine = status[-1] == Status.FINE
+        self._usable = fine.copy()
+        for of_model in status[-2::-1]:
+            self._usable[: of_model.size] &= of_model == Status.FINE
+        self.n_lost = int(np.sum(fine & ~self._usable))
+        self._sizes = [one.size for one in status]
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Number of samples of each model that can be used."""
+        return np.array([int(self._usable[:n].sum()) for n in self._sizes])
+
+    def values(self, of: Callable[[Columns], np.ndarray]) -> tuple[list[np.ndarray], np.ndarray | None]:
+        """Return a quantity of every model, of the samples that can be used and have one in all models, and the
+        replicates that these belong to; None where they are independent."""
+        each = [of(one) for one in self.columns]
+        usable = self._usable.copy()
+        for values in each:
+            usable[: values.size] &= np.isfinite(values) if values.dtype.kind == "f" else True
+        replicates = None if self._replicates is None else self._replicates[usable]
+        return [values[usable[: values.size]] for values in each], replicates
+
+    def events(self, label: str, event: Event) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Return in which samples of every model an event came true, and of which it is known, bool."""
+        known = [one["status"] == Status.FINE for one in self.columns]
+        true = [came_true(event, label, one.of("outputs"), one.of("first_passages")) for one in self.columns]
+        return [one & of for one, of in zip(true, known)], known
+
+
+def join(scene: Scene, levels: Levels) -> Joined:
+    """Return the figures of the best model, of every quantity and every event."""
+    level, found = scene.ensemble.confidence, {}
+    *better, own = levels.columns
+    for name in [name for name, _ in quantities(own.of("outputs"), own.of("extremes"))]:
+        values, replicates = levels.values(lambda one: quantity(name, one.of("outputs"), one.of("extremes")))
+        n = values[0].size
+        in_all = replicates is None or np.unique(replicates[:n]).size == np.unique(replicates).size > 1
+        if n >= FEWEST and in_all:
+            found[name] = corrected(values, level, replicates)
+    for label, event in scene.ensemble.probabilities.items():
+        if levels.counts[0] >= FEWEST:
+            found[label] = _probability(*levels.events(label, event), level)
+    outputs = {name: dict(columns.of("outputs").items()) for name, columns in zip(levels.names, better)}
+    status = {name: columns["status"].astype(int) for name, columns in zip(levels.names, better)}
+    return Joined(levels.names, level, found, outputs, status)
+
+
+def with_better(
+    ensemble: Ensemble, scene: Scene, columns: Mapping[str, Columns], replicates: np.ndarray | None
+) -> Ensemble:
+    """Return an ensemble with the figures of the best model, and what is to be said of them; columns and replicates are
+    as of `Levels`."""
+    levels = Levels(columns, replicates)
+    found, record = join(scene, levels), ensemble.record
+    remarks = (*record.remarks, *joined_remarks(found, levels), *event_remarks(scene, levels))
+    return replace(ensemble, joined=found, record=replace(record, remarks=remarks))
+
+
+def corrected(values: Sequence[np.ndarray], confidence: float, replicates: np.ndarray | None = None) -> Corrected:
+    """Return mean, deviation and bias from values of all models, as `mean_of` takes them."""
+    best, own = values[0], values[-1]
+    nearer = calibrated(values)
+    n_curved = sum(one is not other for one, other in zip(nearer, values))
+    parts = parts_alone = (0.0, 0.0)
+    if replicates is not None and not is_constant(own):
+        n_replicates = np.unique(replicates).size
+        parts, parts_alone = (parts_of_tails(nearer[-1], n / n_replicates) for n in (own.size, best.size))
+    mean = mean_of(nearer, replicates, n_curved, parts[0])
+    # half of the part: the many values of the cheapest model know of the tails
+    deviation, of_deviation = deviation_of(nearer, mean, confidence, replicates, n_curved, 0.5 * parts[1])
+    # the cheapest model less the best, with the same controls
+    bias = mean_of([own[: best.size] - best, *values[1:]], replicates)
+    if replicates is None:
+        alone = intervals.of_mean(best, confidence), intervals.of_deviation(best, confidence)
+    else:
+        of_best = mean_of([best], replicates[: best.size], part=parts_alone[0])
+        squares = deviation_of([best], of_best, confidence, replicates[: best.size], part=parts_alone[1])[1]
+        alone = of_best.interval(confidence), squares
+    figures = {
+        "mean": Figure(mean.value, mean.interval(confidence), float(best.mean()), alone[0]),
+        "std": Figure(deviation, of_deviation, float(best.std(ddof=1)), alone[1]),
+        "bias": Figure(bias.value, bias.interval(confidence)),
+    }
+    return Corrected(figures, np.array([one.size for one in values]), mean.correlations, mean.coefficients)
+
+
+def _probability(true: Sequence[np.ndarray], known: Sequence[np.ndarray], confidence: float) -> Corrected:
+    value, ends = probability_with_failed(true, known, confidence)
+    count, n, n_failed = int(true[0].sum()), int(known[0].sum()), int(np.sum(~known[0]))
+    alone = intervals.of_probability(count, n, confidence, n_failed)
+    figure = Figure(value, ends, count / n if n else np.nan, alone)
+    return Corrected({"estimate": figure}, np.array([int(one.sum()) for one in known]), np.zeros(0), np.zeros(0))
+
+
+@gathered
+def joined_remarks(found: Joined, levels: Levels) -> Iterator[Remark]:
+    """Return what corrected figures rest on, and what is left out of them."""
+    best, counts = found.models[0], levels.counts
+    which = ", ".join(f"{n} of {name}" for name, n in zip(found.models, counts))
+    yield note(
+        f"/corrected: figures of {best} from samples of several models on the same draws ({which}); their "
+        f"intervals carry the error of {' and '.join(found.models[1:])} against {best}. A cheaper model in which "
+        f"{best} is clearly curved counts through the parabola that fits. Quantiles, densities, bands and "
+        f"Sobol indices are of {found.models[-1]} alone"
+    )
+    if "/" not in best:
+        yield note(
+            f"{best} has the steps of the ensemble, so that /corrected knows nothing of their error; "
+            f"--correct {best}/2=K has steps half as long"
+        )
+    if counts[0] < FEWEST:
+        yield warning(f"{counts[0]} samples of {best} are fine: too few for /corrected, which takes {FEWEST}")
+    elif counts[0] < FEWEST_OF_DEVIATION:
+        yield note(
+            f"corrected deviations have no interval: it takes {FEWEST_OF_DEVIATION} samples of {best}, and "
+            f"there are {counts[0]}"
+        )
+    if FEWEST <= counts[0] < FEWEST_OF_PARABOLA:
+        yield note(
+            f"{counts[0]} samples of {best} show whether it is curved in the others only where it is that nearly "
+            f"alone; where it is curved and noisy, intervals of corrected means are short: take "
+            f"{FEWEST_OF_PARABOLA} or more"
+        )
+    if found.n_failed or levels.n_lost:
+        yield warning(
+            f"{found.n_failed} samples of better models failed (/better/<model>/status); /corrected is without "
+            f"{levels.n_lost} draws that failed in one model and not in the ensemble's own, and may be biased; "
+            "intervals of probabilities count all failed ones both ways"
+        )
+
+
+@gathered
+def event_remarks(scene: Scene, levels: Levels) -> Iterator[Remark]:
+    """Return the events of which models disagree so seldom that intervals are of what few samples cannot show."""
+    for label, event in scene.ensemble.probabilities.items():
+        known, _ = levels.values(lambda one: came_true(event, label, one.of("outputs"), one.of("first_passages")))
+        best, cheaper = known[:2]
+        n = best.size
+        count = int(np.sum(best != cheaper[:n]))
+        if n >= FEWEST and count < FEW_DISAGREEMENTS:
+            more = f"; about {FEW_DISAGREEMENTS * n // count} samples would show it" if count else ""
+            which = f"{levels.names[0]} and {levels.names[1]} disagree in {count} of {n} samples"
+            room = f"its interval leaves room for what {n} samples do not show, and holds more often than it says"
+            yield note(f"/corrected/{label}: {which}: {room}{more}")

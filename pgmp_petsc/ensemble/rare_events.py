@@ -258,23 +258,12 @@ def level_size(n_left: int) -> int:
 def find(
     limit_state: LimitState, d: int, n_samples: int, seed: int, slopes: Slopes | None = None, has_design: bool = True
 ) -> RareSamples:
-    """Find and weigh the event ``g <= 0``.
+    """Find and weigh the event ``g <= 0`` of d variables, with random numbers of a seed.
 
-    Parameters
-    ----------
-    limit_state
-        g of points (n, d), shape (n,); NaN where it is not known.
-    d
-        Number of variables.
-    n_samples
-        Evaluations of g at most, with those of `slopes`; those that subset simulation leaves are weighted. At least
-        500.
-    seed
-        Of all random numbers.
-    slopes
-        g and its derivatives, for design points; None: from differences, where samples allow them.
-    has_design
-        Whether design points are looked for, which events of variables that step have none of.
+    The limit state is g of points (n, d), shape (n,); NaN where it is not known. It is evaluated at most `n_samples`
+    times, at least 500, with those of `slopes`; those that subset simulation leaves are weighted. Slopes are g and its
+    derivatives, for design points; None: from differences, where samples allow them. Without `has_design` no design
+    points are looked for, which events of variables that step have none of.
     """
     chains = _Chains(limit_state, seed, d, n_samples, slopes, has_design)
     levels, directions, last = _levels(chains)
@@ -639,16 +628,11 @@ def apart(points: np.ndarray, others: np.ndarray) -> np.ndarray:
 def entrances(
     limit_state: Callable[[np.ndarray], np.ndarray], directions: np.ndarray, probability: float
 ) -> np.ndarray:
-    """Return points in the event near where rays enter it, shape (n_entrances, d); of rays that do not, none.
+    """Return points in the event near where rays along unit vectors (n, d) enter it, shape (n_entrances, d); of rays
+    that do not, none.
 
-    Parameters
-    ----------
-    limit_state
-        g of points (n, d), shape (n,); all rays are followed at once.
-    directions
-        Unit vectors, shape (n, d).
-    probability
-        Of the event, as nearly as it is known.
+    `limit_state` gives g of points (n, d), shape (n,), of all rays at once; the probability is that of the event, as
+    nearly as it is known.
     """
     far = -float(ndtri(RARER * probability))
     if len(directions):

@@ -79,15 +79,10 @@ def event_of(text: str, scene: Scene) -> Event:
 
 
 def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: Comm) -> RareEvent | None:
-    """Find the probability of an event with at most n samples. Collective on `comm`.
+    """Find the probability of an event with at most n samples, on the first rank; None elsewhere. Collective on `comm`.
 
     Raises `InputError` if no parameter has a distribution, or there are too few samples; `RunError` if samples cannot
     be integrated at all.
-
-    Returns
-    -------
-    RareEvent or None
-        On the first rank, None elsewhere.
     """
     if n_samples < FEWEST:
         raise InputError(f"-n {n_samples}: with --rare at least {FEWEST} samples are needed, of which levels are made")
@@ -113,15 +108,8 @@ def stepping_names(scene: Scene) -> list[str]:
 
 
 class _Runs:
-    """Runs of points in the space of normal variables.
-
-    Attributes
-    ----------
-    names
-        Parameters that are drawn.
-    values, status, parameters
-        Of all samples so far.
-    """
+    """Runs of points in the space of normal variables; `names` are drawn, `values`, `status` and `parameters` of all
+    samples so far."""
 
     def __init__(self, model: Model, event: Event, names: list[str], comm: Comm, bar) -> None:
         self._model, self._event, self._comm, self._bar = model, event, comm, bar

@@ -67,15 +67,7 @@ DOUBLE = 2.0**-53
 
 
 def first_numbers(seed: int, numbers: np.ndarray, d: int) -> np.ndarray:
-    """Return the first d uniform numbers of the streams of samples, shape (n, d).
-
-    Parameters
-    ----------
-    seed
-        Not negative.
-    numbers
-        Of the samples, shape (n,), below 2^32.
-    """
+    """Return the first d uniform numbers of the streams of samples with numbers (n,) below 2^32, shape (n, d)."""
     words = _words(seed, np.asarray(numbers, dtype=np.uint32))
     parts = [(high.astype(np.uint64) << HALF) | low for low, high in zip(words[::2], words[1::2])]
     state, increment = (parts[0], parts[1]), (parts[2], parts[3])
@@ -164,15 +156,7 @@ class Design(Protocol):
 
 
 class Independent:
-    """Independent random samples.
-
-    Parameters
-    ----------
-    seed
-        Of all streams.
-    d
-        Number of parameters.
-    """
+    """Independent random samples of d parameters; the seed is that of all streams."""
 
     extends = True
 
@@ -184,13 +168,8 @@ class Independent:
 
 
 class LatinHypercube:
-    """A Latin hypercube of n samples; see `Independent`.
-
-    Raises
-    ------
-    InputError
-        If its permutations would not fit in memory.
-    """
+    """A Latin hypercube of n samples; see `Independent`. Raises `InputError` if its permutations would not fit in
+    memory."""
 
     extends = False
 
@@ -210,15 +189,7 @@ class LatinHypercube:
 
 
 class Replicates:
-    """Scrambled Sobol sequences that take turns; see `Independent`.
-
-    Parameters
-    ----------
-    n_replicates
-        Number of sequences.
-    purpose
-        First key of the streams that scramble them.
-    """
+    """Scrambled Sobol sequences that take turns, by streams whose first key is the `purpose`; see `Independent`."""
 
     extends = True
 
@@ -259,16 +230,9 @@ class Blocks:
 
 
 class Scrambled:
-    """One scrambled Sobol sequence, any stretch of it.
+    """One scrambled Sobol sequence in d dimensions, any stretch of it.
 
     Its numbers are multiples of 2^-30, of which half is added: 0 has no finite quantile.
-
-    Parameters
-    ----------
-    d
-        Dimensions.
-    random
-        What scrambles it.
     """
 
     def __init__(self, d: int, random: np.random.Generator) -> None:
@@ -299,26 +263,11 @@ ROUNDS_NAMED = 2  # of all replicates: one would not show whether sequences take
 
 
 class Sampler:
-    """Where the samples of an ensemble come from.
+    """Where the samples of an ensemble, as it is planned, come from.
 
-    Parameters
-    ----------
-    scene, plan
-        The scene, whose parameters with a distribution are drawn, and the ensemble.
-
-    Attributes
-    ----------
-    names
-        Parameters that are drawn, or that a file gives, sorted.
-    kind
-        ``random``, ``latin_hypercube``, ``sobol``, ``saltelli``, or ``file``.
-    extends
-        Whether a longer run has the samples of a shorter one.
-
-    Raises
-    ------
-    InputError
-        If no parameter has a distribution, or the number of samples does not suit the design.
+    `names` are the parameters that are drawn, or that a file gives, sorted; `kind` is ``random``, ``latin_hypercube``,
+    ``sobol``, ``saltelli``, or ``file``; `extends` says whether a longer run has the samples of a shorter one. Raises
+    `InputError` if no parameter has a distribution, or the number of samples does not suit the design.
     """
 
     def __init__(self, scene: Scene, plan: Plan) -> None:

@@ -195,15 +195,7 @@ def level_of_each(confidence: float) -> float:
 
 
 def looks(unit: int, most: int) -> Iterator[int]:
-    """Yield the numbers of samples at which one looks.
-
-    Parameters
-    ----------
-    unit
-        Of which all but the last are multiples.
-    most
-        The last.
-    """
+    """Yield the numbers of samples at which one looks, the last of them `most`, all others multiples of `unit`."""
     n = unit
     while n < FIRST:
         n *= 2
@@ -309,16 +301,8 @@ def stages(
 ) -> list[Seen]:
     """Integrate stage by stage until the rules are met, the budget is spent, or there is no further sample.
 
-    Collective on `comm`.
-
-    Parameters
-    ----------
-    unit, most
-        As of `looks`.
-    run
-        Integrates all samples up to a number; returns how many there were to do.
-    seen
-        Looks at these; on every rank the same.
+    `run` integrates all samples up to a number and returns how many there were to do; `seen` looks at these, on every
+    rank the same; `unit` and `most` are as of `looks`. Collective on `comm`.
     """
     found: list[Seen] = []
     clock, done = Clock(stop, comm), 0

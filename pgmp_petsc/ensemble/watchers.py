@@ -56,13 +56,7 @@ class Watch(NamedTuple):
 
 
 class Watcher:
-    """Looks at the runs of all batches.
-
-    Attributes
-    ----------
-    names
-        Names of the arrays by the field of `Batch` that they belong to.
-    """
+    """Looks at the runs of all batches; `names` are those of the arrays by the field of `Batch` that they belong to."""
 
     names: Mapping[str, Iterable[str]]
 
@@ -187,13 +181,7 @@ class _BalanceWatch(Observer):
 
 
 class RangeWatch(Observer):
-    """Sees which samples of a run leave the range, and when.
-
-    Parameters
-    ----------
-    model, system
-        The model, some of whose outputs are deformations, and its samples.
-    """
+    """Sees which samples of a run of a model, some of whose outputs are deformations, leave the range, and when."""
 
     def __init__(self, model: FullModel | SeparateLengths, system: SecondOrderSystem) -> None:
         self._model, self._system = model, system
@@ -229,17 +217,8 @@ def band_steps(simulation: Simulation, most: int) -> np.ndarray:
 
 
 class OverTimeWatcher(Watcher):
-    """Keeps what is asked for of the outputs over time.
-
-    Parameters
-    ----------
-    model
-        The model.
-    with_bands
-        Whether values at the instants of the bands are kept.
-    asked
-        What is asked for; by default what the scene asks for.
-    """
+    """Keeps what is `asked` for of the outputs over time, by default by the scene, and with bands values at their
+    instants."""
 
     def __init__(self, model: Model, with_bands: bool, asked: Ensemble | None = None) -> None:
         asked = model.scene.ensemble if asked is None else asked

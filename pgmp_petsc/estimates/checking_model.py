@@ -50,14 +50,9 @@ from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, S
 
 
 class CheckingModel:
-    """The model that a reduced model is checked against.
+    """The model that a reduced model is checked against, with its full-order equations.
 
-    Attributes
-    ----------
-    full
-        Its equations.
-    rotations
-        Largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_delta,), rad.
+    `rotations` are the largest of a frame in its body per unit of each flexible coordinate, shape (n_delta,), rad.
     """
 
     def __init__(self, model: ReducedModel) -> None:
@@ -92,20 +87,11 @@ class CheckingModel:
         return batch.under(effects, motions)
 
     def starts(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return what samples start with: static equilibria, or what joints that are off build in.
+        """Return what samples of a mask, shape (n,), start with: static equilibria, or what joints that are off build
+        in.
 
-        Parameters
-        ----------
-        values
-            Parameter values, each of shape (n,).
-        samples
-            Mask of the samples that are asked for, shape (n,).
-
-        Returns
-        -------
-        tuple of ndarray, or None
-            Unknowns and velocities, each (n_dofs, n), NaN where there is no such start; None where runs start
-            undeformed.
+        Parameter values have shape (n,) each. Unknowns and velocities have shape (n_dofs, n), NaN where there is no
+        such start; None is returned where runs start undeformed.
         """
         from_rest, full = self.full.scene.initial.equilibrium, self.full
         if not from_rest and not full.is_off:
@@ -131,19 +117,10 @@ class CheckingModel:
 class ErrorSystem(SecondOrderSystem):
     """Full-order equations about a reference motion; see `SecondOrderSystem`.
 
-    Parameters
-    ----------
-    full
-        Full-order model of the same samples, with its loads at the instants of the motion.
-    motion
-        Reference motion; its instant number k is that of the time ``k interval``.
-    interval
-        Step of the integration, s.
-    theta
-        Rigid coordinates at the start, from which turns are counted, shape (n_theta, n_samples), rad.
-    begin
-        Full-order unknowns and velocities that samples start with, each (n_dofs, n_samples), NaN for those that are
-        never advanced; None where runs start undeformed.
+    The full-order model is of the same samples, with its loads at the instants of the motion, of which number k is that
+    of the time ``k interval``, s, the step of the integration. From the rigid coordinates at the start, shape (n_theta,
+    n_samples), rad, turns are counted. Samples begin with unknowns and velocities, each (n_dofs, n_samples), NaN for
+    those that are never advanced; None where runs start undeformed.
     """
 
     def __init__(

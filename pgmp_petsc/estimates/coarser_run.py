@@ -93,18 +93,10 @@ def run_coarser(
     of: Run | None = None,
     bar: Progress | None = None,
 ) -> CoarserRun:
-    """Run a system again, with a coarser step. Collective on ``system.comm``.
+    """Run the samples `alive`, shape (n_samples,), of a system again, with a coarser step than the run's. Collective on
+    ``system.comm``.
 
-    Parameters
-    ----------
-    simulation
-        That of the run.
-    alive
-        Samples to run, shape (n_samples,).
-    of
-        The run, which says what it took; no limit where it is not given.
-    bar
-        Shows its steps.
+    The run `of` says what it took; there is no limit where it is not given.
     """
     coarse = coarser(simulation)
     n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, bar)
@@ -139,15 +131,7 @@ def run_coarser(
 
 
 class OutputRecord(Observer):
-    """Keeps what the outputs are made of after every step; observes a run.
-
-    Parameters
-    ----------
-    model, system
-        A model, and its system.
-    bar
-        Shows the steps.
-    """
+    """Keeps what the outputs are made of after every step; observes a run."""
 
     def __init__(self, model: Model, system: SecondOrderSystem, bar: Progress | None = None) -> None:
         self._model, self._system, self._bar = model, system, bar
@@ -197,15 +181,8 @@ def coarser(simulation: Simulation) -> Simulation:
 def step_errors(
     scene: Scene, time: np.ndarray, outputs: Mapping[str, np.ndarray], other: CoarserRun, sample: int = 0
 ) -> StepErrors | None:
-    """Return the errors of a run, at the instants of the coarser one; None where that did not go far enough.
-
-    Parameters
-    ----------
-    time, outputs
-        Of the run, shape (n_t,), and each of the same shape.
-    sample
-        Number of the sample in it.
-    """
+    """Return the errors of a run, times and outputs of shape (n_t,), at the instants of the coarser one, of which it is
+    the sample of that number; None where that did not go far enough."""
     known = np.all([np.isfinite(values[:, sample]) for values in other.outputs.values()], axis=0)
     n = known.size if known.all() else int(np.argmin(known))
     if n <= FEWEST or not all(np.isfinite(values).all() for values in outputs.values()):
@@ -268,14 +245,8 @@ class Bands:
         """Return how far vibrations out of phase are off in every window, shape (n_windows, k), and their mean ``omega
         h``, shape (k,), of k outputs.
 
-        Parameters
-        ----------
-        fine, coarse
-            The outputs of both runs after every step of the finer one, shape (n, k).
-        ratio
-            Of their steps.
-        kinked
-            Which outputs have kinks, shape (k,).
+        Both runs' outputs, the ratio of whose steps is given, are after every step of the finer one, shape (n, k);
+        `kinked` tells which have kinks, shape (k,).
         """
         if len(fine) < 2 * self.length:
             return np.zeros((1, kinked.size)), np.full(kinked.size, np.nan)

@@ -63,10 +63,7 @@ class Estimate:
 class ErrorIndicator:
     """Estimates the errors of runs of one reduced model; to be made once for all of them.
 
-    Parameters
-    ----------
-    told
-        The model whose outputs runs have, where these are not the model's own.
+    `told` has the outputs of runs, where these are not the model's own.
     """
 
     def __init__(self, model: ReducedModel, told: LengthLanes | None = None) -> None:
@@ -93,28 +90,14 @@ class ErrorIndicator:
         return other
 
     def watch(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> WatchedRun:
-        """Begin to watch a run of a batch.
-
-        Parameters
-        ----------
-        values
-            Parameter values of the whole batch, each of shape (n_batch,).
-        samples
-            Numbers of the samples within the batch whose errors are wanted, shape (n,).
-        """
+        """Begin to watch a run of a batch, with parameter values of shape (n_batch,) each; the errors of samples with
+        these numbers within the batch are wanted."""
         return WatchedRun(self, {name: value[samples] for name, value in values.items()}, np.asarray(samples))
 
 
 class _FinerRun(Observer):
-    """The observer of a run with smaller steps, which keeps some of its states.
-
-    Parameters
-    ----------
-    kept
-        Numbers of the steps that are kept.
-    shape
-        Of positions, velocities and accelerations: (3, n_samples, n_eta).
-    """
+    """The observer of a run with smaller steps, which keeps states of shape (3, n_samples, n_eta) after steps of these
+    numbers."""
 
     def __init__(self, kept: np.ndarray, shape: tuple[int, int, int]) -> None:
         self._place = reference_motion.places_of(kept)
@@ -148,13 +131,7 @@ class WatchedRun(Observer):
         self._plain[places[kept]] = trail[kept][:, :, self._samples]
 
     def estimate(self, status: np.ndarray) -> Estimate:
-        """Return the estimate once the run has ended.
-
-        Parameters
-        ----------
-        status
-            Of the whole batch, shape (n_batch,).
-        """
+        """Return the estimate once the run has ended, with the status of the whole batch, shape (n_batch,)."""
         indicator, n = self._indicator, self._samples.size
         fine = status[self._samples] == Status.FINE
         states, followed = self._followed(fine)
@@ -206,15 +183,8 @@ class WatchedRun(Observer):
         return Estimate(largest, at_end, tuple(histories), absent)
 
     def _followed(self, fine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Run the samples that are fine with smaller steps.
-
-        Returns
-        -------
-        states : ndarray, shape (n_kept, 3, n, n_eta)
-            Coordinates, velocities and accelerations.
-        followed : ndarray, shape (n,)
-            Which samples came to the end.
-        """
+        """Run the samples that are fine with smaller steps; return coordinates, velocities and accelerations, shape
+        (n_kept, 3, n, n_eta), and which samples came to the end, shape (n,)."""
         indicator = self._indicator
         finer = _FinerRun(indicator.kept, (3, *self._plain.shape[2:]))
         system = indicator.model.batch(self._values, self._samples.size)
@@ -231,30 +201,15 @@ class WatchedRun(Observer):
     ) -> dict[str, np.ndarray]:
         """Return errors (n_e, n) of some samples at the ends of the run's own steps among the instants of a schedule.
 
-        Parameters
-        ----------
-        schedule, chosen
-            Instants, and numbers of the samples.
-        states
-            Of all samples, as of `_followed`.
-        about
-            Which of the chosen ones are advanced at all.
-        begin
-            As of `ErrorSystem`.
+        States are of all samples, as of `_followed`; `about` tells which of the chosen ones are advanced at all, and
+        `begin` is as of `ErrorSystem`.
         """
         indicator, r = self._indicator, self._indicator.model.kinematics.n_coordinates
         checking, states = indicator.checking, states[schedule.places][:, :, chosen]
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
         full = checking.scheduled(self._batch_of(chosen, values), schedule, indicator.step / reference_motion.FINER)
-        motion = reference_motion.ReferenceMotion(
-            checking.unknowns_of,
-            full.n_dofs,
-            states,
-            r,
-            indicator.simulation.duration,
-            checking.rotations,
-            indicator.model.terms.scale[:r],
-        )
+        unknowns, longest, turns = checking.unknowns_of, indicator.simulation.duration, indicator.model.terms.scale[:r]
+        motion = reference_motion.ReferenceMotion(unknowns, full.n_dofs, states, r, longest, checking.rotations, turns)
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
         time = schedule.steps * (indicator.step / reference_motion.FINER)
         observed = _Observed(checking.full, full, values, motion, schedule, time)
@@ -377,12 +332,7 @@ def indicator_of(model: ReducedModel | LengthLanes) -> ErrorIndicator | MemberIn
 class MemberIndicator:
     """Estimates the errors of runs of samples with mechanisms of their own; see `ErrorIndicator`.
 
-    Parameters
-    ----------
-    model
-        The model.
-    apart
-        Parameters of which every value makes a mechanism of its own: lengths, or by how much joints are off.
+    Every value of a parameter that is `apart` makes a mechanism of its own: lengths, or by how much joints are off.
     """
 
     def __init__(self, model: ReducedModel | LengthLanes, apart: Iterable[str]) -> None:

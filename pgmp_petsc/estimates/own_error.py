@@ -104,18 +104,10 @@ def large_errors(
     model: str = "reduced",
     system: UnitSystem = SI,
 ) -> Iterator[Remark]:
-    """Return a warning of outputs whose estimated errors are large, in any of some runs.
+    """Return a warning of outputs whose estimated errors are large, in any of some runs of a model.
 
-    Parameters
-    ----------
-    errors, sizes
-        Largest error, and largest size, of every output in each run, shape (n_runs,); NaN where they are not known.
-    units
-        Units of outputs.
-    model
-        What runs are of.
-    system
-        In which sizes are said.
+    Largest errors, and largest sizes, of every output have shape (n_runs,); NaN where they are not known. Sizes are
+    said in units of the system.
     """
     found = []
     for name, values in errors.items():
@@ -146,15 +138,8 @@ def large_errors(
 def step_remarks(
     model: FullModel, time: np.ndarray, outputs: Mapping[str, np.ndarray], other: CoarserRun, errors: StepErrors | None
 ) -> Iterator[Remark]:
-    """Return what is to be said of the estimated errors of a run's time step.
-
-    Parameters
-    ----------
-    time, outputs
-        Of the run, shape (n_t,), s, and each of the same shape.
-    other, errors
-        The run with the coarser step, and what it tells; None where it tells nothing.
-    """
+    """Return what is to be said of the estimated errors of a run's time step, None where the run with the coarser step
+    tells nothing; times, s, and outputs have shape (n_t,)."""
     with_step = f"a run with a step of {other.step:.3g} s, which these errors are taken from,"
     why = f"would take more than {100 * MOST:g} % of the run's own price, and was given up"
     if other.status[0] != Status.FINE:
@@ -348,22 +333,9 @@ def of_statistics(
 ) -> Iterator[Remark]:
     """Return a warning of statistics to which errors are comparable; nothing where none is.
 
-    Parameters
-    ----------
-    quantities
-        Values of the samples, shape (N,) each, by the names of outputs.
-    errors
-        Estimated errors of these, NaN but for the samples that are checked.
-    fine
-        Which samples are described, shape (N,).
-    units
-        Of the quantities.
-    described
-        What goes by the mean, and what by the spread.
-    model
-        What was run; errors of others than the reduced model are those of their time step.
-    system
-        In which they are said.
+    Values of the samples, shape (N,) each, come by the names of outputs, their estimated errors are NaN but for the
+    samples that are checked, and those that are `fine` are described, what goes by the mean, and what by the spread.
+    Errors of other models than the reduced one are those of their time step; they are said in units of the system.
     """
     whose, cure = ("the reduced model", CURE) if model == "reduced" else ("the time step", SMALLER_ERRORS[model])
     told, n_checked = [], 0
@@ -412,13 +384,8 @@ def of_figures(
 ) -> tuple[Remark, ...]:
     """Return a warning of figures to which the error is comparable, and a note of how small it is otherwise.
 
-    Parameters
-    ----------
-    figures
-        What they are, their values, the values without the estimated errors, and the sizes that differences are
-        compared with.
-    sizes, comparable
-        What the latter are, in words, and the share of them from which on there is a warning.
+    Of each figure come what it is, its value, that without the estimated errors, and the size that differences are
+    compared with: what that is in words, and the share of it from which on there is a warning.
     """
     shares, told = [0.0], []
     for what, value, without, size in figures:

@@ -146,20 +146,11 @@ class Instant:
 class ReferenceMotion:
     """Motion at the instants of evaluation.
 
-    Parameters
-    ----------
-    unknowns, n_dofs
-        Back-transformation, and the number of its unknowns.
-    states
-        Reduced coordinates, velocities and accelerations at every instant, shape (n_instants, 3, n_samples, n_eta).
-    n_theta
-        Number of rigid coordinates.
-    longest
-        Largest step of the differences, s: for what does not move at all.
-    rotations
-        Largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_eta - n_theta,), rad.
-    turns
-        What one unit of each rigid coordinate counts, shape (n_theta,), rad.
+    States are reduced coordinates, velocities and accelerations at every instant, shape (n_instants, 3, n_samples,
+    n_eta), the first `n_theta` of them rigid; the unknowns transform them back. `longest` is the largest step of the
+    differences, s: for what does not move at all. Rotations are the largest of a frame in its body per unit of each
+    flexible coordinate, shape (n_eta - n_theta,), rad, and turns what one unit of each rigid coordinate counts, shape
+    (n_theta,), rad.
     """
 
     def __init__(

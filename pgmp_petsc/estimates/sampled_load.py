@@ -49,18 +49,9 @@ Amplitude = Callable[[float | np.ndarray], float | np.ndarray]
 
 
 class SampledAmplitude:
-    """An amplitude at the instants of evaluation, with the impulse that the run missed.
+    """An amplitude over time (s) at the instants of evaluation, with the impulse that the run missed.
 
-    Parameters
-    ----------
-    amplitude
-        Over time, s.
-    steps
-        Numbers of the steps at which the error is evaluated, the first 0, increasing.
-    step
-        s.
-    interval
-        Time between two evaluations, s; the evaluation number k has the time ``k interval``.
+    The error is evaluated at steps of increasing numbers, the first 0; evaluation number k has the time ``k interval``.
     """
 
     def __init__(self, amplitude: Amplitude, steps: np.ndarray, step: float, interval: float) -> None:
@@ -160,14 +151,8 @@ def jump_remarks(model: ReducedModel, system: ReducedSystem, start: State, strai
     """Return that most of the deformation of a run is the swing that its start sets off, and the cure.
 
     A warning where a start from static deformation cures it: then the mechanism is held or driven from the start, and
-    would not have been undeformed. Otherwise a note: it may be let go, or loads may set in, as the scene says.
-
-    Parameters
-    ----------
-    model, system, start
-        Of the run.
-    strain
-        Strain energy over the run, shape (n_t,), J.
+    would not have been undeformed. Otherwise a note: it may be let go, or loads may set in, as the scene says. The
+    strain energy is that over the run, shape (n_t,), J.
     """
     largest = float(np.max(strain, initial=0.0))
     if model.scene.initial.equilibrium or not largest > 0.0:

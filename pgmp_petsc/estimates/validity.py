@@ -52,20 +52,10 @@ LARGEST = 2**17  # displacements that are evaluated together, no more than stay 
 
 
 class Validity(Observer):
-    """The observer of a batch that keeps the largest values of every sample.
+    """The observer of a batch that keeps the largest values of every sample, one of `every` so many steps.
 
-    Parameters
-    ----------
-    model, system, values
-        The model, reduced, of one mechanism or of lanes of lengths; its batch, and the batch's parameter values, each
-        of shape (n_samples,).
-    simulation
-        Of the run.
-
-    Attributes
-    ----------
-    every
-        Steps of which one is looked at.
+    The model is reduced, of one mechanism or of lanes of lengths; parameter values of the batch have shape
+    (n_samples,).
     """
 
     every = EVERY
@@ -159,17 +149,11 @@ def _turning(model: ReducedModel | LengthLanes, coordinates: np.ndarray) -> np.n
 
 
 class BodyStrains:
-    """Elastic rotations and strains from displacements in body frames.
+    """Elastic rotations and strains from displacements in body frames, at parameter values that are numbers or of shape
+    (n,).
 
-    Parameters
-    ----------
-    scene, mechanism
-        The scene and its mechanism.
-    values
-        Parameter values, each a number or of shape (n,).
-    curved
-        Whether displacements are of second order in the deformation, so that bending shortens a beam: strains are then
-        geometrically exact, in space to second order. Without, the linear ones are what the model has.
+    `curved` tells whether displacements are of second order in the deformation, so that bending shortens a beam:
+    strains are then geometrically exact, in space to second order. Without, the linear ones are what the model has.
     """
 
     def __init__(
@@ -188,11 +172,8 @@ class BodyStrains:
     def largest(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the largest rotation (rad), and strain of n states, each of shape (n,); NaN where there is no beam.
 
-        Parameters
-        ----------
-        local
-            Displacements and rotations of all nodes in body frames, shape (n, n_nodes, 3), in space (n, n_nodes, 6); of
-            all samples in the order of the parameter values, as often as there are states of each.
+        Displacements and rotations of all nodes in body frames have shape (n, n_nodes, 3), in space (n, n_nodes, 6);
+        all samples are in the order of the parameter values, as often as there are states of each.
         """
         rotation, strain = np.zeros(len(local)), np.full(len(local), np.nan)
         for body in self._flexible:
@@ -247,10 +228,7 @@ def half_height(scene: Scene, body: str, values: Mapping[str, np.ndarray | float
 def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> Iterator[Remark]:
     """Return warnings of what is beyond its limit in a run or in some samples, and notes on what is not known.
 
-    Parameters
-    ----------
-    validity
-        By the names of `VALIDITY`, each a number or of shape (n,).
+    What is looked at comes by the names of `VALIDITY`, each a number or of shape (n,).
     """
     for name, text in _beyond(scene).items():
         values = np.atleast_1d(validity[name])

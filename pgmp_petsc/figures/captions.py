@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import textwrap
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 from pgmp_petsc.figures.style import heading, quantity, scene_of, top_legend
-from pgmp_petsc.files.hdf5 import RunRecord
+from pgmp_petsc.files.hdf5 import RunRecord, open_file
 from pgmp_petsc.results import Trajectory
 
 MOST, LONGEST = 3, 220  # a picture has room for so many, of so many characters; the files have the rest
@@ -95,6 +95,28 @@ def mechanism_key(record: RunRecord) -> tuple:
     return (scene.get("scene", {}).get("name", ""), *parts)
 
 
+def read_scenes(
+    files: Sequence[Path], readers: Mapping[str, type], done: str
+) -> tuple[list[list[tuple[Path, Any, str]]], list[str]]:
+    """Return results with their files before and the programs' versions behind, one list a scene, in the order in which
+    they come, and a line for each file given twice, of what is done once.
+
+    Raises `InputError` if a file is damaged, or none of those that there are readers for.
+    """
+    scenes: dict[tuple, list[tuple[Path, Any, str]]] = {}
+    lines, seen = [], set()
+    for path in files:
+        if (real := os.path.realpath(path)) in seen:
+            lines.append(f"{path} is given twice and {done} once")
+            continue
+        seen.add(real)
+        with open_file(path, readers) as file:
+            reader, program = readers[str(file.attrs["kind"])], str(file.attrs["program_version"])
+        result = reader.read(path)
+        scenes.setdefault(mechanism_key(result.record), []).append((path, result, program))
+    return list(scenes.values()), lines
+
+
 def same_case(one: RunRecord, other: RunRecord, ignored: Collection[str] = ()) -> bool:
     """Tell whether the runs of two models show the same case: equal parameters, but for the last digits, and scenes
     that differ in what concerns one model or the resolution in time alone, or in tables and entries that are ignored.
@@ -114,16 +136,8 @@ def tell_apart(
 ) -> list[str]:
     """Return for each result the words that tell it from the others; empty texts where there is one result alone.
 
-    Parameters
-    ----------
-    records
-        Of the results.
-    kinds
-        What else a result is, the model say; told where it varies.
-    files
-        Where the results come from; told where nothing else differs.
-    ignored
-        Tables and entries of scenes that make no difference.
+    What else a result is, the model say, is told where `kinds` vary, and the file it comes from where nothing else
+    differs; `ignored` tables and entries of scenes make no difference.
     """
     if len(records) < 2:
         return [""] * len(records)

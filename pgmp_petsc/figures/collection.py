@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -13,7 +12,7 @@ from typing import TypeVar
 from matplotlib.figure import Figure
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.figures.captions import mechanism_key, tell_apart
+from pgmp_petsc.figures.captions import read_scenes, tell_apart
 from pgmp_petsc.figures.ensembles import bands, densities, joined, rare_event, sobol, stopping
 from pgmp_petsc.figures.ensembles import labels_of as densities_labels
 from pgmp_petsc.figures.frequencies import coordinate_path, frequencies, frequency_maps
@@ -23,17 +22,8 @@ from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.solids import has_solids, solids
 from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
-from pgmp_petsc.figures.trajectories import (
-    design,
-    energies,
-    fit,
-    labels_of,
-    paired,
-    sensitivities,
-    trajectories,
-)
+from pgmp_petsc.figures.trajectories import design, energies, fit, labels_of, paired, sensitivities, trajectories
 from pgmp_petsc.files.claims import check_folder, check_output
-from pgmp_petsc.files.hdf5 import open_file
 from pgmp_petsc.results import READERS, Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
 from pgmp_petsc.results.statistics import RareEvent
 
@@ -58,21 +48,11 @@ def draw(files: Sequence[Path], directory: Path, exaggeration: float = 1.0, at: 
     if the system fails to write.
     """
     # All files are read before any picture is drawn: a bad one is reported at once.
-    scenes: dict[tuple, list] = {}
-    lines, seen = [], set()
-    for path in files:
-        if (real := os.path.realpath(path)) in seen:
-            lines.append(f"{path} is given twice and drawn once")
-            continue
-        seen.add(real)
-        with open_file(path, READERS) as file:
-            reader = READERS[str(file.attrs["kind"])]
-        result = reader.read(path)
-        scenes.setdefault(mechanism_key(result.record), []).append((path, result))
+    scenes, lines = read_scenes(files, READERS, "drawn")
     _make(directory)
     pictures: dict[Path, Callable[[], Figure]] = {}
-    for results, ending in zip(scenes.values(), _endings([found[0][1] for found in scenes.values()])):
-        of_scene, notes = _of_scene(results, exaggeration, at)
+    for results, ending in zip(scenes, _endings([found[0][1] for found in scenes])):
+        of_scene, notes = _of_scene([(path, result) for path, result, _ in results], exaggeration, at)
         pictures |= {directory / f"{name}{ending}.png": picture for name, picture in of_scene.items()}
         lines += [note.replace(".png", f"{ending}.png") for note in notes]
     for target in pictures:

@@ -43,23 +43,19 @@ COLOURS = {"full": style.FULL_COLOUR, "components": style.COMPONENT_COLOUR, "red
 def densities(
     ensembles: Sequence[Ensemble], labels: Sequence[str] | None = None, names: Sequence[str] | None = None
 ) -> Figure:
-    """Draw the density of every drawn parameter and output that the ensembles have in common, one panel each.
+    """Draw the density of every drawn parameter and output that the ensembles have in common, one panel each; of
+    `names` only, in their order, where they are given.
 
     Densities are by a kernel (`kernel_density`); the file has them counted in bins. Outputs are those of the samples
-    that are fine, parameters those of all samples, as in the file's statistics. Dashed lines mark the means; the band
-    reaches a standard deviation to both sides of the first ensemble's mean. Above each panel are mean and standard
-    deviation, each with its confidence interval in brackets. With two ensembles a lower panel shows by how much the
-    second density differs, in % of the first one's peak. Raises `InputError` if the ensembles do not share one of
-    `names`, or have no quantity in common or one has no sample that is fine.
+    that are fine, parameters those of all samples, as in the file's statistics. The first ensemble is drawn as an area,
+    the others as steps over it. Dashed lines mark the means; the band reaches a standard deviation to both sides of the
+    first ensemble's mean. Above each panel are mean and standard deviation, each with its confidence interval in
+    brackets. With two ensembles a lower panel shows by how much the second density differs, in % of the first one's
+    peak.
 
-    Parameters
-    ----------
-    ensembles : sequence of Ensemble
-        The first is drawn as an area, the others as steps over it.
-    labels : sequence of str, optional
-        By default the model, how many of its samples are fine, and what else tells the ensembles apart.
-    names : sequence of str, optional
-        Only these quantities, in this order.
+    Labels are by default the model, how many of its samples are fine, and what else tells the ensembles apart. Raises
+    `InputError` if the ensembles do not share one of `names`, or have no quantity in common or one has no sample that
+    is fine.
     """
     labels = labels_of(ensembles) if labels is None else labels
     names = _common(ensembles, names)

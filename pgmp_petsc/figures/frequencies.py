@@ -32,20 +32,11 @@ def frequencies(
     labels: Sequence[str] | None = None,
     titles: Sequence[str] | None = None,
 ) -> Figure:
-    """Draw the first flexible eigenfrequencies, one panel a mode.
+    """Draw the first flexible eigenfrequencies of tables, one colour each, in `n_modes` panels, one a mode, or fewer
+    where no table has as many.
 
-    Raises `InputError` if no table has a flexible mode.
-
-    Parameters
-    ----------
-    tables : sequence of ModesTable
-        Drawn over each other, one colour each.
-    n_modes : int
-        Number of panels; fewer where no table has as many.
-    labels : sequence of str, optional
-        Names of the tables; by default that in which they differ.
-    titles : sequence of str, optional
-        Titles of the panels; by default the number of the flexible mode.
+    Labels of the tables are by default that in which they differ, and titles of the panels the number of the flexible
+    mode. Raises `InputError` if no table has a flexible mode.
     """
     labels = labels_of(tables) if labels is None else labels
     colours = style.distinct_colours(len(tables))

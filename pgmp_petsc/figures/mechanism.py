@@ -125,15 +125,7 @@ class Shapes:
                     axes.plot(*path[0], marker=_GROUND, color=style.QUIET, markersize=size, zorder=1.5, clip_on=False)
 
     def draw(self, axes: Axes, number: int, colour: Sequence[float], width: float, pin: float, zorder: float) -> None:
-        """Draw all bodies at one frame.
-
-        Parameters
-        ----------
-        number
-            Of the frame.
-        width, pin
-            Width of the lines and size of the markers on the bodies' ends, points.
-        """
+        """Draw all bodies at the frame of that number, with lines and markers of their ends so many points wide."""
         for body, cells in self.frames.cells.items():
             points = self.draw_body(axes, body, number, colour, width, 1.6 * pin, zorder)
             if len(cells):
@@ -227,21 +219,12 @@ WIDTH = 8.6
 def mechanism(
     trajectory: Trajectory, n_instants: int = N_INSTANTS, exaggeration: float = 1.0, label: str = ""
 ) -> Figure:
-    """Draw the mechanism's shape at instants that divide the run equally.
+    """Draw the mechanism's shape at instants that divide the run, which `label` tells from others, equally; fewer where
+    there are fewer frames.
 
-    Raises `InputError` if the trajectory has no frames.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        With frames.
-    n_instants : int
-        Number of shapes; fewer where there are fewer frames.
-    exaggeration : float
-        Factor on each body's deformation: its nodes' distances from the undeformed body laid through the
-        body's two ends, so that the bodies stay joined. Stated in the picture if it is not 1.
-    label : str
-        What tells the run from others.
+    The exaggeration is a factor on each body's deformation: its nodes' distances from the undeformed body laid through
+    the body's two ends, so that the bodies stay joined. It is stated in the picture if it is not 1. Raises `InputError`
+    if the trajectory has no frames.
     """
     frames = trajectory.frames
     if frames is None or not len(frames.time):

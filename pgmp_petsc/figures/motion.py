@@ -43,12 +43,7 @@ _TRIANGLES = {
 def outer_faces(kind: str, cells: np.ndarray) -> np.ndarray:
     """Return the faces that one cell alone has, in the plane all cells, by the nodes around them, shape (n_faces, k).
 
-    Parameters
-    ----------
-    kind
-        meshio's name of the cells.
-    cells
-        Their nodes, shape (n_cells, n_a).
+    Cells, nodes of shape (n_cells, n_a), are of the `kind` that meshio calls so.
     """
     edges, faces = _SHAPES[next(name for name in _SHAPES if kind.startswith(name))]
     n_corners = 1 + max(max(face) for face in faces)
@@ -76,16 +71,8 @@ SHARP = 0.5  # rad
 
 
 def outlines(faces: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Return the pieces of edges that show a body's shape, shape (n, 2): those of one face, and between faces whose
-    normals are more than `SHARP` radians apart.
-
-    Parameters
-    ----------
-    faces
-        Shape (n_faces, k).
-    nodes
-        Where their nodes are, shape (n_nodes, d).
-    """
+    """Return the pieces of edges that show a body's shape, shape (n, 2), from faces, shape (n_faces, k), of nodes,
+    shape (n_nodes, d): edges of one face, and those between faces whose normals are more than `SHARP` radians apart."""
     n_faces, k = faces.shape
     pieces = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
     owner = np.repeat(np.arange(n_faces), k)
@@ -110,21 +97,10 @@ def normals(faces: np.ndarray, nodes: np.ndarray) -> np.ndarray:
 def coarsened(
     nodes: np.ndarray, triangles: np.ndarray, weights: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nodes that represent all others of a surface, and its triangles between these.
+    """Return the nodes that represent all others of a surface, `most` at most, and its triangles between these.
 
-    Nodes in the same cube become one, that of the largest weight among them (Rossignac and Borrel, Multi-resolution 3D
-    approximations for rendering complex scenes, 1993).
-
-    Parameters
-    ----------
-    nodes
-        Shape (n_nodes, d).
-    triangles
-        Shape (n_triangles, 3).
-    weights
-        Shape (n_nodes,).
-    most
-        Nodes that are kept at most.
+    Nodes, shape (n_nodes, d), in the same cube become one, that of the largest weight among them (Rossignac and Borrel,
+    Multi-resolution 3D approximations for rendering complex scenes, 1993).
     """
     corners = nodes[triangles]
     sides = np.zeros((len(triangles), 2, 3))
@@ -218,18 +194,10 @@ class Motion:
 
 
 def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None, label: str = "") -> Motion:
-    """Return what is drawn of a run.
+    """Return what is drawn of a run, which `label` tells from others, in one of the colours of `WORDS`.
 
-    Raises `InputError` if the run has no frames, or nothing of it is known in the colour.
-
-    Parameters
-    ----------
-    colour
-        One of `WORDS`.
-    scale
-        Factor on the deformation; None for one that shows it.
-    label
-        What tells the run from others.
+    Raises `InputError` if the run has no frames, or nothing of it is known in the colour. `scale` is the factor on the
+    deformation; None is one that shows it.
     """
     frames = run.frames
     if frames is None or not len(frames.time):
@@ -287,14 +255,8 @@ def _scaled(arrows: Sequence[Arrow], skins: Sequence[Skin], newton: str, metre: 
 def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | None = None) -> Motion:
     """Return what is drawn of one period of a mode, whose size means nothing; its colours are shares of the largest.
 
-    Raises `InputError` if nothing of it is known in the colour.
-
-    Parameters
-    ----------
-    colour
-        One of `WORDS`.
-    scale
-        Its largest displacement over that of a picture nobody asks another one of.
+    Raises `InputError` if nothing of it is known in the colour. `scale` is its largest displacement over that of a
+    picture nobody asks another one of.
     """
     places = np.concatenate([own.positions.reshape(-1, own.positions.shape[2]) for own in shape.fields.values()])
     reach = LARGEST_SHOWN * float(np.ptp(places, axis=0).max()) * (1.0 if scale is None else scale)
@@ -312,20 +274,10 @@ def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | 
         raise InputError(f"nothing of this mode is known in {WORDS[colour]}; take --field displacement or none")
     skins = [skin if skin.values is None else replace(skin, values=skin.values / largest) for skin in skins]
     notes = [*shape.notes, *uncoloured(shape.fields, colour)]
-    what = f"Mode {shape.number}, {shape.frequency_hz:.4g} Hz at {shape.configuration}"
+    title = heading(f"Mode {shape.number}, {shape.frequency_hz:.4g} Hz at {shape.configuration}", shape.record)
     quantity = "" if colour == "none" else f"{WORDS[colour]} over the largest"
-    captions = ["size arbitrary"] * N_PHASES
-    return Motion(
-        tuple(skins),
-        captions,
-        heading(what, shape.record),
-        notes,
-        quantity,
-        1.0,
-        1.0,
-        N_PHASES // 4,
-        shape.record.system.unit("m"),
-    )
+    captions, metre = ["size arbitrary"] * N_PHASES, shape.record.system.unit("m")
+    return Motion(tuple(skins), captions, title, notes, quantity, 1.0, 1.0, N_PHASES // 4, metre)
 
 
 def skin_of(name: str, own: BodyField, scale: float, values: Callable[[BodyField], np.ndarray | None]) -> Skin:

@@ -5,6 +5,8 @@ Both are imported when something is drawn. Where there is no display, VTK draws 
 Surfaces of bodies in colours, with title, units, scale and notes around them: as pictures, and for films.
 
 Films of bodies in motion: MP4, or GIF.
+
+A meshed part with its named faces, or a part of CAD with those of its whole cylinders.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from __future__ import annotations
 import ctypes
 import os
 import subprocess
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
@@ -24,18 +26,21 @@ from typing import TYPE_CHECKING
 import matplotlib
 import numpy as np
 from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.figures.loads import Arrow
-from pgmp_petsc.figures.motion import Motion, Skin, motion_of
+from pgmp_petsc.figures.motion import Motion, Skin, motion_of, normals, outer_faces
 from pgmp_petsc.figures.style import (
     PROGRAM,
     QUIET,
     RESOLUTION,
     axis_unit,
+    distinct_colours,
     new_figure,
     round_below,
     styled,
@@ -43,12 +48,12 @@ from pgmp_petsc.figures.style import (
     upward,
 )
 from pgmp_petsc.files.claims import replacing
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.ranks.ending import child
 from pgmp_petsc.results import Trajectory
 
 if TYPE_CHECKING:
     import pyvista
-
 
 COLOURS = "viridis"
 RIGID, PLAIN = "#B9BEC4", "#7FA6C9"
@@ -113,19 +118,9 @@ def view_of(points: np.ndarray, flat: bool) -> np.ndarray:
 
 
 class Stage:
-    """Bodies in front of a camera that sees all of their motion; to be closed.
+    """Bodies in front of a camera that sees all of their motion, in a picture of so many pixels; to be closed.
 
-    Parameters
-    ----------
-    motion
-        What is drawn.
-    width, height
-        Of the picture, in pixels.
-
-    Attributes
-    ----------
-    metre
-        Pixels that a metre across the line of sight has.
+    `metre` is in pixels a metre across the line of sight.
     """
 
     def __init__(self, motion: Motion, width: int, height: int) -> None:
@@ -145,7 +140,8 @@ class Stage:
             # in front of all bodies; without perspective that is the same place of the picture
             before = (depth + 2.0 * max(skin.radius for skin in motion.skins)) * view[2]
             for arrow in motion.arrows:
-                self._drawn.append(_Pointed(self._pyvista, self._plotter, arrow, motion, reach, before))
+                ends = arrow.place + before, motion.end(arrow) + before
+                self._drawn.append(_Pointed(self._pyvista, self._plotter, *ends, 1.4e-2 * reach))
             centre = 0.5 * (low + high)
             middle = centre @ view[:2] + float(np.mean(motion.points @ view[2])) * view[2]
             camera, away = self._plotter.camera, 2.0 * (depth + reach)
@@ -202,14 +198,12 @@ class _Drawn:
             self._mesh = self._split()
             self.show(0)
             plotter.add_mesh(self._mesh, smooth_shading=not motion.flat, show_scalar_bar=False, **look, **colour)
-            lines = np.column_stack([np.full(len(skin.edges), 2), skin.edges])
-            self._edges = pyvista.PolyData(skin.points[0].astype(float), lines=lines.ravel())
+            self._edges = pyvista.PolyData(skin.points[0].astype(float), lines=_counted(skin.edges))
             actor = plotter.add_mesh(self._edges, color=EDGE, line_width=1.0, opacity=0.45, lighting=False)
             actor.mapper.resolve = "polygon_offset"
             return
         if len(skin.edges):
-            lines = np.column_stack([np.full(len(skin.edges), 2), skin.edges])
-            self._line = pyvista.PolyData(skin.points[0].astype(float), lines=lines.ravel())
+            self._line = pyvista.PolyData(skin.points[0].astype(float), lines=_counted(skin.edges))
             self._line["number"] = np.arange(skin.points.shape[1])
             self._line = self._line.strip()
         self._mesh = self._solid(0)
@@ -232,8 +226,7 @@ class _Drawn:
     def _split(self) -> pyvista.PolyData:
         """Return the surface with its nodes split at sharp edges, and their numbers."""
         skin = self._skin
-        faces = np.column_stack([np.full(len(skin.triangles), 3), skin.triangles])
-        mesh = self._pyvista.PolyData(skin.points[0].astype(float), faces=faces.ravel())
+        mesh = self._pyvista.PolyData(skin.points[0].astype(float), faces=_counted(skin.triangles))
         mesh["number"] = np.arange(skin.points.shape[1])
         if not skin.points[..., 2].any():
             return mesh
@@ -260,20 +253,18 @@ class _Drawn:
         return (255.0 * found).round().astype(np.uint8)
 
 
+def _counted(cells: np.ndarray) -> np.ndarray:
+    """Return cells (n, k) as VTK has them, each behind its number of nodes."""
+    return np.column_stack([np.full(len(cells), cells.shape[1]), cells]).ravel()
+
+
 class _Pointed:
     """A force on the stage, an arrow of one thickness."""
 
     def __init__(
-        self,
-        pyvista: ModuleType,
-        plotter: pyvista.Plotter,
-        arrow: Arrow,
-        motion: Motion,
-        reach: float,
-        before: np.ndarray,
+        self, pyvista: ModuleType, plotter: pyvista.Plotter, starts: np.ndarray, ends: np.ndarray, thick: float
     ) -> None:
-        self._pyvista, self._thick = pyvista, 1.4e-2 * reach
-        self._starts, self._ends = arrow.place + before, motion.end(arrow) + before
+        self._pyvista, self._starts, self._ends, self._thick = pyvista, starts, ends, thick
         self._mesh = self._shape(0)
         plotter.add_mesh(self._mesh, color=FORCE, lighting=False)
 
@@ -297,20 +288,12 @@ LOWEST, HIGHEST = 2.2, 6.6
 
 @styled
 def solids(run: Trajectory, at: float | None = None, exaggeration: float = 1.0, label: str = "") -> Figure:
-    """Draw the bodies of a run with von Mises' stress in colour.
+    """Draw the bodies of a run, with frames and fields, which `label` tells from others, with von Mises' stress in
+    colour.
 
-    Raises `InputError` if there is nothing to draw, `at` is outside the run, or there is nothing to draw with.
-
-    Parameters
-    ----------
-    run
-        With frames and fields.
-    at
-        Instant, s: the nearest frame is drawn, and named. None for that of the largest stress.
-    exaggeration
-        Factor on the deformation; stated in the picture if it is not 1.
-    label
-        What tells the run from others.
+    Drawn and named is the frame nearest to the instant `at`, s, by default that of the largest stress. The
+    exaggeration, a factor on the deformation, is stated in the picture if it is not 1. Raises `InputError` if there is
+    nothing to draw, `at` is outside the run, or there is nothing to draw with.
     """
     motion = motion_of(run, "mises", exaggeration, label)
     number, why = motion.peak, ", when it is largest"
@@ -356,23 +339,9 @@ def _images(motion: Motion, numbers: np.ndarray, frame: Surround) -> Iterator[np
 
 
 class Surround:
-    """Surround of the bodies: title, notes, bar of the colours, bar of the scale, and the instant.
+    """Surround of the bodies: title, notes, bar of the colours, bar of the scale, and the instant with its caption.
 
-    Parameters
-    ----------
-    motion
-        What is drawn.
-    caption
-        Of the instant.
-    resolution
-        Pixels an inch.
-
-    Attributes
-    ----------
-    figure, axes
-        The figure, and where in it the bodies are.
-    size
-        Width and height of that place, pixels.
+    `resolution` is in pixels an inch; `axes` is where in the figure the bodies are, in `size`, pixels.
     """
 
     def __init__(self, motion: Motion, caption: str, resolution: int = RESOLUTION) -> None:
@@ -527,3 +496,72 @@ def _write_mp4(pictures: Iterator[np.ndarray], path: Path, rate: float) -> None:
             said.seek(0)
             lines = said.read().decode(errors="replace").split("\n")
             raise RunError(f"the film could not be written: {lines[0] or f'ffmpeg ended with {ffmpeg.returncode}'}")
+
+
+STEEL, LIT = np.array([0.72, 0.74, 0.77]), np.array([0.35, -0.5, 0.79])
+FRAME, LABEL = 0.9, 0.14  # shares of half the extent: what the axes show, and the height of a name
+CELLS = {"edgecolors": (0.2, 0.2, 0.2, 0.35), "linewidths": 0.25}
+MOST_FACES = 16  # that have a name in a picture
+
+
+def meshed_part(mesh: SolidMesh, body: str, unit: str) -> Figure:
+    """Return the picture of a meshed part with its named groups of faces, those of most faces where there are many."""
+    named = sorted(mesh.groups, key=lambda name: -len(mesh.groups[name]))
+    shown = {name: mesh.nodes[np.unique(mesh.groups[name])].mean(axis=0) for name in sorted(named[:MOST_FACES])}
+    more = f", {len(named) - MOST_FACES} more have names" if len(named) > MOST_FACES else ""
+    title = f"{body}: {len(mesh.cells)} cells, {'named faces' if named else 'no face has a name'}{more}"
+    return (plane_part if mesh.dimension == 2 else part_picture)(mesh, shown, title, unit)
+
+
+@styled
+def plane_part(mesh: SolidMesh, places: Mapping[str, np.ndarray], title: str, unit: str) -> Figure:
+    """Return the cells of a plane mesh, with named groups of edges coloured and named at their places (2,)."""
+    middle, half = 0.5 * (mesh.nodes.max(axis=0) + mesh.nodes.min(axis=0)), 0.5 * np.ptp(mesh.nodes, axis=0)
+    half = np.maximum(1.2 * half, LABEL * half.max())
+    figure = new_figure(8.0, float(np.clip(8.0 * half[1] / half[0], 1.2, 7.0)) + 0.8)
+    axes = figure.subplots()
+    cells = mesh.nodes[outer_faces(mesh.kind, mesh.cells)]
+    axes.add_collection(PolyCollection(cells, facecolors="#E8EAED", edgecolors="#B5BBC2", linewidths=0.5))
+    for (name, place), colour in zip(places.items(), distinct_colours(len(places))):
+        edges = mesh.nodes[mesh.groups[name][:, :2]]
+        axes.add_collection(LineCollection(edges, colors=colour, linewidths=3.0, zorder=3))
+        axes.annotate(name, place, xytext=(6, 6), textcoords="offset points", color=colour, fontweight="bold", zorder=4)
+    axes.set_aspect("equal")
+    limits = [(m - h, m + h) for m, h in zip(middle, half)]
+    axes.set(xlim=limits[0], ylim=limits[1], xlabel=f"x ({unit})", ylabel=f"y ({unit})")
+    axes.yaxis.set_major_locator(MaxNLocator(3))
+    axes.set_title(title, loc="left", weight="bold")
+    return figure
+
+
+@styled
+def part_picture(mesh: SolidMesh, places: Mapping[str, np.ndarray], title: str, unit: str) -> Figure:
+    """Return the surface of a mesh, with named groups coloured and named at their places (3,)."""
+    figure = new_figure(8.0, 6.0)
+    axes = figure.add_subplot(projection="3d", computed_zorder=False)
+    bare = outer_faces(mesh.kind, mesh.cells)
+    owned = {frozenset(face[: bare.shape[1]].tolist()): name for name in places for face in mesh.groups[name]}
+    colours = dict(zip(places, distinct_colours(len(places))))
+    shade = 0.55 + 0.45 * np.clip(normals(bare, mesh.nodes) @ LIT, 0.0, 1.0)
+    own = [owned.get(frozenset(face.tolist())) for face in bare]
+    base = np.array([STEEL if name is None else to_rgb(colours[name]) for name in own])
+    axes.add_collection3d(Poly3DCollection(mesh.nodes[bare], facecolors=shade[:, None] * base, **CELLS))
+    middle, half = 0.5 * (mesh.nodes.max(axis=0) + mesh.nodes.min(axis=0)), 0.5 * np.ptp(mesh.nodes, axis=0)
+    across, seen = int(np.argmin(half)), list[np.ndarray]()
+    for name, place in places.items():
+        text = place.copy()
+        beside = sum(float(np.abs(np.delete(place - one, across)).max()) < LABEL * half.max() for one in seen)
+        text[across] += (0.3 + LABEL * beside) * half.max()  # one above the other on one axis
+        seen.append(place)
+        axes.plot(*np.array([place, text]).T, color=colours[name], linewidth=1.0, zorder=5, clip_on=False)
+        axes.text(*text, name, color=colours[name], ha="center", va="bottom", zorder=6, fontweight="bold")
+    limits = [
+        (m - max(FRAME * h, 0.2 * half.max()), m + max(FRAME * h, 0.2 * half.max())) for m, h in zip(middle, half)
+    ]
+    axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2])
+    axes.set_title(title, loc="left", weight="bold")
+    axes.set_box_aspect([high - low for low, high in limits])
+    for name, (low, high) in zip("xyz", limits):
+        getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(5 if high - low > half.max() else 2))
+        getattr(axes, f"set_{name}label")(f"{name} ({unit})")
+    return figure

@@ -103,14 +103,11 @@ def panel_grid(
     n: int, columns: int, size: tuple[float, float], margin: float, least: float = 0.0,
     ratios: Sequence[float] = (1.0,), **sharing: Any,
 ) -> tuple[Figure, np.ndarray]:  # fmt: skip
-    """Return a figure of n blocks, row by row, and the axes of each from above, shape (n, len(ratios)).
+    """Return a figure of n blocks, row by row, and the axes of each from above, shape (n, len(ratios)), of such
+    heights.
 
-    Parameters
-    ----------
-    size, margin, least
-        Width and height of a block, what the figure is higher than all of them, and its least width, inches.
-    ratios
-        Heights of the axes of a block.
+    `size`, `margin` and `least` are width and height of a block, what the figure is higher than all of them, and its
+    least width, inches.
     """
     n_columns = min(n, columns)
     n_rows = -(-n // n_columns)

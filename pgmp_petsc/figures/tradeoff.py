@@ -216,17 +216,9 @@ def _write_labels(axes: Axes, study: Tradeoff, cost: np.ndarray, error: np.ndarr
 def _write(axes: Axes, text: str, x: float, y: float) -> None:
     """Write beside a point, on the side where there is room."""
     left = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))[0] > RIGHT
-    note = axes.annotate(
-        text,
-        (x, y),
-        xytext=(-7 if left else 7, 4),
-        textcoords="offset points",
-        ha="right" if left else "left",
-        fontsize=8.0,
-        color=style.QUIET,
-        zorder=5,
-    )
-    note.set_in_layout(False)
+    side = {"xytext": (-7 if left else 7, 4), "ha": "right" if left else "left"}
+    look = {"textcoords": "offset points", "fontsize": 8.0, "color": style.QUIET, "zorder": 5}
+    axes.annotate(text, (x, y), **side, **look).set_in_layout(False)
 
 
 def _marker(study: Tradeoff, row: int) -> dict:

@@ -127,20 +127,13 @@ def paired(runs: Sequence[Trajectory]) -> list[Comparison]:
 def trajectories(
     comparisons: Sequence[Comparison], outputs: Sequence[str] | None = None, labels: Sequence[str] | None = None
 ) -> Figure:
-    """Draw outputs over time, one column each: full order as a line, reduced as crosses, errors below.
+    """Draw outputs over time, one column each: full order as a line, reduced as crosses, errors below; a colour each
+    comparison.
 
     A single run is a line, with a band where its errors were estimated; without any pair there is no panel of errors. A
-    full-order run that several reduced ones share is grey. A square ends a run that ended before its scene. Raises
-    `InputError` if the runs have no output in common.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        One colour each.
-    outputs : sequence of str, optional
-        By default all that every run has.
-    labels : sequence of str, optional
-        By default that in which the runs differ.
+    full-order run that several reduced ones share is grey. A square ends a run that ended before its scene. Outputs are
+    by default all that every run has, and labels that in which the runs differ. Raises `InputError` if the runs have no
+    output in common.
     """
     runs = [run for comparison in comparisons for run in comparison.runs]
     if outputs is None:

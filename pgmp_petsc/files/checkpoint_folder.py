@@ -58,16 +58,10 @@ def _folder_of(output: Path) -> Path:
 
 
 class CheckpointFolder:
-    """The folder of one run.
+    """The folder of the run of one result.
 
-    Parameters
-    ----------
-    output
-        The run's result.
-    run
-        What the run is, by key; checksums are not shown to the user.
-    growing
-        Numbers by key that may be larger when a run is taken up: what is there is a part of it all the same.
+    What the run is comes by key; checksums are not shown to the user. Numbers that are `growing` may be larger when a
+    run is taken up: what is there is a part of it all the same.
     """
 
     def __init__(self, output: Path, run: Mapping[str, object], growing: Mapping[str, int] | None = None) -> None:
@@ -161,15 +155,8 @@ class CheckpointFolder:
             raise BrokenSeal(f"it cannot be read ({error})") from error
 
     def sound(self, read: Callable[[Path], object], pattern: str = "*") -> tuple[list[Path], tuple[Remark, ...]]:
-        """Return the pieces that ``read`` takes up, and a note on each other one, which is set aside. By one process.
-
-        Parameters
-        ----------
-        read
-            Reads a piece, with `take`; raises `BrokenSeal` where it is not to be taken up.
-        pattern
-            Of the pieces' names.
-        """
+        """Return the pieces, of names like the pattern, that ``read`` takes up by `take`, and a note on each other one,
+        for which it raises `BrokenSeal`, and which is set aside. By one process."""
         taken, remarks = [], []
         for path in self.pieces(pattern):
             try:
@@ -235,19 +222,12 @@ class CheckpointFolder:
 
 
 class SharedCheckpoint:
-    """Finished pieces of a run that all ranks take up, whatever the number of ranks that wrote them.
+    """Finished pieces of a run that all ranks take up, whatever the number of ranks that wrote them; see
+    `CheckpointFolder`.
 
-    Collective on `comm` where it is made. Raises as `CheckpointFolder.open`, and `RunError` if a rank cannot read what
-    the first one can.
-
-    Parameters
-    ----------
-    output, run
-        As of `CheckpointFolder`; ranks may work in different directories.
-    resume
-        Whether to take up what is there.
-    readers
-        What makes a mapping of a piece's name and its arrays, by a pattern of the name.
+    Collective on `comm` where it is made; ranks may work in different directories. `readers` make a mapping of a
+    piece's name and its arrays, by a pattern of the name. Raises as `CheckpointFolder.open`, and `RunError` if a rank
+    cannot read what the first one can.
     """
 
     def __init__(

@@ -46,12 +46,8 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 def locked(output: Path, named: str = "") -> Iterator[None]:
     """Keep an output, in a directory that exists, from other jobs within the block; by one process of a job.
 
-    Raises `InputError` if another process has it, or it cannot be locked.
-
-    Parameters
-    ----------
-    named
-        What it is to the user, such as ``folder 'x_results'``; the output file where it is not given.
+    To the user it may be something else, such as ``folder 'x_results'``. Raises `InputError` if another process has it,
+    or it cannot be locked.
     """
     named, path, until = named or f"output file '{output}'", lock_path(output), time.monotonic() + PATIENCE
     try:
@@ -175,21 +171,11 @@ _OLD_RESULT = (SIGNATURE, b"format_version", b"program_version")
 def claimed(
     comm: Comm, output: str | os.PathLike[str], kind: str, inputs: Iterable[str | os.PathLike[str] | None] = ()
 ) -> Iterator[Path]:
-    """Check an output and keep it from other jobs within the block. Collective on ``comm``.
+    """Check an output as `check_output` and keep it from other jobs within the block. Collective on ``comm``.
 
-    Raises `InputError`, as `check_output`, and if another job is writing the output.
-
-    Parameters
-    ----------
-    comm
-        The ranks of the run; the first holds the lock.
-    output, kind, inputs
-        As of `check_output`; inputs that are None do not count.
-
-    Yields
-    ------
-    Path
-        The output's full path, the same on all ranks wherever they work; a symbolic link is followed.
+    Yields the output's full path, the same on all ranks wherever they work; a symbolic link is followed. The first rank
+    holds the lock; inputs that are None do not count. Raises `InputError`, as `check_output`, and if another job is
+    writing the output.
     """
     with ExitStack() as held:
 
@@ -237,14 +223,8 @@ def check_output(
 def check_folder(folder: str | os.PathLike[str], output: str | os.PathLike[str] | None = None) -> None:
     """Check that a folder for pictures is there, or can be made with those above it, before a run; make nothing.
 
-    Raises `InputError` if it is the output or something that is no folder, lies in such, or may not be written in.
-
-    Parameters
-    ----------
-    folder
-        Where pictures go.
-    output
-        File that the same command writes; None where there is none.
+    Raises `InputError` if it is the output of the same command or something that is no folder, lies in such, or may not
+    be written in.
     """
     if output is not None and os.path.realpath(folder) == os.path.realpath(output):
         raise InputError(f"output directory '{folder}' is the output file too; give another name")
@@ -383,17 +363,9 @@ def first_line(error: OSError) -> str:
 def replacing(path: str | os.PathLike[str], what: str = "output file", pushed: bool = True) -> Iterator[Path]:
     """Yield another name to write to; the file takes the place of ``path`` when the block ends without an error.
 
-    To be called by one process only. Raises `RunError` if the system fails to write (a full disk, say); an older file
-    under ``path`` is left as it was.
-
-    Parameters
-    ----------
-    path
-        The file to be replaced.
-    what
-        What it is, for the message.
-    pushed
-        Whether it is pushed to the disk before that. What is not outlives its process, but perhaps not its machine.
+    It is pushed to the disk before that; what is not `pushed` outlives its process, but perhaps not its machine. To be
+    called by one process only. Raises `RunError`, saying what it is, if the system fails to write (a full disk, say);
+    an older file under ``path`` is left as it was.
     """
     path = Path(path)
     partial = partial_path(path, os.getpid())

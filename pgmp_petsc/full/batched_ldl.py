@@ -86,14 +86,9 @@ class Pattern(NamedTuple):
 
 
 def analyse(pattern: sp.spmatrix, levels: np.ndarray) -> Symbolic:
-    """Find an elimination order and the fill-in.
+    """Find an elimination order and the fill-in of a symmetric pattern, shape (n, n).
 
-    Parameters
-    ----------
-    pattern
-        Symmetric pattern, shape (n, n).
-    levels
-        Of unknowns and multipliers, shape (n,): each is eliminated after all of lower levels that it is coupled with.
+    Each unknown or multiplier is eliminated after all of lower `levels`, shape (n,), that it is coupled with.
     """
     pattern = sp.csr_matrix(pattern)
     order = _by_levels(reverse_cuthill_mckee(pattern, symmetric_mode=True), pattern, levels)

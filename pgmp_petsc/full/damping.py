@@ -15,13 +15,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.effects import Effect
-from pgmp_petsc.effects.damping import (
-    BodiesDamping,
-    BodyDamping,
-    ModalDamping,
-    amplitude_damping,
-    modal_damping,
-)
+from pgmp_petsc.effects.damping import BodiesDamping, BodyDamping, ModalDamping, amplitude_damping, modal_damping
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL

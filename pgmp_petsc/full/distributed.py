@@ -46,20 +46,10 @@ ITSELF = np.empty((0, 1))  # no residual but c
 
 
 class FullDistributed(FullSystem):
-    """One full-order sample on all ranks of a communicator. Collective on `comm`.
+    """One full-order sample on all ranks of a communicator, each with the equations for its share of the unknowns.
 
-    Local state arrays hold this rank's unknowns and multipliers.
-
-    Parameters
-    ----------
-    equations
-        Of the sample on this rank, made for its share of the unknowns.
-    comm
-        Ranks that share the model.
-    motions
-        Prescribed motions by the number of their coordinate.
-    settled, built_in
-        See `FullSystem`.
+    Local state arrays hold this rank's unknowns and multipliers. `motions` are prescribed ones by the number of their
+    coordinate; for `settled` and `built_in` see `FullSystem`. Collective on `comm`.
     """
 
     def __init__(
@@ -269,17 +259,7 @@ class FullDistributed(FullSystem):
 
 
 class FullStatics:
-    """One sample whose coordinates are held; see `Statics`. Collective on `comm`.
-
-    Parameters
-    ----------
-    equations
-        Of the mechanism whose coordinates are all prescribed, on this rank.
-    n_theta
-        Number of its coordinates.
-    comm
-        Ranks that share the model.
-    """
+    """One sample whose `n_theta` coordinates are held, all prescribed; see `Statics`. Collective on `comm`."""
 
     n_samples = 1
 

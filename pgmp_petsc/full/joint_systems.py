@@ -136,14 +136,8 @@ class JointEquations:
     def multipliers_of_joints(self, q: np.ndarray, left: np.ndarray, loads: np.ndarray) -> np.ndarray:
         """Return the multipliers of joints and driven angles, shape (n, n_samples).
 
-        Parameters
-        ----------
-        q
-            Unknowns, shape (n_dofs, n_samples).
-        left
-            Multipliers of the constraints that are left, shape (n_left, n_samples).
-        loads
-            See `carry_in_joints`, shape (n_bodies, d (d + 1), n_samples).
+        Arguments are the unknowns, shape (n_dofs, n_samples), multipliers of the constraints that are left, shape
+        (n_left, n_samples), and loads as in `carry_in_joints`, shape (n_bodies, d (d + 1), n_samples).
         """
         every, d, held = np.zeros((self._set.n_constraints, q.shape[1])), self._unknowns.dimension, self._held
         every[self._chosen] = left[: self.n_statements]
@@ -314,12 +308,8 @@ class JointEquations:
 class JointBatch(FullBatch):
     """A batch of samples of a component model, or a single one, on this rank, in joint coordinates.
 
-    Arrays of states have coordinates in place of unknowns.
-
-    Parameters
-    ----------
-    full
-        The same samples in their unknowns, whose memory it shares.
+    Arrays of states have coordinates in place of unknowns. Memory is shared with `full`, the same samples in their
+    unknowns.
     """
 
     def __init__(self, full: FullBatch) -> None:

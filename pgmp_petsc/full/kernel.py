@@ -18,15 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.bodies.beam2d import (
-    N_PACKED,
-    fill_tangent,
-    forces,
-    strain_rates,
-    strains,
-    stresses,
-    viscous_stresses,
-)
+from pgmp_petsc.bodies.beam2d import N_PACKED, fill_tangent, forces, strain_rates, strains, stresses, viscous_stresses
 from pgmp_petsc.full.batched_ldl import Pattern, factorise, substitute
 from pgmp_petsc.full.damping import ModalFactors, add_modal_damping
 from pgmp_petsc.full.elements import Beams, Masses, Solids, add_beams, add_masses, add_solids

@@ -69,18 +69,9 @@ def body_tables(
 ) -> np.ndarray:
     """Lay out a body's table, shape (n_words, n_samples).
 
-    Parameters
-    ----------
-    moments, stiffness
-        Shapes (r, r, n_samples) and (n, n, n_samples).
-    viscous
-        Modal damping of each amplitude, shape (n, n_samples).
-    curved
-        ``int rho X_k chi_l``, shape (d, d, n, n, n_samples), or (0, n, n_samples).
-    d
-        Dimension.
-    masks
-        See `entries_of`.
+    Arguments are moments and stiffness, shapes (r, r, n_samples) and (n, n, n_samples), modal damping of each
+    amplitude, shape (n, n_samples), ``int rho X_k chi_l``, shape (d, d, n, n, n_samples) or (0, n, n_samples), the
+    dimension, and the masks of `entries_of`.
     """
     places, of_fields = first_moments(moments, d)
     squares, mixed, both = second_moments(moments, d)

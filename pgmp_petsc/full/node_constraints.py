@@ -60,19 +60,8 @@ class NodeConstraints(NamedTuple):
 class ConstraintParts:
     """Constraints of a rank before their place in the matrix is known.
 
-    Parameters
-    ----------
-    constraints
-        All constraints of a mechanism.
-    chosen
-        Numbers of those that are here, increasing.
-    size
-        Of the mechanism, m.
-
-    Attributes
-    ----------
-    pattern
-        Rows and columns, unknowns or multipliers, of all entries of the matrix.
+    They are the `chosen` ones, by increasing numbers, of all constraints of a mechanism of `size` (m). `pattern` has
+    rows and columns, unknowns or multipliers, of all entries of the matrix.
     """
 
     def __init__(self, constraints: ConstraintSet, chosen: np.ndarray, size: float) -> None:

@@ -32,15 +32,7 @@ _REFERENCES: dict[Any, ReferenceType] = {}
 
 
 class Reference:
-    """Parts, nested named tuples of contiguous arrays, numbers and tuples of these.
-
-    Attributes
-    ----------
-    parts
-        As given.
-    address
-        Of the table of words.
-    """
+    """Parts, nested named tuples of contiguous arrays, numbers and tuples of these, and the address of their words."""
 
     def __init__(self, parts: Any) -> None:
         self.parts = parts

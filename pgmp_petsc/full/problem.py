@@ -49,21 +49,9 @@ MESH, TIES, FRAMES, JOINTS = range(4)  # levels of elimination, see `batched_ldl
 
 
 class Sources:
-    """Strengths that change with time alone.
+    """Strengths that change with time alone: effect of every load, actions of all effects, and prescribed motions.
 
-    Parameters
-    ----------
-    loads
-        Effect of every load.
-    actions
-        Actions of all effects.
-    motions
-        Prescribed motions.
-
-    Attributes
-    ----------
-    controls
-        Controllers of the only sample; None where there are none.
+    `controls` are controllers of the only sample; None where there are none.
     """
 
     def __init__(self, loads: Sequence[Effect], actions: Sequence[Action], motions: Sequence[Motion]) -> None:

@@ -61,12 +61,8 @@ class WholeLayout(Layout):
 class RankLayout(Layout):
     """Unknowns and multipliers that one rank needs, in their order.
 
-    Parameters
-    ----------
-    n_dofs, n_all
-        Number of unknowns of the mechanism, and of unknowns and multipliers.
-    pattern
-        Rows and columns of all entries that are evaluated here, and whatever else is needed as a pair with itself.
+    The mechanism has `n_dofs` unknowns and `n_all` with multipliers; `pattern` has rows and columns of all entries that
+    are evaluated here, and whatever else is needed as a pair with itself.
     """
 
     def __init__(self, n_dofs: int, n_all: int, pattern: tuple[np.ndarray, np.ndarray]) -> None:
@@ -96,18 +92,10 @@ class RankLayout(Layout):
 
 
 class RankSolver:
-    """Matrix and solver. Collective on `comm`.
+    """Matrix and solver of the `layout` that this rank needs. Collective on `comm`.
 
-    Parameters
-    ----------
-    layout
-        What this rank needs.
-    own
-        Places there of what it owns, in the order of its rows.
-    rows
-        Row of every unknown and multiplier of the mechanism, rank by rank, shape (n_all,).
-    comm
-        Ranks that share the system.
+    `own` are places there of what the rank owns, in the order of its rows, and `rows` that of every unknown and
+    multiplier of the mechanism, rank by rank, shape (n_all,).
     """
 
     def __init__(self, layout: RankLayout, own: np.ndarray, rows: np.ndarray, comm: Comm) -> None:

@@ -44,24 +44,10 @@ Gains = tuple[float, float, float]  # of velocities, accelerations and stiffness
 class FullSystem(SecondOrderSystem):
     """Full-order samples, whose states a subclass lays out in arrays.
 
-    Parameters
-    ----------
-    equations
-        Of the samples on this rank.
-    comm
-        Ranks that share the model.
-    sources
-        What changes with time.
-    settled
-        Static equilibrium of every sample to start from; the undeformed mechanism if there is none.
-    built_in
-        Unknowns and velocities to start from in its place, each (n_dofs, 1 or n_samples), where joints that are off
-        deform the mechanism.
-
-    Attributes
-    ----------
-    instants_at_once
-        States of a run whose frames and energies are best evaluated together.
+    They start from `settled`, the static equilibrium of every sample, or, where joints that are off deform the
+    mechanism, from `built_in`, unknowns and velocities, each (n_dofs, 1 or n_samples); without these the mechanism is
+    undeformed. `sources` change with time, `comm` shares the model, and `instants_at_once` counts states of a run whose
+    frames and energies are best evaluated together.
     """
 
     has_light_nodes = True
@@ -247,26 +233,11 @@ class FullSystem(SecondOrderSystem):
 
 
 class FullBatch(FullSystem):
-    """A batch of full-order samples, or a single one, on this rank.
+    """A batch of full-order samples, or a single one, on this rank, from an undeformed configuration.
 
-    Arrays have shape (n_blocks, n, n_lanes); see `SampleBlocks`.
-
-    Parameters
-    ----------
-    kinematics
-        Rigid kinematics; the start is an undeformed configuration.
-    effects
-        Effects of the scene.
-    values
-        Parameter values of the samples, each of shape (n_samples,).
-    initial
-        Positions (rad) and velocities (rad/s) of the rigid coordinates at the start, each of shape (n_theta,).
-    n_samples
-        Number of samples.
-    motions
-        Prescribed motions by the number of their coordinate.
-    settled, built_in
-        See `FullSystem`.
+    Arrays have shape (n_blocks, n, n_lanes); see `SampleBlocks`. Parameter values of the samples have shape
+    (n_samples,), `initial` positions (rad) and velocities (rad/s) of the rigid coordinates shape (n_theta,) each, and
+    `motions` are prescribed ones by the number of their coordinate; for `settled` and `built_in` see `FullSystem`.
     """
 
     instants_at_once = 256

@@ -2,7 +2,7 @@
 
 The engine ends a part of a step where an edge is crossed, depth(q, p) = 0, and goes on from there with the scheme as it
 stands: positions, velocities, accelerations and auxiliary accelerations are what they were, as the force of a stop
-begins and ends at zero (`effects.laws`). The discrete map is differentiated, with the length h of a part as one more
+begins and ends at zero (`effects.law`). The discrete map is differentiated, with the length h of a part as one more
 variable (Galan, Feehery and Barton 1999 have the same of continuous time). With the prediction of `propagation` and all
 other symbols from there,
 
@@ -51,21 +51,10 @@ class Contact:
 
 
 class Contacts:
-    """The steps of a run of one sample that cross edges of laws.
+    """The steps of a run of one sample that cross edges of laws, with what was met and left so far.
 
-    Parameters
-    ----------
-    model, values
-        The reduced model, and the value of every parameter.
-    linearisation
-        Of the sample.
-    times, states
-        Of the whole run, (n_t,) and arrays of shape (n_t, n_eta).
-
-    Attributes
-    ----------
-    found
-        What was met and left so far.
+    The linearisation is that of the sample; times, shape (n_t,), and states, arrays of shape (n_t, n_eta), are those of
+    the whole run.
     """
 
     def __init__(
@@ -95,16 +84,11 @@ class Contacts:
         return first + int(crossing[0]) if crossing.size else len(self._times)
 
     def through(self, number: int, moment: np.ndarray) -> np.ndarray:
-        """Take the sensitivities through the step up to an instant; return them there.
+        """Take the sensitivities through the step up to the instant of that number, as `following` gives it; return
+        them there.
 
-        Raises `InputError` if an edge is grazed; `RunError` if the step does not lead where the run went.
-
-        Parameters
-        ----------
-        number
-            Of the instant, as `following` gives it.
-        moment
-            S_q, S_v, S_a and S_A at the step's beginning, shape (4, n_parameters, n_eta).
+        They are S_q, S_v, S_a and S_A at the step's beginning, shape (4, n_parameters, n_eta). Raises `InputError` if
+        an edge is grazed; `RunError` if the step does not lead where the run went.
         """
         moved = np.zeros(moment.shape[1])  # the beginning of the part, s per unit of a parameter
         before, parts = self._retraced(number)

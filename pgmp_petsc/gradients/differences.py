@@ -23,10 +23,7 @@ AnyModel = ReducedModel | LengthLanes | ComponentModel | SeparateLengths
 SHARE = 2e-3  # of a parameter's size, that runs beside are away
 OF_BOUNDS = 0.1  # of the width of its bounds, which its size is at least
 #: Offsets in steps, and weights of fourth and of second order.
-CENTRAL = (
-    np.array([-2.0, -1.0, 1.0, 2.0]),
-    np.array([[1.0, -8.0, 8.0, -1.0], [0.0, -6.0, 6.0, 0.0]]) / 12.0,
-)
+CENTRAL = (np.array([-2.0, -1.0, 1.0, 2.0]), np.array([[1.0, -8.0, 8.0, -1.0], [0.0, -6.0, 6.0, 0.0]]) / 12.0)
 FORWARD = (
     np.array([0.0, 1.0, 2.0, 3.0, 4.0]),
     np.array([[-25.0, 48.0, -36.0, 16.0, -3.0], [-18.0, 24.0, -6.0, 0.0, 0.0]]) / 12.0,

@@ -93,19 +93,10 @@ def differentiate(
     """Run one sample, and differentiate its outputs with some parameters; with forces beside (`Scene.beside`), and of
     component models, by `differences`.
 
-    Raises `InputError` if the scene has no outputs, there is no static equilibrium to start from, or an end stop is
-    grazed; `RunError` if the run stops before its end, with smaller steps too.
-
-    Parameters
-    ----------
-    model
-        The model of samples in which these parameters vary (`models.of_samples`).
-    values
-        Value of every parameter of the scene.
-    names
-        Parameters to differentiate with.
-    pulse
-        Called with the number of steps that have been taken since the last call.
+    The model is that of samples in which these parameters vary (`models.of_samples`), with the value of every parameter
+    of the scene; `pulse` is called with the number of steps that have been taken since the last call. Raises
+    `InputError` if the scene has no outputs, there is no static equilibrium to start from, or an end stop is grazed;
+    `RunError` if the run stops before its end, with smaller steps too.
     """
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
@@ -344,13 +335,8 @@ DIFFERENCE = 1e-3  # of second differences of fourth order: rounding and truncat
 
 
 def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Linearisation, start: State) -> np.ndarray:
-    """Return S_q, S_v, S_a and S_A of a sample at time zero, shape (4, n_parameters, n_eta).
-
-    Parameters
-    ----------
-    start
-        State at the start, arrays of shape (1, n_eta).
-    """
+    """Return S_q, S_v, S_a and S_A of a sample at time zero, shape (4, n_parameters, n_eta), from its state there,
+    arrays of shape (1, n_eta)."""
     n_parameters, n = len(linearisation.names), start.q.shape[1]
     moment = np.zeros((4, n_parameters, n))
     prescribed = model.terms.tables.prescribed(model.motions)
@@ -469,14 +455,8 @@ OF_STRESSES = 1e-5  # of stresses, and of the parameter: their lines leave cells
 class ObservedChanges:
     """The outputs of one run and their derivatives.
 
-    Parameters
-    ----------
-    model
-        The reduced model.
-    values
-        Value of every parameter.
-    times, states
-        Instants of the run (n_t,), s, and reduced coordinates, rates and accelerations there, shapes (n_t, n_eta).
+    Instants of the run have shape (n_t,), s, and reduced coordinates, rates and accelerations there shapes (n_t,
+    n_eta).
     """
 
     def __init__(

@@ -44,17 +44,7 @@ class Linearised:
 
 
 class Linearisation:
-    """Derivatives of the equations of motion of one sample.
-
-    Parameters
-    ----------
-    model
-        The reduced model.
-    values
-        Value of every parameter.
-    names
-        Parameters to differentiate with.
-    """
+    """Derivatives of the equations of motion of one sample of a reduced model with the parameters of these names."""
 
     def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str]) -> None:
         self._terms, self.names, self.values = model.terms, tuple(names), dict(values)

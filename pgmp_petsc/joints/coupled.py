@@ -14,16 +14,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from pgmp_petsc.scene.fields import (
-    Name,
-    NotZeroOrParameter,
-    Pair,
-    PositivePair,
-    TwoNames,
-    Unit,
-    exactly_one,
-    refusal,
-)
+from pgmp_petsc.scene.fields import Name, NotZeroOrParameter, Pair, PositivePair, TwoNames, Unit, exactly_one, refusal
 from pgmp_petsc.scene.joints import CouplingEntry, Share
 
 CLOSED = 1e-9  # rad that the period of a cam may be off, and share of its lift that its ends may differ by

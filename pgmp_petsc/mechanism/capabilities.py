@@ -216,7 +216,7 @@ FEATURES = (
     ),
     Feature(
         "forces in joints with lengths, places and ratios",
-        lambda scene: (f"{entry} with {length}" for length in _lengths(scene) for entry in _forces(scene)),
+        _with(_lengths, _forces),
         OF_THE_REDUCTION,
         why_not="models at several lengths have no forces in joints",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
@@ -262,13 +262,6 @@ FEATURES = (
         frozenset({Purpose.TRADEOFF}),
         why_not="runs are compared without control, and without forces that joints carry",
         cure="compare pgmp simulate SCENE --full with reduced runs",
-    ),
-    Feature(
-        "models in C and FMUs with friction by the force carried",
-        _carried,
-        frozenset({Purpose.EXPORT}),
-        why_not="a model in C does not know what joints carry",
-        cure="take pgmp simulate for this model",
     ),
     Feature(
         "static equilibrium beside clearance",
@@ -322,18 +315,10 @@ FEATURES = (
 
 
 def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, BodyShape] | None = None) -> None:
-    """Refuse what a command cannot do with a scene.
+    """Refuse what a command cannot do with a scene that is read for a purpose.
 
-    Raises `InputError`, naming the entry, the bodies or coordinates that it does not take, and the cure.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    purpose
-        What it is read for.
-    meshes
-        Of the bodies, where they are at hand: what too many coordinates would cost depends on them.
+    Meshes of the bodies are given where they are at hand: what too many coordinates would cost depends on them. Raises
+    `InputError`, naming the entry, the bodies or coordinates that it does not take, and the cure.
     """
     n, names = len(scene.coordinates), ", ".join(scene.coordinates)
     if n > MOST_COORDINATES and purpose is Purpose.SIZES:

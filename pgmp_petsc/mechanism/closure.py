@@ -56,27 +56,13 @@ AT_ONCE = 2**19  # entries of Jacobians that are evaluated together: they stay i
 
 
 class LoopClosure:
-    """Closure and driving equations of a mechanism.
+    """Closure and driving equations of a mechanism, all of whose coordinates drive.
 
-    Parameters
-    ----------
-    mechanism
-        The mechanism; all its coordinates drive.
-
-    Attributes
-    ----------
-    size
-        A length that is typical of the mechanism: the largest extent of a body, m.
-    n_coordinates
-        Number of independent rigid coordinates n_theta.
-    scales
-        What small changes of the coordinates are measured against, 1 rad or the size, shape (n_theta,).
-    equations
-        All that its solutions depend on; what is the same has the same.
-    jacobian
-        From poses (n_bodies, n_pose, n) to d(residual)/dP, shape (n, n_constraints + n_theta, n_pose n_bodies).
-    has_redundant
-        Whether joints and coordinates say more than poses can obey, so that a gap may be left.
+    `size` is a length that is typical of it, the largest extent of a body, m; `scales`, shape (n_theta,), what small
+    changes of its `n_coordinates` independent coordinates are measured against, 1 rad or the size. `equations` are all
+    that its solutions depend on; what is the same has the same. `jacobian` leads from poses (n_bodies, n_pose, n) to
+    d(residual)/dP, shape (n, n_constraints + n_theta, n_pose n_bodies). `has_redundant` says whether joints and
+    coordinates say more than poses can obey, so that a gap may be left.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -555,12 +541,8 @@ class ReleasedClosure:
         C N_i = 0,    T N_i = 0,    S_j N_i = delta_ij,
 
     where j goes over as many independent ones of the released directions as there are such motions: a frame on two
-    mounts in the plane has three, of the six directions that these release.
-
-    Parameters
-    ----------
-    closure
-        The closure of the configuration, whose joints are locked.
+    mounts in the plane has three, of the six directions that these release. The closure is that of the configuration,
+    whose joints are locked.
     """
 
     def __init__(self, closure: LoopClosure) -> None:

@@ -84,15 +84,8 @@ class ConstraintSet:
         self.linear = not self.curvature_pattern[0].size
 
     def residual(self, q: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
-        """Return c, shape (n_constraints, ...): m, 1 or rad.
-
-        Parameters
-        ----------
-        q
-            Unknowns, shape (n_dofs, ...).
-        driven
-            Angles that the driven joints are to have, shape (n_driven,), rad; none needed where nothing is driven.
-        """
+        """Return c, shape (n_constraints, ...), m, 1 or rad, for unknowns (n_dofs, ...) and the angles that the driven
+        joints are to have, shape (n_driven,), rad; none needed where nothing is driven."""
         joints = self._joints.values(q) - _against(self._wanted, q)
         angles = np.zeros((0, *q.shape[1:]))
         if self.n_driven:

@@ -213,30 +213,10 @@ MOST_AT_ONCE = 32  # steps that are guessed from one configuration
 class Continuation:
     """Poses of one branch over a tensor grid, first axis first.
 
-    Parameters
-    ----------
-    closure
-        The equations of the mechanism.
-    axes
-        Equidistant coordinate values along each axis, the ends of the range included, rad.
-    start
-        Numbers of the assembled configuration along the axes.
-    poses
-        The poses there, shape (n_bodies, 3, 1).
-
-    Attributes
-    ----------
-    theta
-        Configurations, the last coordinate fastest, shape (n, n_theta).
-    poses
-        Shape (n_bodies, 3, n).
-    shape
-        Number of configurations along each axis.
-
-    Raises
-    ------
-    InputError
-        Where the mechanism cannot close, or J is singular.
+    It begins at the assembled configuration, by its numbers along the axes, equidistant values of each coordinate (rad)
+    with the ends of its range, and its poses, shape (n_bodies, 3, 1). It has configurations `theta`, shape (n,
+    n_theta), the last coordinate fastest, `poses` there, shape (n_bodies, 3, n), and the number of configurations along
+    each axis as `shape`. Raises `InputError` where the mechanism cannot close, or J is singular.
     """
 
     def __init__(
@@ -438,19 +418,8 @@ MOST_KEPT = 100_000  # places
 class Walk:
     """Where a mechanism is assembled, and the way to other configurations, over places of a lattice about it.
 
-    Parameters
-    ----------
-    closure
-        Loop closure of the mechanism.
-    theta
-        Configuration where it is assembled, shape (n_theta,), rad.
-    poses
-        Its poses there, shape (n_bodies, n_pose, 1).
-
-    Attributes
-    ----------
-    chain
-        The mechanism, where it is an open chain.
+    It is assembled at theta (n_theta,), rad, with poses (n_bodies, n_pose, 1); `chain` is the mechanism, where it is an
+    open chain.
     """
 
     def __init__(self, closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> None:

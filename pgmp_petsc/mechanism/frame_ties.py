@@ -78,17 +78,7 @@ class Terms(NamedTuple):
 
 
 class FrameTies:
-    """Rows of terms; the interface is that of `StatementRows`.
-
-    Parameters
-    ----------
-    terms
-        The terms.
-    d
-        Dimension.
-    n, n_dofs
-        Numbers of rows and of unknowns.
-    """
+    """Rows of terms in d dimensions, n rows of n_dofs unknowns; the interface is that of `StatementRows`."""
 
     def __init__(self, terms: Terms, d: int, n: int, n_dofs: int) -> None:
         self.terms, self.d, self.n = terms, d, n
@@ -194,14 +184,8 @@ class _Held(NamedTuple):
 def bent_terms(d: int, first_row: int, frame: int, amplitudes: np.ndarray, bent: np.ndarray) -> Terms:
     """Return ``- 1/2 sum_k d_k xi^T a_k xi``, what ties have of second order in the deformation.
 
-    Parameters
-    ----------
-    first_row
-        The row of the tie's first component.
-    frame, amplitudes
-        The first unknown of the floating frame, and the unknowns xi, shape (n,).
-    bent
-        ``a``, shape (d, n, n), 1/m.
+    Rows begin with that of the tie's first component; `frame` is the first unknown of the floating frame, the
+    amplitudes are the unknowns xi, shape (n,), and `bent` is ``a``, shape (d, n, n), 1/m.
     """
     i, j = np.tril_indices(amplitudes.size)
     of_pairs = np.where(i == j, 0.5, 1.0) * bent[:, i, j]

@@ -56,7 +56,7 @@ def weld(in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
 def ridden(
     in_a: np.ndarray, in_b: np.ndarray, run: Sequence[Attachment], b: Attachment
 ) -> list[tuple[Combination, tuple[Attachment, ...]]]:
-    """Return that b is on the bent line through the nodes of a run, with the sides.
+    """Return that b, which rides on them, is on the bent line through the nodes of a run, in its order, with the sides.
 
     Hermite's interpolation between nodes at X_i with directors t_i, n_i has the deflection ``sum_i H_i w_i + G_i w'_i``
     with local weights. With ``xi_i = t_i . (p_b - p_i)``, which is how far b is from a node along it, and the slopes
@@ -65,16 +65,8 @@ def ridden(
         sum_i  H(xi_i) n_i . (p_b - p_i) + K(xi_i) t_i . n_b = 0,    K(xi) = xi H(xi) - G(xi),
 
     to the second order in what the nodes are turned. The factors K, of both signs, are small and add up to zero: what b
-    is turned does not matter. Where it is turned far, curvature between the nodes counts less than it should.
-
-    Parameters
-    ----------
-    in_a, in_b
-        Triads (d, d), one axis a column, of which the first is along the line.
-    run
-        The nodes, in its order.
-    b
-        What rides on them.
+    is turned does not matter. Where it is turned far, curvature between the nodes counts less than it should. Of the
+    triads (d, d) in both frames, one axis a column, the first axis is along the line.
     """
     way, found = in_a[:, 0], []
     places = np.array([side.point @ way for side in run])

@@ -217,18 +217,8 @@ class RigidKinematics:
         return words_of(self.coordinates, np.atleast_1d(theta))
 
     def poses(self, theta: np.ndarray) -> np.ndarray:
-        """Solve the rigid closure.
-
-        Parameters
-        ----------
-        theta
-            Coordinate values, shape (n, n_theta), rad; inside the range where a coordinate is not periodic.
-
-        Returns
-        -------
-        ndarray, shape (n_bodies, 3, n)
-            ``(X, Y, Phi)`` of every body: m, m, rad.
-        """
+        """Solve the rigid closure: return ``(X, Y, Phi)`` of every body, shape (n_bodies, 3, n), m and rad, at
+        coordinates (n, n_theta), rad, inside the range where a coordinate is not periodic."""
         theta = self.configurations(theta)
         if self._walk is not None:
             return self._walk.poses(theta)
@@ -243,24 +233,15 @@ class RigidKinematics:
     def near(
         self, theta: np.ndarray, poses: np.ndarray, order: Literal[1, 2] = 1
     ) -> Callable[[np.ndarray], np.ndarray]:
-        """Return what gives poses next to known ones, for central differences of what is made of poses.
+        """Return what gives poses next to known ones, for central differences of what is made of poses: from
+        configurations (n, n_theta), one next to each, to poses (n_bodies, n_pose, n).
 
         Where a table closes the loops these are `poses`; otherwise they lie on the tangents, and no loop is closed
         again: both sides then miss the same, of second order, which first differences do not see. Of second `order`
         they lie on parabolas, of which first and second differences are those of the poses.
 
-        Parameters
-        ----------
-        theta
-            Configurations, shape (n, n_theta), rad.
-        poses
-            From `poses` there, shape (n_bodies, n_pose, n); not a number where they are not known, and then next to
-            them neither.
-
-        Returns
-        -------
-        Callable
-            From configurations (n, n_theta), one next to each, to poses (n_bodies, n_pose, n).
+        Known are configurations (n, n_theta), rad, with poses from `poses`, shape (n_bodies, n_pose, n); not a number
+        where they are not known, and then next to them neither.
         """
         theta = self.configurations(theta)
         if (
@@ -322,13 +303,7 @@ class RigidKinematics:
         return self._closure.rates(poses)
 
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
-        """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, 3, n_theta, n_theta, n).
-
-        Parameters
-        ----------
-        poses, rates
-            As from `poses` and `rates`.
-        """
+        """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, 3, n_theta, n_theta, n), from `poses` and `rates` there."""
         return self._closure.curvatures(poses, rates)
 
     def positions(self, node: int, theta: np.ndarray) -> np.ndarray:
@@ -339,10 +314,7 @@ class RigidKinematics:
     def within_reach(self, theta: np.ndarray) -> np.ndarray:
         """Return where the rigid mechanism can be placed: in the range, or a little (`REACH`) outside it.
 
-        Parameters
-        ----------
-        theta
-            Shape (..., n_theta); for one coordinate of any shape, and so is what is returned.
+        Theta is of shape (..., n_theta); for one coordinate of any shape, and so is what is returned.
         """
         theta = np.asarray(theta)
         if self.n_coordinates == 1:

@@ -186,18 +186,8 @@ class Mechanism:
         return number, body.mesh.nodes[node - body.first_node]
 
     def place(self, poses: np.ndarray) -> np.ndarray:
-        """Place the undeformed bodies: rho of eq. (4).
-
-        Parameters
-        ----------
-        poses
-            Rigid poses ``(X, Y, Phi)``, shape (n_bodies, 3, ...).
-
-        Returns
-        -------
-        ndarray, shape (n_dofs, ...)
-            Unknowns q.
-        """
+        """Place the undeformed bodies, rho of eq. (4): return unknowns q, shape (n_dofs, ...), for poses ``(X, Y,
+        Phi)``, shape (n_bodies, 3, ...)."""
         return placed(self.space, self.bodies, self.n_dofs, poses)
 
     def holding(
@@ -225,17 +215,8 @@ class Mechanism:
         return vectors[: per_node * self.n_nodes].reshape(self.n_nodes, per_node, *vectors.shape[1:])
 
     def place_rates(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
-        """Return ``d rho / d theta`` in the inertial frame.
-
-        Parameters
-        ----------
-        poses, rates
-            One configuration, shape (n_bodies, 3), and ``dP/dtheta``, shape (n_bodies, 3, n_theta).
-
-        Returns
-        -------
-        ndarray, shape (n_dofs, n_theta)
-        """
+        """Return ``d rho / d theta`` in the inertial frame, shape (n_dofs, n_theta), at one configuration: poses
+        (n_bodies, 3) and ``dP/dtheta``, shape (n_bodies, 3, n_theta)."""
         result = np.zeros((self.n_dofs, rates.shape[2]))
         nodal = self.by_node(result)
         for body, pose, rate in zip(self.bodies, poses, rates):

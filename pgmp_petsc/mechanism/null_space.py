@@ -91,13 +91,8 @@ class NullSpace:
 
 
 class NullSpaces:
-    """Null spaces of Jacobians on one nonzero pattern: which constraints share unknowns is found once.
-
-    Parameters
-    ----------
-    pattern
-        A matrix with the pattern and no entry twice, shape (n_constraints, n_dofs).
-    """
+    """Null spaces of Jacobians on one nonzero pattern, a matrix (n_constraints, n_dofs) with no entry twice: which
+    constraints share unknowns is found once."""
 
     def __init__(self, pattern: sp.csr_matrix) -> None:
         self._n_dofs = pattern.shape[1]

@@ -27,13 +27,7 @@ UNKNOWN, WHOLE, SINGULAR = -1, -2, -3  # patches that were not made yet, that cl
 
 
 class PosePatches:
-    """Poses over the range of two coordinates.
-
-    Parameters
-    ----------
-    branch
-        Table of the assembly branch, from which Newton's method starts.
-    """
+    """Poses over the range of two coordinates; Newton's method starts from the table of the assembly branch."""
 
     def __init__(self, branch: PoseBranch) -> None:
         self._branch = branch
@@ -51,23 +45,11 @@ class PosePatches:
         self._forget()
 
     def at(self, closure: LoopClosure, theta: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return poses and their derivatives at configurations inside the range.
+        """Return poses and derivatives at configurations (n_configurations, 2) inside the range, and where they are
+        known to close the loops, shape (n_configurations,); the others are not.
 
-        Parameters
-        ----------
-        closure
-            Closes the loops at the points of patches.
-        theta
-            Configurations, shape (n_configurations, 2).
-        n
-            1 for poses alone, 6 for their derivatives too.
-
-        Returns
-        -------
-        found : ndarray, shape (n, n_bodies, n_pose, n_configurations)
-            P, dP/dtheta_1, dP/dtheta_2, and d2P of 11, 12 and 22.
-        closed : ndarray, shape (n_configurations,)
-            Where they are known to close the loops; the others are not.
+        The closure closes the loops at the points of patches. With n = 6 found are P, dP/dtheta_1, dP/dtheta_2, and d2P
+        of 11, 12 and 22, with n = 1 P alone, shape (n, n_bodies, n_pose, n_configurations).
         """
         theta, patches = np.ascontiguousarray(theta), np.empty(len(theta), dtype=np.int64)
         if self._coefficients.size > LARGEST:

@@ -3,7 +3,7 @@
 A frame is ``zeta = (p, d_1 .. d_d)``, a position and the directors of a body: 6 numbers in the plane, 12 in space. With
 directions ``u_a = sum_k u_k d_k`` that are fixed in a frame, a statement s of two frames a and b is one of `KINDS`. Its
 gradient and second derivatives in the 2 d (d + 1) numbers of both frames are printed from the expression
-(`statement_kinds`), in compiled code and in C. Zero is what a joint demands; a law of s and s' (`effects.laws`) is a
+(`statement_kinds`), in compiled code and in C. Zero is what a joint demands; a law of s and s' (`effects.law`) is a
 force on it. What couples several is a `Combination` of functions of them, each about two frames of its own.
 """
 

@@ -18,21 +18,11 @@ N_POSE = SPATIAL.n_pose
 
 
 class Unknowns:
-    """The numbering of a mechanism's unknowns.
+    """The numbering of the unknowns of a mechanism, whose flexible bodies are on their meshes where they are solids in
+    space.
 
-    Parameters
-    ----------
-    mechanism
-        Its flexible bodies on their meshes, where they are solids in space.
-
-    Attributes
-    ----------
-    bodies
-        The mechanism's, with internal coordinates numbered as here.
-    dimension
-        2 or 3.
-    n_dofs
-        Number of unknowns.
+    `bodies` are the mechanism's, with internal coordinates numbered as here, in 2 or 3 dimensions, with n_dofs
+    unknowns.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:

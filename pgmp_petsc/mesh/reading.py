@@ -120,13 +120,8 @@ def _unreadable(received: str, reason: str) -> InputError:
 
 @contextmanager
 def usable(received: str) -> Iterator[None]:
-    """Turn whatever goes wrong with what a damaged file seemed to hold into one message.
-
-    Raises
-    ------
-    InputError
-        Instead of any other exception within the block, but for a package that is not installed.
-    """
+    """Turn whatever goes wrong with what a damaged file seemed to hold into one message, an `InputError`, but for a
+    package that is not installed."""
     try:
         yield
     except (PgmpError, ModuleNotFoundError):

@@ -250,10 +250,7 @@ def _known(names: dict[str, np.ndarray]) -> str:
 def set_numbers(rows: np.ndarray) -> np.ndarray:
     """Number rows (n, k) so that two of them have the same number where they hold the same nodes, in any order.
 
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        From zero without gaps, growing with the lowest node of the row.
+    Numbers (n,) are from zero without gaps, growing with the lowest node of the row.
     """
     rows = np.sort(rows, axis=1)
     order = np.lexsort(rows.T[::-1])  # many times faster than np.unique of rows

@@ -363,12 +363,8 @@ def renumbered(mesh: SolidMesh) -> SolidMesh:
 
 
 def compact_order(n_nodes: int, cells: np.ndarray) -> np.ndarray:
-    """Return the nodes of a connected mesh in the order of reverse Cuthill-McKee, shape (n_nodes,).
-
-    Parameters
-    ----------
-    cells : ndarray of int, shape (n_cells, n_cell_nodes)
-    """
+    """Return the nodes of a connected mesh of cells (n_cells, n_cell_nodes) in the order of reverse Cuthill-McKee,
+    shape (n_nodes,)."""
     edges = incidence_edges(n_nodes, cells)
     start = n_nodes + len(cells)
     graph = undirected_graph(edges, start)
@@ -397,13 +393,8 @@ VERSION = b"4.1"
 
 
 def complete_physical_groups(mesh: meshio.Mesh, path: Path) -> None:
-    """Set the mesh's cell sets to all cells of each physical group, if `path` is a file of this format.
-
-    Parameters
-    ----------
-    mesh : meshio.Mesh
-        What meshio has read from the file.
-    """
+    """Set the cell sets of what meshio has read to all cells of each physical group, if `path` is a file of this
+    format."""
     groups = entity_groups(path)
     if not groups or "gmsh:geometrical" not in mesh.cell_data:
         return

@@ -39,15 +39,7 @@ Fields = dict[str, BodyValues]
 
 
 class FullFields:
-    """Fields from the unknowns of a full-order or a component model.
-
-    Parameters
-    ----------
-    seen
-        The bodies wanted.
-    unknowns
-        The numbering.
-    """
+    """Fields of the bodies wanted from the unknowns of a full-order or a component model."""
 
     def __init__(self, seen: FieldSet, unknowns: Unknowns) -> None:
         self.seen, self._unknowns, self._strains = seen, unknowns, FullStrains(unknowns)
@@ -75,17 +67,7 @@ class FullFields:
 
 
 class ReducedFields:
-    """Fields from reduced coordinates.
-
-    Parameters
-    ----------
-    seen
-        The bodies wanted.
-    kinematics
-        Of the mechanism.
-    rom, scheme
-        The reduced model with its projection, and its interpolation.
-    """
+    """Fields of the bodies wanted from reduced coordinates, by the model's projection and its interpolation."""
 
     def __init__(self, seen: FieldSet, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str) -> None:
         self.seen, self._kinematics, bodies = seen, kinematics, kinematics.mechanism.bodies

@@ -230,17 +230,11 @@ class ComponentsFile(Result):
         return model_of(scene, self.bodies, built=self.scene(scene.directory))
 
     def check_bodies(self, built: Scene, scene: Scene, name: object) -> tuple[Remark, ...]:
-        """Refuse changes of a scene that would have its bodies condensed otherwise; those of entries as such are
-        refused before. Return warnings of values outside what the bodies were condensed for.
+        """Refuse changes of a scene that would have its bodies condensed otherwise than those of the one they were
+        built for; those of entries as such are refused before. Return warnings of values outside what the bodies were
+        condensed for.
 
-        Raises `InputError`, naming the entry and the cure.
-
-        Parameters
-        ----------
-        built
-            The scene that the bodies were condensed for.
-        name
-            What messages call the model.
+        Raises `InputError`, naming the entry and the cure, and the model so.
         """
         for problem in self._problems(built, scene):
             raise InputError(f"{problem}; pgmp build SCENE --components makes a model for it, in place of '{name}'")

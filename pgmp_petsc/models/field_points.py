@@ -92,15 +92,7 @@ class FieldSet:
 
     @classmethod
     def of(cls, scene: Scene, bodies: tuple[Body, ...], n_frames: int) -> FieldSet:
-        """Choose them.
-
-        Parameters
-        ----------
-        bodies
-            The model's.
-        n_frames
-            Frames that are stored.
-        """
+        """Choose them among the model's bodies; `n_frames` are stored."""
         if not n_frames:
             return cls({}, {})
         points, left_out = {}, {}

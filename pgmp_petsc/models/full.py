@@ -54,16 +54,12 @@ MOST_IN_LANES = 3500  # unknowns; beyond, the fill-in of a mesh in space outgrow
 class FullModel:
     """All nodal unknowns, index-3 equations with Lagrange multipliers; see `Model`.
 
-    Parameters
-    ----------
-    scene, meshes
-        The scene and the mesh of every body.
-    kinematics
-        Of the mechanism, where they are at hand, whichever of its bodies deform there.
+    Kinematics are those of the mechanism, where they are at hand, whichever of its bodies deform there.
     """
 
     name = "full"
     title = "full-order"
+    served: Mapping[str, Served] = {}  # any values of parameters
     in_joints = False  # whether samples in lanes are stepped in joint coordinates
 
     def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh], kinematics: RigidKinematics | None = None) -> None:
@@ -343,18 +339,10 @@ class FullModel:
     def observed_over(
         self, system: FullBatch | FullDistributed, states: Sequence[State], frames: np.ndarray, times: Sequence[float]
     ) -> np.ndarray:
-        """Return what the outputs are made of in one state, or in several ones of the only sample, at times (s).
+        """Return what the outputs are made of in one state, or in several ones of the only sample, at times (s), shape
+        (n_observed, n). Collective on the system's communicator.
 
-        Collective on the system's communicator.
-
-        Parameters
-        ----------
-        frames
-            Of all nodes in these states, shape (n_nodes, n_frame, n).
-
-        Returns
-        -------
-        ndarray, shape (n_observed, n)
+        Frames are of all nodes in these states, shape (n_nodes, n_frame, n).
         """
         order, wanted = self.outputs.order, self._stresses is not None
         q = v = a = None
@@ -402,18 +390,9 @@ class FullModel:
 class ComponentModel(FullModel):
     """The equations of the full-order model with another kind of flexible body; see `Model` and `bodies.floating`.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    shapes
-        Of the bodies, the flexible ones as `components.condensing` makes them.
-    kinematics
-        Of the same mechanism, where they are at hand.
-    n_ranks
-        Ranks that condensed the bodies, each on one.
-    served
-        Ranges of the parameters that the bodies were condensed for, where they are not of all values alike.
+    Flexible shapes are as `components.condensing` makes them, on `n_ranks`, each body on one; kinematics are those of
+    the same mechanism, where they are at hand. `served` has the ranges of the parameters that the bodies were condensed
+    for, where they are not of all values alike.
     """
 
     name = "components"

@@ -36,21 +36,9 @@ MOST_TURNS, SETTLED = 100, 1e-12  # of forces carried and friction, found in tur
 class ReducedMultipliers:
     """The multipliers of what joints hold and of prescribed coordinates, from states of a reduced model.
 
-    Parameters
-    ----------
-    scene, rom, kinematics
-        The scene, the reduced model, and the mechanism's kinematics.
-    forces, carried
-        Outputs that are made of multipliers, and forces in joints that effects hang on.
-    effects, motions
-        What acts, and the prescribed motions by the numbers of their coordinates.
-    own
-        Terms and local effects of the model.
-
-    Raises
-    ------
-    InputError
-        If the model was built without the gaps of an output, or of an effect.
+    `forces` are outputs that are made of multipliers, `carried` forces in joints that effects hang on, motions those
+    that are prescribed, by the numbers of their coordinates, and `own` terms and local effects of the model. Raises
+    `InputError` if the model was built without the gaps of an output, or of an effect.
     """
 
     def __init__(

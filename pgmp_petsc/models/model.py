@@ -11,6 +11,7 @@ from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_names, velocity_names
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
@@ -31,6 +32,7 @@ class Model(Protocol):
     kinematics: RigidKinematics
     outputs: OutputSet
     largest_batch: int  # most samples that a batch has
+    served: Mapping[str, Served]  # ranges of parameters that it was built for; empty where it serves any
     identity: str  # checksum of what the model is made of besides the scene's text: meshes, or a reduced model's tables
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> SecondOrderSystem:

@@ -243,10 +243,7 @@ def _in_balance(
 def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
     """Return samples of a model, settled where runs start in static equilibrium.
 
-    Parameters
-    ----------
-    model, angles
-        The model, or one whose terms, effects and actions are as of `ReducedModel`; and the angles of its coordinates.
+    Terms, effects and actions of the model are as of `ReducedModel`; the angles are those of its coordinates.
     """
     positions, of_run = model.start
     start = positions, velocities_of(model.scene, model.kinematics.mechanism, of_run, values, n_samples).T

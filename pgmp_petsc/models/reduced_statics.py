@@ -32,12 +32,8 @@ MAX_STEPS = 60  # the slopes of the joints follow the deformation from step to s
 class ReducedStatics:
     """A batch of samples; see `Statics`.
 
-    Parameters
-    ----------
-    system
-        The samples.
-    angles
-        Angles of the joints that are coordinates, or None where coordinates are free: then it is theta that is held.
+    Angles are those of the joints that are coordinates, or None where coordinates are free: then it is theta that is
+    held.
     """
 
     def __init__(self, system: ReducedSystem, angles: JointAngles | None) -> None:

@@ -42,13 +42,7 @@ AT_ONCE = 2**22  # strains that are evaluated together: 32 MB
 
 
 class FullStrains:
-    """Strains from the unknowns of a full-order or a component model.
-
-    Parameters
-    ----------
-    unknowns
-        The numbering.
-    """
+    """Strains from the unknowns of a full-order or a component model."""
 
     def __init__(self, unknowns: Unknowns) -> None:
         self.bodies, self._unknowns = unknowns.bodies, unknowns
@@ -63,15 +57,8 @@ class FullStrains:
 
 
 class ReducedStrains:
-    """Coordinates of flexible bodies in their frames and their strains, from reduced coordinates.
-
-    Parameters
-    ----------
-    kinematics, rom, scheme
-        The mechanism's kinematics, the reduced model with its projection, and its interpolation.
-    numbers
-        Of the bodies.
-    """
+    """Coordinates of the flexible bodies with these numbers in their frames and their strains, from reduced
+    coordinates, by the model's projection and its interpolation."""
 
     def __init__(
         self, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str, numbers: Collection[int]
@@ -129,15 +116,7 @@ class ReducedStrains:
 
 
 class FullStresses:
-    """Stresses from the unknowns of a full-order or a component model.
-
-    Parameters
-    ----------
-    outputs
-        The outputs of the scene.
-    unknowns
-        The numbering.
-    """
+    """Stresses, outputs of the scene, from the unknowns of a full-order or a component model."""
 
     def __init__(self, outputs: OutputSet, unknowns: Unknowns) -> None:
         self._stresses, self._strains = outputs.stresses, FullStrains(unknowns)
@@ -155,17 +134,7 @@ class FullStresses:
 
 
 class ReducedStresses:
-    """Stresses from reduced coordinates.
-
-    Parameters
-    ----------
-    scene, outputs
-        The scene and its outputs.
-    kinematics
-        Of the mechanism.
-    rom
-        The reduced model with its projection.
-    """
+    """Stresses, outputs of the scene, from coordinates of a reduced model with its projection."""
 
     def __init__(self, scene: Scene, outputs: OutputSet, kinematics: RigidKinematics, rom: ReducedOrderModel) -> None:
         self._stresses, numbers = outputs.stresses, {stress.body for stress in outputs.stresses}

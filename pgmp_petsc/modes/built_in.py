@@ -28,9 +28,8 @@ import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.mechanism.body_frames import BodyGradients
+from pgmp_petsc.mechanism.body_frames import BodyGradients, ConstraintJacobian
 from pgmp_petsc.mechanism.closure import size_of
-from pgmp_petsc.mechanism.constraints import ConstraintJacobian
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
@@ -122,12 +121,7 @@ class Closing:
 class BuiltIn:
     """The static answers X of a scene's offsets. Collective on the problem's communicator.
 
-    Parameters
-    ----------
-    problem
-        Of the mechanism with no joint off, at the nominal parameters.
-    scene, shapes
-        The scene, and the shapes of its bodies.
+    The problem is that of the mechanism with no joint off, at the nominal parameters.
     """
 
     def __init__(self, problem: ModalProblem, scene: Scene, shapes: Mapping[str, BodyShape]) -> None:

@@ -45,19 +45,11 @@ EXCHANGE = 0.5  # overlap that makes one group of any vectors: one turns into th
 
 
 def procrustes(overlaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Solve the orthogonal Procrustes problem, of many pairs of bases together.
+    """Solve the orthogonal Procrustes problem, of many pairs of bases together: return Q such that ``V Q`` is closest
+    to B, shape (..., m, m), and the cosine of the largest angle between the two subspaces, shape (...), 1 where they
+    agree.
 
-    Parameters
-    ----------
-    overlaps
-        ``V^T M B``, shape (..., m, m): the new vectors V against the neighbour's basis B.
-
-    Returns
-    -------
-    rotations
-        Orthogonal Q such that ``V Q`` is closest to B, shape (..., m, m).
-    cosines
-        Cosine of the largest angle between the two subspaces, shape (...); 1 where they agree.
+    Overlaps ``V^T M B``, shape (..., m, m), are of the new vectors V with the neighbour's basis B.
     """
     if overlaps.shape[-1] == 1:  # a sign
         return np.where(overlaps < 0.0, -1.0, 1.0), np.abs(overlaps[..., 0, 0])
@@ -66,19 +58,10 @@ def procrustes(overlaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def canonical_rotation(eigenvalues: np.ndarray, probe: np.ndarray) -> np.ndarray:
-    """Fix signs and rotations among equal eigenvalues by a probe, whatever the solver made of them.
+    """Fix signs and rotations among equal eigenvalues, ascending, shape (m,), whatever the solver made of them.
 
-    Parameters
-    ----------
-    eigenvalues
-        Ascending, shape (m,).
-    probe
-        ``V^T W`` with fixed vectors W, shape (m, m).
-
-    Returns
-    -------
-    ndarray, shape (m, m)
-        Block-diagonal orthogonal matrix, one block for equal eigenvalues.
+    Returns an orthogonal matrix (m, m) with a block for equal eigenvalues. The probe is ``V^T W`` with fixed vectors W,
+    shape (m, m).
     """
     splits = np.flatnonzero(np.diff(eigenvalues) > EQUAL_TOLERANCE * eigenvalues[1:]) + 1
     bounds = [0, *splits, eigenvalues.size]
@@ -86,20 +69,10 @@ def canonical_rotation(eigenvalues: np.ndarray, probe: np.ndarray) -> np.ndarray
 
 
 def group_modes(eigenvalues: np.ndarray, overlaps: np.ndarray) -> list[np.ndarray]:
-    """Find groups of modes that stay apart from all others over the whole range.
+    """Find groups of modes that stay apart from all others over the whole range; return the increasing numbers of each.
 
-    Parameters
-    ----------
-    eigenvalues
-        Of the first n_modes vectors, ascending at every sample, shape (n, n_modes); further vectors (static modes) have
-        none.
-    overlaps
-        ``V_k^T M V_{k-1}`` from each sample to the next, shape (n', m, m).
-
-    Returns
-    -------
-    list of ndarray
-        Numbers of the vectors of every group, increasing.
+    Eigenvalues are of the first n_modes vectors, ascending at every sample, shape (n, n_modes); further vectors (static
+    modes) have none. Overlaps ``V_k^T M V_{k-1}`` go from each sample to the next, shape (n', m, m).
     """
     n_modes = eigenvalues.shape[1]
     mixing = np.max(np.abs(overlaps), axis=0, initial=0.0)
@@ -116,21 +89,10 @@ def group_modes(eigenvalues: np.ndarray, overlaps: np.ndarray) -> list[np.ndarra
 
 
 def transport(overlaps: np.ndarray, groups: Sequence[np.ndarray], start: np.ndarray) -> np.ndarray:
-    """Carry a basis from each sample to the next.
+    """Carry a basis from each sample to the next; return Q of every sample, shape (n, m, m).
 
-    Parameters
-    ----------
-    overlaps
-        ``V_k^T M V_{k-1}`` for samples 1 to n - 1, shape (n - 1, m, m).
-    groups
-        As from `group_modes`.
-    start
-        Rotation of the first sample, block-diagonal in the groups, shape (m, m).
-
-    Returns
-    -------
-    ndarray, shape (n, m, m)
-        Q of every sample.
+    Overlaps are ``V_k^T M V_{k-1}`` for samples 1 to n - 1, shape (n - 1, m, m); `start` is the rotation of the first
+    sample, block-diagonal in the `groups` of `group_modes`, shape (m, m).
     """
     # the polar factor of O Q with an orthogonal Q is that of O, times Q
     rotations = [start]
@@ -174,16 +136,9 @@ def close_revolution(
 ) -> Revolution:
     """Take the holonomy back over the revolution.
 
-    Parameters
-    ----------
-    rotations
-        As from `transport`, shape (n, m, m).
-    last_overlap
-        ``V_0^T M V_{n-1}``, shape (m, m).
-    groups
-        As from `group_modes`.
-    beside
-        The closed revolution at a neighbouring value of another coordinate, if this one must go with it.
+    Rotations are as from `transport`, groups as from `group_modes`, and the last overlap is ``V_0^T M V_{n-1}``, shape
+    (m, m). `beside` is the closed revolution at a neighbouring value of another coordinate, if this one must go with
+    it.
     """
     back, _ = _by_groups(last_overlap @ rotations[-1], groups)
     holonomy = rotations[0].T @ back

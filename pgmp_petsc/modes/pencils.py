@@ -55,13 +55,7 @@ SUBSET = 0.2  # of all eigenvectors: for more of them QR iterations for all are 
 
 
 class DensePencil:
-    """A pencil that one rank has whole; methods and attributes are those of `SparsePencil`.
-
-    Parameters
-    ----------
-    mass, stiffness
-        Shape (n_dofs, n_dofs).
-    """
+    """A pencil that one rank has whole, matrices of shape (n_dofs, n_dofs); as `SparsePencil` is used."""
 
     def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix) -> None:
         self._mass, self._stiffness = mass.toarray(), stiffness.toarray()
@@ -285,19 +279,9 @@ def congruent(matrix: np.ndarray, factor: np.ndarray) -> np.ndarray:
 
 
 class SparsePencil:
-    """A pencil that ranks share; each has a range of rows. Collective on `comm`.
+    """A pencil that ranks share; each has its rows of the matrices, shape (n_local, n_dofs). Collective on `comm`.
 
-    Parameters
-    ----------
-    mass, stiffness
-        This rank's rows, shape (n_local, n_dofs).
-    comm
-        Ranks that share the pencil.
-
-    Attributes
-    ----------
-    shift
-        sigma, below all eigenvalues; see `shift_to`.
+    `shift` is sigma, below all eigenvalues; see `shift_to`.
     """
 
     def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix, comm: Comm) -> None:

@@ -26,8 +26,7 @@ from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import AffineMatrices, assemble, owned_rows, weighted_sum
-from pgmp_petsc.mechanism.body_frames import linear_motion
-from pgmp_petsc.mechanism.constraints import ConstraintJacobian
+from pgmp_petsc.mechanism.body_frames import ConstraintJacobian, linear_motion
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
 from pgmp_petsc.modes.pencils import MOST_UNKNOWNS, DensePencil, SparsePencil, cholesky, forward
@@ -180,15 +179,7 @@ class ModalProblem:
         return self._known
 
     def resume(self, theta: np.ndarray, eigenvalues: np.ndarray, flexible: np.ndarray) -> ModeSet:
-        """Return to a configuration whose modes are known: `static_answers` holds there again.
-
-        Parameters
-        ----------
-        theta
-            The configuration, shape (n_theta,), rad.
-        eigenvalues, flexible
-            As they were found there.
-        """
+        """Return to a configuration (n_theta,), rad, whose modes were found so: `static_answers` holds there again."""
         rigid, curvature = self._move_to(theta)
         self._pencil.factor()
         released = self.released_motion(theta, rigid)
@@ -251,13 +242,8 @@ class ModalProblem:
         return {weight: forces[self.rows.start : self.rows.stop] for weight, forces in found.items()}
 
     def independent(self, loads: np.ndarray) -> np.ndarray:
-        """Leave out the loads that are combinations of those before them, or that clamped joints take up.
-
-        Parameters
-        ----------
-        loads
-            In body frames, local rows, shape (n_local, n_loads).
-        """
+        """Leave out the loads, in body frames, local rows, shape (n_local, n_loads), that are combinations of those
+        before them, or that clamped joints take up."""
         clamps = self.constraints_at(self.mechanism.first_guess)[self._clamp_rows].toarray().T
         chosen = np.empty((len(loads), 0))
         for load in np.hstack([clamps[self.rows.start : self.rows.stop], loads]).T[..., None]:
@@ -270,26 +256,14 @@ class ModalProblem:
         return chosen[:, clamps.shape[1] :]
 
     def static_answers(self, kept: np.ndarray, loads: np.ndarray, what: str = "static mode") -> np.ndarray:
-        """Return ``K^-1 f`` with vectors deflated from f and from the answers, by iterative refinement.
+        """Return ``K^-1 f`` of loads in body frames, local rows, shape (n_local, n_loads), in the null space of the
+        constraints and M-orthogonal to `kept`, by iterative refinement.
 
-        The refinement takes the shift-invert factor at hand, ``x <- x + (K - sigma M)^-1 (f - K x)``, which contracts
-        by ``|sigma| / (lambda + |sigma|)`` along an eigenvector. Along those that are known, the slowest ones, the step
-        is made exact: what is left contracts as the first unknown one does. Raises `RunError` if the refinement does
-        not converge.
-
-        Parameters
-        ----------
-        kept
-            Eigenvectors at the configuration that the problem is at, local rows, shape (n_local, n_kept).
-        loads
-            In body frames, local rows, shape (n_local, n_loads).
-        what
-            What is being computed, for messages.
-
-        Returns
-        -------
-        ndarray, shape (n_local, n_loads)
-            In the null space of the constraints and M-orthogonal to `kept`.
+        `kept` are eigenvectors at the configuration that the problem is at, local rows, shape (n_local, n_kept), and
+        deflated from f. The refinement takes the shift-invert factor at hand, ``x <- x + (K - sigma M)^-1 (f - K x)``,
+        which contracts by ``|sigma| / (lambda + |sigma|)`` along an eigenvector. Along those that are known, the
+        slowest ones, the step is made exact: what is left contracts as the first unknown one does. Raises `RunError` if
+        the refinement does not converge, with what is being computed.
         """
         m_kept = self.times_mass(kept)
         inverse = np.linalg.inv(self.inner(kept, m_kept))

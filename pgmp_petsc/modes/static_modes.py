@@ -60,24 +60,12 @@ LoadsAt = Callable[[ModalProblem, ModeSet], np.ndarray]
 
 
 def static_modes(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np.ndarray:
-    """Return what the modes miss of the static answers to loads (`ModalProblem.static_answers`).
+    """Return what the modes miss of the static answers to loads (`ModalProblem.static_answers`), M-orthonormal and
+    M-orthogonal to them, shape (n_local, n_static).
 
-    Collective on the problem's communicator. Raises `RunError` if an answer is a combination of the modes and the
-    others at neighbouring configurations too.
-
-    Parameters
-    ----------
-    problem
-        At a configuration.
-    modes
-        Modes there.
-    loads_at
-        Gives the loads where the problem is, in body frames, local rows, shape (n_local, n_loads).
-
-    Returns
-    -------
-    ndarray, shape (n_local, n_static)
-        M-orthonormal, and M-orthogonal to `modes`.
+    `loads_at` gives the loads where the problem is, in body frames, local rows, shape (n_local, n_loads). Collective on
+    the problem's communicator. Raises `RunError` if an answer is a combination of the modes and the others at
+    neighbouring configurations too.
     """
     kept, loads = modes.eigenvectors, loads_at(problem, modes)
     if not len(loads.T):
@@ -97,15 +85,8 @@ def static_modes(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np
 
 
 def dependent_loads(problem: ModalProblem, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
-    """Return whose static answers are combinations of the modes and of the answers before, shape (n_loads,).
-
-    Parameters
-    ----------
-    problem, modes
-        As those of `static_modes`.
-    loads
-        In body frames, local rows, shape (n_local, n_loads).
-    """
+    """Return whose static answers are combinations of the modes and of the answers before, shape (n_loads,); loads are
+    in body frames, local rows, shape (n_local, n_loads)."""
     answers = problem.static_answers(modes.eigenvectors, loads)
     return _extended(problem, modes.eigenvectors, answers, problem.norms(answers))[1]
 
@@ -183,17 +164,8 @@ NEGATIVE = 1e-12  # eigenvalue of a block, as a share of its largest one
 class SpringStiffness:
     """Stiffness of springs and preload at any configuration.
 
-    Parameters
-    ----------
-    weights
-        Conservative effects that load the mechanism; None for the unloaded state.
-
-    Attributes
-    ----------
-    dofs
-        Unknowns of every block, the same at all configurations.
-    free
-        Numbers of the coordinates that are not prescribed.
+    Weights are conservative effects that load the mechanism; None for the unloaded state. `dofs` are unknowns of every
+    block, the same at all configurations, and `free` numbers of the coordinates that are not prescribed.
     """
 
     def __init__(
@@ -217,10 +189,7 @@ class SpringStiffness:
     def at(self, theta: np.ndarray, matrices: AffineMatrices, comm: Comm) -> list[Block]:
         """Return the blocks at a configuration (n_theta,), rad; the same on all ranks. Collective on `comm`.
 
-        Parameters
-        ----------
-        matrices
-            The rows that a rank of `comm` has of the mechanism's matrices: the weights are made of them.
+        Weights are made of the mechanism's matrices, of which a rank has its rows.
         """
         poses = self.kinematics.motion(theta).poses
         loaded = self._weights is not None
@@ -296,17 +265,8 @@ ROUND_OFF = 1e-12  # of an eigenvalue, as a share of the first one that is of th
 class VibrationProblem(ModalProblem):
     """Vibrations at any configuration, for fixed parameter values. Collective on `comm`.
 
-    Parameters
-    ----------
-    springs
-        What springs add to the stiffness; it knows kinematics and parameter values.
-    values, n_modes, comm
-        As for `ModalProblem`; `n_modes` counts all frequencies but those of rigid motions that no spring resists.
-
-    Attributes
-    ----------
-    n_rigid
-        Number of these rigid motions.
+    Springs know kinematics and parameter values. `n_modes` counts all frequencies but those of the `n_rigid` rigid
+    motions that no spring resists; the rest is as for `ModalProblem`.
     """
 
     def __init__(self, springs: SpringStiffness, values: Mapping[str, float], n_modes: int, comm: Comm) -> None:

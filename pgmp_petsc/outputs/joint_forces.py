@@ -34,8 +34,7 @@ from pydantic import Field, model_validator
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import SI
 from pgmp_petsc.effects import springs_of_joints
-from pgmp_petsc.effects.action import Action
-from pgmp_petsc.effects.laws import SPRING_DAMPER
+from pgmp_petsc.effects.action import SPRING_DAMPER, Action
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.joints import Connection, Coupling

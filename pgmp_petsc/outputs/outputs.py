@@ -22,16 +22,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.effects.base_motion import bases_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.outputs.readings import (
-    AnyReading,
-    Base,
-    Frames,
-    Jet,
-    ModelReading,
-    Needs,
-    RigidReference,
-    Seen,
-)
+from pgmp_petsc.outputs.readings import AnyReading, Base, Frames, Jet, ModelReading, Needs, RigidReference, Seen
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
@@ -76,16 +67,11 @@ class OutputSet:
         time: np.ndarray | float = 0.0,
         values: Mapping[str, np.ndarray | float] | None = None,
     ) -> np.ndarray:
-        """Return what `evaluate` takes, shape (n_observed, n).
+        """Return what `evaluate` takes, shape (n_observed, n), at times, s, and values of parameters, numbers or of
+        shape (n,).
 
-        Parameters
-        ----------
-        frames
-            Of `nodes`, shape (n_nodes, n_frame, n), and their derivatives up to `order`, each (n_nodes, n_pose, n).
-        stresses
-            With forces behind them, shape (n_stresses + n_forces, n).
-        time, values
-            Times, s, and values of parameters, numbers or of shape (n,).
+        Frames are of `nodes`, shape (n_nodes, n_frame, n), and their derivatives up to `order`, each (n_nodes, n_pose,
+        n); stresses have forces behind them, shape (n_stresses + n_forces, n).
         """
         n = stresses.shape[1]
         parts = [*(part.reshape(-1, n) for part in frames[: 1 + self.order]), stresses]
@@ -163,15 +149,10 @@ class OutputSet:
 
     @classmethod
     def of(cls, scene: Scene, kinematics: RigidKinematics, start: np.ndarray | None = None) -> OutputSet:
-        """Prepare the outputs of a scene.
+        """Prepare the outputs of a scene, with coordinates at the start, shape (n_theta,), rad; by default what the
+        scene says of those that are not prescribed.
 
         Raises `InputError` if an output names a point that the mesh does not have, or a stress that is not known there.
-
-        Parameters
-        ----------
-        start
-            Coordinates at the start, shape (n_theta,), rad; by default what the scene says of those that are not
-            prescribed.
         """
         if start is None:
             start = said_start(scene, kinematics)

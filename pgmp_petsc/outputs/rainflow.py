@@ -96,8 +96,7 @@ class Rainflow(OutputEntry):
         description="damage: sum of cycles over cycles to failure, the part fails at 1; life: time over damage (s)",
     )
     run_out: Annotated[PositiveNumber | None, Unit("s")] = Field(
-        None,
-        description="of a life: the longest that counts (s); what lives longer does not fail",
+        None, description="of a life: the longest that counts (s); what lives longer does not fail"
     )
 
     def measured(self, entry: str) -> Iterator[Use]:
@@ -194,15 +193,8 @@ def _of(value: float | str, values: Values) -> np.ndarray | float:
 
 
 class Counting:
-    """The counts of n samples, as a run goes on.
-
-    Parameters
-    ----------
-    counts
-        What is counted, by the outputs' names.
-    values
-        Values of parameters, numbers or of shape (n,).
-    """
+    """The counts of n samples, by the outputs' names, as a run goes on; values of parameters are numbers or of shape
+    (n,)."""
 
     def __init__(self, counts: Mapping[str, Counted], values: Values, n: int) -> None:
         self._counts, self._stacks = counts, {name: _Stacks(one, values, n) for name, one in counts.items()}

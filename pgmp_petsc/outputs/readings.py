@@ -282,13 +282,7 @@ class ModelReading:
 
 
 class RigidReference:
-    """The rigid mechanism at the coordinates that joints of the flexible one have.
-
-    Attributes
-    ----------
-    nodes
-        Global numbers of the nodes that joints are measured at.
-    """
+    """The rigid mechanism at the coordinates that joints of the flexible one have, measured at its `nodes`."""
 
     def __init__(self, kinematics: RigidKinematics) -> None:
         self._kinematics = kinematics

@@ -102,17 +102,10 @@ class StressOutput:
 
     @classmethod
     def of(cls, name: str, scene: Scene, number: int, body: Body) -> StressOutput:
-        """Prepare an output of a scene.
+        """Prepare an output of a scene, of the body with that number.
 
         Raises `InputError` if the place is not on the body's mesh, or the body was condensed without what stresses
         need.
-
-        Parameters
-        ----------
-        name
-            In the scene.
-        number, body
-            The body that the output names, with its number.
         """
         entry, stresses = scene.outputs[name], body.stresses(scene)
         if stresses is None or not body.answered:
@@ -120,7 +113,7 @@ class StressOutput:
                 f'outputs.{name}.body = "{entry.body}": the reduced model was built without what its stresses need; '
                 "name the output in the scene and run pgmp build again"
             )
-        law, points = stresses.law, _points(f"outputs.{name}", entry, stresses)
+        law, points = stresses.law, points_of(f"outputs.{name}", entry, stresses)
         return cls(name, entry, number, points, law, law.size(entry.quantity, points, scene.nominal))
 
 
@@ -133,10 +126,11 @@ def check_stresses(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> 
         bodies = {body.name: body for body in bodies_of(scene, meshes)}
         for name, entry in scene.outputs.items():
             if "stresses" in entry.reads:
-                _points(f"outputs.{name}", entry, bodies[entry.body].stresses(scene))
+                points_of(f"outputs.{name}", entry, bodies[entry.body].stresses(scene))
 
 
-def _points(name: str, entry: Stress, stresses: BodyStresses) -> Strains:
+def points_of(name: str, entry: Stress, stresses: BodyStresses) -> Strains:
+    """Return where the strains of an output are taken; raises as `StressOutput.of`."""
     if entry.region is not None:
         return stresses.in_region(entry.region, f"{name}.region")
     if entry.group is not None:

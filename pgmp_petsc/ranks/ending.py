@@ -166,19 +166,9 @@ _OBEYED = re.compile(rb"[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]")  # by termina
 
 
 class LastingOutput(io.RawIOBase):
-    """Writes to a file descriptor until that fails, and swallows what comes after.
+    """Writes to a file descriptor, which stays open, until that fails, and swallows what comes after.
 
-    Parameters
-    ----------
-    descriptor
-        Stays open.
-    paint
-        Colours whole lines; None: they stay as they are.
-
-    Attributes
-    ----------
-    failure
-        The first failure, or None.
+    `paint` colours whole lines; `failure` is the first one, or None.
     """
 
     def __init__(self, descriptor: int, paint: Callable[[bytes], bytes] | None = None) -> None:
@@ -279,17 +269,8 @@ def child(
 ) -> Iterator[subprocess.Popen]:
     """Run a program that ends with this process; what is left of it at the end of the block is ended.
 
-    Parameters
-    ----------
-    command
-        The program with its arguments.
-    seconds
-        Time that it may take, by the clock and of the processor; None where its work has no bound of its own.
-    cwd
-        Its working folder.
-    **streams
-        ``stdin``, ``stdout`` and ``stderr``, as of `subprocess.Popen`; nothing is read, and nothing kept, where one is
-        not given.
+    `seconds` it may take, by the clock and of the processor; None where its work has no bound of its own. Streams are
+    as of `subprocess.Popen`; nothing is read, and nothing kept, where one is not given.
     """
     given = {name: streams.get(name, subprocess.DEVNULL) for name in ("stdin", "stdout", "stderr")}
     limit = "0" if seconds is None else str(max(1, round(seconds)))

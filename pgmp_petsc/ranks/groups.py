@@ -160,13 +160,7 @@ def deal_to_groups(group: RankGroup, n_pieces: int, work: Work, take: Take) -> N
 
 
 class _First:
-    """Rank 0, which deals.
-
-    Parameters
-    ----------
-    pool
-        Numbers of the pieces that nobody has at the start.
-    """
+    """Rank 0, which deals, and the numbers of the pieces that nobody has at the start."""
 
     def __init__(self, comm: Comm, pool: range, work: Work, take: Take) -> None:
         self._comm, self._pool, self._work, self._take = comm, deque(pool), work, take
@@ -233,13 +227,7 @@ class _First:
 
 
 class _Other:
-    """Any other rank.
-
-    Parameters
-    ----------
-    in_hand
-        Numbers of the pieces that it has at the start.
-    """
+    """Any other rank, and the numbers of the pieces that it has at the start."""
 
     def __init__(self, comm: Comm, in_hand: range, work: Work) -> None:
         self._comm, self._work, self._in_hand = comm, work, deque(in_hand)

@@ -102,14 +102,9 @@ def petsc_runs() -> bool:
 def start_petsc(arguments: Sequence[str] = (), comm: Comm | None = None) -> None:
     """Start PETSc with a user's options, and SLEPc; nothing where they are not installed. Collective on `comm`.
 
-    Raises `InputError` if a word is no option, PETSc refuses one, or there is no PETSc that would take them.
-
-    Parameters
-    ----------
-    arguments
-        Options; PETSc that runs already has had its own.
-    comm
-        What PETSc takes for its world, COMM_WORLD if not given; it is used until the program ends.
+    PETSc that runs already has had its own options. The communicator, COMM_WORLD if not given, is what it takes for its
+    world, and is used until the program ends. Raises `InputError` if a word is no option, PETSc refuses one, or there
+    is no PETSc that would take them.
     """
     option_names(arguments)
     if not has_petsc():
@@ -230,17 +225,10 @@ def unused_remark(names: Sequence[str]) -> str:
 
 @contextmanager
 def petsc_solver(prefix: str, activity: str) -> Iterator[None]:
-    """Turn what PETSc raises in a block into an error of ours.
+    """Turn what PETSc raises in a block into an error of ours, which says what the block does, with the configuration.
 
-    Raises `InputError` if PETSc refuses the value of one of the options with the prefix; `RunError` if anything else
-    fails in PETSc.
-
-    Parameters
-    ----------
-    prefix
-        Options prefix of the object that the block works on.
-    activity
-        What the block does, with the configuration, for messages.
+    Raises `InputError` if PETSc refuses the value of one of the options with the prefix of the object that the block
+    works on; `RunError` if anything else fails in PETSc.
     """
     from petsc4py import PETSc
 

@@ -48,16 +48,10 @@ class ReducedActions:
         start: np.ndarray,
         parts: int,
     ) -> ReducedActions:
-        """Prepare the tables of the nodes that actions hold at.
+        """Prepare the tables of the nodes that actions hold at, by a scheme of interpolation of the mode shapes over
+        the samples, in so many parts of a cell between them.
 
-        Parameters
-        ----------
-        scheme
-            Interpolation of the mode shapes over the samples.
-        start
-            Coordinates at the start, shape (n_theta,), from where angles that are none count their turns.
-        parts
-            Number of parts of a cell between samples.
+        Angles that are no coordinates count their turns from the coordinates at the start, shape (n_theta,).
         """
         if not actions:
             return cls.none(kinematics.n_coordinates)

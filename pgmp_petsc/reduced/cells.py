@@ -23,18 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.vectors import (
-    N_POWERS,
-    absolute,
-    blend,
-    exceeding,
-    floor,
-    larger,
-    load,
-    number_at,
-    spread,
-    store,
-)
+from pgmp_petsc.lanes.vectors import N_POWERS, absolute, blend, exceeding, floor, larger, load, number_at, spread, store
 from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.stencil import N_ROWS, OVERHAUSER, Axis, count_rows, stencil
 

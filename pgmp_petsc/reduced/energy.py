@@ -20,19 +20,10 @@ SINGULAR = 1e-13  # least eigenvalue of a matrix with a unit diagonal that facto
 def reduced_energy(
     terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the energies of a sample in several states, or of several samples.
+    """Return kinetic and strain energies, each of shape (n,), J, of a sample in several states, or of several samples.
 
-    Parameters
-    ----------
-    values
-        Parameter values, each a number or of shape (n,).
-    q, v
-        Reduced coordinates and velocities, shape (n, n_eta).
-
-    Returns
-    -------
-    kinetic, strain
-        Each of shape (n,), J. Terms of second order in the deformation are in them where the model has them.
+    Parameter values are numbers or of shape (n,), reduced coordinates and velocities of shape (n, n_eta). Terms of
+    second order in the deformation are in the energies where the model has them.
     """
     layout = terms.layout
     weights, r = evaluate_weights(terms.weights, values), len(layout.rigid)

@@ -130,14 +130,8 @@ class ReducedLanes:
     def regroup(self, q: np.ndarray, samples: np.ndarray) -> None:
         """Put samples that are near each other in the tables side by side, and those that are not to advance last.
 
-        Lanes that enter a cell together are filled at once.
-
-        Parameters
-        ----------
-        q
-            Coordinates of all samples, shape (n_samples, n_eta).
-        samples
-            Mask of those to advance.
+        Lanes that enter a cell together are filled at once. Coordinates of all samples have shape (n_samples, n_eta);
+        samples are the mask of those to advance.
         """
         if self._blocks.n_blocks == 1:
             return

@@ -19,17 +19,7 @@ from pgmp_petsc.effects.law import rubs
 from pgmp_petsc.effects.time_function import evaluate
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import aligned
-from pgmp_petsc.lanes.vectors import (
-    EVERY_LANE,
-    LANES,
-    blend,
-    count_lanes,
-    exceeding,
-    first_lane,
-    load,
-    spread,
-    store,
-)
+from pgmp_petsc.lanes.vectors import EVERY_LANE, LANES, blend, count_lanes, exceeding, first_lane, load, spread, store
 from pgmp_petsc.reduced.action_kernel import act, bent_lanes, forget_rates, limited_lanes
 from pgmp_petsc.reduced.arrays import Strengths, acting_of, places_of
 from pgmp_petsc.reduced.control import (
@@ -51,9 +41,7 @@ from pgmp_petsc.stepping.alpha_step import (
     expected_after,
     goes_on,
 )
-from pgmp_petsc.stepping.alpha_step import (
-    NEWTON_TOLERANCE as TOLERANCE_OF_TRIALS,
-)
+from pgmp_petsc.stepping.alpha_step import NEWTON_TOLERANCE as TOLERANCE_OF_TRIALS
 from pgmp_petsc.stepping.edge_search import (
     REST,
     WHOLE,

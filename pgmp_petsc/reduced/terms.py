@@ -277,21 +277,11 @@ def pack_cubic(tensors: np.ndarray) -> np.ndarray:
 
 
 def displacement_scale(projection: np.ndarray, size: float, dimension: int = 2) -> np.ndarray:
-    """Return the largest displacement per unit of each flexible coordinate.
+    """Return the largest displacement per unit of each flexible coordinate, shape (n_delta,); 1 of one without any: of
+    an offset that an elastic joint takes.
 
-    Parameters
-    ----------
-    projection
-        Flexible vectors, shape (n, n_dofs, n_delta).
-    size
-        Length that translations are measured in, m.
-    dimension
-        2 in the plane, 3 in space.
-
-    Returns
-    -------
-    ndarray, shape (n_delta,)
-        1 of one without any displacement: of an offset that an elastic joint takes.
+    The projection has flexible vectors, shape (n, n_dofs, n_delta), in 2 or 3 dimensions; translations are measured in
+    `size`, m.
     """
     node = [1.0 / size] * dimension + [1.0] * (1 if dimension == 2 else 3)
     units = np.tile(node, projection.shape[1] // len(node))

@@ -12,7 +12,9 @@ difference of large parts: it is per cents off where deformations are 1e-4 off.
 Every other sample is predicted from those beside it, by the model's own interpolation. The difference in R, as a share
 of its largest value over the range, is the error at twice the distances; `GAIN` leads to that of the samples as they
 are. Loads are those of the effects, the inertia forces of the rigid motion and, where springs and their kin act, those
-that the static modes answer, each by itself: how strong they are together only a run knows.
+that the static modes answer, each by itself: how strong they are together only a run knows. Inertia forces of one
+coordinate alone are judged together: those of its acceleration, and those of its speed where it swings by a tenth of
+its range with that acceleration. What hardly stresses a body beside the other does not count.
 """
 
 from __future__ import annotations
@@ -48,6 +50,7 @@ STALLED = 0.5  # of the error of stress outputs: what two rounds must leave less
 SMALL = 1e-3  # of the largest value in the body that has the same unit: of what is less, no share is asked for
 NOTHING = 1e-9  # of a load, beside the rigid motion's: round-off
 FEWEST = 8  # samples of an axis that can be predicted by half of them
+SWING = 0.1  # of the range of a coordinate: amplitude, so that the square of the speed is that times the acceleration
 REFERENCES = 8  # configurations at which the largest values in the body are looked for
 AT_ONCE = 2**22  # strains that are evaluated together: 32 MB
 
@@ -59,12 +62,7 @@ QUICK_STRESSES = "stress outputs change quickly between them: "
 class AngleRounds:
     """Rounds of the build of one mechanism, each with further angles (first rank).
 
-    Parameters
-    ----------
-    scene, mechanism
-        The scene, and its mechanism.
-    refinable
-        Whether angles may be added where no tolerance asks for them.
+    `refinable` tells whether angles may be added where no tolerance asks for them.
     """
 
     def __init__(self, scene: Scene, mechanism: Mechanism, refinable: bool) -> None:
@@ -191,12 +189,8 @@ def stress_errors(
     """Return by stress output how far interpolation is off, as a share of its largest value; infinity where angles are
     too few to tell.
 
-    Parameters
-    ----------
-    projection
-        Flexible vectors, shape (n, n_dofs, n_delta), and any behind them.
-    static
-        Numbers of the vectors whose loads count, too.
+    The projection has flexible vectors, shape (n, n_dofs, n_delta), and any behind them; loads of the vectors whose
+    numbers are `static` count, too.
     """
     numbers = {body.name: number for number, body in enumerate(mechanism.bodies)}
     outputs = [
@@ -204,7 +198,7 @@ def stress_errors(
         for name, entry in scene.outputs.items()
         if "stresses" in entry.reads
     ]
-    stiffness, loads = _stiffness_and_loads(scene, tables, static)
+    stiffness, loads, kin = _stiffness_and_loads(scene, tables, static)
     answers, found = np.linalg.solve(stiffness, loads), {output.name: 0.0 for output in outputs}
     if not loads.size:
         return found
@@ -219,6 +213,8 @@ def stress_errors(
         shapes = projection[:, body.dofs, : tables.n_modes]
         moves = shapes @ answers
         largest = np.maximum(_largest(output, body, moves, scene), SMALL * _reference(output, body, moves, scene))
+        for k in range(tables.n_coordinates):
+            largest[kin == k] = largest[kin == k].max(initial=0.0)
         for number, (half, own) in enumerate(zip(halves, predicted)):
             off = half.predicted(tables, number, shapes) @ own - half.known(tables, number, moves)
             errors = np.divide(
@@ -271,8 +267,11 @@ def _along(tables: ReducedTables, axis: int, table: np.ndarray) -> np.ndarray:
     return np.moveaxis(table.reshape(*tables.samples.shape, *table.shape[1:]), axis, 0)
 
 
-def _stiffness_and_loads(scene: Scene, tables: ReducedTables, static: range) -> tuple[np.ndarray, np.ndarray]:
-    """Return the stiffness (n, m, m) and the loads (n, m, n_loads) of the flexible coordinates."""
+def _stiffness_and_loads(
+    scene: Scene, tables: ReducedTables, static: range
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the stiffness (n, m, m) and the loads (n, m, n_loads) of the flexible coordinates, and the coordinate that
+    each load is an inertia force of alone, shape (n_loads,); -1 of others."""
     r, values = tables.n_coordinates, scene.nominal
     mass_weights = evaluate_weights(tables.mass_weights, values)
     stiffness = np.einsum("t,ntij->nij", evaluate_weights(tables.stiffness_weights, values), tables.stiffness)
@@ -284,12 +283,17 @@ def _stiffness_and_loads(scene: Scene, tables: ReducedTables, static: range) -> 
         whole = terms[:, [name == effect for name in tables.load_effects]].sum(axis=1)
         columns += _unless_nothing(whole[:, r:], np.abs(whole).max())
     moving = np.sqrt(np.abs(mass[:, :r, :r]).max())
+    kin, swing = [-1] * len(columns), [np.sqrt(SWING * (axis.upper - axis.lower)) for axis in tables.samples]
     for k in range(r):
-        for part in (mass[:, k, r:], *(inertia[:, k, j] for j in range(k + 1))):
-            columns += _unless_nothing(part, moving)
+        columns += _unless_nothing(mass[:, k, r:], moving)
+        kin += [k] * (len(columns) - len(kin))
+        for j in range(k + 1):
+            columns += [swing[k] * swing[j] * part for part in _unless_nothing(inertia[:, k, j], moving)]
+            kin += [k if j == k else -1] * (len(columns) - len(kin))
     columns += [stiffness[:, :, j] for j in static]
+    kin += [-1] * len(static)
     shape = (*stiffness.shape[:2], len(columns))
-    return with_units(stiffness), np.stack(columns, axis=2) if columns else np.zeros(shape)
+    return with_units(stiffness), np.stack(columns, axis=2) if columns else np.zeros(shape), np.array(kin)
 
 
 def _unless_nothing(load: np.ndarray, size: float) -> Iterator[np.ndarray]:

@@ -159,30 +159,12 @@ def build_rom(
     scramble: Callable[[ModeSet], ModeSet] = lambda modes: modes,
     checkpoint: BuildCheckpoint | None = None,
 ) -> ReducedOrderModel | None:
-    """Build the reduced-order model of a scene. Collective on ``group.world``.
+    """Build the reduced-order model of a scene, on the first rank, None elsewhere. Collective on ``group.world``.
 
-    Parameters
-    ----------
-    scene
-        The scene; modes are taken at its nominal parameters.
-    meshes
-        The mesh of every body.
-    group
-        Ranks that share an eigenproblem.
-    scramble
-        Applied to every mode set as it leaves the eigensolver; lets tests spoil signs and order.
-    checkpoint
-        What is finished already, and where finished parts are kept; without a part where lengths are parameters.
-
-    Returns
-    -------
-    ReducedOrderModel or None
-        The model on the first rank, None elsewhere.
-
-    Raises
-    ------
-    InputError, RunError
-        On all ranks, whichever rank met it.
+    Modes are taken at the scene's nominal parameters, of the mesh of every body, by groups of ranks that share an
+    eigenproblem. `scramble` is applied to every mode set as it leaves the eigensolver; it lets tests spoil signs and
+    order. The checkpoint has what is finished already, and keeps finished parts, but where lengths are parameters.
+    Raises `InputError` and `RunError` on all ranks, whichever rank met it.
     """
     if not length_names(scene):
         return _condensed_and_built(scene, meshes, group, _Way(scramble, checkpoint))
@@ -512,18 +494,9 @@ def _samples(scene: Scene, kinematics: RigidKinematics) -> SampleGrid:
 class Manifold:
     """Curvature at any sampled configuration. Collective on the problem's communicator.
 
-    Parameters
-    ----------
-    problem
-        Eigenproblem at the nominal parameters.
-    loads
-        Load terms of the scene, local rows, inertial frame.
-    static_loads
-        Loads whose static answers the basis holds.
-    static_stretching
-        As for `CurvatureProblem`.
-    built_in
-        Offsets, of which samples have the answers, or None.
+    The problem is at the nominal parameters, load terms of the scene are local rows in the inertial frame, static loads
+    those whose answers the basis holds, and `built_in` offsets, of which samples have the answers, or None; for
+    `static_stretching` see `CurvatureProblem`.
     """
 
     def __init__(
@@ -540,20 +513,12 @@ class Manifold:
     def at(
         self, theta: np.ndarray, sample: Sample, combination: np.ndarray, opened: np.ndarray | None = None
     ) -> tuple[np.ndarray, SecondOrderTables]:
-        """Return chi in body frames, pairs packed, local rows, shape (n_local, n_pairs), and the tables of one sample.
+        """Return chi in body frames, pairs packed, local rows, shape (n_local, n_pairs), and the tables of one sample,
+        at a configuration, shape (n_theta,), rad.
 
-        Raises `RunError` if the refinement of an answer does not converge.
-
-        Parameters
-        ----------
-        theta
-            The configuration, shape (n_theta,), rad.
-        sample
-            What was found there.
-        combination
-            The basis in terms of the sample's vectors, shape (n_vectors, n_delta).
-        opened
-            Answers to unit gaps in constraints, which stand behind the basis then, local rows, shape (n_local, g).
+        The basis is a combination of the vectors found there, shape (n_vectors, n_delta); behind it then stand answers
+        to unit gaps in constraints, `opened`, local rows, shape (n_local, g). Raises `RunError` if the refinement of an
+        answer does not converge.
         """
         problem = self._problem
         modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])

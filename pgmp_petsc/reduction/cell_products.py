@@ -41,18 +41,11 @@ from pgmp_petsc.reduction.stencil import N_ROWS, Axis, count_rows, lane_stencil,
 def products_of(
     theta: np.ndarray, axes: tuple[Axis, ...], table: np.ndarray, vectors: np.ndarray, derivative: int = -1
 ) -> np.ndarray:
-    """Return factors (k, n_in) times interpolated matrices, or a derivative of these, shape (k, n_out).
+    """Return factors (k, n_in) times matrices interpolated at `theta`, (k, n_theta), rad, shape (k, n_out), or their
+    derivative with the coordinate of that number.
 
-    Parameters
-    ----------
-    theta
-        Configurations, shape (k, n_theta), rad.
-    axes, table
-        Grid of every coordinate and rows of the table, shape (n_rows, n_in, n_out).
-    vectors
-        The first factors, shape (k, m); where there are more, they are products of pairs of these.
-    derivative
-        Number of the coordinate that the matrices are differentiated with, -1 for the matrices themselves.
+    The table has rows over the grid of every coordinate, shape (n_rows, n_in, n_out). Factors are the vectors, shape
+    (k, m); where there are more, they are products of pairs of these.
     """
     (_, n_in, n_out), (cells, order) = table.shape, by_cells(theta, axes)
     result = np.empty((len(theta), n_out))

@@ -67,23 +67,10 @@ class JoinedSamples:
 def join_samples(
     group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample], samples: SampleGrid
 ) -> JoinedSamples | None:
-    """Join the samples. Collective on ``group.world``.
+    """Join the samples of all groups, on the first rank, None elsewhere. Collective on ``group.world``.
 
-    Raises `RunError` if the modes cannot be made continuous (first rank).
-
-    Parameters
-    ----------
-    owners
-        Number of the group that holds each sample, shape (n,).
-    own
-        This group's samples by their number.
-    samples
-        All configurations.
-
-    Returns
-    -------
-    JoinedSamples or None
-        On the first rank, None elsewhere.
+    Owners are the numbers of the groups that hold each sample, shape (n,), and `own` this group's samples by their
+    number. Raises `RunError` if the modes cannot be made continuous (first rank).
     """
     overlaps = _overlaps(group, owners, own, samples)
     shapes = {k: _all_rows(group, np.hstack([own[k].shape, own[k].built_in])) for k in sorted(own)}
@@ -170,12 +157,7 @@ def _all_rows(group: RankGroup, rows: np.ndarray) -> np.ndarray | None:
 class SampleStore:
     """Who holds which sample, and this group's own ones. All ranks keep the same books.
 
-    Parameters
-    ----------
-    group
-        Groups of ranks; new configurations are dealt to them in contiguous arcs.
-    samples
-        The configurations to begin with.
+    New configurations are dealt to groups of ranks in contiguous arcs.
     """
 
     def __init__(self, group: RankGroup, samples: SampleGrid) -> None:
@@ -276,17 +258,8 @@ class ContinuousBasis:
         return cls(tables, projection, groups, combinations, flipped, uneven=uneven)
 
     def curved(self, samples: SampleGrid, curvature: np.ndarray, tables: SecondOrderTables) -> ContinuousBasis:
-        """Add what is of second order at the samples of one turn of the rigid coordinates.
-
-        Parameters
-        ----------
-        samples
-            These, n_sampled of them.
-        curvature
-            chi, pairs packed, shape (n_sampled, n_dofs, n_pairs).
-        tables
-            At n_sampled samples.
-        """
+        """Add what is of second order at the samples of one turn of the rigid coordinates: chi, pairs packed, shape
+        (n_sampled, n_dofs, n_pairs), and tables."""
         for axis in np.flatnonzero(self.flipped.any(axis=1)):
             signs = flipping_signs(self.tables.n_modes, self.flipped[axis])
             tables = tables.over_two_turns(samples, axis, signs)
@@ -351,22 +324,11 @@ def midpoints(samples: Samples, chosen: np.ndarray | None = None) -> np.ndarray:
 def interpolation_errors(
     before: ContinuousBasis, now: ContinuousBasis, theta: np.ndarray, values: Mapping[str, float]
 ) -> np.ndarray:
-    """Compare the tables of the round before with what was found since.
+    """Return the largest relative difference, shape (n_new,), between the tables of the round before and what was found
+    since at new samples, shape (n_new, n_theta).
 
-    Parameters
-    ----------
-    before, now
-        The round before, and this one with the new samples. A new sample is turned to the interpolated basis first,
-        within the groups of the round before: more samples resolve more, so that groups can only become smaller.
-    theta
-        The new samples, shape (n_new, n_theta).
-    values
-        Nominal parameters, which weight the terms.
-
-    Returns
-    -------
-    ndarray, shape (n_new,)
-        Largest relative difference at every new sample.
+    A new sample is turned to the interpolated basis first, within the groups of the round before: more samples resolve
+    more, so that groups can only become smaller. Terms are weighted by nominal parameters.
     """
     old = before.tables
     rows = now.tables.samples.nearest(theta)

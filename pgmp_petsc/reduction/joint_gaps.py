@@ -127,22 +127,9 @@ def gap_answers_at(
     """Return Y, local rows (n_local, g), and behind it the other arrays of `JointGaps` at one configuration, in its
     order. Collective on the problem's communicator.
 
-    Raises `RunError` if the refinement of an answer does not converge.
-
-    Parameters
-    ----------
-    problem
-        At the nominal parameters.
-    loads
-        Load terms of the scene.
-    closing
-        Of the problem.
-    rows
-        Numbers of the constraints that are opened, shape (g,).
-    theta, sample, combination
-        As of `Manifold.at`.
-    curved
-        That, of a model of second order.
+    `rows` are the numbers of the constraints that are opened, shape (g,); configuration, sample and combination are as
+    of `Manifold.at`, which `curved` is for a model of second order. Raises `RunError` if the refinement of an answer
+    does not converge.
     """
     modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
     shape = np.hstack([sample.shape, sample.built_in]) @ combination

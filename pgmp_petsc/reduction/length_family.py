@@ -51,25 +51,12 @@ MORE = "take more reduction.length_points, or a narrower range"
 def build_over_lengths(
     scene: Scene, meshes: Mapping[str, BodyShape], build: Build, comm: Comm
 ) -> ReducedOrderModel | None:
-    """Build the model at the nominal lengths with its family. Collective on `comm`.
+    """Build the model at the nominal lengths with its family, on the first rank, None elsewhere. Collective on `comm`.
 
-    Parameters
-    ----------
-    scene, meshes
-        The scene, with parameters that are lengths, places or ratios, and the mesh of every body at any lengths.
-    build
-        Builds the model of a scene whose lengths are those of its run, at given configurations and with vectors from
-        given parameter values, or those that the scene asks for; collective, None on all ranks but the first.
-
-    Returns
-    -------
-    ReducedOrderModel or None
-        The model on the first rank, None elsewhere.
-
-    Raises
-    ------
-    InputError, RunError
-        On all ranks, with the lengths at which a build failed, or if models of different lengths do not fit together.
+    The scene has parameters that are lengths, places or ratios, and meshes are at any lengths. `build` builds the model
+    of a scene whose lengths are those of its run, at given configurations and with vectors from given parameter values,
+    or those that the scene asks for; it is collective, too. Raises `InputError` and `RunError` on all ranks, with the
+    lengths at which a build failed, or if models of different lengths do not fit together.
     """
     grid = LengthGrid.of(scene)
 
@@ -224,13 +211,8 @@ def _joined(
         for phase, time in model.record.timings.items():
             timings[phase] = timings.get(phase, 0.0) + time
     remarks = (*nominal.record.remarks, *_remarks(family, len(built), cosine, indefinite))
-    record = replace(
-        nominal.record,
-        scene_toml=scene_to_toml(scene),
-        parameters=own_values(scene, scene.nominal),
-        timings=timings,
-        remarks=remarks,
-    )
+    text, values = scene_to_toml(scene), own_values(scene, scene.nominal)
+    record = replace(nominal.record, scene_toml=text, parameters=values, timings=timings, remarks=remarks)
     return replace(nominal, record=record, family=family, indefinite=nominal.indefinite or indefinite)
 
 

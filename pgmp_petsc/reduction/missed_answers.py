@@ -85,13 +85,8 @@ class MissedAnswers(Record):
 
 
 class Missed:
-    """The missing part of reduced states.
-
-    Parameters
-    ----------
-    found, tables, scheme
-        The tables of the basis, those of the model, and the interpolation over their configurations.
-    """
+    """The missing part of reduced states, of what was found for the basis and the tables of the model, by their scheme
+    of interpolation."""
 
     def __init__(self, found: MissedAnswers, tables: ReducedTables, scheme: str) -> None:
         self._weights, self._stiffness_weights = found.weights, tables.stiffness_weights
@@ -121,16 +116,8 @@ def missed_answers_at(
     """Return the weights, the forces and the answers, local columns (n_w q + n_stiffness_terms m, n_local), of one
     configuration; see `MissedAnswers`. Collective on the problem's communicator.
 
-    Raises `RunError` if the refinement of an answer does not converge.
-
-    Parameters
-    ----------
-    problem
-        At the nominal parameters.
-    static_loads
-        What static modes answer.
-    theta, sample, combination
-        As of `Manifold.at`.
+    Static loads are what static modes answer; configuration, sample and combination are as of `Manifold.at`. Raises
+    `RunError` if the refinement of an answer does not converge.
     """
     modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
     rigid, vectors = modes.rigid[:, modes.free], np.hstack([sample.shape, sample.built_in])
@@ -165,18 +152,10 @@ def missed_answers_at(
 def answered_terms(
     problem: ModalProblem, modes: ModeSet, static: np.ndarray, static_loads: StaticLoads
 ) -> dict[Monomial, np.ndarray]:
-    """Return the loads that modes and static modes answer at the nominal parameters, in the terms by which they change;
-    their sum there is `CurvatureProblem.answered_loads`.
+    """Return by weight the loads that modes and static modes, local rows, shape (n_local, n_static), answer at the
+    nominal parameters, each of shape (n_local, n_modes + n_static).
 
-    Parameters
-    ----------
-    static
-        Static modes, local rows, shape (n_local, n_static).
-
-    Returns
-    -------
-    dict
-        By weight, each of shape (n_local, n_modes + n_static).
+    Their sum there is `CurvatureProblem.answered_loads`.
     """
     kept, given = modes.eigenvectors, static_loads.terms_at(problem, modes)
     flexible, everywhere = problem.all_rows(modes.flexible), problem.all_rows(kept)

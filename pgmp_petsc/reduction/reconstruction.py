@@ -27,18 +27,9 @@ BLOCK = 64
 
 
 class Reconstruction:
-    """Frames of some nodes from reduced coordinates.
+    """Frames of some nodes, by their global numbers, from reduced coordinates.
 
-    Parameters
-    ----------
-    rom
-        The reduced-order model, with the projection.
-    scheme
-        Interpolation over the samples.
-    nodes
-        Global numbers of the nodes wanted.
-    internal
-        Whether the internal coordinates of all bodies are wanted too.
+    The reduced-order model has the projection; `internal` asks for the internal coordinates of all bodies, too.
     """
 
     def __init__(
@@ -124,15 +115,12 @@ class Reconstruction:
         those of position and directors.
 
         All are exact: derivatives of poses from the kinematics, those of displacements from the cells of the tables.
-
-        Parameters
-        ----------
-        states
-            eta, its rates and, of order 2, its accelerations, each of shape (n, n_eta).
-        cells_of
-            Other eta, next to these, from whose cells the tables are continued.
+        States are eta, its rates and, of order 2, its accelerations, each of shape (n, n_eta); tables may be continued
+        from the cells of other eta, next to these.
         """
         eta = states[0]
+        if not self._nodes.size:  # of forces in joints alone, most of which take no frames
+            return [np.empty((0, self._space.n_pose, len(eta)))] * (order + 1)
         if order == 0 and cells_of is None:
             return [self.frames(eta)]
         theta, poses = self._theta(eta), self._kinematics.poses(self._theta(eta))

@@ -38,14 +38,7 @@ from pgmp_petsc.reduction.cell_products import CURVED, SecondOrderTables
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.joint_gaps import JointGaps
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
-from pgmp_petsc.reduction.rom_file import (
-    BodyFile,
-    GapsFile,
-    LengthsFile,
-    ModelFile,
-    RomFile,
-    SecondOrderFile,
-)
+from pgmp_petsc.reduction.rom_file import BodyFile, GapsFile, LengthsFile, ModelFile, RomFile, SecondOrderFile
 from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints
 from pgmp_petsc.reduction.tables import ModeChanges, ReducedTables, StiffnessChanges, rigid_inertia
 from pgmp_petsc.scene import Scene
@@ -229,15 +222,10 @@ class LengthFamily:
     check: LengthCheck  # of the family against a model of none of these points
 
     def at(self, scene: Scene, nominal: ReducedOrderModel) -> ReducedOrderModel:
-        """Return the model with the lengths of a scene's run (``scene.values``).
+        """Return the model with the lengths of a scene's run (``scene.values``), of the one at nominal lengths.
 
         Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths. Raises `InputError` if the
         mechanism cannot be closed with these lengths.
-
-        Parameters
-        ----------
-        nominal
-            The model at the nominal lengths, which the family belongs to.
         """
         kinematics = self.kinematics(scene, nominal, None)
         mechanism = kinematics.mechanism
@@ -389,13 +377,7 @@ class Served:
 
 
 def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
-    """Return the ranges of the parameters that the tables of a reduced model depend on, by name.
-
-    Parameters
-    ----------
-    built
-        The scene that it was built from.
-    """
+    """Return by name the ranges of the parameters that the tables of a reduced model, built from a scene, depend on."""
     weights = (*rom.tables.mass_weights, *rom.tables.stiffness_weights)
     found = ranges_of(built, {name for weight in weights for name, _ in weight.powers})
     if rom.family is not None:
@@ -430,11 +412,8 @@ def check_served(ranges: Mapping[str, Served], scene: Scene) -> tuple[Remark, ..
     return tuple(warning(text) for name, served in ranges.items() for text in _of_parameter(name, served, scene))
 
 
-def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> None:
-    """Refuse samples beyond what is served; parameters as of `outside_of`.
-
-    Raises `InputError`, naming the first of them.
-    """
+def check_samples(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> tuple[Remark, ...]:
+    """Return `outside_of`; raises `InputError`, naming the first of them, where samples are beyond what is served."""
     for name, served in ranges.items():
         beyond = served.beyond(values.get(name, np.zeros(0)))
         if beyond.any():
@@ -444,19 +423,13 @@ def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray]
                 f"number {first} with {name} = {served.shown(values[name][first])}, which must be within "
                 f"{served.limits}; {CURE}"
             )
+    return outside_of(ranges, values, where)
 
 
 @gathered
 def outside_of(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> Iterator[Remark]:
-    """Return a warning that counts samples outside what is served; nothing where all are inside.
-
-    Parameters
-    ----------
-    values
-        Of the parameters, shape (n,) each.
-    where
-        What the samples are, before the message.
-    """
+    """Return a warning that counts samples, values of shape (n,) each, outside what is served; nothing where all are
+    inside. `where` says before the message what they are."""
     known, lines = {name: served for name, served in ranges.items() if name in values}, []
     outside = {name: served.outside(values[name]) for name, served in known.items()}
     for name, which in outside.items():

@@ -66,22 +66,11 @@ class Sample:
 
 
 class Sampler:
-    """Computes samples. Collective on the problem's communicator.
+    """Computes samples at the nominal parameters. Collective on the problem's communicator.
 
-    Parameters
-    ----------
-    problem
-        Eigenproblem at the nominal parameters.
-    loads
-        Load terms of the scene, local rows, inertial frame.
-    static_loads
-        Loads whose static answers extend the basis.
-    snapshots
-        Snapshots at other parameter values, or None.
-    probe
-        Of the influence of loads on the stiffness of modes, or None.
-    built_in
-        What joints that are off build in, or None.
+    Load terms of the scene are local rows in the inertial frame; answers to the static loads extend the basis. Without
+    snapshots at other parameter values, a probe of the influence of loads on the stiffness of modes, or what joints
+    that are off build in, these are None.
     """
 
     def __init__(
@@ -174,14 +163,9 @@ class Sampler:
 
 
 class TurnedLoads:
-    """Load vectors in body frames at any configuration.
+    """Load vectors in body frames at any configuration, on the problem's ranks.
 
-    Parameters
-    ----------
-    problem
-        Eigenproblem; it has the rows and the ranks.
-    loads
-        Load terms, local rows, inertial frame but for those that are constant in the frames of the bodies.
+    Terms are local rows in the inertial frame but for those that are constant in the frames of the bodies.
     """
 
     def __init__(self, problem: ModalProblem, loads: Sequence[Load]) -> None:

@@ -31,16 +31,9 @@ from pgmp_petsc.scene.parameters import spanning_values
 
 
 class ParameterSnapshots:
-    """Bases at several parameter points. Collective on the problem's communicator.
+    """Bases at points of given values of all parameters. Collective on the problem's communicator.
 
-    Parameters
-    ----------
-    problem
-        Eigenproblem at the nominal parameters.
-    loads
-        What static modes answer.
-    points
-        Values of all parameters at every point.
+    The problem is at the nominal parameters; loads are what static modes answer.
     """
 
     def __init__(self, problem: ModalProblem, loads: StaticLoads, points: Sequence[Mapping[str, float]]) -> None:
@@ -55,23 +48,12 @@ class ParameterSnapshots:
             problem.close()
 
     def at(self, theta: np.ndarray, kept: np.ndarray) -> list[np.ndarray]:
-        """Return the snapshots of every point at a configuration.
+        """Return the snapshots of every point at a configuration, shape (n_theta,), rad, each of the shape of `kept`,
+        nominal modes and static modes there, local rows, shape (n_local, n_kept).
 
         They are the projections, in the point's own mass norm, of the nominal vectors onto the space of the point's
         modes and static modes. So signs, order and rotations at the point have no part in them, and where the nominal
         vectors are turned to be continuous, these turn with them.
-
-        Parameters
-        ----------
-        theta
-            The configuration, shape (n_theta,), rad.
-        kept
-            Nominal modes and static modes there, local rows, shape (n_local, n_kept).
-
-        Returns
-        -------
-        list of ndarray
-            One of the same shape for every point.
         """
         found = []
         for problem in self.problems:
@@ -81,14 +63,10 @@ class ParameterSnapshots:
         return found
 
     def missed(self, snapshots: Sequence[np.ndarray], kept: np.ndarray) -> np.ndarray:
-        """Return what vectors leave of the snapshots, side by side, M-orthogonal to them at the nominal parameters.
+        """Return what vectors leave of the snapshots of `at`, side by side, M-orthogonal to them at the nominal
+        parameters.
 
-        Parameters
-        ----------
-        snapshots
-            As from `at`.
-        kept
-            Free rigid and flexible vectors that the basis has, shape (n_local, n_kept).
+        `kept` are free rigid and flexible vectors that the basis has, shape (n_local, n_kept).
         """
         if not snapshots:
             return np.empty((len(kept), 0))
@@ -115,22 +93,12 @@ class Compression:
 
     @classmethod
     def of(cls, grams: np.ndarray, flipped: np.ndarray, n_parameter: int, fewer: bool = False) -> Compression:
-        """Find the leading vectors.
+        """Find the leading `n_parameter` vectors, or fewer where these will do, from Gram matrices of the snapshots in
+        the continuous basis, shape (n, n_snapshots, n_snapshots).
 
-        Raises `InputError` if they are not independent at every configuration: where one vanishes, the reduced mass
-        would be singular.
-
-        Parameters
-        ----------
-        grams
-            Gram matrices of the snapshots in the continuous basis, shape (n, n_snapshots, n_snapshots).
-        flipped
-            Whether a snapshot changes its sign after a revolution of each coordinate, shape (n_theta, n_snapshots):
-            over two of them, those that do are orthogonal to those that do not.
-        n_parameter
-            Number of vectors wanted.
-        fewer
-            Whether fewer will do.
+        `flipped` tells whether a snapshot changes its sign after a revolution of each coordinate, shape (n_theta,
+        n_snapshots): over two of them, those that do are orthogonal to those that do not. Raises `InputError` if the
+        vectors are not independent at every configuration: where one vanishes, the reduced mass would be singular.
         """
         mean = np.where((flipped[:, :, None] == flipped[:, None, :]).all(axis=0), grams.mean(axis=0), 0.0)
         squares, vectors = np.linalg.eigh(mean)
@@ -182,15 +150,8 @@ DIGITS = 6  # of the shares that are compared: round-off must not choose
 def choose_points(scene: Scene, problem: ModalProblem, loads: StaticLoads, group: RankGroup) -> ParameterPoints:
     """Choose the points for ``reduction.parameter_modes``. Collective on ``group.world``; the same on all ranks.
 
-    Raises `InputError` if no parameter has a distribution: there is nowhere to take modes; `RunError` if an
-    eigenproblem fails.
-
-    Parameters
-    ----------
-    problem
-        Eigenproblem at the nominal parameters.
-    loads
-        What static modes answer.
+    The problem is at the nominal parameters; loads are what static modes answer. Raises `InputError` if no parameter
+    has a distribution: there is nowhere to take modes; `RunError` if an eigenproblem fails.
     """
     if not scene.reduction.parameter_modes:
         return ParameterPoints.none()

@@ -48,13 +48,9 @@ class StaticLoads:
     def of(cls, problem: ModalProblem, patterns: Patterns, reduction: Reduction) -> StaticLoads:
         """Return the loads that a scene asks for, those that depend on others left out; the problem is moved.
 
-        Raises `InputError` if the mesh has too few degrees of freedom for the whole basis.
-
-        Parameters
-        ----------
-        patterns
-            Load patterns of the effects; all are used where static modes are wanted, and those of linear springs where
-            nothing is said against them.
+        Of the load patterns of the effects all are used where static modes are wanted, and those of linear springs
+        where nothing is said against them. Raises `InputError` if the mesh has too few degrees of freedom for the whole
+        basis.
         """
         wanted = patterns.wanted(reduction)
         accelerations = _independent(problem) if reduction.inertia_modes else np.zeros(0, dtype=int)
@@ -179,14 +175,9 @@ def _independent_columns(gram: np.ndarray) -> np.ndarray:
 
 
 class InfluenceProbe:
-    """Computes influences at any configuration. Collective on the problem's communicator.
+    """Computes influences of local effects at any configuration. Collective on the problem's communicator.
 
-    Parameters
-    ----------
-    problem
-        Eigenproblem at the nominal parameters; the third derivative of its bodies' strain energy is known.
-    actions
-        Local effects of the scene.
+    The problem is at the nominal parameters; the third derivative of its bodies' strain energy is known.
     """
 
     def __init__(self, problem: ModalProblem, actions: Sequence[Action]) -> None:
@@ -198,15 +189,8 @@ class InfluenceProbe:
         self._mass = sp.vstack(masses, format="csr")
 
     def at(self, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
-        """Return the influences at the configuration that the problem is at, shape (n_modes, n_columns).
-
-        Parameters
-        ----------
-        modes
-            The modes there.
-        loads
-            Load terms in body frames, local rows, shape (n_local, n_loads).
-        """
+        """Return the influences at the configuration that the problem is at, shape (n_modes, n_columns), of the modes
+        there and load terms in body frames, local rows, shape (n_local, n_loads)."""
         problem = self._problem
         answers = self._curvature.stiffness_answers(modes)
         motion = problem.kinematics.motion(modes.theta)
@@ -236,12 +220,8 @@ class BuiltInStress:
     """What the stress that joints that are off build in adds to the stiffness of modes. Collective on the problem's
     communicator.
 
-    Parameters
-    ----------
-    problem
-        Eigenproblem at the nominal parameters; the third derivative of its bodies' strain energy is known.
-    scene, shapes
-        As of `BuiltIn`; the scene has the offsets.
+    The problem is at the nominal parameters; the third derivative of its bodies' strain energy is known. Scene and
+    shapes are as of `BuiltIn`; the scene has the offsets.
     """
 
     def __init__(self, problem: ModalProblem, scene: Scene, shapes: Mapping[str, BodyShape]) -> None:

@@ -143,12 +143,7 @@ def _overhauser_slopes(s, step):
 def _b_spline_slopes(s, step):
     """Return their derivatives with the coordinate."""
     t = 1.0 - s
-    return (
-        -0.5 * t * t / step,
-        (-2.0 * s + 1.5 * s * s) / step,
-        (2.0 * t - 1.5 * t * t) / step,
-        0.5 * s * s / step,
-    )
+    return (-0.5 * t * t / step, (-2.0 * s + 1.5 * s * s) / step, (2.0 * t - 1.5 * t * t) / step, 0.5 * s * s / step)
 
 
 @njit(error_model="numpy", counted=False)

@@ -96,18 +96,10 @@ def mode_changes(
     scheme: str,
     n_given: int = 0,
 ) -> ModeChanges:
-    """Return the tables of changing modes.
+    """Return the tables of changing modes: flexible vectors in body frames, shape (n, n_dofs, n_delta), continuous.
 
-    Parameters
-    ----------
-    masses
-        All rows of the mass terms, in body frames, shape (n_dofs, n_dofs) each.
-    projection
-        Flexible vectors in body frames, shape (n, n_dofs, n_delta), continuous.
-    scheme
-        Interpolation over the samples.
-    n_given
-        Number of the last vectors whose coordinates do not change: with theirs alone D^T M Psi counts, all of it.
+    Masses are all rows of the mass terms in body frames, shape (n_dofs, n_dofs) each. Coordinates of the last `n_given`
+    vectors do not change: with theirs alone D^T M Psi counts, all of it.
     """
     mechanism, r = kinematics.mechanism, kinematics.n_coordinates
     over = interpolant(samples, projection, scheme)
@@ -224,13 +216,9 @@ class ReducedTables:
         )
 
     def turned(self, rotations: np.ndarray) -> ReducedTables:
-        """Express the flexible coordinates in another basis at every sample.
+        """Express the flexible coordinates in another basis at every sample, ``Psi_new = Psi Q``.
 
-        Parameters
-        ----------
-        rotations
-            Matrices Q with ``Psi_new = Psi Q``, shape (n, n_delta, n_new): orthogonal, or combinations of fewer
-            vectors.
+        Rotations Q, shape (n, n_delta, n_new), are orthogonal, or combinations of fewer vectors.
         """
         whole = beside_rigid(rotations, self.n_coordinates)
         return replace(
@@ -283,18 +271,11 @@ class ReducedTables:
     def frequencies_hz(
         self, mass_weights: np.ndarray, stiffness_weights: np.ndarray, free: Sequence[int] | None = None
     ) -> np.ndarray:
-        """Return the eigenfrequencies of the reduced model at every sample, rigid motion left out.
+        """Return the eigenfrequencies of the reduced model at every sample, rigid motion left out, shape (n, n_delta -
+        n_unstrained), Hz.
 
-        Parameters
-        ----------
-        mass_weights, stiffness_weights
-            Values of the weights, shapes (n_mass_terms,) and (n_stiffness_terms,).
-        free
-            Numbers of the coordinates that are not prescribed, which are held; all by default.
-
-        Returns
-        -------
-        ndarray, shape (n, n_delta - n_unstrained), Hz
+        Weights have shapes (n_mass_terms,) and (n_stiffness_terms,). `free` are the numbers of the coordinates that are
+        not prescribed, which are held; all by default.
         """
         if self.n_given:
             return self.moving().frequencies_hz(mass_weights, stiffness_weights, free)
@@ -350,20 +331,11 @@ def fine_grid(samples: SampleGrid) -> SampleGrid:
 def rigid_inertia(
     samples: SampleGrid, mass: Mapping[Monomial, sp.csr_matrix], kinematics: RigidKinematics
 ) -> np.ndarray:
-    """Return ``(d rho/d theta_k)^T M_i (d rho/d theta_l)`` of every mass term on the fine grid.
+    """Return ``(d rho/d theta_k)^T M_i (d rho/d theta_l)`` of every mass term on the fine grid, shape (n_fine,
+    n_mass_terms, n_theta (n_theta + 1) / 2), lower triangles row by row.
 
     In its own frame a body moves as a combination of constant vectors, so the mass that belongs to the velocities of
-    all bodies is projected once.
-
-    Parameters
-    ----------
-    mass
-        All rows of the mass terms, in body frames, shape (n_dofs, n_dofs) each.
-
-    Returns
-    -------
-    ndarray, shape (n_fine, n_mass_terms, n_theta (n_theta + 1) / 2)
-        Lower triangles row by row.
+    all bodies is projected once. Masses are all rows of the mass terms in body frames, shape (n_dofs, n_dofs) each.
     """
     fine, mechanism = fine_grid(samples), kinematics.mechanism
     unit = np.zeros((mechanism.n_dofs, 0))
@@ -386,22 +358,8 @@ SMALLEST = 1e-6  # eigenvalue of a matrix with unit diagonal
 
 
 def indefinite_between(tables: ReducedTables, scene: Scene, values: Mapping[str, np.ndarray], n_samples: int) -> str:
-    """Say where flexible mass or stiffness is indefinite between samples; empty where it is nowhere.
-
-    Parameters
-    ----------
-    tables
-        In the continuous basis.
-    scene
-        Says how they are interpolated over the samples.
-    values, n_samples
-        Parameter values to look at, shape (n_samples,) each.
-
-    Returns
-    -------
-    str
-        Which matrix, where, with which parameters, and what helps.
-    """
+    """Say where flexible mass or stiffness is indefinite between samples, which matrix, where, with which parameter
+    values, shape (n_samples,) each, and what helps; empty where it is nowhere."""
     samples, r = tables.samples, tables.n_coordinates
     places = PLACES if samples.n_coordinates == 1 else MIDDLE
     theta = SampleGrid(tuple(_between(axis, places) for axis in samples)).theta

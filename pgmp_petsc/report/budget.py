@@ -69,8 +69,7 @@ class ModelError:
     @property
     def worst(self) -> str | None:
         """The output with the largest error; None where none is known."""
-        known = {name: share for name, share in self.shares.items() if np.isfinite(share)}
-        return max(known, key=known.__getitem__) if known else None
+        return _worst(self.shares)
 
     def bound(self, output: str, when: str) -> float:
         """Return what an output's error hardly exceeds, ``ever`` or at the ``end``, as a share; NaN if not known.
@@ -82,6 +81,12 @@ class ModelError:
         counts = self.whole or (when == "ever" and np.isfinite(further))
         known = np.fmax(self.doubt * shares.get(output, np.nan), further) if counts else further
         return float(known + self.mesh.get(output, 0.0))
+
+
+def _worst(shares: Mapping[str, float]) -> str | None:
+    """Return the name of the largest share; None where none is known."""
+    known = {name: share for name, share in shares.items() if np.isfinite(share)}
+    return max(known, key=known.__getitem__) if known else None
 
 
 def model_error(sources: Sequence[Source], comparisons: Sequence[Comparison]) -> ModelError | None:
@@ -191,8 +196,9 @@ def _of_steps(sources: Sequence[Source]) -> Iterator[Line]:
 
 
 def step_errors(sources: Sequence[Source]) -> Iterator[tuple[Source, EstimatedErrors]]:
-    """Yield the runs that know the errors of their time step alone, and these."""
-    for source in sources:
+    """Yield the runs that know the errors of their time step alone, and these; not runs on other meshes beside them."""
+    twins = [other for _, other in mesh_twins(sources)]
+    for source in (source for source in sources if source not in twins):
         errors = source.result.errors if isinstance(source.result, Trajectory) else None
         if errors is not None and errors.what == OF_STEP:
             yield source, errors
@@ -460,9 +466,7 @@ def _of_run(source: Source) -> Iterator[Sentence]:
         unit = "" if unit == "1" else f" {unit}"
         yield [f"{name} is furthest from zero at {run.time[place]:.4g} s: ", largest, f"{unit}."]
     if (stress := stress_of(run)) is not None:
-        factor, unit = axis_unit(run.record.system.unit("Pa"), np.array([stress.largest]))
-        largest = Datum(stress.largest, f"{factor * stress.largest:.4g}", source.name if stress.path else "",
-                        stress.path, stress.index)  # fmt: skip
+        largest, unit = stress.shown(source.name, run.record.system.unit("Pa"))
         lacking = run.model == "reduced" and truncated(run.record.scene_toml)
         doubt = "; it is that of the modes alone and may be far off" if lacking else ""
         yield [f"Largest {WORDS['mises']} ", largest, f" {unit}, in {stress.body} {stress.when}{doubt}."]
@@ -507,10 +511,8 @@ def _what_steps_hide(measured: ModelError, known: ModelError) -> Iterator[Senten
 def _of_time_steps(sources: Sequence[Source]) -> Iterator[Sentence]:
     """Yield what is known of the time step's error in full-order and component runs, where it is worth a sentence."""
     for source, errors in step_errors(sources):
-        known = {name: errors.share(name) for name in errors.outputs}
-        known = {name: share for name, share in known.items() if np.isfinite(share)}
-        if known:
-            worst = max(known, key=known.__getitem__)
+        worst = _worst({name: errors.share(name) for name in errors.outputs})
+        if worst is not None:
             model = MODELS[source.result.model]
             of = f" of the largest {worst}."
             yield [f"Error of the time step of the {model} run, estimated: ", _share(source, worst), of]
@@ -558,10 +560,8 @@ def headline_of_run(path: Path) -> str:
     """Return how far a run came and what is known of its error."""
     run = Trajectory.read(path)
     known = {} if run.errors is None else {name: run.errors.share(name) for name in run.errors.outputs}
-    known = {name: share for name, share in known.items() if np.isfinite(share)}
-    error = "errors were not estimated"
-    if known:
-        worst = max(known, key=known.__getitem__)
+    worst, error = _worst(known), "errors were not estimated"
+    if worst is not None:
         of = " of the time step" if run.errors.what == OF_STEP else ""
         part = f" up to {run.errors.time[-1]:.4g} s" if of and run.errors.time[-1] < run.time[-1] * (1.0 - 1e-9) else ""
         error = f"estimated error{of}{part} at most {share_text(known[worst])} ({worst})"

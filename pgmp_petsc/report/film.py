@@ -59,14 +59,8 @@ class FilmBody:
 
     def at(self, frames: np.ndarray) -> FilmBody:
         """Return the body at some of the frames."""
-        values = None if self.values is None else self.values[frames]
-        return replace(
-            self,
-            points=self.points[frames],
-            deformation=self.deformation[frames],
-            known=self.known[frames],
-            values=values,
-        )
+        chosen = {name: getattr(self, name)[frames] for name in ("points", "deformation", "known")}
+        return replace(self, **chosen, values=None if self.values is None else self.values[frames])
 
 
 def bodies_of(run: Trajectory) -> list[FilmBody]:
@@ -97,19 +91,8 @@ def _with_field(name: str, own: BodyField, most: int) -> FilmBody:
         used = used[kept]
         edges = outlines(triangles, own.nodes[used])
     values = None if skin.values is None else skin.values[:, used]
-    return FilmBody(
-        name,
-        kind,
-        own.nodes[used],
-        skin.points[:, used],
-        moved[:, used],
-        known,
-        nothing,
-        triangles,
-        edges,
-        values,
-        note,
-    )
+    nodes, points = own.nodes[used], skin.points[:, used]
+    return FilmBody(name, kind, nodes, points, moved[:, used], known, nothing, triangles, edges, values, note)
 
 
 def _of_frames(run: Trajectory, name: str) -> FilmBody:
@@ -135,6 +118,12 @@ class Stress:
     when: str  # its instant, and of what it is the largest
     path: str  # path, index: dataset and place in the file; empty of beams at frames, where it is worked out of two
     index: str
+
+    def shown(self, file: str, pascal: str) -> tuple[Datum, str]:
+        """Return the largest one, of a file, and its unit, of which the file's is `pascal`."""
+        factor, unit = axis_unit(pascal, np.array([self.largest]))
+        text = f"{factor * self.largest:.4g}"
+        return Datum(self.largest, text, file if self.path else "", self.path, self.index), unit
 
 
 def stress_of(run: Trajectory) -> Stress | None:
@@ -263,17 +252,16 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
     time = frames.time[chosen]
     # digits behind the point that tell frames apart
     decimals = int(np.clip(1 - np.floor(np.log10(np.diff(time).min()) + 1e-9), 0, 12)) if len(time) > 1 else 3
-    bar = round_below(SIZE / 6.0 / picture.unit)  # m, about a sixth of the picture
+    bar = round_below(SIZE / 6.0 / picture.unit)  # in the run's unit, about a sixth of the picture
     length, metre = axis_unit(run.record.system.unit("m"), np.array([bar]))
     stops = [to_hex(colour) for colour in matplotlib.colormaps[COLOURS](np.linspace(0.0, 1.0, N_STOPS))]
-    legend = None if stress is None else _legend(stress, name, stops, run.record.system.unit("Pa"))
     data: dict[str, Any] = {
         "time": time.tolist(),
         "decimals": decimals,
         "width": SIZE,
         "height": height + FOOT,
         "start": start,
-        "bar": bar,
+        "bar": bar * run.record.system.length,
         "bodies": [entry | {"colour": colour} for entry, colour in zip(packed, colours)],
         "factors": [factor for factor in FACTORS if factor == 1 or 0.0 < factor * reach <= LARGEST_SHOWN * height],
         "outputs": {
@@ -281,9 +269,12 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
             for key, own in run.outputs.items()
         },
     }
+    legend = None
     if stress is not None:
-        factor, _ = axis_unit(run.record.system.unit("Pa"), np.array([stress.largest]))
-        data |= {"stops": stops, "stress": (factor * stress.over_time[chosen]).tolist(), "unit": legend.unit}
+        pascal = run.record.system.unit("Pa")
+        factor, unit = axis_unit(pascal, np.array([stress.largest]))
+        legend = Legend(WORDS["mises"], unit, stops, stress.shown(name, pascal)[0], f"{stress.body} {stress.when}")
+        data |= {"stops": stops, "stress": (factor * stress.over_time[chosen]).tolist(), "unit": unit}
     if not picture.flat:
         everywhere = picture.places(np.concatenate([body.points.reshape(-1, 3) for body in shown]))
         middle = 0.5 * (everywhere.min(axis=0) + everywhere.max(axis=0))
@@ -410,13 +401,6 @@ def _paths(run: Trajectory, joints: dict[str, np.ndarray], picture: _Picture, mo
     return [path for path in every if len(path) > 1 and (np.ptp(path, axis=0).max() >= AT_REST * extent) == moving]
 
 
-def _legend(stress: Stress, name: str, stops: list[str], pascal: str) -> Legend:
-    factor, unit = axis_unit(pascal, np.array([stress.largest]))
-    largest = Datum(stress.largest, f"{factor * stress.largest:.4g}", name if stress.path else "", stress.path,
-                    stress.index)  # fmt: skip
-    return Legend(WORDS["mises"], unit, stops, largest, f"{stress.body} {stress.when}")
-
-
 def _notes(run: Trajectory, bodies: list[FilmBody], enlarged: bool) -> list[str]:
     """Return what has to be known of the picture."""
     said = uncoloured(run.fields) if run.fields else []
@@ -454,18 +438,10 @@ def still_of(
     number: int,
     size: tuple[int, int],
 ) -> str:
-    """Return the address of a picture of a frame as PNG, empty where there is no surface.
+    """Return the address of a picture of the frame of that number as PNG, empty where there is no surface.
 
-    Parameters
-    ----------
-    places
-        Of the bodies' nodes in the picture, and towards the eye, shape (n, 3) each.
-    shares
-        Of the largest stress, shape (n_f, n); None where none is known.
-    number
-        Of the frame.
-    size
-        Width and height of the picture in its own unit.
+    Places are of the bodies' nodes in the picture, and towards the eye, shape (n, 3) each, in a picture whose size is
+    in its own unit; shares are of the largest stress, shape (n_f, n), None where none is known.
     """
     corners, colours = [], []
     for body, at, share in zip(bodies, places, shares):

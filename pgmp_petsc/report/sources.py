@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.figures.captions import mechanism_key, short_names
+from pgmp_petsc.figures.captions import read_scenes, short_names
 from pgmp_petsc.figures.style import axis_unit
 from pgmp_petsc.files.hdf5 import RunRecord, open_file
 from pgmp_petsc.results import Ensemble, Fit, Selection, Tradeoff, Trajectory
@@ -66,20 +66,10 @@ def read_sources(files: Sequence[Path]) -> tuple[list[list[Source]], list[str]]:
 
     Raises `InputError` if a file is damaged, or none of those that a page shows.
     """
-    once: dict[str, Path] = {}
-    lines = []
-    for path in files:
-        if (real := os.path.realpath(path)) in once:
-            lines.append(f"{path} is given twice and shown once")
-        once.setdefault(real, path)
-    paths = list(once.values())
-    scenes: dict[tuple, list[Source]] = {}
-    for path, name in zip(paths, short_names(paths)):
-        with open_file(path, READERS) as file:
-            reader, program = READERS[str(file.attrs["kind"])], str(file.attrs["program_version"])
-        source = Source(name, reader.read(path), program, path)
-        scenes.setdefault(mechanism_key(source.record), []).append(source)
-    return list(scenes.values()), lines
+    scenes, lines = read_scenes(files, READERS, "shown")
+    paths = [path for scene in scenes for path, *_ in scene]
+    names = dict(zip(paths, short_names(paths)))
+    return [[Source(names[path], result, program, path) for path, result, program in scene] for scene in scenes], lines
 
 
 def of_kind(sources: Iterable[Source], kind: type | tuple[type, ...]) -> list[Source]:

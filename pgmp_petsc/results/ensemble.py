@@ -390,12 +390,8 @@ class Ensemble(Result):
     def answer(self, model_error: Callable[[str], float] = lambda _: float("nan"), stops: bool = False) -> str:
         """Return the probability of the first event or, without events, the mean of the last output, in words.
 
-        Parameters
-        ----------
-        model_error
-            Returns what is known besides of the model's error, as a share, of the label of an event.
-        stops
-            Whether the full-order run stops before its end, so that it decides nothing.
+        What is known besides of the model's error, as a share, comes of the label of an event; where the full-order run
+        `stops` before its end it decides nothing.
         """
         for label, chance in self.probabilities.items():
             ends, error = 100.0 * chance.interval, model_error(label)

@@ -40,13 +40,8 @@ VALIDITY_WORDS = {name: {"unit": unit, "about": about} for name, (unit, about) i
 
 
 def limits_of(second_order: bool) -> dict[str, float]:
-    """Return the largest size of every value of `VALIDITY` that is not worth a warning.
-
-    Parameters
-    ----------
-    second_order
-        Whether the model has geometric stiffening.
-    """
+    """Return the largest size of every value of `VALIDITY` that is not worth a warning, in a model with geometric
+    stiffening or without."""
     return {
         "elastic_rotation": ROTATION_LIMIT,
         "elastic_strain": STRAIN_LIMIT,

@@ -231,13 +231,8 @@ class Tradeoff(Result):
 
 
 def pareto_front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Return which points no other one dominates: has at most their cost and error, and less of one of them.
-
-    Parameters
-    ----------
-    cost, error
-        Shape (n,); a point with a number that is not finite is never on the front.
-    """
+    """Return which points, costs and errors of shape (n,), no other one dominates: has at most their cost and error,
+    and less of one of them. A point with a number that is not finite is never on the front."""
     known = np.isfinite(cost) & np.isfinite(error)
     at_most = (cost[:, None] <= cost) & (error[:, None] <= error)
     less = (cost[:, None] < cost) | (error[:, None] < error)

@@ -77,18 +77,10 @@ class SectionEntry(Table):
     def coefficients(
         self, dimension: int, material: Material | None, nominal: Mapping[str, float], spans: Spans
     ) -> Any:
-        """Return its stiffness and inertia, a `bodies.sections.section.BeamSection`.
+        """Return its stiffness and inertia, a `bodies.sections.section.BeamSection`, in so many dimensions.
 
-        Parameters
-        ----------
-        dimension
-            2 in the plane, 3 in space.
-        material
-            Where it is of one.
-        nominal
-            Nominal values of all parameters.
-        spans
-            Returns the smallest and largest values that parameters take, where they vary.
+        It may be of a material; nominal values are those of all parameters, and spans the smallest and largest values
+        that they take, where they vary.
         """
         raise NotImplementedError
 

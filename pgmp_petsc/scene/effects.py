@@ -103,12 +103,8 @@ class EffectEntry(Table):
     ) -> Iterator[Finding]:
         """Yield what probably is not meant, or cannot be, beyond what holds for all effects of its kind.
 
-        Parameters
-        ----------
-        frequencies
-            First frequency of flexible bodies between hinges, Hz, as far as they are known.
-        first
-            Returns the first frequency of the mechanism, Hz, if it can be had.
+        Frequencies are the first ones of flexible bodies between hinges, Hz, as far as they are known, and `first`
+        returns that of the mechanism, Hz, if it can be had.
         """
         yield from ()
 
@@ -116,14 +112,8 @@ class EffectEntry(Table):
     def if_added(cls, scene: AnyScene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
         """Return how much it would matter in a scene that has none, as a share and in words; None if nobody can say.
 
-        Parameters
-        ----------
-        run
-            Of the rigid mechanism, a `studies.effect_sizes.RigidRun`.
-        exchanged
-            Energy that is moved around in it, J.
-        tolerance
-            Share from which on something matters. The share that is returned is NaN where only the words are known.
+        `run` is a `studies.effect_sizes.RigidRun` of the rigid mechanism, in which so much energy is moved around (J);
+        from the tolerance on something matters. The share is NaN where only the words are known.
         """
         return None
 

@@ -59,7 +59,7 @@ class Elastic(Table):
     """A table ``elastic`` of a joint: how stiff it is in the directions that it holds.
 
     The rigid mechanism closes with the joint locked, and has as many coordinates as without. In the motion the joint
-    holds the directions whose stiffness is infinite, and gives way in the others (`mechanism.releases`).
+    holds the directions whose stiffness is infinite, and gives way in the others (`mechanism.composition`).
     """
 
     reference: tuple[Direction, ...] = Field(
@@ -396,11 +396,8 @@ class JointEntry(JointTable):
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> Sequence[Any]:
         """Return what is to be zero, `mechanism.statements` about the frames a and b of its points.
 
-        Parameters
-        ----------
-        in_a, in_b
-            The joint's axes, an orthonormal triad along `axes`, in the frame of a, and the same directions, as
-            assembled, in the frame of b, shape (d, d) each, one axis a column.
+        The joint's axes, an orthonormal triad along `axes`, are given in the frame of a, and the same directions, as
+        assembled, in the frame of b, shape (d, d) each, one axis a column.
         """
         raise NotImplementedError
 

@@ -118,15 +118,7 @@ class Uniform(Law):
 
 
 class Discrete(Law):
-    """Values with shares.
-
-    Parameters
-    ----------
-    values
-        Shape (n,), each once or more often.
-    weights
-        Shape (n,), in any proportion, not negative.
-    """
+    """Values (n,), each once or more often, with shares (n,) in any proportion, not negative."""
 
     has_atoms = True
 
@@ -159,14 +151,9 @@ class Discrete(Law):
 
 
 class Empirical(Law):
-    """Measured values; see the module.
+    """Measured values (n,); see the module.
 
     It has no atoms but for half a share at either end, where a hair's breadth of values represents them.
-
-    Parameters
-    ----------
-    values
-        Shape (n,).
     """
 
     def __init__(self, values: np.ndarray) -> None:
@@ -206,15 +193,7 @@ class Empirical(Law):
 
 
 class Mixture(Law):
-    """Shares of other laws.
-
-    Parameters
-    ----------
-    laws
-        Of scipy.stats, or with its names.
-    weights
-        Shape (n_laws,), in any proportion, above 0.
-    """
+    """Shares (n_laws,) of other laws, of scipy.stats or with its names, in any proportion, above 0."""
 
     def __init__(self, laws: Sequence[Any], weights: np.ndarray) -> None:
         self._laws, self._shares = tuple(laws), weights / weights.sum()

@@ -386,17 +386,9 @@ def describe_template(name: str) -> str:
 def write_template(name: str, path: Path, force: bool = False) -> list[Path]:
     """Write a template's scene to ``path`` and its meshes beside it, and return the files; by one process only.
 
-    Raises `InputError` if there is no such template, or the files cannot be made where they are to be, or exist;
-    `RunError` if the system fails to write.
-
-    Parameters
-    ----------
-    name
-        One of `template_names`.
-    path
-        Of the scene; comments that name the scene's file take its name.
-    force
-        Whether files that are there may be replaced.
+    Comments that name the scene's file take its name; `force` lets files that are there be replaced. Raises
+    `InputError` if there is no such template, or the files cannot be made where they are to be, or exist; `RunError` if
+    the system fails to write.
     """
     if name not in (known := template_names()):
         close = nearest_name(name, known)

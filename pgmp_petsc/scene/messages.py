@@ -71,12 +71,7 @@ def dotted_name(keys: Sequence[str | int]) -> str:
 def explain(error: ValidationError, model: type[BaseModel], units: Mapping[str, str], system: UnitSystem) -> InputError:
     """Turn what pydantic says about tables read as a `model` into messages for the author of the scene.
 
-    Parameters
-    ----------
-    units
-        Units of parameters that were converted.
-    system
-        Units that they were converted to.
+    Parameters that were converted had these units, and were converted to those of the system.
     """
     problems = []
     for details in error.errors(include_url=False):

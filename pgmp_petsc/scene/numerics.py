@@ -98,10 +98,11 @@ class Reduction(Table):
         description="add what is of second order in the deformation: the curvature of the mode shapes (static modal "
         "derivatives) and the cubic strain energy",
     )
-    stretching: Literal["dynamic", "static"] = Field(
-        "dynamic",
-        description='with second_order, how bodies that bend follow their shortening: "dynamic" by coordinates that '
-        'stretch them, with their inertia; "static" at once, which larger deflections of slender bodies need',
+    stretching: Literal["static", "dynamic"] = Field(
+        "static",
+        description="with second_order, how bodies follow their shortening by bending: at once, which holds for large "
+        "deflections, or by the coordinates that stretch them, with their inertia, which bodies without a long axis "
+        "need",
     )
     effects: Literal["named", "auto"] = Field(
         "named",

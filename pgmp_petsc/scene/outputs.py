@@ -97,18 +97,10 @@ class OutputEntry(Table):
         return self.unit
 
     def reading(self, name: str, start: Any, kinematics: Any) -> Any:
-        """Return what is read, a `Reading` of frames or another of `outputs.readings`.
+        """Return what is read, a `Reading` of frames or another of `outputs.readings`, from coordinates at the start,
+        shape (n_theta,), rad, and a `mechanism.kinematics.RigidKinematics`.
 
-        Raises `InputError` if a body's mesh does not have a point that it is at.
-
-        Parameters
-        ----------
-        name
-            Dotted name of the output, for messages.
-        start
-            Coordinates at the start, shape (n_theta,), rad.
-        kinematics
-            A `mechanism.kinematics.RigidKinematics`.
+        Raises `InputError`, with the output's dotted name, if a body's mesh does not have a point that it is at.
         """
         raise NotImplementedError
 

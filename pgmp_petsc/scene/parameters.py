@@ -200,17 +200,10 @@ class Parameter(Table):
         return self.nominal if self.value is None else self.value
 
     def quantiles(self, probabilities: np.ndarray, at_least: float = -np.inf) -> np.ndarray:
-        """Return quantiles of the distribution truncated to its bounds, which is renormalised.
+        """Return quantiles of the distribution truncated to its bounds, and a further lower one, which is renormalised.
 
-        ``F^-1(F(low) + p (F(high) - F(low)))``; where the bounds lie above the median by the probabilities of larger
-        values, as those of smaller ones are 1 to round-off in the upper tail.
-
-        Parameters
-        ----------
-        probabilities
-            Of any shape, 0 to 1.
-        at_least
-            A further lower bound.
+        ``F^-1(F(low) + p (F(high) - F(low)))`` at probabilities of any shape, 0 to 1; where the bounds lie above the
+        median by the probabilities of larger values, as those of smaller ones are 1 to round-off in the upper tail.
         """
         law, (low, high) = self.distribution.law, self._limits
         low, below = max(low, at_least), _below(law)
@@ -507,10 +500,7 @@ def uncertain_names(scene: AnyScene) -> list[str]:
 def spanning_values(scene: AnyScene, names: Sequence[str] | None = None) -> tuple[dict[str, np.ndarray], int]:
     """Return the values of every parameter, shape (n_samples,), the nominal ones first, and n_samples.
 
-    Parameters
-    ----------
-    names
-        Parameters that vary, each with a distribution or with bounds; by default those with a distribution.
+    Those named vary, each with a distribution or with bounds; by default those with a distribution.
     """
     names = uncertain_names(scene) if names is None else names
     levels = {name: _levels(scene, name) for name in names}

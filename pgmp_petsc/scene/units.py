@@ -111,13 +111,8 @@ def setting_of(text: str, parameter: dict[str, Any], system: UnitSystem) -> floa
 
 
 def unit_problems(scene: AnyScene, given: Mapping[str, str]) -> Iterator[str]:
-    """Yield a line for each parameter whose unit is unknown or none of what uses it, or whose uses differ.
-
-    Parameters
-    ----------
-    given : mapping of str to str
-        Units as `convert_parameters` returned them.
-    """
+    """Yield a line for each parameter whose unit, as `convert_parameters` returned it, is unknown or none of what uses
+    it, or whose uses differ."""
     uses: dict[str, list[Use]] = {name: [] for name in scene.parameters}
     for use in uses_of(scene):
         if use.parameter in uses and use.units:  # what is in a formula may have any
@@ -150,13 +145,8 @@ def _allowed(uses: list[Use]) -> set[Dimension]:
 
 
 def text_problems(scene: AnyScene, raw: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a line for each number that is a text with a unit of another motion than it is about: N/m on a hinge.
-
-    Parameters
-    ----------
-    raw
-        The tables that the scene was read from.
-    """
+    """Yield a line for each number, in the tables that the scene was read from, that is a text with a unit of another
+    motion than it is about: N/m on a hinge."""
     system, seen = scene.system, set()
     has_any = any(re.match(QUANTITY, text) for text in _strings(raw))
     for use in (*uses_of(scene), *measured_uses(scene)) if has_any else ():

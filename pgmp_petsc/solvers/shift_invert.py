@@ -57,21 +57,9 @@ NO_FILES = -90
 class ShiftedFactor:
     """A factor that is made anew for matrices of one nonzero pattern, after one analysis. Collective on the matrices.
 
-    Parameters
-    ----------
-    comm
-        That of the matrices.
-    prefix
-        Of the options that reach its linear solver.
-    memory
-        What the factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
-    counts
-        Only count eigenvalues.
-
-    Raises
-    ------
-    InputError
-        If PETSc refuses an option with the prefix.
+    The prefix is that of options that reach its linear solver. Beyond `memory` bytes on this rank the factor is kept in
+    files; None is as much as there is. `counts` tells that it only counts eigenvalues. Raises `InputError` if PETSc
+    refuses an option with the prefix.
     """
 
     def __init__(self, comm: PETSc.Comm, prefix: str, memory: float | None = None, counts: bool = False) -> None:
@@ -107,19 +95,10 @@ class ShiftedFactor:
             self._files = None
 
     def factor(self, a: PETSc.Mat, b: PETSc.Mat, shift: float, what: str) -> None:
-        """Factorise ``A - sigma B``.
+        """Factorise ``A - shift B`` of symmetric matrices of one pattern; messages say what for.
 
         Raises `InputError` if files are needed and no folder can be made for them; `RunError` if the factorisation
         fails.
-
-        Parameters
-        ----------
-        a, b
-            Symmetric matrices of one pattern.
-        shift
-            sigma.
-        what
-            What it is for, in messages.
         """
         from petsc4py import PETSc
 
@@ -297,13 +276,7 @@ LONGEST = 200  # characters of a path that MUMPS takes, and its names besides
 
 
 class FactorFiles:
-    """A new folder. Of one rank; who makes it closes it.
-
-    Raises
-    ------
-    InputError
-        If it cannot be made.
-    """
+    """A new folder, or `InputError` if it cannot be made. Of one rank; who makes it closes it."""
 
     def __init__(self) -> None:
         given = os.environ.get(VARIABLE)
@@ -389,20 +362,10 @@ def refuse_residuals(values: np.ndarray, residuals: np.ndarray, floor: float, wh
 def check_complete(
     count_below: Callable[[float], int], values: np.ndarray, n_pairs: int, where: str, cure: str = ""
 ) -> None:
-    """Count the eigenvalues below a gap by inertia, and compare with those found.
+    """Count the eigenvalues below a gap by inertia, `count_below` a value, and compare with all that were found,
+    ascending.
 
-    Raises `RunError` if eigenvalues are missing.
-
-    Parameters
-    ----------
-    count_below
-        Number of eigenvalues below a value.
-    values
-        All that were found, ascending.
-    n_pairs
-        Number of the lowest ones that are wanted.
-    where, cure
-        Configuration, and what may help, for messages.
+    Raises `RunError` if eigenvalues are missing among the lowest `n_pairs`, with where that is and what may help.
     """
     # the widest relative gap at or above the last wanted pair, so that the count is not ambiguous
     candidates = np.arange(n_pairs, values.size)
@@ -436,19 +399,8 @@ class EigenPairs:
 class ShiftInvertSolver:
     """SLEPc solver that is set up once and reused for matrices of one nonzero pattern. Collective on the matrices.
 
-    Parameters
-    ----------
-    comm
-        That of the matrices.
-    shift
-        sigma, below all eigenvalues.
-    prefix
-        Of the options that reach this solver.
-
-    Raises
-    ------
-    InputError
-        If PETSc refuses an option with the prefix.
+    The shift is below all eigenvalues; options with the prefix reach this solver. Raises `InputError` if PETSc refuses
+    one.
     """
 
     def __init__(self, comm: PETSc.Comm, shift: float, prefix: str) -> None:
@@ -489,19 +441,10 @@ class ShiftInvertSolver:
         self._count.forget_pattern()
 
     def solve(self, a: PETSc.Mat, b: PETSc.Mat, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
-        """Compute the lowest eigenpairs and check them.
+        """Compute the lowest eigenpairs of symmetric matrices of one pattern and check them.
 
-        Raises `RunError` if a factorisation fails, the solver did not converge, a residual is too large, or eigenvalues
-        are missing.
-
-        Parameters
-        ----------
-        a, b
-            Symmetric matrices of one pattern.
-        n_rigid, n_flexible
-            Number of eigenvalues of A that are or may be zero, and of others to be found.
-        where
-            Configuration, for messages.
+        `n_rigid` eigenvalues of A are or may be zero, and `n_flexible` others are found. Raises `RunError` if a
+        factorisation fails, the solver did not converge, a residual is too large, or eigenvalues are missing.
         """
         size, n_pairs = a.getSize()[0], n_rigid + n_flexible
         wanted = min(size, n_pairs + SPARE_PAIRS)

@@ -282,19 +282,23 @@ def iterate(
     `expected` are the contractions, shape (n_samples,), brought up to date.
     """
     active, lost, last = alive.copy(), np.zeros_like(alive), np.full(alive.size, np.inf)
-    n_corrections = n_calls = 0
+    n_corrections, n_calls, going = 0, 0, alive.copy()
     system.begin_iteration()
     if system.beside is not None:
         system.beside.begin(time, state, scheme)
     for iteration in range(MAX_ITERATIONS):
         if system.beside is not None:
             system.beside.act(time, state)
-        size = system.correct(time, state, scheme, active, iteration % refresh_every == 0)
+        size = system.correct(time, state, scheme, going, iteration % refresh_every == 0)
         last[system.limited()] = 0.0  # nothing follows from the size of the last correction
-        n_corrections += int(active.sum())
+        n_corrections += int(going.sum())
         n_calls += 1
         judge(iteration, size, last, expected, active, lost)
-        if not active.any():
+        if system.beside is None:
+            going = active
+        else:
+            going &= active | system.beside.unsettled & (size > ROUND_OFF)
+        if not going.any():
             break
     if system.beside is not None:
         system.beside.end(time, state, scheme, alive & ~lost & ~active)

@@ -309,17 +309,8 @@ class EventLocation:
         return samples & np.any((self._system.depths(end, state) > 0.0) != self.beyond, axis=0)
 
     def repeat_steps(self, before: Moment, after: Moment, end: float, step: float, samples: np.ndarray) -> np.ndarray:
-        """Repeat steps that cross edges, into `after`; return the samples whose iteration failed.
-
-        Parameters
-        ----------
-        before, after
-            At the beginning and at the end of the step.
-        end, step
-            End and length of the step, s.
-        samples
-            Mask of the samples, shape (n_samples,).
-        """
+        """Repeat steps that cross edges, to their `end` and of a length, s, into `after`; return the samples whose
+        iteration failed. Samples are a mask, shape (n_samples,)."""
         lost = np.zeros_like(samples)
         with log_event("contacts"):
             for sample in np.flatnonzero(samples):
@@ -341,18 +332,10 @@ class EventLocation:
         return np.zeros_like(alone)
 
     def parts(self, moment: Place, end: float, step: float, alone: np.ndarray) -> list[Part] | None:
-        """Take one sample to the end of a step, edge by edge; None where its iteration fails.
+        """Take one sample, a mask of shape (n_samples,), to the end of a step, edge by edge; None where its iteration
+        fails.
 
         No part goes up to an edge that lies at the beginning of the step, or where another one is.
-
-        Parameters
-        ----------
-        moment
-            State and auxiliary accelerations at the beginning of the step.
-        end, step
-            End and length of the step, s.
-        alone
-            The sample as a mask, shape (n_samples,).
         """
         search, taken, (sample,) = EdgeSearch.of(len(self.beyond)), [], np.flatnonzero(alone)
         beyond = self.beyond[:, sample].copy()

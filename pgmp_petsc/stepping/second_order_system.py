@@ -74,14 +74,8 @@ class Scheme:
         alpha_f = spectral_radius / (spectral_radius + 1)
         gamma = 0.5 + alpha_f - alpha_m
         beta = 0.25 * (gamma + 0.5) ** 2
-        return cls(
-            alpha_m,
-            alpha_f,
-            beta,
-            gamma,
-            gain_v=gamma / (beta * step),
-            gain_a=(1 - alpha_m) / ((1 - alpha_f) * beta * step**2),
-        )
+        gain_v, gain_a = gamma / (beta * step), (1 - alpha_m) / ((1 - alpha_f) * beta * step**2)
+        return cls(alpha_m, alpha_f, beta, gamma, gain_v=gain_v, gain_a=gain_a)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,14 +143,10 @@ class Observer:
         raise NotImplementedError
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """See positions, velocities and accelerations after some steps of a reduced system.
+        """See positions, velocities and accelerations, shape (n_t, 3, n_samples, n), after some steps of a reduced
+        system; of samples that have failed, where they stand.
 
-        Parameters
-        ----------
-        numbers, times
-            Of these steps, increasing, and of their ends, s, each of shape (n_t,).
-        trail
-            Shape (n_t, 3, n_samples, n); of samples that have failed, where they stand.
+        Numbers of the steps, increasing, and their ends, s, have shape (n_t,).
         """
         for number, time, parts in zip(numbers, times, trail):
             self(int(number), float(time), State(*parts, np.zeros(0)))
@@ -281,19 +271,9 @@ class SecondOrderSystem:
         raise NotImplementedError
 
     def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
-        """Return why samples failed in a step.
+        """Return why n samples of a mask, shape (n_samples,), failed in a step, numbers of a `Status`, shape (n,).
 
-        Parameters
-        ----------
-        time, state
-            End of the step, and the state at its beginning.
-        samples
-            Mask of the n samples that failed, shape (n_samples,).
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Numbers of a `Status`.
+        Time is that of the end of the step, and the state that at its beginning.
         """
         raise NotImplementedError
 

@@ -48,21 +48,10 @@ class Statics(Protocol):
     n_samples: int
 
     def hold(self, theta: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Find the deformation at held coordinates.
+        """Find the deformation of the samples of a mask at held coordinates, shape (n_samples, n_theta), rad.
 
-        Parameters
-        ----------
-        theta
-            Shape (n_samples, n_theta), rad.
-        samples
-            Mask of the samples to hold, shape (n_samples,).
-
-        Returns
-        -------
-        torques
-            What the loads leave over on every coordinate, shape (n_samples, n_theta), N m.
-        lost
-            Mask of the samples without a solution.
+        Returns what the loads leave over on every coordinate, shape (n_samples, n_theta), N m, and the mask of the
+        samples without a solution.
         """
 
     def cause(self, sample: int) -> str:
@@ -141,19 +130,9 @@ def put_on(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Put loads on some samples, a mask, at once, or in more parts where their deformations do not converge.
 
-    Parameters
-    ----------
-    begin
-        Puts samples back to the beginning.
-    converge
-        Deforms samples under a share of the loads, and returns which of them converged.
-
-    Returns
-    -------
-    lost
-        Mask of the samples that no number of parts helps.
-    reached
-        The largest share with which a deformation was found, shape (n_samples,).
+    `begin` puts samples back to the beginning; `converge` deforms them under a share of the loads, and returns which of
+    them converged. Returned are the mask of the samples that no number of parts helps, and the largest share with which
+    a deformation was found, shape (n_samples,).
     """
     lost, reached = samples.copy(), np.zeros(samples.size)
     for n_parts in SHARES:
@@ -287,15 +266,9 @@ def moved_along(
 ) -> np.ndarray:
     """Return the velocities of what is in balance while the coordinates move, by central differences.
 
-    Parameters
-    ----------
-    deformed, q
-        Returns unknowns at positions of the coordinates, a column of the only sample or a row of each of several; and
-        these at `theta`.
-    theta, rates
-        Positions and rates of the coordinates, shape (n_theta,) of the only sample, or (n_samples, n_theta).
-    scales
-        What small changes of the coordinates are measured against, shape (n_theta,).
+    `deformed` returns unknowns at positions of the coordinates, a column of the only sample or a row of each of
+    several, and `q` are these at `theta`. Positions and rates have shape (n_theta,) of the only sample, or (n_samples,
+    n_theta); small changes of the coordinates are measured against scales, shape (n_theta,).
     """
     v = np.zeros_like(q)
     for k, scale in enumerate(scales):

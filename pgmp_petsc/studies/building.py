@@ -87,24 +87,12 @@ def build(
     output: Path | None = None,
     resume: bool = False,
 ) -> Built:
-    """Build the reduced model of a scene. Collective on ``group.world``.
+    """Build the reduced model of a scene with the mesh of every body; groups share an eigenproblem. Collective on
+    ``group.world``.
 
-    Parameters
-    ----------
-    scene, meshes
-        The scene, and the mesh of every body.
-    group
-        Ranks that share an eigenproblem.
-    say
-        Gets the sizes of effects, and what errors are measured against, before it is run.
-    output, resume
-        The file beside which finished parts are kept until `Built.checkpoint` is removed, None to keep nothing; whether
-        to take up what is there.
-
-    Raises
-    ------
-    InputError, RunError
-        On all ranks, whichever rank met it.
+    The sizes of effects, and what errors are measured against, go to `say` before it is run. Finished parts are kept
+    beside the output until `Built.checkpoint` is removed, none without one; `resume` takes up what is there. Raises
+    `InputError` or `RunError` on all ranks, whichever rank met it.
     """
     comm = group.world
     on_root(comm, _check_ahead, scene, meshes)

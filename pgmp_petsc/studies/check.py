@@ -22,9 +22,9 @@ from pgmp_petsc.bodies.shape import BodyShape, given_properties
 from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of, start_of
 from pgmp_petsc.effects.clearance import impacts
 from pgmp_petsc.effects.springs import spring_force
+from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, foretold, why_no_grid
 from pgmp_petsc.mechanism.closure import size_of
-from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import MOST_FOLLOWED, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.null_space import null_space

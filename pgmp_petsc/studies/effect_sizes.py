@@ -95,17 +95,11 @@ class RigidRun:
 
 
 def run_rigid(scene: Scene, meshes: Mapping[str, BodyShape], kinematics: RigidKinematics) -> RigidRun:
-    """Integrate the scene's mechanism with all bodies rigid, on one rank.
+    """Integrate the scene's mechanism with all bodies rigid, on one rank, from meshes that are not condensed.
 
-    With few steps first, and once more with as many as the motion needs. Raises `InputError` or `RunError` if there is
-    no static equilibrium to start from, or the run fails.
-
-    Parameters
-    ----------
-    scene, meshes
-        The scene and the mesh of every body, not condensed.
-    kinematics
-        Of the mechanism, whichever of its bodies deform there.
+    With few steps first, and once more with as many as the motion needs. Kinematics are of the mechanism, whichever of
+    its bodies deform there. Raises `InputError` or `RunError` if there is no static equilibrium to start from, or the
+    run fails.
     """
     stiff = _with_rigid_bodies(scene)
     model = FullModel(stiff, meshes, kinematics)
@@ -237,18 +231,11 @@ def estimate_effects(
     branch: PoseBranch | None = None,
     shapes: Mapping[str, BodyShape] | None = None,
 ) -> EffectSizes:
-    """Estimate the size of every available effect, on one rank.
+    """Estimate the size of every available effect, on one rank, from meshes that are not condensed.
 
-    Raises `InputError` or `RunError` if the mechanism is not sound, a body cannot be condensed, or the rigid run fails.
-
-    Parameters
-    ----------
-    meshes
-        Of the bodies, not condensed.
-    branch
-        Assembly branch of the mechanism where it is known; see `RigidKinematics`.
-    shapes
-        The same bodies condensed with what is of second order (`condensed`), where they are at hand.
+    The assembly branch of the mechanism is given where it is known (`RigidKinematics`), and so are `shapes`, the bodies
+    condensed with what is of second order (`condensed`). Raises `InputError` or `RunError` if the mechanism is not
+    sound, a body cannot be condensed, or the rigid run fails.
     """
     check_capabilities(scene, Purpose.SIZES)
     if shapes is None:

@@ -52,15 +52,8 @@ from pgmp_petsc.scene.fields import MOST_RADIANS
 def field_frames(
     seen: FieldSet, kinematics: RigidKinematics, nodal: np.ndarray, values: Fields
 ) -> dict[str, BodyField]:
-    """Return the fields of all bodies that are seen; nothing where there are no frames.
-
-    Parameters
-    ----------
-    nodal
-        Frames of all nodes of the mechanism, shape (n_f, n_nodes, n_frame); see `shape_frames`.
-    values
-        The fields of the models at these instants, or more.
-    """
+    """Return the fields of all bodies that are seen, from those of the models at the same instants, or more; nothing
+    where there are no frames of all nodes, (n_f, n_nodes, n_frame), see `shape_frames`."""
     if not values:
         return {}
     poses = RigidReference(kinematics).poses(dict(enumerate(np.moveaxis(nodal, 0, -1))))
@@ -137,16 +130,8 @@ def left_out_of_fields(seen: FieldSet) -> tuple[Remark, ...]:
 
 
 def shape_frames(mechanism: Mechanism, nodal: np.ndarray, time: np.ndarray) -> Frames:
-    """Return the shapes of all bodies.
-
-    Parameters
-    ----------
-    nodal
-        Frames of all nodes in the ground frame, shape (n_f, n_nodes, n_frame): ``(x, y, phi)``, m and rad, in the
-        plane, position and directors in space.
-    time
-        Their instants, shape (n_f,), s.
-    """
+    """Return the shapes of all bodies at instants (n_f,), s, from the frames of all nodes in the ground frame, shape
+    (n_f, n_nodes, n_frame): ``(x, y, phi)``, m and rad, in the plane, position and directors in space."""
     shapes = {body.name: _shape(mechanism, body, nodal[:, body.nodes]) for body in mechanism.bodies}
     turned = _rotation_vectors if mechanism.space is SPATIAL else (lambda shape: shape[..., 2])
     return _frames(mechanism, time, shapes, {name: turned(shape) for name, shape in shapes.items()})
@@ -220,16 +205,10 @@ def assembly_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> Ass
 
 
 def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> ModeShape:
-    """Return a mode of the reduced model without springs; by one process.
+    """Return a mode of the reduced model without springs, numbered from 1, rigid motion left out; by one process.
 
-    Raises `InputError` if there is no such mode, or no such configuration among those of the model.
-
-    Parameters
-    ----------
-    number
-        From 1, rigid motion left out.
-    at
-        Coordinates of the configuration, rad or m; where not given those at the start.
+    The configuration has coordinates `at` (rad or m), those at the start where not given. Raises `InputError` if there
+    is no such mode, or no such configuration among those of the model.
     """
     mechanism, theta = model.kinematics.mechanism, _configuration(model, at)
     frequencies, vectors = _modes(model, theta)

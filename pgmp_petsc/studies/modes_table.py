@@ -51,23 +51,11 @@ from pgmp_petsc.scene.uses import offset_directions, offset_values
 def reduced_vibrations(
     rom: ReducedOrderModel, springs: SpringStiffness, scheme: str, values: Mapping[str, float], theta: np.ndarray
 ) -> np.ndarray:
-    """Return the frequencies at configurations (n, n_theta), rad, by one process.
+    """Return the frequencies of a reduced model at configurations (n, n_theta), rad, by one process.
 
-    Parameters
-    ----------
-    rom
-        The reduced model.
-    springs
-        What springs add, for the mechanism of `rom` with its condensed bodies.
-    scheme
-        Interpolation over the samples.
-    values
-        Parameter values.
-
-    Returns
-    -------
-    ndarray, shape (n, n_free + n_delta - n_rigid)
-        Ascending, without the rigid motions that no spring resists, Hz; below zero as in `frequencies_of`.
+    `springs` are what springs add, for its mechanism with condensed bodies; the scheme interpolates over the samples.
+    Frequencies are of shape (n, n_free + n_delta - n_rigid), Hz, ascending, without the rigid motions that no spring
+    resists; below zero as in `frequencies_of`.
     """
     tables, kinematics = rom.tables.moving(), springs.kinematics
     mechanism, r, free = kinematics.mechanism, rom.tables.n_coordinates, springs.free
@@ -115,19 +103,11 @@ STRUCTURE = ("ground", "materials", "bodies", "joints", "coordinates")
 def tabulate_modes(
     scene: Scene, meshes: Mapping[str, LineMesh], rom: ReducedOrderModel | None, n_angles: int, group: RankGroup
 ) -> ModesTable | None:
-    """Compute the table at the scene's parameter values. Collective on ``group.world``.
+    """Compute the table at the scene's parameter values, on the first rank; None elsewhere. Collective on
+    ``group.world``.
 
-    Parameters
-    ----------
-    rom
-        A reduced model of the same mechanism, or None for the full-order frequencies alone.
-    n_angles
-        Number of configurations over the range of each coordinate.
-
-    Returns
-    -------
-    ModesTable or None
-        On the first rank, None elsewhere.
+    `rom` is a reduced model of the same mechanism, or None for the full-order frequencies alone; there are `n_angles`
+    configurations over the range of each coordinate.
     """
     timings = Timings()
     with timings.phase("components"):

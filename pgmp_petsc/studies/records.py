@@ -31,19 +31,8 @@ from pgmp_petsc.stepping.second_order_system import State
 class FullRecord:
     """Record of a run of one sample; states are evaluated as many at once as the system is quickest with.
 
-    Parameters
-    ----------
-    model, system
-        The model, and the system that is integrated. Collective on its communicator.
-    fields
-        What makes the fields of bodies.
-    wanted
-        Steps at which the frames of all nodes and the fields are kept.
-
-    Attributes
-    ----------
-    times
-        Instants so far, s.
+    It is of a model and the system that is integrated, collective on its communicator. The frames of all nodes, and
+    fields of bodies, are kept at the steps that are `wanted`; `times` are the instants so far, s.
     """
 
     def __init__(

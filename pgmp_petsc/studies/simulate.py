@@ -67,15 +67,11 @@ def simulate(model: FullModel | ReducedModel, comm: Comm) -> Trajectory | None:
 
 
 def simulate_reduced(model: ReducedModel, comm: Comm) -> Trajectory | None:
-    """Run the reduced model; one sample needs one rank, the others wait. Collective on `comm`.
+    """Run the reduced model; one sample needs one rank, which gets the result, others wait for None. Collective on
+    `comm`.
 
     Raises `RunError` where the computation itself breaks. A run that stops before its end is a trajectory with its
     status.
-
-    Returns
-    -------
-    Trajectory or None
-        On the first rank, None elsewhere.
     """
     trajectory = None
     with agreed(comm, "simulation"):
@@ -386,15 +382,8 @@ LOOK_BACK = 400  # steps before a failure in which its cause is looked for
 
 
 def why_stopped(model: FullModel | ReducedModel, run: Run, reason: str) -> list[Remark]:
-    """Return why a run stopped, and what to do; nothing where it did not.
-
-    Parameters
-    ----------
-    run
-        A run of one sample.
-    reason
-        What is known beyond the status, with its cure.
-    """
+    """Return why a run of one sample stopped, and what to do; nothing where it did not. A `reason` is what is known
+    beyond the status, with its cure."""
     status = Status(run.status[0])
     if status == Status.FINE:
         return []

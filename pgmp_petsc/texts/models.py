@@ -60,10 +60,7 @@ def report_of_modes(table: ModesTable, path: Path, said: Sequence[Remark] = ()) 
     places = f"{len(table.full_hz)} {'angles' if table.theta.ndim == 1 else 'configurations'}"
     first = table.full_hz[:, :1]
     answer = f"; lowest frequency {first.min():.5g} to {first.max():.5g} Hz" if first.size else ""
-    lines = [
-        f"{path}: {places}{answer}",
-        "  mode     lowest Hz    highest Hz   reduced, largest difference",
-    ]
+    lines = [f"{path}: {places}{answer}", "  mode     lowest Hz    highest Hz   reduced, largest difference"]
     for mode in range(min(SHOWN, table.full_hz.shape[1])):
         full = table.full_hz[:, mode]
         line = f"  {mode + 1:4d} {full.min():13.6g} {full.max():13.6g}"

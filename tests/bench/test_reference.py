@@ -6,13 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from combinations import meshes_for, scene_of
+from conftest import ROOT
 from mpi4py import MPI
 from refusals import refusal
 from runs import full_model, reduced_model
 
 from pgmp_petsc.api.jobs import _Job
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bench import reference
+from pgmp_petsc.bench import reference, which
 from pgmp_petsc.bench.finished import Price, duration_text, step_seconds
 from pgmp_petsc.bench.history import errors_between, floors_of, run_history
 from pgmp_petsc.bench.reference import (
@@ -26,10 +27,12 @@ from pgmp_petsc.bench.reference import (
     first_period,
     period_of,
 )
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.studies.inputs import read_scene
 from scenes import slider_crank
 
 SELF = MPI.COMM_SELF
@@ -183,3 +186,17 @@ def test_tables_know_the_first_period() -> None:
 def test_a_reference_keeps_what_it_was_asked_for() -> None:
     found = chosen(cells())
     assert replace(found, from_mesh={"x": 1.0}).about["from_mesh"] == {"x": 1.0}
+
+
+def test_stresses_of_bodies_of_cells_are_in_what_a_step_is_predicted_to_take() -> None:
+    """Three strains of each node of the rod; at a place those of one point."""
+    output = 'outputs.stress={type="stress", body="rod", quantity="von_mises"PLACE}'
+    of_scene = ROOT / "scenes" / "slider_crank_solid2d.toml"
+    found = []
+    for place in ("", ", at=[0.35, 0.0]"):
+        scene, meshes = read_scene(of_scene, (output.replace("PLACE", place),), (), SELF, Purpose.CHECK)
+        mechanism = Mechanism.from_scene(scene, meshes)
+        found.append(which.n_strains(scene, mechanism))
+        _, components, reduced = which.prospects(scene, meshes, mechanism, 6, 0)
+        assert min(components.step, reduced.step) > which.STRAIN * found[-1]
+    assert found == [3 * meshes["rod"].n_nodes, 3]

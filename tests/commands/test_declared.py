@@ -13,9 +13,9 @@ from mpi4py import MPI
 from refusals import refusal
 
 import pgmp_petsc as pgmp
+from pgmp_petsc.api import found
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import SHARED, Argument, Command, command, found_command, interface
-from pgmp_petsc.api.found import found
 from pgmp_petsc.api.ranks import tell
 from pgmp_petsc.cli.declared import Declared
 from pgmp_petsc.cli.main import COMMANDS

@@ -12,18 +12,17 @@ from conftest import ROOT, TIMEOUT_SECONDS
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.effects import laws
-from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects import action
+from pgmp_petsc.effects.action import CARRIED_FRICTION, FRICTION, SOURCE, SPRING_DAMPER, STOP, Action
 from pgmp_petsc.effects.free_play import FREE_PLAY
 from pgmp_petsc.effects.law import Law, differentiate, obey
-from pgmp_petsc.effects.laws import CARRIED_FRICTION, FRICTION, SOURCE, SPRING_DAMPER, STOP
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.statements import distance
 
 STEP = 1e-6  # central differences of functions of order 1: 1e-12 by truncation, 1e-10 by round-off
 ATOL = 1e-9
-FOUND = [one for one in vars(laws).values() if isinstance(one, Law)] + [FREE_PLAY]
+FOUND = [one for one in vars(action).values() if isinstance(one, Law) and one is not action.NOTHING] + [FREE_PLAY]
 UPPER, LOWER = (50.0, 0.3, 0.5, 1.0), (50.0, 0.3, -0.5, -1.0)
 # law, parameters, amplitude, measure, rate
 STATES = {
@@ -243,7 +242,7 @@ def test_an_action_gives_its_law_all_parameters() -> None:
         Action("rope", distance(2), ground, ground, STOP, (Quantity(1.0),))
 
 
-PRINTED = "import sys; from pgmp_petsc.effects.laws import STOP; print(STOP.code.__file__, 'sympy' in sys.modules)"
+PRINTED = "import sys; from pgmp_petsc.effects.action import STOP; print(STOP.code.__file__, 'sympy' in sys.modules)"
 
 
 def printing(folder: Path) -> subprocess.Popen:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.effects.action import Action, compile_actions
-from pgmp_petsc.effects.laws import FRICTION, SOURCE, SPRING_DAMPER
+from pgmp_petsc.effects.action import FRICTION, SOURCE, SPRING_DAMPER, Action, compile_actions
 from pgmp_petsc.full.forces import Acted, BlockActions, act
 from pgmp_petsc.full.problem import pairs_of
 from pgmp_petsc.mechanism import statements

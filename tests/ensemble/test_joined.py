@@ -6,8 +6,7 @@ from scipy import stats
 from scipy.optimize import minimize
 
 from pgmp_petsc.ensemble import intervals, joined
-from pgmp_petsc.ensemble.correction import corrected
-from pgmp_petsc.ensemble.joined import PILOT, counts
+from pgmp_petsc.ensemble.joined import PILOT, corrected, counts
 from pgmp_petsc.ensemble.sampling import Replicates
 
 LEVEL = 0.95

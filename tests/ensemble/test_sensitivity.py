@@ -5,9 +5,9 @@ import pytest
 from SALib.analyze import sobol
 from scipy import stats
 
-from pgmp_petsc.ensemble import sensitivity
+from pgmp_petsc.ensemble import statistics
 from pgmp_petsc.ensemble.sampling import Blocks
-from pgmp_petsc.ensemble.sensitivity import of_blocks, of_given, sensitivities, sensitivity_remarks
+from pgmp_petsc.ensemble.statistics import of_blocks, of_given, sensitivities, sensitivity_remarks
 
 NAMES = ["x1", "x2", "x3"]
 R = 8  # replicates
@@ -116,7 +116,7 @@ def test_what_does_not_vary_or_is_too_little_has_no_indices() -> None:
 
 
 def test_many_samples_are_ranked_by_the_first_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sensitivity, "MOST_GIVEN", 300)
+    monkeypatch.setattr(statistics, "MOST_GIVEN", 300)
     uniform = np.random.default_rng(1).random((1000, 3))
     values, fine = ishigami(uniform), np.arange(1000) % 2 == 0
     (found,) = sensitivities([("y", values)], dict(zip(NAMES, uniform.T)), NAMES, fine, None, 0.95).values()

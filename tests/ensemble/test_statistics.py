@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pgmp_petsc.ensemble.sensitivity import of_given
-from pgmp_petsc.ensemble.statistics import Peaks, describe, holds_to, is_constant, quantile_bounds
+from pgmp_petsc.ensemble.statistics import Peaks, describe, holds_to, is_constant, of_given, quantile_bounds
 from pgmp_petsc.results import Chance
 from pgmp_petsc.scene.numerics import Event
 

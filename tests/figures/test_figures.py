@@ -336,6 +336,6 @@ def test_a_directory_that_cannot_be_made_or_written_to(tmp_path, monkeypatch):
     (tmp_path / "taken").write_text("")
     with pytest.raises(InputError, match="cannot be made"):
         draw([tmp_path / "m.h5"], tmp_path / "taken")
-    monkeypatch.setattr("pgmp_petsc.figures.collection.os.access", lambda path, mode: mode == 4)
+    monkeypatch.setattr("pgmp_petsc.figures.captions.os.access", lambda path, mode: mode == 4)
     with pytest.raises(InputError, match="no permission to write"):
         draw([tmp_path / "m.h5"], tmp_path / "out")

@@ -14,7 +14,7 @@ from runs import assert_close, built_rom, full_model, history, samples
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.bodies.sections.section import BeamSection
-from pgmp_petsc.mechanism.constraints import constraint_jacobian
+from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.solvers import shift_invert

@@ -55,7 +55,7 @@ def test_the_linear_model_errs_and_warns() -> None:
     assert difference > 0.2 * max(ours, exact), "otherwise this is no hard case"
     assert run.validity["stiffness_gained"] > 0.2
     text = warnings_of(run)
-    assert "the effect geometric_stiffening, which the model leaves out, changes the stiffness" in text
+    assert "geometric_stiffening, which the model leaves out, changes the stiffness" in text
     assert "name it in [effects], with mode_inertia, and build again" in text
     assert run.errors.maximum("coupler_bending") > 0.1 * difference, "what is estimated is no small error"
 

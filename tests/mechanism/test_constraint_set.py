@@ -7,8 +7,8 @@ from runs import quick_return
 from scipy.spatial.transform import Rotation
 from spatial import kinematics_in_space, slider_crank_in_space, spatial_slider_crank
 
+from pgmp_petsc.mechanism.body_frames import ConstraintHessians
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
-from pgmp_petsc.mechanism.constraints import ConstraintHessians
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from scenes import four_bar, kinematics_of, mechanism_of, pendulum, slider_crank, trammel

@@ -10,9 +10,8 @@ from solid_scenes import solid_meshes, solid_slider_crank
 from solids import mesh_of
 
 from pgmp_petsc.bodies.face_frame import FaceFrame
-from pgmp_petsc.mechanism.body_frames import to_body
+from pgmp_petsc.mechanism.body_frames import constraint_jacobian, to_body
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
-from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.frame_ties import FrameTies
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism

@@ -5,7 +5,7 @@ import pytest
 import scipy.linalg
 import scipy.sparse as sp
 
-from pgmp_petsc.mechanism.constraints import ConstraintJacobian, constraint_jacobian
+from pgmp_petsc.mechanism.body_frames import ConstraintJacobian, constraint_jacobian
 from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces, null_space
 from scenes import four_bar, kinematics_of, slider_crank, trammel
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import click
 import numpy as np
 
+from pgmp_petsc.api import Found
 from pgmp_petsc.api.declared import command
-from pgmp_petsc.api.found import Found
 from pgmp_petsc.api.ranks import tell
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.base.errors import InputError, RunError

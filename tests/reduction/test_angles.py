@@ -100,6 +100,22 @@ def test_angles_that_do_not_help_are_not_added_for_ever(monkeypatch) -> None:
     assert "rod_force 30 %; four times the angles left 60 % of that, so that no more were tried" in said.text
 
 
+def test_an_inertia_force_that_hardly_stresses_a_body_asks_for_no_angles(monkeypatch) -> None:
+    """A small force of another sign at every other angle, which nothing interpolates, beside those of the speed."""
+    scene = numbered(0.7, asked("rod_force", "axial_force", "at=[0.35,0.0]", "rod"))
+    of_the_scene = angles._stiffness_and_loads
+    for beside, warned in ((0, False), (-1, True)):
+
+        def found(*arguments):
+            stiffness, loads, kin = of_the_scene(*arguments)
+            small = 1e-5 * loads[:, :, list(kin).index(0)] * np.resize([1.0, -1.0], len(loads))[:, None]
+            return stiffness, np.dstack([loads, small]), np.append(kin, beside)
+
+        monkeypatch.setattr(angles, "_stiffness_and_loads", found)
+        said = [remark.text for remark in built_rom(scene).record.remarks]
+        assert any("stress outputs are off by interpolation" in text for text in said) == warned, said
+
+
 def test_a_force_that_is_not_there_asks_for_no_angles() -> None:
     """Nothing twists a bar that is bent: what round-off leaves changes from angle to angle."""
     twist = asked("twist", "torsion_moment", "at=[0.3,0.0,0.0]", "arm")

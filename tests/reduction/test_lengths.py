@@ -22,7 +22,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import LengthLanes, ReducedModel, SeparateLengths, of_samples
 from pgmp_petsc.reduction import length_family
-from pgmp_petsc.reduction.rom import LengthCheck, ReducedOrderModel, check_served, refuse_beyond, served_ranges
+from pgmp_petsc.reduction.rom import LengthCheck, ReducedOrderModel, check_samples, check_served, served_ranges
 from pgmp_petsc.reduction.sample_grid import LengthGrid
 from pgmp_petsc.scene.uses import length_names, length_range
 from pgmp_petsc.studies.inputs import with_meshes
@@ -141,7 +141,7 @@ def test_nothing_is_served_outside_the_range_of_a_length(rom: ReducedOrderModel)
     with pytest.raises(InputError, match="serves no length, place or ratio"):
         check_served(served, long_crank(wider, shifted))
     with pytest.raises(InputError, match="samples are beyond what the model serves"):
-        refuse_beyond(served, {"rod_length": np.array([0.7, 0.74])}, "--samples")
+        check_samples(served, {"rod_length": np.array([0.7, 0.74])}, "--samples")
 
 
 def test_the_kinematics_of_a_length_are_exact_and_the_file_keeps_the_family(

@@ -14,8 +14,7 @@ from sealed import resealed
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, loads_of
-from pgmp_petsc.mechanism.body_frames import rigid_velocities, to_body
-from pgmp_petsc.mechanism.constraints import constraint_jacobian
+from pgmp_petsc.mechanism.body_frames import constraint_jacobian, rigid_velocities, to_body
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel

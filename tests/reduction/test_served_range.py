@@ -7,7 +7,7 @@ from runs import SMALL, paper_scene, rom_of
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.reduction.rom import Served, check_served, outside_of, refuse_beyond
+from pgmp_petsc.reduction.rom import Served, check_samples, check_served, outside_of
 
 DRAWN = (
     *SMALL,
@@ -59,10 +59,10 @@ def test_samples_are_counted_and_refused_where_they_are_far_beyond(served: dict[
     values = {"r1": np.array([5e-3, 2.9e-3, 8.5e-3, 6e-3]), "push": np.array([1.0, 9.0, -9.0, 0.0])}
     (said,) = outside_of(served, values, "--samples table.csv")
     assert "--samples table.csv: 2 of 4 samples are outside the range" in said.text and "2 in r1 ([0.00308" in said.text
-    refuse_beyond(served, values, "--samples table.csv")
+    check_samples(served, values, "--samples table.csv")
     assert outside_of(served, {"r1": np.array([5e-3])}, "") == () == outside_of(served, {"push": np.zeros(2)}, "")
     with pytest.raises(InputError, match="1 of 2 samples are beyond what the model serves, number 1 with r1 = 0.0115"):
-        refuse_beyond(served, {"r1": np.array([5e-3, 11.5e-3])}, "--samples table.csv")
+        check_samples(served, {"r1": np.array([5e-3, 11.5e-3])}, "--samples table.csv")
 
 
 def test_parameters_that_no_range_is_known_of_are_served_near_their_nominal_value() -> None:

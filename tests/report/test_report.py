@@ -19,10 +19,11 @@ import synthetic
 from pgmp_petsc.base.errors import InputError, note, warning
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.files.hdf5 import write_file
+from pgmp_petsc.report import budget
 from pgmp_petsc.report.budget import error_budget, headline_of_comparison, headline_of_ensemble, headline_of_run
 from pgmp_petsc.report.charts import Curve, Level, distribution, output_over_time
 from pgmp_petsc.report.page import _largest_of_units, downloads_of, write_report
-from pgmp_petsc.report.sources import read_sources
+from pgmp_petsc.report.sources import Source, read_sources
 from pgmp_petsc.results import Attempt, Balance, Ensemble, Selection, Trajectory
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
@@ -673,3 +674,14 @@ def test_values_that_hardly_differ_are_told_apart(tmp_path: Path) -> None:
     chart = next(item for item in charts if item.get("aria-label") == "crank_angle")
     ticks = [words(item) for item in chart.iter() if item.tag.endswith("text") and words(item).startswith("5.28")]
     assert len(ticks) >= 2 and len(set(ticks)) == len(ticks)
+
+
+def test_steps_of_a_run_on_another_mesh_are_not_said_once_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = synthetic.trajectory("full")
+    run = replace(
+        run, errors=EstimatedErrors(run.time, {"crank_angle": 1e-6 * run.time}, {"crank_angle": 2.0}, OF_STEP)
+    )
+    own, other = (Source(name, replace(run), "", Path(name)) for name in ("own.h5", "other.h5"))
+    assert [source for source, _ in budget.step_errors([own, other])] == [own, other]  # the same mesh twice
+    monkeypatch.setattr(budget, "n_nodes", lambda one: 28 if one is other.result else 15)
+    assert [source for source, _ in budget.step_errors([own, other])] == [own]

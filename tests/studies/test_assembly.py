@@ -11,7 +11,7 @@ from pictures import assert_inside, texts
 from runs import one_message, pgmp
 
 from pgmp_petsc.figures.mechanism import assembly
-from pgmp_petsc.figures.part import meshed_part
+from pgmp_petsc.figures.solids import meshed_part
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.results.selection import Assembly
 from pgmp_petsc.studies.field_frames import assembly_of

@@ -144,7 +144,7 @@ WARNED = {
         SCENE, ['effects.a={type="spring_damper", joint="elbow", damping=1e-3, rest=0.2}'], "effects.a.rest",
         "there is no stiffness",),
     "stretching of nothing": (
-        SCENE, ['reduction.stretching="static"', "reduction.second_order=false"], "reduction.stretching",
+        SCENE, ['reduction.stretching="dynamic"', "reduction.second_order=false"], "reduction.stretching",
         "reduction.second_order is false",),
     "most angles of nothing": (
         SCENE, ["reduction.max_angles=99", "reduction.parameter_modes=0"], "reduction.max_angles", "as there is no"

@@ -213,7 +213,7 @@ BROKEN = {
     ),
     "a law of a taken name": (
         ("@", LAW.format("stop", "-k * s")),
-        r"mine\.py:2: the name 'stop' is taken by .*laws\.py",
+        r"mine\.py:2: the name 'stop' is taken by .*action\.py",
     ),
     "a joint that holds nothing": (
         ("*", JOINT.replace("def statements", "def stated")),

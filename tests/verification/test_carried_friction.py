@@ -5,10 +5,12 @@ from math import cos, hypot, sin, tanh
 
 import numpy as np
 import pytest
+from exported import assert_same_in_c, compiled
 from machine_scenes import run
 from refusals import cases, check_said, refusal
-from runs import history, motion, read_meshes, reduced_model, samples
+from runs import components_model, history, motion, read_meshes, reduced_model, samples
 from scipy.integrate import solve_ivp
+from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.finished import CARRIED, step_seconds
@@ -185,14 +187,35 @@ def test_what_slides_has_no_radius():
         scene_from_toml(BLOCK, ".", ("effects.rub.radius=0.1",))
 
 
-@pytest.mark.parametrize("purpose", [Purpose.EXPORT, Purpose.TRADEOFF, Purpose.SIZES])
+STOP = 'effects.stop={type="end_stop", joint="main", upper=0.7, stiffness=1e4}'
+IN_C = {
+    "plane": lambda: slider("simulation.duration=0.02"),
+    "over an edge": lambda: slider("simulation.duration=0.01", STOP, "outputs={theta={type='angle',joint='main'}}"),
+    "space": lambda: slider_crank_of_beams(
+        "reduction.modes=4", "reduction.angles=24", 'reduction.interpolation="spline"', "simulation.duration=0.05",
+        'effects.rub={type="joint_friction",joint="crank_hinge",coefficient=0.3,radius=0.01,speed=0.1}',
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", IN_C)
+def test_models_in_c_rub_alike(name, tmp_path):
+    assert_same_in_c(reduced_model(IN_C[name]()), tmp_path)
+
+
+def test_component_models_in_c_do_not_know_it(tmp_path):
+    with pytest.raises(InputError, match="effects.in_main.coefficient: a component model in C does not know"):
+        compiled(components_model(slider()), tmp_path)
+
+
+@pytest.mark.parametrize("purpose", [Purpose.TRADEOFF, Purpose.SIZES])
 def test_what_does_not_know_it_refuses_it(purpose):
     with pytest.raises(InputError, match="effects.in_main.coefficient"):
         check_capabilities(slider(), purpose)
 
 
 def test_predicted_times_count_it():
-    """A step of the mesh takes 2.4 ms with friction in three joints, of which 2.1 ms are for that."""
+    """A step of the mesh takes 2.5 ms with friction in three joints, nearly all of them for that."""
     rubbing, limited = (
         step_seconds(Mechanism.from_scene(scene, read_meshes(scene)))
         for scene in (slider(), slider('effects.in_pin={type="joint_friction",joint="pin",limit=1.0,speed=1.0}'))

@@ -13,10 +13,10 @@ from scipy.optimize import brentq
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.effects.clearance import BACKLASH, CONTACT, LAWS, RUBBING, hysteresis_at, restitution_at
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mechanism.composition import loosened
 from pgmp_petsc.mechanism.joints import meeting
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.releases import loosened
 from pgmp_petsc.scene import Scene
 
 

@@ -126,7 +126,10 @@ def test_a_limited_range_overhauser_every_law_and_every_kind_of_output(tmp_path)
     model = reduced_model(scene_from_toml(KINDS, "."))
     (axis,) = model.terms.terms.axes
     assert (axis.periodic, axis.basis) == (False, OVERHAUSER)
-    exported.assert_same_in_c(model, tmp_path)
+    found = exported.assert_same_in_c(model, tmp_path)
+    # one of its vectors, left of a spring's static answer, bends at 140 kHz: no mode follows that at once
+    bent = motion("full", model.scene).outputs["bent"]
+    assert np.abs(found["bent"] - bent).max() < 3e-3 * np.abs(bent).max()
     # a longer run leaves the range, and a narrow limit is crossed: that is flagged from there on, and stays so
     longer = exported.with_scene(model, scene_from_toml(KINDS.replace("duration = 0.1", "duration = 1.0"), "."))
     write_sources(constants_of(longer, "it"), tmp_path)

@@ -18,8 +18,7 @@ from scipy.integrate import solve_ivp
 
 from pgmp_petsc.c_export import source
 from pgmp_petsc.c_export.constants import constants_of
-from pgmp_petsc.c_export.description import CORRECTION, FOLLOWS, OUTPUTS, STRENGTHS, TIME, VALID, VALIDITY
-from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
+from pgmp_petsc.c_export.fmu import CORRECTION, FOLLOWS, OUTPUTS, STRENGTHS, TIME, VALID, VALIDITY, VERSIONS, write_fmu
 from pgmp_petsc.c_export.source import _weigh, _weigh_gaps
 from pgmp_petsc.c_export.tree import tree_constants_of
 from pgmp_petsc.models import ReducedModel

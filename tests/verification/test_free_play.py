@@ -15,8 +15,7 @@ from test_effects_reduced import INERTIA, run_of
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.c_export.constants import constants_of
-from pgmp_petsc.c_export.description import OUTPUTS
-from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
+from pgmp_petsc.c_export.fmu import OUTPUTS, VERSIONS, write_fmu
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import ReducedModel

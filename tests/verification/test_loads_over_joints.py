@@ -18,8 +18,7 @@ from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.optimize import root
 
 from pgmp_petsc.c_export.constants import constants_of
-from pgmp_petsc.c_export.description import OUTPUTS
-from pgmp_petsc.c_export.fmu import write_fmu
+from pgmp_petsc.c_export.fmu import OUTPUTS, write_fmu
 from pgmp_petsc.effects.over_joint import table_law, turns_of
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.models import of_samples

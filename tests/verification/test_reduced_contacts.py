@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from runs import reduced_model, samples
 
+from pgmp_petsc.effects.action import STOP as STOPS
 from pgmp_petsc.effects.law import Law
-from pgmp_petsc.effects.laws import STOP as STOPS
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.stepping import generalised_alpha

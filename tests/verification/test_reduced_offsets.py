@@ -21,8 +21,7 @@ from scipy.stats import norm
 from solid_scenes import solid_meshes, solid_slider_crank
 
 from pgmp_petsc.c_export.constants import constants_of
-from pgmp_petsc.c_export.description import OUTPUTS
-from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
+from pgmp_petsc.c_export.fmu import OUTPUTS, VERSIONS, write_fmu
 from pgmp_petsc.design.fitting import fit
 from pgmp_petsc.design.measured_history import MeasuredHistory
 from pgmp_petsc.estimates.error_indicator import indicator_of

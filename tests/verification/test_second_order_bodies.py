@@ -141,8 +141,12 @@ SHORT = (TORQUE, "simulation.duration=0.12", "simulation.step=5e-4", "reduction.
 
 
 def test_beams_in_the_plane_are_the_same_in_space() -> None:
-    """The modes in the plane of those in space, and all of their second order: runs agree."""
-    common = (*SHORT, *OUTPUTS, SECOND, "reduction.static_modes=true", "reduction.inertia_modes=true")
+    """The modes in the plane of those in space, and all of their second order: runs agree.
+
+    How much of the shortening follows at once hangs on all modes, those out of the plane too: 4e-4 of the deformation.
+    """
+    common = (*SHORT, *OUTPUTS, SECOND, "reduction.static_modes=true", "reduction.inertia_modes=true",
+              'reduction.stretching="dynamic"')  # fmt: skip
     deep = slider_crank_of_beams(*common, "reduction.modes=6")
     other = rom_with(deep, lines_of(deep))
     many = slider_crank("reduction.modes=6", "reduction.angles=4")

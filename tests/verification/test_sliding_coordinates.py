@@ -9,7 +9,7 @@ from machine_scenes import MODELS, RAIL_MASS, RIGID, CartAndPole, cart, rail, ru
 from runs import assert_close, motion, read_meshes, reduced_model
 
 from pgmp_petsc.c_export.constants import constants_of
-from pgmp_petsc.c_export.description import variables_of
+from pgmp_petsc.c_export.fmu import variables_of
 from pgmp_petsc.studies.check import summary_of_scene
 from scenes import pendulum
 

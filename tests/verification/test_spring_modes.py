@@ -16,8 +16,7 @@ from two_coordinates import double_pendulum
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.effects import actions_of, effects_of
-from pgmp_petsc.mechanism.body_frames import rigid_velocities
-from pgmp_petsc.mechanism.constraints import constraint_jacobian
+from pgmp_petsc.mechanism.body_frames import constraint_jacobian, rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel

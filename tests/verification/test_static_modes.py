@@ -13,8 +13,7 @@ from runs import motion, quick_return, rom_of
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.effects import effects_of, loads_of, patterns_of
-from pgmp_petsc.mechanism.body_frames import to_body
-from pgmp_petsc.mechanism.constraints import constraint_jacobian
+from pgmp_petsc.mechanism.body_frames import constraint_jacobian, to_body
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes import problem as problem_module
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet

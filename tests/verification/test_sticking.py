@@ -6,7 +6,7 @@ from effect_scenes import BLOCK, run_distributed, scene_of
 from runs import built_rom, full_model, reduced_model, samples
 from scipy.integrate import solve_ivp
 
-from pgmp_petsc.effects.laws import FRICTION, SPRING_DAMPER
+from pgmp_petsc.effects.action import FRICTION, SPRING_DAMPER
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate

@@ -11,7 +11,7 @@ from scipy.linalg import eigh, null_space
 from two_coordinates import double_pendulum, five_bar
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.mechanism.constraints import constraint_jacobian
+from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.problem import ModalProblem

@@ -43,6 +43,7 @@ struct pgmp_model {
     double q[N], v[N], a[N], auxiliary[N], before[N];
     int beyond[AT_LEAST_ONE(N_EDGES)]; /* whether each edge of a law is crossed */
     double beside[AT_LEAST_ONE(N_BESIDE)]; /* of each controller its states, rates, auxiliary ones and its force */
+    double carried[AT_LEAST_ONE(N_CARRIED)]; /* forces in joints that friction hangs on */
     long sampled;                          /* steps after which controllers were sampled last */
     double contraction; /* of Newton's iteration, expected in the next step */
     long number;        /* steps taken */

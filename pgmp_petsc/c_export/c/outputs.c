@@ -116,5 +116,5 @@ void pgmp_observe_at(struct pgmp_model *m, double time, double since) {
     find_strengths(m, time, since, strengths);
     find_forces(m, strengths, nodes, acting);
 #endif
-    combine(time, m->parameters, bases, found, acting, m->outputs);
+    combine(time, m->parameters, bases, found, acting + N_CARRIED, m->outputs);
 }

@@ -19,6 +19,9 @@
 static const struct scheme own_scheme = {ALPHA_M, ALPHA_F, BETA, GAMMA};
 
 enum { EXTRAPOLATED, COASTING, CAREFUL, N_ATTEMPTS };
+enum { MOST_TURNS = 100 };
+#define SETTLED 1e-13 /* change of forces that friction hangs on, at the start and between two corrections */
+#define SETTLED_IN_STEP 1e-9
 
 void pgmp_initialise(struct pgmp_model *m) {
     memset(m, 0, sizeof *m);
@@ -26,8 +29,14 @@ void pgmp_initialise(struct pgmp_model *m) {
     for (int k = 0; k < N_STRENGTHS; k++) m->follows_scene[k] = 1;
 }
 
+/* Lets friction act under forces in joints. */
+static void load_friction(struct pgmp_model *m, const double carried[]) {
+    for (int k = 0; k < N_CARRIED; k++) m->laws[carried_actions[k]][0] = carried[k];
+}
+
 void pgmp_weigh(struct pgmp_model *m) {
     weigh_tables(m);
+    load_friction(m, m->carried);
     for (int k = 0; k < N_PARAMETERS; k++)
         if (!(m->parameters[k] >= parameter_lower[k] && m->parameters[k] <= parameter_upper[k]))
             m->validity |= PGMP_PARAMETER;
@@ -90,10 +99,42 @@ static void look_at_state(struct pgmp_model *m) {
     if (leaves_tables(m)) m->validity |= PGMP_OUT_OF_RANGE;
 }
 
+#if N_CARRIED > 0
+/* The forces in joints that friction hangs on, in a state, with friction under those that were found before. */
+static void find_carried(struct pgmp_model *m, const struct acting *now, const double q[N], const double v[N],
+                         const double a[N], double carried[]) {
+    const size_t size = N * sizeof(double);
+    double own[3][N], found[N_FORCES + R][3], theta[R];
+    struct frame nodes[AT_LEAST_ONE(N_NODES)];
+    struct look look;
+    memcpy(own[0], m->q, size), memcpy(own[1], m->v, size), memcpy(own[2], m->a, size);
+    memmove(m->q, q, size), memmove(m->v, v, size), memmove(m->a, a, size);
+    look_at(m, &look);
+    see_nodes(m, &look, 0.0, CLOSURE_TOLERANCE, theta, nodes);
+    find_forces(m, now->strengths, nodes, found);
+    memcpy(m->q, own[0], size), memcpy(m->v, own[1], size), memcpy(m->a, own[2], size);
+    for (int k = 0; k < N_CARRIED; k++) carried[k] = found[k][0];
+}
+#endif
+
+/* Accelerations and the forces that friction hangs on are found in turn, until these change by no more than round-off. */
 void pgmp_accelerate(struct pgmp_model *m, double time, double since) {
     struct acting now;
+    int changed = 1;
     act(m, time, since, &now);
-    find_accelerations(m, &now);
+    for (int turn = 0; changed && turn < MOST_TURNS; turn++) {
+        find_accelerations(m, &now);
+        changed = 0;
+#if N_CARRIED > 0
+        double found[N_CARRIED];
+        find_carried(m, &now, m->q, m->v, m->a, found);
+        for (int k = 0; k < N_CARRIED; k++) {
+            changed |= fabs(found[k] - m->carried[k]) > SETTLED * fabs(found[k]);
+            m->carried[k] = found[k];
+        }
+        load_friction(m, m->carried);
+#endif
+    }
     look_at_state(m);
 }
 
@@ -103,6 +144,7 @@ void pgmp_start(struct pgmp_model *m) {
     double depths[AT_LEAST_ONE(N_EDGES)];
     m->number = 0, m->validity = 0, m->correction = 0.0, m->contraction = FIRST_CONTRACTION;
     for (int i = 0; i < N; i++) m->q[i] = m->v[i] = 0.0;
+    memset(m->carried, 0, sizeof m->carried);
     pgmp_weigh(m);
     stand_at_start(m);
     m->sampled = 0;
@@ -133,7 +175,7 @@ static double ahead_of(const struct pgmp_model *m, const struct scheme *s, int i
 struct trial {
     const struct scheme *scheme;
     double forces[AT_LEAST_ONE(N_ALL - N)]; /* multipliers of constraints */
-    double h, q[N], v[N], a[N], depths[AT_LEAST_ONE(N_EDGES)], left;
+    double h, q[N], v[N], a[N], depths[AT_LEAST_ONE(N_EDGES)], left, carried[AT_LEAST_ONE(N_CARRIED)];
     struct response response;
 };
 
@@ -162,13 +204,21 @@ static int converge(struct pgmp_model *m, int attempt, int in_part, const struct
     double r[N_ALL], last = 0.0;
     struct iterate kept[AT_LEAST_ONE(N_ACTIONS)];
     struct matrix matrix;
-    int active = 1;
+    int active = 1, going = 1; /* it goes on until forces that friction hangs on are settled */
     for (int k = 0; k < AT_LEAST_ONE(N_ACTIONS); k++) kept[k].about = N_ACTIONS ? NAN : 0.0;
-    for (int number = 0; number < most && (active || number < least); number++) {
+    for (int number = 0; number < most && (going || number < least); number++) {
         double size = 0.0, share = 1.0, contraction = m->contraction;
         double tolerance = !usual ? TOLERANCE_OF_TRIALS : number == 0 ? TOLERANCE_OF_ONE : NEWTON_TOLERANCE;
         int fresh = attempt != EXTRAPOLATED || number % REFRESH_EVERY == 0;
-        int limited = 0;
+        int limited = 0, unsettled = 0;
+#if N_CARRIED > 0
+        find_carried(m, now, t->q, t->v, t->a, t->carried);
+        for (int k = 0; k < N_CARRIED && !careful; k++) {
+            double change = fabs(t->carried[k] - m->laws[carried_actions[k]][0]);
+            unsettled |= change > SETTLED_IN_STEP * fabs(t->carried[k]);
+        }
+        load_friction(m, t->carried);
+#endif
         correct(m, now, t->q, t->v, t->a, t->forces, gain_v, gain_a, fresh, kept, &t->response, &matrix, r);
         for (int k = 0; k < N_ACTIONS; k++) limited |= isnan(kept[k].about);
         if (limited) last = 0.0; /* nothing follows from the size of the last correction */
@@ -176,12 +226,12 @@ static int converge(struct pgmp_model *m, int attempt, int in_part, const struct
             size = fabs(r[i]) * scale[i] <= size ? size : fabs(r[i]) * scale[i];
         while (careful && isfinite(size) && size > LONGEST) size *= 0.5, share *= 0.5;
         for (int i = 0; i < N; i++) {
-            double change = active ? share * r[i] : 0.0;
+            double change = going ? share * r[i] : 0.0;
             t->q[i] -= change;
             t->v[i] -= gain_v * change;
             t->a[i] -= gain_a * change;
         }
-        for (int i = N; active && i < N_ALL; i++) t->forces[i - N] -= share * r[i];
+        for (int i = N; going && i < N_ALL; i++) t->forces[i - N] -= share * r[i];
         /* how the iteration contracted before says nothing where the law of a friction bends */
         if (number == 0 && (ALWAYS_PROBED || bends(m, kept, t->v))) contraction = FIRST_CONTRACTION;
         if (number > 0) contraction = at_most(WORST_CONTRACTION, size / (last > 1e-300 ? last : 1e-300));
@@ -191,8 +241,12 @@ static int converge(struct pgmp_model *m, int attempt, int in_part, const struct
         }
         if (active) t->left = careful ? size : size * contraction / (1.0 - contraction);
         active = active && isfinite(size) && ((t->left > tolerance && size > ROUND_OFF) || (careful && limited));
+        going = going && (active || (unsettled && size > ROUND_OFF));
         last = size;
     }
+#if N_CARRIED > 0
+    find_carried(m, now, t->q, t->v, t->a, t->carried);
+#endif
     return !active && isfinite(t->left);
 }
 
@@ -206,7 +260,9 @@ static int try_step(struct pgmp_model *m, double h, double end, int in_part, str
         predict(m, attempt, t);
         follow_motions(&now, t->q, t->v, t->a);
         begin_response(m, t->scheme, h, end, &t->response);
-        if (converge(m, attempt, in_part, &now, t)) {
+        int converged = converge(m, attempt, in_part, &now, t);
+        load_friction(m, m->carried);
+        if (converged) {
             find_depths(m, t->q, t->depths);
             if (N_CONTROLS > 0) look_at_motions(m, t->q, t->v, &t->response);
             return 1;
@@ -237,6 +293,7 @@ static void follow(struct pgmp_model *m, const struct trial *t) {
         m->q[i] = t->q[i], m->v[i] = t->v[i], m->a[i] = t->a[i];
     }
     m->correction = t->left;
+    memcpy(m->carried, t->carried, sizeof m->carried), load_friction(m, m->carried);
     follow_response(m, t->scheme, &t->response);
     count_turns(m, m->q);
 }
@@ -342,6 +399,7 @@ static int step_over_edges(struct pgmp_model *m, double end, struct trial *t) {
 /* The state at the beginning of a step, to which one that fails goes back. */
 struct beginning {
     double q[N], v[N], a[N], auxiliary[N], before[N], beside[AT_LEAST_ONE(N_BESIDE)];
+    double carried[AT_LEAST_ONE(N_CARRIED)];
     int beyond[AT_LEAST_ONE(N_EDGES)];
 };
 
@@ -349,12 +407,14 @@ static void keep(const struct pgmp_model *m, struct beginning *kept) {
     memcpy(kept->q, m->q, sizeof m->q), memcpy(kept->v, m->v, sizeof m->v), memcpy(kept->a, m->a, sizeof m->a);
     memcpy(kept->auxiliary, m->auxiliary, sizeof m->auxiliary), memcpy(kept->before, m->before, sizeof m->before);
     memcpy(kept->beyond, m->beyond, sizeof m->beyond), memcpy(kept->beside, m->beside, sizeof m->beside);
+    memcpy(kept->carried, m->carried, sizeof m->carried);
 }
 
 static void go_back(struct pgmp_model *m, const struct beginning *kept) {
     memcpy(m->q, kept->q, sizeof m->q), memcpy(m->v, kept->v, sizeof m->v), memcpy(m->a, kept->a, sizeof m->a);
     memcpy(m->auxiliary, kept->auxiliary, sizeof m->auxiliary), memcpy(m->before, kept->before, sizeof m->before);
     memcpy(m->beyond, kept->beyond, sizeof m->beyond), memcpy(m->beside, kept->beside, sizeof m->beside);
+    memcpy(m->carried, kept->carried, sizeof m->carried), load_friction(m, m->carried);
 }
 
 int pgmp_step(struct pgmp_model *m) {

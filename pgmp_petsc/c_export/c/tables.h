@@ -68,7 +68,8 @@ extern const double start_coordinates[N], start_rates[N];
 extern const double closure_wanted[];
 extern const struct piece pieces[];
 extern const struct reading readings[];
-extern const struct force forces[];
+extern const struct force forces[]; /* first those that friction hangs on */
+extern const int carried_actions[]; /* numbers of their local effects, whose laws take them as the first parameter */
 extern const struct force_term force_terms[];
 extern const struct action actions[];
 extern const struct part action_parts[];

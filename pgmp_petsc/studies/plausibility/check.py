@@ -219,7 +219,7 @@ def _without_effect(scene: Scene) -> Iterator[Finding]:
     """Yield settings other than the defaults that work with another one, which the scene does not have."""
     reduction = scene.reduction
     chosen = reduction.tolerance is not None or reduction.effects == "auto"  # then second_order may be
-    if reduction.stretching == "static" and not reduction.second_order and not chosen:
+    if _is_set(reduction, "stretching") and not reduction.second_order and not chosen:
         yield doubt("reduction.stretching", "without effect, as reduction.second_order is false", reduction.stretching)
     adds_angles = reduction.sampling_tolerance is not None or reduction.parameter_modes or stressed_bodies(scene)
     if "interpolation" in reduction.model_fields_set and scene.interpolation != reduction.interpolation:
