@@ -70,7 +70,7 @@ def export_model(
     notes: list[str] = []
 
     def without_what_is_left_out(scene: Scene) -> Scene:
-        notes.append(left_out(scene, kind))
+        notes.append(left_out(scene))
         return checked_scene(scene, str(target), kind)
 
     model = origin.prepared(comm, without_what_is_left_out, told=False)

@@ -70,6 +70,11 @@ class UnitSystem:
         """Return how many of the SI unit one is here of what a unit measures: of these, or of SI."""
         return 1.0 if self.is_si else self.size(dimension_of(unit))
 
+    def power_of(self, unit: str) -> int:
+        """Return by which power of ten numbers of what a unit measures are larger in these units than in those of
+        SI."""
+        return -round(math.log10(self.size_of(unit)))
+
     def shown(self, value: Any, si: str) -> Any:
         """Return a number, through decimals, or an array of an SI unit in these units."""
         if self.is_si:
@@ -324,8 +329,12 @@ def is_hertz(unit: str) -> bool:
     return re.search(r"hertz|hz", unit, re.IGNORECASE) is not None
 
 
-def times(value: float, factor: float) -> float:
-    """Return a number times the factor, so that 5.6 mm are the 5.6e-3 of SI units."""
+def times(value: Any, factor: float) -> Any:
+    """Return a number, or all of an array, times the factor, so that 5.6 mm are the 5.6e-3 of SI units."""
+    if factor == 1.0:
+        return value
+    if isinstance(value, np.ndarray):
+        return np.array([times(x, factor) for x in value.flat], dtype=float).reshape(value.shape)
     exact = Decimal(repr(float(value)))  # in decimals, in which the factors of most units are exact
     inverse = round(1.0 / factor)
     if inverse > 0 and abs(inverse * factor - 1.0) < ROUNDING:

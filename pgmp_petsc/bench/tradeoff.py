@@ -26,7 +26,7 @@ from pgmp_petsc.bench import candidates
 from pgmp_petsc.bench.advice import Sizes, advise
 from pgmp_petsc.bench.bench import TIMED, Bench, Measured
 from pgmp_petsc.bench.cases import Setting, Training, held_out, own_steps
-from pgmp_petsc.bench.finished import Arrays, Finished, step_seconds
+from pgmp_petsc.bench.finished import Arrays, Finished, component_step, step_seconds
 from pgmp_petsc.bench.history import errors_of_samples, largest_errors, sizes_of
 from pgmp_petsc.bench.reference import (
     Demand,
@@ -36,7 +36,7 @@ from pgmp_petsc.bench.reference import (
     choose_reference,
     distance_from_mesh,
 )
-from pgmp_petsc.bench.which import amplitudes, component_step, reduced_step
+from pgmp_petsc.bench.which import amplitudes, reduced_step
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import why_no_grid
@@ -163,7 +163,7 @@ def _prices(subject: Subject, reference: Reference, sweep: candidates.Sweep) -> 
     components = reference.price.step
     if reference.is_mesh:
         fields = amplitudes(subject.scene, mechanism, max((*sweep.component_modes, 1)))
-        components = component_step(fields)
+        components = component_step(mechanism, fields)
     return Prices(step_seconds(mechanism), components, reference.price.step, TIMED, len(subject.scene.coordinates))
 
 

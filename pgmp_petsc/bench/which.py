@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bench.finished import duration_text, step_seconds
-from pgmp_petsc.bodies.floating import PAIR_SECONDS
+from pgmp_petsc.bench.finished import component_step, duration_text, step_seconds
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.full.joint_tree import count_of
 from pgmp_petsc.mechanism.capabilities import SECONDS, SECONDS_PER_UNKNOWN, Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.outputs.stress import points_of
@@ -83,8 +83,8 @@ def prospects(
             "errors are those of the elements and of the step",
         ),
         Prospect(
-            "components", _refused(scene, Purpose.COMPONENTS, meshes), sum(fields.values()) + n_rigid,
-            condensing(mechanism), component_step(fields, n_local) + besides, 0.002, "0.002 to 0.8 % of deformations",
+            "components", _refused(scene, Purpose.COMPONENTS, meshes), sum(fields.values()) + sum(count_of(mechanism)),
+            condensing(mechanism), component_step(mechanism, fields) + besides, 0.002, "0.002 to 0.8 % of deformations",
         ),
         Prospect(
             "reduced", _refused(scene, Purpose.BUILD, meshes), n_flexible + n_rigid, build_seconds(scene, mechanism),
@@ -162,12 +162,6 @@ def n_strains(scene: Scene, mechanism: Mechanism) -> int:
             points = points_of(f"outputs.{name}", entry, body.stresses(scene))
             found += points.n_points * body.dimension * (body.dimension + 1) // 2
     return found
-
-
-def component_step(fields: Mapping[str, int], n_local: int = 0) -> float:
-    """Return the predicted processor time of a step of a sample of a component model, with so many amplitudes a body
-    and so many local effects."""
-    return REDUCED_SAMPLE + REDUCED_EFFECT * n_local + PAIR_SECONDS * sum(n**2 for n in fields.values())
 
 
 def reduced_step(n: int, n_rigid: int, n_local: int = 0) -> float:

@@ -36,7 +36,6 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.recovery import Recovery
 
-PAIR_SECONDS = 3.3e-8  # of a processor, of two amplitudes in a step
 NOISE = 1e-10  # share of both fields' own moments or stiffness that round-off leaves of fields that are apart
 
 

@@ -202,7 +202,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         model.actions.places.winding, [] if gaps is None else model.multipliers.rows,
     )  # fmt: skip
     sizes = {**_sizes(model, tables), **_sizes_of_gaps(gaps, of_gaps), "LIGHT_NODES": 0, "BENT_MEASURES": 1}
-    sizes |= {"CORRECTIONS": CORRECTIONS, "EXCHANGE": int(not scene.controllers), "ALWAYS_PROBED": 0}
+    sizes |= {"CORRECTIONS": CORRECTIONS, "EXCHANGE": int(not scene.controllers), "ALWAYS_PROBED": 0, "PROJECTS": 0}
     return replace(
         shared,
         kind="reduced",
@@ -345,19 +345,17 @@ def _sizes_of_gaps(gaps: GapForces | None, tables: Mapping[str, np.ndarray]) -> 
     return {name: int(count) for name, count in zip(names.split(), counts, strict=True)}
 
 
-def in_c(scene: Scene, name: str, kind: str = "reduced") -> bool:
+def in_c(scene: Scene, name: str) -> bool:
     """Return whether a model in C has an output: forces in joints and what drives take it does not have beside
-    controllers, nor those of couplings by a table; of component models none of these."""
+    controllers, nor those of couplings by a table."""
     entry = scene.outputs[name]
-    if kind == "tree" and isinstance(entry, (InJoint, OfDrive)):
-        return False
     if isinstance(entry, InJoint):
         joint = scene.joints[entry.joint]
         by_table = isinstance(joint, CouplingEntry) and any(share.table for share in joint.shares_in(scene))
         return not (scene.controllers or by_table)
     if isinstance(entry, OfDrive):
         return not scene.controllers
-    return entry.of_frames() and all(in_c(scene, one, kind) for one in entry.made_in(scene))
+    return entry.of_frames() and all(in_c(scene, one) for one in entry.made_in(scene))
 
 
 def tunable(scene: Scene) -> dict[str, float]:
@@ -561,7 +559,7 @@ def checked_scene(scene: Scene, what: str, kind: str = "reduced") -> Scene:
     check_capabilities(scene, Purpose.EXPORT)
     for entry, text in _of_scene(scene, kind):
         raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")
-    left = {name: output for name, output in scene.outputs.items() if in_c(scene, name, kind)}
+    left = {name: output for name, output in scene.outputs.items() if in_c(scene, name)}
     return scene if len(left) == len(scene.outputs) else scene.model_copy(update={"outputs": left})
 
 
@@ -575,14 +573,14 @@ def started(model: ReducedModel) -> str:
     )
 
 
-def left_out(scene: Scene, kind: str = "reduced") -> str:
+def left_out(scene: Scene) -> str:
     """Say which outputs of a scene a model in C leaves out; empty where it has them all."""
-    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if not in_c(scene, name, kind)]
+    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if not in_c(scene, name)]
     if not lacking:
         return ""
     having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.of_frames())
-    forces = any(isinstance(entry, InJoint) and not in_c(scene, name, kind) for name, entry in scene.outputs.items())
-    why = f", drives, and forces in joints {LACKING}" if forces and kind == "reduced" else ""
+    forces = any(isinstance(entry, InJoint) and not in_c(scene, name) for name, entry in scene.outputs.items())
+    why = f", drives, and forces in joints {LACKING}" if forces else ""
     return f"note: {', '.join(lacking)} left out: a model in C has {having}{why}; pgmp simulate has all outputs"
 
 

@@ -32,7 +32,7 @@ from pgmp_petsc.reduced import lagrangian_terms
 
 SHARED = ("steps", "statements", "actions", "control", "kinematics", "outputs")
 #: Parts of each kind of model beside the shared ones; the first has a header too.
-OWN = {"reduced": ("reduced", "interpolation", "lagrangian", "solution", "forces"), "tree": ("tree",)}
+OWN = {"reduced": ("reduced", "interpolation", "lagrangian", "solution", "forces"), "tree": ("tree", "reactions")}
 OLDER = "model.c"  # what `steps.c` was called
 PRINTED = {"lagrangian": lagrangian_terms, "statements": statements}
 HEAD = f"/* written by pgmp_petsc {__version__} */\n\n"

@@ -9,7 +9,7 @@ import numpy as np
 
 from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.controllers.acting import ACTING_LAW, law_of, parameters_of
+from pgmp_petsc.controllers.acting import ACTING_LAW, control_of
 from pgmp_petsc.controllers.law import ControlLaw
 from pgmp_petsc.declare.expressions import printed, symbolic
 from pgmp_petsc.effects.action import Action
@@ -291,8 +291,8 @@ def controls_in_c(scene: Scene, tunable: Container[str], step: float) -> list[Co
     """Return the controllers, whose parameters are numbers but for those that a model in C takes, `tunable`."""
     found, column, row = [], 0, 0
     for entry in scene.controllers.values():
-        law, reference = law_of(scene, entry), entry.reference
-        given = [*parameters_of(scene, entry).values(), 0.0 if reference.changes else reference.constant]
+        law, own, reference = control_of(scene, entry)
+        given = [*own.values(), 0.0 if reference.changes else reference.constant]
         parameters = [v if not isinstance(v, str) or v in tunable else scene.values[v] for v in given]
         pieces = amplitude_of(reference).pieces if reference.changes else ()
         found.append(ControlInC(law, parameters, pieces, column, row, round(entry.sample_time / step)))

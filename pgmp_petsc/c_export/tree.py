@@ -21,6 +21,8 @@ from pgmp_petsc.full.parts import Share, floating_bodies, planar_masses, spatial
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.mechanism.statement_rows import FROM_SUM
 from pgmp_petsc.models import ComponentModel
+from pgmp_petsc.outputs.joint_forces import OfMotion
+from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping import alpha_step
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 from pgmp_petsc.stepping.static_equilibrium import require_settled
@@ -64,7 +66,9 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     loads = {effect.name: effect.strength for effect in equations.loads}
     n_parts = sum(len(action.statement.terms) for action in equations.actions)
     windings = np.zeros((n_parts, len(mechanism.coordinates)))
-    shared = shared_of(model, range(mechanism.n_nodes), equations.actions, loads, windings)
+    of_joints = [one for one in model.outputs.forces if not isinstance(one, OfMotion)]
+    gaps = sorted({int(row) for one in of_joints for row in one.rows})
+    shared = shared_of(model, range(mechanism.n_nodes), equations.actions, loads, windings, gaps)
     require_settled(system)
     state = system.start()
     turned = equations.turns(equations.initial[0][:, None])[:, 0]  # in the plane nodes count turns
@@ -73,7 +77,9 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     strengths = list(shared.strengths)
     prescribed = [k for k, one in enumerate(mechanism.coordinates) if one.prescribed]
     drives = [f"{{{one}, {prescribed[motion]}, {sign}.0}}" for one, motion, sign in own.driven.tolist()]
+    owners, behind = _carried(own, mechanism.n_nodes)
     pushes, (constraints, bonds) = _pushes(own, equations), _constraints(own, prescribed, mechanism.n_nodes)
+    held, holds, left = _holds(own, gaps, mechanism.n_nodes, len(constraints)) if gaps else ([], [], [])
     tables = {
         "moments": ("[N_TERMS][AT_LEAST_ONE(N_WORDS)]", parts.moments),
         "densities": ("[N_TERMS][AT_LEAST_ONE(N_MASSES)][1 + D][1 + D]", parts.densities),
@@ -102,6 +108,9 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
         "N_LOAD_TERMS": len(equations.load_weights),
         "N_PUSHES": len(pushes),
         "N_DRIVES": len(drives),
+        "PROJECTS": int(_projects(scene, system)),
+        "N_GAPS": len(gaps),
+        "N_HOLDS": len(holds),
         "MOST": max(2, *tree.n_amplitudes),
         "ALWAYS_PROBED": int(any(action.law.about_zero for action in equations.actions)),
         "TYPICAL_MASS": float(system.typical_mass[0]),
@@ -120,6 +129,10 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
             "const struct push pushes[]": pushes,
             "const struct drive drives[]": drives,
             "const struct bond bonds[]": bonds,
+            "const struct hold holds[]": holds,
+            "const int left_of_gap[]": list(map(str, left)),
+            "const int owners[]": list(map(str, owners)),
+            "const int behind[]": list(map(str, behind)),
             "const int gravity_strengths[]": [
                 str(strengths.index(equations.loads[load].name)) for load in own.problem.floating.gravity_loads
             ],
@@ -130,7 +143,7 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
         load_weights=equations.load_weights,
         load_of_term=[list(kind_of_load).index(effect.name) for effect in equations.loads],
         prescribed=[k in given for k in range(own.n)],
-        constraints=constraints,
+        constraints=[*constraints, *held],
         control_origins=[] if model.measures is None else model.measures.origins.tolist(),
     )  # fmt: skip
 
@@ -143,12 +156,17 @@ def _require_taken(model: ComponentModel, system: JointBatch, what: str) -> None
         why = "effects: a model in C has no modal damping of bodies on their meshes"
     if why:
         raise InputError(f"{why}; {what} cannot be written. Take pgmp simulate for this model, or a reduced one")
-    most = alpha_step.DAMPED
-    if scene.simulation.spectral_radius > most and system.moving_constraints:
+    if scene.controllers and _projects(scene, system):
         raise InputError(
             f"simulation.spectral_radius = {scene.simulation.spectral_radius:g}: a model in C does not project "
-            f"its motion, and needs some numerical damping; {what} cannot be written. Take at most {most:g}"
+            "motions beside controllers, which need some numerical damping then; "
+            f"{what} cannot be written. Take at most {alpha_step.DAMPED:g}"
         )
+
+
+def _projects(scene: Scene, system: JointBatch) -> bool:
+    """Return whether steps end with a projection, see `AlphaStep`."""
+    return scene.simulation.spectral_radius > alpha_step.DAMPED and system.moving_constraints
 
 
 class Parts(NamedTuple):
@@ -231,6 +249,38 @@ def _pushes(own: JointEquations, equations: FullEquations) -> list[str]:
             node, component = -1, tree.firsts[k, 3] + dof - tree.internal[k]
         found.append(f"{{{term}, {node}, {component}, {value!r}}}")
     return found
+
+
+def _carried(own: JointEquations, n_nodes: int) -> tuple[list[int], list[int]]:
+    """Return the body of the tree that each node is on, and the first one behind what each body carries."""
+    bodies, owners = own.equations.unknowns.bodies, [0] * n_nodes
+    for k, motion in enumerate(own.motions):
+        body = bodies[motion.body]
+        owners[body.first_node : body.first_node + body.n_nodes] = [k] * body.n_nodes
+    parents = [-1 if m.on is None or m.on.on_ground else owners[m.on.node] for m in own.motions]
+    behind = list(range(1, len(parents) + 1))
+    for k in reversed(range(len(parents))):
+        if parents[k] >= 0:
+            behind[parents[k]] = max(behind[parents[k]], behind[k])
+    return owners, behind
+
+
+def _holds(
+    own: JointEquations, gaps: Sequence[int], n_nodes: int, first: int
+) -> tuple[list[TermInC], list[str], list[int]]:
+    """Return the terms of what the tree's joints hold, which stand from `first` on, that in C, and of each gap the
+    constraint that is left whose multiplier it has, -1 of those of the tree and of what follows from others."""
+    slots, numbers, held = {k: k for k in range(n_nodes)}, {row: k for k, row in enumerate(gaps)}, own.held
+    terms = [
+        TermInC(-1, StatementInC(statement, *(Side.of(side, slots) for side in sides)), statement.terms[0][1], -1)
+        for statement, sides in held.parts
+    ]
+    holds = [
+        f"{{{body}, {numbers.get(place, -1)}, {first + k}}}"
+        for k, (place, body) in enumerate(zip(held.places.tolist(), held.bodies.tolist()))
+    ]
+    left = {row: k for k, row in enumerate(own.chosen.tolist())}
+    return terms, holds, [left.get(row, -1) for row in gaps]
 
 
 def _base_nodes(equations: FullEquations) -> list[int]:

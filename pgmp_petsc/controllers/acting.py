@@ -8,7 +8,7 @@ that moves, none are taken, and the iteration of a step finds the force without 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,8 +24,8 @@ from pgmp_petsc.mechanism.statements import along, angle, distance
 from pgmp_petsc.outputs.of_frames import Deformation, Distance, Rotation
 from pgmp_petsc.outputs.readings import AXES
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import to_own
-from pgmp_petsc.scene.controllers import ControllerEntry
+from pgmp_petsc.scene.border import own_powers
+from pgmp_petsc.scene.controllers import ControllerEntry, Setpoint
 from pgmp_petsc.scene.outputs import unit_of
 from pgmp_petsc.scene.uses import slides
 
@@ -125,23 +125,27 @@ def measured_by(scene: Scene, entry: ControllerEntry) -> Measured:
     return Measured.of(scene, entry.measured)
 
 
-def law_of(scene: Scene, entry: ControllerEntry) -> ControlLaw:
-    """Return the law of a controller, of the motions that it measures; it computes in the units of the scene."""
-    found, system, reference = measured_by(scene, entry), scene.system, entry.reference.constant
+class Control(NamedTuple):
+    """A controller in SI units."""
+
+    law: ControlLaw  # of the motions that it measures
+    parameters: dict[str, float | str]  # of the law, and its limits, in their order: numbers or parameters' names
+    reference: Setpoint
+
+
+def control_of(scene: Scene, entry: ControllerEntry) -> Control:
+    """Return what a controller does, which a scene writes in its own units."""
+    found, reference, power_of = measured_by(scene, entry), entry.reference, scene.system.power_of
     law = entry.law().measuring(found.seen, len(found.motions), found.constants)
-    if system.is_si:
-        return law
-    named = entry.parameters() | dict(zip(LIMITS, entry.limits or ())) | {"r": reference, "reference_rate": reference}
-    scales = {name: to_own(scene, value) for name, value in named.items() if isinstance(value, str)}
-    scales |= {name: 1.0 / system.size_of(unit_of(scene, output)) for name, output in entry.measured.items()}
-    return law.scaled(scales | {"force": system.size_of("N" if slides(scene, entry) else "N m")})
-
-
-def parameters_of(scene: Scene, entry: ControllerEntry) -> dict[str, float | str]:
-    """Return the parameters of `law_of` a controller, and its limits, in their order: numbers or parameters' names."""
-    given = entry.parameters() | dict(measured_by(scene, entry).constants)
-    limits = entry.limits or (-np.inf, np.inf)
-    return {name: given[name] for name in law_of(scene, entry).parameters} | dict(zip(("lower", "upper"), limits))
+    limits = dict(zip(LIMITS, entry.limits or (-np.inf, np.inf)))
+    named = entry.parameters() | limits | ({} if reference.changes else {"r": reference.constant})
+    force = power_of("N" if slides(scene, entry) else "N m")
+    known = {name: power_of(unit_of(scene, output)) for name, output in entry.measured.items()}
+    known |= own_powers(scene, named)
+    law, in_si = law.in_si(known, force)
+    given = entry.parameters() | dict(found.constants) | limits
+    parameters = {name: in_si.number(name, given[name]) for name in (*law.parameters, *LIMITS)}
+    return Control(law, parameters, reference.changed(lambda value: in_si.number("r", value)))
 
 
 def has_motion(scene: Scene, output: str) -> bool:

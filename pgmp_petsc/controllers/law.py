@@ -34,6 +34,7 @@ from numba.extending import intrinsic
 
 from pgmp_petsc.controllers.measured import OfMotion, Seen, rate_of
 from pgmp_petsc.declare.expressions import Printed, check, check_names, kept, printed, symbolic
+from pgmp_petsc.declare.own_units import InSi, in_si
 from pgmp_petsc.effects.law import calling
 from pgmp_petsc.lanes.compiled import native_address, njit, text_mark
 from pgmp_petsc.lanes.lane_items import eliminate
@@ -86,9 +87,7 @@ class ControlLaw(Printed):
     measured: tuple[tuple[str, Seen], ...] = (("y", OfMotion(0)),)
     rate_of: str = "y"
     n_motions: int = 1
-    #: factors of what is measured, of `GIVEN` and parameters, by which expressions have them in the units of the scene,
-    #: and of the ``force``, by which it leaves them
-    scales: tuple[tuple[str, float], ...] = ()
+    limits: tuple[str, str] = LIMITS  # expressions of the lowest and the highest force, of themselves
     place: str = ""  # file and line of the declaration
 
     def __post_init__(self) -> None:
@@ -111,9 +110,26 @@ class ControlLaw(Printed):
         same = tuple(measured) == self.measured and n_motions == self.n_motions
         return self if same else _measuring(self, tuple(measured), n_motions, tuple(parameters))
 
-    def scaled(self, scales: Mapping[str, float]) -> ControlLaw:
-        """Return the law in other units, by the factors other than 1 of `scales`."""
-        return _scaled(self, tuple((name, factor) for name, factor in scales.items() if factor != 1.0))
+    def in_si(self, known: Mapping[str, int], force: int) -> tuple[ControlLaw, InSi]:
+        """Return the law in SI units, whose expressions are in those of a scene, and what numbers are there.
+
+        Parameters
+        ----------
+        known
+            By which power of ten what is measured and named is larger in the units of the scene; not of numbers.
+        force
+            The same of the force.
+        """
+        starts = {f"start of {state}": text for state, text in self.starts.items()}
+        limits = dict(zip(("lowest", "highest"), self.limits))
+        texts = {"force": self.force, "change": "reference_rate"} | limits | dict(self.states) | starts
+        wanted = dict.fromkeys(("force", *limits), force) | {"change": "r"}
+        wanted |= {state: state for state in self.states} | {start: start.removeprefix("start of ") for start in starts}
+        given = dict.fromkeys(FORCES, force) | {"t": 0} | ({"rate": known[self.rate_of]} if self.rate_of else {})
+        found = in_si(texts, given | known, wanted)
+        if found.texts == texts:
+            return self, found
+        return _written(self, tuple(found.texts.items())), found
 
     @property
     def n_found(self) -> int:
@@ -141,14 +157,13 @@ class ControlLaw(Printed):
     def _printed(self) -> str:
         import sympy as sp
 
-        scales = dict(self.scales)
         given = (*GIVEN, *self.states, *self.parameters, *LIMITS)
-        names = {name: scales.get(name, 1) * sp.Symbol(name, real=True) for name in given}
-        states, lower, upper = [names[one] for one in self.states], names["lower"], names["upper"]
+        names = {name: sp.Symbol(name, real=True) for name in given}
+        states, (lower, upper) = [names[one] for one in self.states], (symbolic(one, names) for one in self.limits)
         pairs = [tuple(sp.Symbol(f"{name}_{k}", real=True) for name in "sv") for k in range(self.n_motions)]
         motions = list(itertools.chain(*pairs))
         # what is measured has names of its own: where it has cases, comparisons of it are no expressions of sympy
-        seen = {name: scales.get(name, 1) * one.symbolic(pairs, names) for name, one in self.measured}
+        seen = {name: one.symbolic(pairs, names) for name, one in self.measured}
         seen["rate"] = rate_of(seen[self.rate_of], pairs, names["t"]) if self.rate_of else sp.Integer(0)
         slopes = {(name, by): sp.diff(one, by) for name, one in seen.items() for by in motions}
         slope_names = {key: sp.Symbol(f"{key[0]}_by_{key[1]}", real=True) for key, one in slopes.items() if one != 0}
@@ -163,7 +178,7 @@ class ControlLaw(Printed):
 
         found = [
             part
-            for one in (scales.get("force", 1) * limited, *rates)
+            for one in (limited, *rates)
             for part in (one, *(slope(one, by) for by in motions), *(sp.diff(one, state) for state in states))
         ]
         starts = [symbolic(self.starts.get(one, "0"), names) for one in self.states]
@@ -234,9 +249,14 @@ def _measuring(
 
 
 @functools.cache
-def _scaled(law: ControlLaw, scales: tuple[tuple[str, float], ...]) -> ControlLaw:
-    mark = hashlib.sha256(repr(scales).encode()).hexdigest()[:12]
-    return replace(law, name=f"{law.name}_{mark}", scales=scales) if scales else law
+def _written(law: ControlLaw, given: tuple[tuple[str, str], ...]) -> ControlLaw:
+    """Return a law with other expressions."""
+    mark, texts = hashlib.sha256(repr(given).encode()).hexdigest()[:12], dict(given)
+    return replace(
+        law, name=f"{law.name}_{mark}", force=texts["force"], limits=(texts["lowest"], texts["highest"]),
+        states={state: texts[state] for state in law.states},
+        starts={state: texts[f"start of {state}"] for state in law.starts},
+    )  # fmt: skip
 
 
 @intrinsic

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.controllers.acting import law_of, measured_by, parameters_of
+from pgmp_petsc.controllers.acting import control_of, measured_by
 from pgmp_petsc.controllers.law import GIVEN, ControlLaw, Room, begin_all, respond_all
 from pgmp_petsc.effects.time_function import TimeFunction, amplitude_of
 from pgmp_petsc.scene import Scene
@@ -64,15 +64,15 @@ class Running:
         cls, scene: Scene, entry: ControllerEntry, every: Mapping[str, Any], n_samples: int, column: int, motion: int
     ) -> Running:
         """Return one of a scene, for values of parameters; `column` and `motion` are its first ones."""
-        law = law_of(scene, entry)
-        n, k, parameters = len(law.states), law.n_motions, parameters_of(scene, entry)
+        law, parameters, setpoint = control_of(scene, entry)
+        n, k = len(law.states), law.n_motions
         p = np.empty((n_samples, len(parameters)))
         for into, value in zip(p.T, parameters.values()):
             into[:] = every[value] if isinstance(value, str) else value
-        if entry.reference.changes:
-            reference = amplitude_of(entry.reference)
+        if setpoint.changes:
+            reference = amplitude_of(setpoint)
         else:
-            constant = entry.reference.constant
+            constant = setpoint.constant
             known = every[constant] if isinstance(constant, str) else constant
             reference = np.array(np.broadcast_to(np.asarray(known, dtype=float), (n_samples,)))
         room = (np.zeros((n_samples, m)) for m in (len(GIVEN) + 2 * k, n, 1 + 2 * k, n, n))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, reduce
 from math import comb
@@ -166,7 +166,8 @@ def evaluated(text: str, names: Mapping[str, Any], algebra: Any) -> Any:
     Parameters
     ----------
     algebra
-        `SeriesAlgebra` or `Dimensions`: what numbers, comparisons, cases and functions are.
+        What numbers, comparisons, conditions, cases and functions are: `SeriesAlgebra`, `Dimensions`, or one of
+        :mod:`~pgmp_petsc.declare.own_units`.
     """
     operations = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
                   ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos}  # fmt: skip
@@ -180,14 +181,16 @@ def evaluated(text: str, names: Mapping[str, Any], algebra: Any) -> Any:
                 return algebra.number(float(value))
             case ast.BinOp(left=left, op=op, right=right):
                 return operations[type(op)](read(left), read(right))
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                return algebra.joined("not", [read(operand)])
             case ast.UnaryOp(op=op, operand=operand):
                 return operations[type(op)](read(operand))
             case ast.BoolOp(op=op, values=values):
-                return reduce(np.logical_and if isinstance(op, ast.And) else np.logical_or, map(read, values))
+                return algebra.joined("and" if isinstance(op, ast.And) else "or", map(read, values))
             case ast.Compare(left=left, ops=ops, comparators=others):
                 ends = [read(one) for one in (left, *others)]
-                found = (algebra.compared(ordering[type(op)], a, b) for op, a, b in zip(ops, ends, ends[1:]))
-                return reduce(np.logical_and, found)
+                found = [algebra.compared(ordering[type(op)], a, b) for op, a, b in zip(ops, ends, ends[1:])]
+                return found[0] if len(found) == 1 else algebra.joined("and", found)
             case ast.IfExp(test=test, body=body, orelse=orelse):
                 return algebra.chosen(read(test), read(body), read(orelse))
             case ast.Call(func=ast.Name(id=name), args=args):
@@ -277,6 +280,11 @@ class SeriesAlgebra:
     def compared(self, ordering: Callable[..., Any], a: Series, b: Series) -> np.ndarray:
         """Return where a comparison holds."""
         return ordering(a.parts[0], b.parts[0])
+
+    def joined(self, word: str, tests: Iterable[np.ndarray]) -> np.ndarray:
+        """Return where conditions hold together."""
+        joins = {"and": np.logical_and, "or": np.logical_or}
+        return reduce(joins[word], tests) if word in joins else np.logical_not(*tests)
 
     def chosen(self, test: np.ndarray, body: Series, orelse: Series) -> Series:
         """Return one where a condition holds, and the other elsewhere."""
@@ -374,6 +382,10 @@ class Dimensions:
         """Return anything, where both may be compared."""
         a.with_(b)
         return True
+
+    def joined(self, word: str, tests: Iterable[bool]) -> bool:
+        """Return anything, where each may be a condition."""
+        return all(tests)
 
     def chosen(self, test: bool, body: Measured, orelse: Measured) -> Measured:
         """Return what both are."""

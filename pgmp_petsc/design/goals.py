@@ -11,14 +11,15 @@
 
 A figure is that of an output over a run: its largest and smallest value, by parabolas through the ends of steps
 (`results/gradients.py`: no jump of the slope where another end of a step comes to be nearest), the mean and the root of
-the mean square over time (trapezoids), and its values at time zero and at the end. Numbers are in the scene's units.
+the mean square over time (trapezoids), and its values at time zero and at the end. Numbers are in the scene's units;
+searches are in SI units (:mod:`~pgmp_petsc.declare.own_units`), so that the design is the same to the last digit in
+whichever units the scene is written.
 
 Places on the way of a search whose runs stop before their end: the search turns back from there, and says so.
 """
 
 from __future__ import annotations
 
-import operator
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ from types import MappingProxyType
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, PgmpError, Remark, gathered, nearest_name, warning
+from pgmp_petsc.declare.formulas import evaluated
+from pgmp_petsc.declare.own_units import in_si, shifted
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 from pgmp_petsc.results.gradients import Vertex, vertex
 
@@ -62,8 +65,13 @@ class Dual:
         quotient = np.divide(self.value, other.value)
         return Dual(quotient, (self.slope - quotient * other.slope) / other.value)
 
+    def __neg__(self) -> Dual:
+        return Dual(-self.value, -self.slope)
+
     @_WITHOUT_WARNINGS
-    def __pow__(self, exponent: float) -> Dual:
+    def __pow__(self, other: Dual) -> Dual:
+        """Return a power, of which the exponent is a number."""
+        exponent = other.value
         if exponent == 0.0:
             return Dual(1.0, np.zeros_like(self.slope))
         return Dual(np.power(self.value, exponent), exponent * np.power(self.value, exponent - 1.0) * self.slope)
@@ -83,7 +91,28 @@ class Outcome:
         return np.array(rows).reshape(len(rows), self.run.time.size)
 
 
-Expression = Callable[[Outcome], Dual]
+@dataclass(frozen=True)
+class Duals:
+    """Formulas of `Dual` with so many parameters."""
+
+    n_parameters: int
+
+    def number(self, value: float) -> Dual:
+        """Return a constant."""
+        return Dual(value, np.zeros(self.n_parameters))
+
+
+@dataclass(frozen=True, eq=False)
+class Expression:
+    """A sum of a goal or a constraint, in SI units."""
+
+    text: str  # in the language of declarations
+    parts: Mapping[str, Callable[[Outcome], Dual]]  # what it names: figures and parameters
+
+    def __call__(self, outcome: Outcome) -> Dual:
+        """Return its value and derivatives."""
+        parts = {name: part(outcome) for name, part in self.parts.items()}
+        return evaluated(self.text, parts, Duals(len(outcome.names)))
 
 
 def _at(place: Callable[[np.ndarray], Vertex]) -> Callable[[np.ndarray, np.ndarray, np.ndarray], Dual]:
@@ -124,6 +153,7 @@ class Goal:
     text: str  # as it was written
     sense: float  # 1, or -1 of what is maximised
     expression: Expression
+    size: float  # times which it is in the units of the scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,16 +162,18 @@ class Constraint:
 
     text: str  # as it was written
     sense: float  # 1 of ``<=``, -1 of ``>=``
-    left: Expression  # left, right: both sides
+    left: Expression
     right: Expression
+    size: float  # times which both sides are in the units of the scene
 
 
-#: Factors by which goals and constraints have outputs, and parameters behind ``parameters.``; 1 where none is given.
-Factors = Mapping[str, float]
+#: By which powers of ten outputs, and parameters behind ``parameters.``, are larger in the units of the scene; 0 where
+#: none is given.
+Powers = Mapping[str, int]
 
 
 def read_goal(
-    text: str, outputs: Collection[str], parameters: Collection[str], factors: Factors = MappingProxyType({})
+    text: str, outputs: Collection[str], parameters: Collection[str], powers: Powers = MappingProxyType({})
 ) -> Goal:
     """Read a goal.
 
@@ -150,38 +182,50 @@ def read_goal(
     InputError
         With the position marked.
     """
-    parser = _Parser("goal", text, outputs, parameters, factors)
+    parser = _Parser("goal", text, outputs, parameters, powers)
     word = parser.token
     if word not in SENSES:
         parser.refuse("a goal begins with minimise or maximise")
     parser.advance()
-    expression = parser.sum()
+    read, parts = parser.expression()
     parser.end()
-    return Goal(text, SENSES[word], expression)
+    found = in_si({"goal": read}, parser.powers)
+    size = shifted(1.0, found.of_texts["goal"])
+    return Goal(text, SENSES[word], Expression(found.texts["goal"], parts), size)
 
 
 def read_constraint(
-    text: str, outputs: Collection[str], parameters: Collection[str], factors: Factors = MappingProxyType({})
+    text: str, outputs: Collection[str], parameters: Collection[str], powers: Powers = MappingProxyType({})
 ) -> Constraint:
     """Read a constraint; raises as `read_goal`."""
-    parser = _Parser("--subject-to", text, outputs, parameters, factors)
-    left = parser.sum()
+    parser = _Parser("--subject-to", text, outputs, parameters, powers)
+    left, of_left = parser.expression()
     relation = parser.token
     if relation not in ("<=", ">="):
         parser.refuse("<= or >= is needed")
     parser.advance()
-    right = parser.sum()
+    right, of_right = parser.expression()
     parser.end()
-    return Constraint(text, 1.0 if relation == "<=" else -1.0, left, right)
+    found = in_si({"left": left, "right": right}, parser.powers, {"left": "both", "right": "both"})
+    sides = Expression(found.texts["left"], of_left), Expression(found.texts["right"], of_right)
+    return Constraint(text, 1.0 if relation == "<=" else -1.0, *sides, shifted(1.0, found.powers.get("both", 0)))
 
 
 class _Parser:
-    """Reads one text, token by token."""
+    """Reads one text, token by token, and writes its sums in the language of declarations.
+
+    Attributes
+    ----------
+    powers
+        By which power of ten what these name is larger in the units of the scene.
+    """
 
     def __init__(
-        self, entry: str, text: str, outputs: Collection[str], parameters: Collection[str], factors: Factors
+        self, entry: str, text: str, outputs: Collection[str], parameters: Collection[str], powers: Powers
     ) -> None:
-        self._factors = factors
+        self._given, self.powers = powers, {}
+        self._written: list[str] = []
+        self._parts: dict[str, Callable[[Outcome], Dual]] = {}
         self._entry, self._text, self._outputs, self._parameters = entry, text, outputs, parameters
         self._end = self._depth = 0
         if len(text) > LONGEST:
@@ -208,34 +252,40 @@ class _Parser:
         if self.token:
             self.refuse(f"'{self.token}' is too much; an operator or the end is needed")
 
-    def sum(self) -> Expression:
-        """Read products that are added."""
-        return self._joined("+-", lambda: self._joined("*/", self._power))
+    def expression(self) -> tuple[str, Mapping[str, Callable[[Outcome], Dual]]]:
+        """Read a sum; return it as it is written anew, and what it names."""
+        self._written, self._parts = [], {}
+        self._sum()
+        return " ".join(self._written), self._parts
 
-    def _joined(self, signs: str, part: Callable[[], Expression]) -> Expression:
+    def _sum(self) -> None:
+        self._with_signs("+-", lambda: self._with_signs("*/", self._power))
+
+    def _with_signs(self, signs: str, part: Callable[[], None]) -> None:
         """Read parts with signs between them."""
-        total = part()
+        part()
         while self.token and self.token in signs:
-            sign = self.token
+            self._written.append(self.token)
             self.advance()
-            total = _joined(sign, total, part())
-        return total
+            part()
 
-    def _power(self) -> Expression:
-        if self.token == "-":
+    def _power(self) -> None:
+        is_negative = False
+        while self.token == "-":
+            is_negative = not is_negative
             self.advance()
-            return _joined("-", _number(0.0), self._power())
-        base = self._factor()
+        if is_negative:
+            self._written.append("-")
+        self._factor()
         if self.token != "^":
-            return base
+            return
         self.advance()
         sign = -1.0 if self.token == "-" else 1.0
         if sign < 0.0:
             self.advance()
         if self._kind != "number":
             self.refuse("a number is needed as exponent")
-        exponent = sign * self._value()
-        return lambda outcome: base(outcome) ** exponent
+        self._written.append(f"** ({sign * self._value()!r})")
 
     def _value(self) -> float:
         """Read a number."""
@@ -245,35 +295,39 @@ class _Parser:
         self.advance()
         return value
 
-    def _factor(self) -> Expression:
+    def _factor(self) -> None:
         if self._kind == "number":
-            return _number(self._value())
+            self._written.append(repr(self._value()))
+            return
         if self.token == "(":
             self._depth += 1
             if self._depth > DEEPEST:
                 self.refuse(f"at most {DEEPEST} parentheses are in each other")
+            self._written.append("(")
             self.advance()
-            inner = self.sum()
+            self._sum()
             self._depth -= 1
             self._expect(")")
-            return inner
+            self._written.append(")")
+            return
         if self._kind != "name":
             self.refuse("a number, a parameter, a figure such as max(...) or ( is needed")
         name = self.token
         if name in FIGURES and self._text[self._end :].lstrip().startswith("("):
             self.advance()
-            return self._figure(FIGURES[name])
+            self._figure(FIGURES[name])
+            return
         if name in self._outputs:
             self.refuse(f"{name} is an output over time; take a figure of it, such as max({name}) or end({name})")
         if name not in self._parameters:
             self.refuse(f"there is no such parameter or figure{nearest_name(name, [*self._parameters, *FIGURES])}")
         self.advance()
-        factor = self._factors.get(f"parameters.{name}", 1.0)
-        return lambda outcome: Dual(
-            factor * outcome.values[name], np.array([factor * (name == other) for other in outcome.names])
+        self._part(
+            f"parameters.{name}",
+            lambda outcome: Dual(outcome.values[name], np.array([float(name == one) for one in outcome.names])),
         )
 
-    def _figure(self, figure: Callable[[np.ndarray, np.ndarray, np.ndarray], Dual]) -> Expression:
+    def _figure(self, figure: Callable[[np.ndarray, np.ndarray, np.ndarray], Dual]) -> None:
         self._expect("(")
         absolute = self.token == "abs"
         if absolute:
@@ -282,33 +336,29 @@ class _Parser:
         output = self.token
         if output not in self._outputs:
             self.refuse(f"there is no such output{nearest_name(output, self._outputs)}")
-        factor = self._factors.get(output, 1.0)
         self.advance()
         self._expect(")")
         if absolute:
             self._expect(")")
 
         def of(outcome: Outcome) -> Dual:
-            values, slopes = factor * outcome.run.outputs[output], factor * outcome.slopes(output)
+            values, slopes = outcome.run.outputs[output], outcome.slopes(output)
             if absolute:
                 values, slopes = np.abs(values), np.sign(values) * slopes
             return figure(outcome.run.time, values, slopes)
 
-        return of
+        self._part(output, of)
+
+    def _part(self, name: str, part: Callable[[Outcome], Dual]) -> None:
+        """Write what an expression names."""
+        own = f"part_{len(self.powers)}"
+        self._parts[own], self.powers[own] = part, self._given.get(name, 0)
+        self._written.append(own)
 
     def _expect(self, sign: str) -> None:
         if self.token != sign:
             self.refuse(f"{sign} is needed")
         self.advance()
-
-
-def _number(value: float) -> Expression:
-    return lambda outcome: Dual(value, np.zeros(len(outcome.names)))
-
-
-def _joined(sign: str, left: Expression, right: Expression) -> Expression:
-    operation = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv}[sign]
-    return lambda outcome: operation(left(outcome), right(outcome))
 
 
 @dataclass

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, plain_reason, shortened
-from pgmp_petsc.base.units import SI, UnitSystem
+from pgmp_petsc.base.units import SI, UnitSystem, times
 from pgmp_petsc.files.hdf5 import csv_table
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene.fields import LARGEST
@@ -69,7 +69,7 @@ def read_history(path: Path, outputs: OutputSet, duration: float, system: UnitSy
         _check_times(path, time, lines, duration)
     others = [name for name in names if name not in used]
     remarks = (note(f"columns of '{path}' that are no outputs have no part: {', '.join(others)}"),) if others else ()
-    found = {name: system.size_of(outputs.units[name]) * values for name, values in columns.items()}
+    found = {name: times(values, system.size_of(outputs.units[name])) for name, values in columns.items()}
     return MeasuredHistory(time, found, remarks)
 
 

@@ -113,12 +113,12 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
         *_of_robust(question, figures, ends, confidence), *difference_remarks(model, figures.off),
         *step_remarks(model, ended), *contact_remarks(ended), *model.scene.remarks,
     )  # fmt: skip
-    sense = question.goal.sense
+    size = question.goal.sense * question.goal.size
     described = [
         DesignConstraint(
-            constraint.text, float(first[1 + k].value), float(last[1 + k].value),
+            constraint.text, float(constraint.size * first[1 + k].value), float(constraint.size * last[1 + k].value),
             bool(abs(last[1 + k].value) <= 1e-4 * sizes[k]),
-            None if question.deviations is None else tuple(map(float, ends[1 + k])),
+            None if question.deviations is None else tuple(map(float, constraint.size * ends[1 + k])),
         )
         for k, constraint in enumerate(question.constraints)
     ]  # fmt: skip
@@ -131,9 +131,9 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     return Design(
         RunRecord(scene_to_toml(scene), own_values(scene, values),
                   question.seed if question.deviations is not None else None, comm.size, timings.as_dict(), remarks),
-        question.goal.text, sense * first[0].value, sense * last[0].value, tuple(parameters), tuple(described),
-        np.array(figures.tried), sense * np.array(figures.goals), question.deviations, figures.n_samples,
-        time, at_begin, at_end, dict(model.outputs.units), converged, np.sort(sense * ends[0]), confidence,
+        question.goal.text, size * first[0].value, size * last[0].value, tuple(parameters), tuple(described),
+        np.array(figures.tried), size * np.array(figures.goals), question.deviations, figures.n_samples,
+        time, at_begin, at_end, dict(model.outputs.units), converged, np.sort(size * ends[0]), confidence,
     )  # fmt: skip
 
 
@@ -144,9 +144,11 @@ def _of_end(done, question: Question, last: Sequence[Dual], missed: Sequence[int
             "the design is the nearest optimum from where the search began (--set); another start may find a better one"
         )
     for k in missed:
+        constraint = question.constraints[k]
+        by = constraint.size * last[1 + k].value
         yield warning(
-            f"'{question.constraints[k].text}' is missed by {last[1 + k].value:.4g}: no design between the limits was "
-            "found that meets all constraints; widen the limits, ask for less, or begin elsewhere (--set)"
+            f"'{constraint.text}' is missed by {by:.4g}: no design between the limits was found that meets all "
+            "constraints; widen the limits, ask for less, or begin elsewhere (--set)"
         )
     if done.status == DESCENT_ENDED and not missed:
         yield note(
@@ -169,7 +171,7 @@ def _of_own_error(
     told = []
     for what in (question.goal, *question.constraints):
         parts = (what.expression,) if what is question.goal else (what.left, what.right)
-        here, there = ([part(Outcome(one, values, ())).value for part in parts] for one in (run, better))
+        here, there = ([what.size * part(Outcome(one, values, ())).value for part in parts] for one in (run, better))
         told.append((f"'{what.text}'", here[0], there[0], max(map(abs, here))))
     return of_figures(told)
 
@@ -201,7 +203,7 @@ def _of_robust(question: Question, figures: DesignFigures, ends: np.ndarray, con
     """
     if question.deviations is None:
         return
-    met = zip(question.constraints, ends[1:])
+    met = [(constraint, constraint.size * own) for constraint, own in zip(question.constraints, ends[1:])]
     open_ones = [f"'{constraint.text}' (missed by {interval_text(of)})" for constraint, of in met if of[1] > 0.0]
     if open_ones:
         what = f"{figures.n_samples} samples leave open whether the design meets {', '.join(open_ones)}"

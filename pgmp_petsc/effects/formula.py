@@ -20,6 +20,7 @@ from pydantic import Field, model_validator
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.declare.formulas import FUNCTIONS, FormulaError, declared
+from pgmp_petsc.declare.own_units import in_si
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.joint_effects import place_of
@@ -28,7 +29,7 @@ from pgmp_petsc.effects.over_joint import led_over
 from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import to_own
+from pgmp_petsc.scene.border import own_powers
 from pgmp_petsc.scene.effects import OnJoint, OverMotion
 from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Unit, exactly_one, refusal
 from pgmp_petsc.scene.references import over_problems
@@ -124,21 +125,19 @@ class FormulaEffect(OnJoint):
             yield Use(f"{entry}.constants.{name}", value, "any", ())
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
-        """Return the law on the joint's motion, or on the distance; the formula is in the units of the scene."""
-        scene, acts, names = mechanism.scene, slides(mechanism.scene, self), known(self.constants)
-        if not scene.system.is_si:
-            measured = acts if self.over is None else motion_over(scene, self) == "sliding"
-            units = ("m", "m/s") if measured else ("rad", "rad/s")
-            factors = {name: 1.0 / scene.system.size_of(unit) for name, unit in zip("sv", units)}
-            factors |= {name: to_own(scene, one) for name, one in self.constants.items() if isinstance(one, str)}
-            names |= {name: f"({factor!r} * {names[name]})" for name, factor in factors.items() if factor != 1.0}
-        text, used = declared(self.force, names, WORDS)
-        size = scene.system.size_of("N" if acts else "N m")
-        text = text if size == 1.0 else f"({size!r} * {text})"
+        """Return the law on the joint's motion, or on the distance, in SI units."""
+        scene, acts = mechanism.scene, slides(mechanism.scene, self)
+        text, used = declared(self.force, known(self.constants), WORDS)
+        measured = acts if self.over is None else motion_over(scene, self) == "sliding"
+        power_of, constants = scene.system.power_of, {constant(one): value for one, value in self.constants.items()}
+        powers = dict.fromkeys(("s", "rate"), power_of("m" if measured else "rad")) | {STATE["t"]: 0}
+        found = in_si(
+            {"force": text}, powers | own_powers(scene, constants), {"force": power_of("N" if acts else "N m")}
+        )
         names = tuple(sorted(self.constants))
-        parameters = tuple(Quantity.of(self.constants[one]) for one in names)
+        parameters = tuple(Quantity.of(found.number(constant(one), self.constants[one])) for one in names)
         time, place = TIME if "t" in used else None, place_of(mechanism, name, self)
-        action = Action(name, law=law_of(text, names), parameters=parameters, amplitude=time, **place)
+        action = Action(name, law=law_of(found.texts["force"], names), parameters=parameters, amplitude=time, **place)
         return ActionEffect(name, led_over(self, mechanism, action), mechanism)
 
 

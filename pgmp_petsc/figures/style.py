@@ -211,7 +211,7 @@ def quantity(name: str, value: float, unit: str) -> str:
 def scene_of(record: RunRecord) -> dict[str, Any]:
     """Return the resolved scene of a result; empty where it is no TOML."""
     try:
-        return tomllib.loads(record.scene_toml)
+        return record.tables
     except tomllib.TOMLDecodeError:
         return {}
 

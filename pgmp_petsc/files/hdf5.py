@@ -149,6 +149,11 @@ class RunRecord:
     remarks: tuple[Remark, ...] = ()  # what the reader of the result has to know
 
     @cached_property
+    def tables(self) -> dict[str, Any]:
+        """The tables of the scene's text, which nobody changes; raises `ValueError` where it is no TOML."""
+        return tomllib.loads(self.scene_toml)
+
+    @cached_property
     def system(self) -> UnitSystem:
         """The units that the scene says; SI where it says none."""
         header = self.scene_toml.removeprefix("[scene]").partition("\n[")[0]
@@ -159,7 +164,7 @@ class RunRecord:
 
     def check_bodies(self, found: Collection[str], group: str) -> None:
         """Raise `LookupError` where a group of a model's file lacks a body of the scene."""
-        for name in tomllib.loads(self.scene_toml).get("bodies", {}):
+        for name in self.tables.get("bodies", {}):
             if name not in found:
                 raise LookupError(f"it has no {group}/{name}, a body of its scene")
 
@@ -189,25 +194,22 @@ class RunRecord:
         check_plugins(needed, file.filename)
         with shapes_of(file):
             seed, parameters = file.attrs["seed"], json.loads(file.attrs["parameters"])
-            return cls(
-                scene_toml=_toml(file.attrs["scene"]),
+            scene = file.attrs["scene"]
+            if not isinstance(scene, str):
+                raise TypeError(f"a text was expected, and {type(scene).__name__} found")
+            found = cls(
+                scene_toml=scene,
                 parameters={str(name): float(value) for name, value in parameters.items()},
                 seed=int(seed) if isinstance(seed, (int, np.integer)) else None,
                 ranks=int(file.attrs["ranks"]),
                 timings={phase: float(data[()]) for phase, data in file["timings"].items()},
                 remarks=from_json(file.attrs["remarks"]),
             )
-
-
-def _toml(value: object) -> str:
-    """Return the scene of a file; raises `TypeError` where it is no text, and `ValueError` where it is no TOML."""
-    if not isinstance(value, str):
-        raise TypeError(f"a text was expected, and {type(value).__name__} found")
-    try:
-        tomllib.loads(value)
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"its scene is no TOML: {error}") from error
-    return value
+            try:
+                _ = found.tables
+            except tomllib.TOMLDecodeError as error:
+                raise ValueError(f"its scene is no TOML: {error}") from error
+            return found
 
 
 @contextmanager

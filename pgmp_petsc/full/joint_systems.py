@@ -19,7 +19,7 @@ from pgmp_petsc.full.batched_ldl import Pattern
 from pgmp_petsc.full.joint_kernel import Joints, carry_in_joints, correct_in_joints, unknowns_of
 from pgmp_petsc.full.joint_map import N_TURNED, Room
 from pgmp_petsc.full.joint_matrix import N_SPARE, column_size
-from pgmp_petsc.full.joint_tree import BALL, BY_AXES, FREE, coordinates_of, motions_of, tree_of
+from pgmp_petsc.full.joint_tree import BALL, BY_AXES, FREE, coordinates_of, held_by, motions_of, tree_of
 from pgmp_petsc.full.kernel import Factors
 from pgmp_petsc.full.node_constraints import ConstraintParts
 from pgmp_petsc.full.part_reference import Reference
@@ -29,9 +29,11 @@ from pgmp_petsc.full.rank_solver import Layout
 from pgmp_petsc.full.systems import FullBatch, Gains
 from pgmp_petsc.lanes.lane_items import aligned
 from pgmp_petsc.lanes.vectors import aligned_zeros
+from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.mechanism.statement_rows import StatementRows
+from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.stepping.energies import Energies
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 from pgmp_petsc.stepping.second_order_system import State
@@ -54,7 +56,8 @@ class _Slopes(Layout):
 class Held(NamedTuple):
     """What the tree's joints hold of frames, and what drives them."""
 
-    rows: StatementRows  # n statements
+    parts: tuple[tuple[Statement, tuple[Attachment, Attachment]], ...]  # n statements, and their sides
+    rows: StatementRows  # of them
     places: np.ndarray  # of their multipliers among those of joints and driven angles, shape (n,)
     bodies: np.ndarray  # number in the tree of the body that each joint moves, shape (n,)
     felt: np.ndarray  # which slopes of the rows are in the unknowns of the frame that it holds, shape (n, 2 n_pose)
@@ -90,9 +93,10 @@ class JointEquations:
         dofs = problem.masses.dofs[:, 0] // 12 if d == 3 else problem.lumps.dofs // 3
         self._tree = tree_of(unknowns, self.motions, q, dofs)
         self.n = int(self._tree.firsts[:, 4].max())
-        self._set = ConstraintSet(unknowns)
+        self._set = equations.every_constraint
         directors = self._directors() if d == 3 else np.zeros(0, dtype=int)
-        held = np.flatnonzero(~self._of_tree())
+        self._in_tree = held_by(unknowns.mechanism, self.motions)
+        held = np.flatnonzero(~self._in_tree)
         n_own = self._set.n_constraints - self._set.n_driven
         self._driven = self._driven_coordinates()
         drives = [n_own + k for k in range(self._set.n_driven) if k not in self._driven[:, 1]]
@@ -104,25 +108,14 @@ class JointEquations:
                 self._take(kept)
         self.n_statements = self._chosen.size
         self.n_left = self.n_statements + len(self._driven)
-        self._held = self._by_tree()
-
-    def _of_tree(self) -> np.ndarray:
-        """Return which of what joints and couplings hold the tree's joints hold, shape (n_held,)."""
-        mechanism, found = self._unknowns.mechanism, []
-        by_number = {motion.number: motion for motion in self.motions if motion.number >= 0}
-        for number, holder in enumerate(mechanism.holders):
-            held = holder.holding(moving=True)
-            motion = by_number.get(number) if number < len(mechanism.connections) else None
-            for part, _ in held:
-                found.append(motion is not None and (motion.kind != BALL or part.kind == 0))
-        return np.array(found, dtype=bool)
+        self.held = self._by_tree()
 
     def _by_tree(self) -> Held:
         """Return what the tree's joints hold, and its driven coordinates."""
         unknowns, order = self._unknowns, {motion.number: k for k, motion in enumerate(self.motions)}
         mechanism = unknowns.mechanism
         parts = [(i, part) for i, holder in enumerate(mechanism.holders) for part in holder.holding(moving=True)]
-        found = [(place, order[parts[place][0]], parts[place][1]) for place in np.flatnonzero(self._of_tree())]
+        found = [(place, order[parts[place][0]], parts[place][1]) for place in np.flatnonzero(self._in_tree)]
         prescribed = [(one.statement, one.sides) for one in mechanism.coordinates if one.prescribed]
         bodies = np.searchsorted(self._tree.firsts[:, 5], self._driven[:, 0], side="right") - 1
         found += [(len(parts) + k, body, prescribed[k]) for body, k in zip(bodies, self._driven[:, 1])]
@@ -131,7 +124,7 @@ class JointEquations:
         bodies = np.array(bodies, dtype=int)
         frames = np.array([unknowns.frame(node) for node in self._tree.nodes[bodies, 1]], dtype=int)
         felt = (rows.dofs[:, :, None] == frames.reshape(bodies.size, 1, unknowns.frame(0).size)).any(axis=2)
-        return Held(rows, np.array(places, dtype=int), bodies, felt)
+        return Held(parts, rows, np.array(places, dtype=int), bodies, felt)
 
     def multipliers_of_joints(self, q: np.ndarray, left: np.ndarray, loads: np.ndarray) -> np.ndarray:
         """Return the multipliers of joints and driven angles, shape (n, n_samples).
@@ -139,7 +132,7 @@ class JointEquations:
         Arguments are the unknowns, shape (n_dofs, n_samples), multipliers of the constraints that are left, shape
         (n_left, n_samples), and loads as in `carry_in_joints`, shape (n_bodies, d (d + 1), n_samples).
         """
-        every, d, held = np.zeros((self._set.n_constraints, q.shape[1])), self._unknowns.dimension, self._held
+        every, d, held = np.zeros((self._set.n_constraints, q.shape[1])), self._unknowns.dimension, self.held
         every[self._chosen] = left[: self.n_statements]
         found = self._set.of_joints(every)
         if not held.places.size:

@@ -3,7 +3,7 @@
 Every body is moved by one joint, that on its way to the ground: a frame on the body before it, the joint's own motion,
 and the frame of the body that the joint holds. What joints hold in the motion says how:
 
-    turning and sliding    about and along the first of the joint's axes, in one coordinate each, or welded, in none
+    turning and sliding    about and along one of the joint's axes, in one coordinate each, or welded, in none
     ball                   the points meet: the nine directors of the held frame are coordinates
     free                   anything else: all coordinates of the body's own frame are
 
@@ -21,9 +21,12 @@ import numpy as np
 
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import Connection
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import ALONG, MEET, PERPENDICULAR, Statement, U, W
 from pgmp_petsc.mechanism.unknowns import Unknowns
 
+#: coordinates of directors and frames, in the plane and in space
+_OWN = {(2, 2): 3, (3, 1): 9, (3, 2): 12}
 SQUARE = 1e-9  # cosine of axes at right angles, and what is left to 1 of parallel ones
 BY_AXES, BALL, FREE = range(3)  # what moves a body
 #: what joints hold in the motion, in the plane and in space, and whether they turn and slide
@@ -72,6 +75,7 @@ class Motion(NamedTuple):
     kind: int
     on: Attachment | None  # where the joint is; None of a free body
     held: Attachment | None
+    axis: int  # of the joint, that it turns about and slides along; -1 of balls and free bodies
     turns: bool
     slides: bool
     number: int  # of the connection, -1 of a free body
@@ -80,28 +84,33 @@ class Motion(NamedTuple):
     )
 
 
-def rows_of(connection: Connection, dimension: int) -> tuple[int, bool, bool]:
-    """Return what moves a body that a joint holds, and whether it turns and slides."""
+def rows_of(connection: Connection, dimension: int) -> tuple[int, int, bool, bool]:
+    """Return what moves a body that a joint holds, about which of its axes, -1 of none, and whether it turns and
+    slides."""
     held = connection.held
     if any(not isinstance(part, Statement) or len(sides) != 2 for part, sides in held):
-        return FREE, False, False
+        return FREE, -1, False, False
     kinds = [part.kind for part, _ in held]
     counts = tuple(kinds.count(kind) for kind in (MEET, PERPENDICULAR, ALONG))
-    plain = connection.level is None and not connection.released and len(kinds) == sum(counts)
+    plain = connection.level is None and len(kinds) == sum(counts)
     motion = _MOTIONS.get((dimension, *counts)) if plain else None
-    if motion is not None and _by_first_axis(connection, *motion):
-        return BY_AXES, *motion
-    return BALL if dimension == 3 and counts[0] == 3 else FREE, False, False
+    if motion is not None:
+        # what is measured is about the first axis; what turns by giving way may do so about any one
+        about_any = dimension == 3 and motion == (True, False) and connection.released
+        for axis in range(3 if about_any else 1):
+            if _by_axis(connection, axis, *motion):
+                return BY_AXES, axis, *motion
+    return BALL if dimension == 3 and counts[0] == 3 else FREE, -1, False, False
 
 
-def _by_first_axis(connection: Connection, turns: bool, slides: bool) -> bool:
-    """Return whether the first of a joint's axes is what it turns about and slides along."""
-    first, of_held = (sides[:, 0] for sides in connection.axes) if turns or slides else (None, None)
+def _by_axis(connection: Connection, number: int, turns: bool, slides: bool) -> bool:
+    """Return whether one of a joint's axes is what it turns about and slides along."""
+    axis, of_held = (sides[:, number] for sides in connection.axes) if turns or slides else (None, None)
     for part, _ in connection.held:
-        if slides and part.kind == ALONG and abs(part.axes[U] @ first) > SQUARE:
+        if slides and part.kind == ALONG and abs(part.axes[U] @ axis) > SQUARE:
             return False
         if turns and part.kind == PERPENDICULAR:
-            if max(abs(part.axes[U] @ first), abs(part.axes[W] @ of_held)) < 1.0 - SQUARE:
+            if max(abs(part.axes[U] @ axis), abs(part.axes[W] @ of_held)) < 1.0 - SQUARE:
                 return False
     return True
 
@@ -114,7 +123,7 @@ def motions_of(unknowns: Unknowns) -> list[Motion]:
     depth, found = {-1: 0}, {}
     while len(depth) <= len(mechanism.bodies):
         best = None
-        for number, (connection, (kind, turns, slides)) in enumerate(zip(mechanism.connections, kinds)):
+        for number, (connection, (kind, *motion)) in enumerate(zip(mechanism.connections, kinds)):
             if kind == FREE:
                 continue
             a, b = connection.held[0][1]
@@ -124,15 +133,35 @@ def motions_of(unknowns: Unknowns) -> list[Motion]:
             on, held = (a, b) if reached[0] else (b, a)
             price = kind, depth[on.body], number
             if best is None or price < best[0]:
-                best = price, Motion(held.body, kind, on, held, turns, slides, number, not reached[0])
+                best = price, Motion(held.body, kind, on, held, *motion, number, not reached[0])
         if best is None:
             body = next(k for k in range(len(mechanism.bodies)) if k not in depth)
-            motion = Motion(body, FREE, None, None, False, False, -1, False)
+            motion = Motion(body, FREE, None, None, -1, False, False, -1, False)
         else:
             motion = best[1]
         depth[motion.body] = 1 + (depth[motion.on.body] if motion.on is not None else 0)
         found[motion.body] = motion
     return list(_outward(found, -1))
+
+
+def held_by(mechanism: Mechanism, motions: list[Motion]) -> np.ndarray:
+    """Return which of what joints and couplings hold the tree's joints hold, shape (n_held,)."""
+    by_number, found = {motion.number: motion for motion in motions if motion.number >= 0}, []
+    for number, holder in enumerate(mechanism.holders):
+        motion = by_number.get(number) if number < len(mechanism.connections) else None
+        for part, _ in holder.holding(moving=True):
+            found.append(motion is not None and (motion.kind != BALL or part.kind == MEET))
+    return np.array(found, dtype=bool)
+
+
+def count_of(mechanism: Mechanism) -> tuple[int, int]:
+    """Return how many coordinates there are beside amplitudes, and how many constraints are left, those included that
+    follow from others."""
+    d, motions = mechanism.space.dimension, motions_of(Unknowns(mechanism))
+    natural = [motion.kind for motion in motions if motion.kind != BY_AXES]
+    own = sum(motion.turns + motion.slides for motion in motions) + sum(_OWN[d, kind] for kind in natural)
+    n_driven = sum(coordinate.prescribed for coordinate in mechanism.coordinates)
+    return own, int(np.sum(~held_by(mechanism, motions))) + (6 * len(natural) if d == 3 else 0) + n_driven
 
 
 def _outward(found: dict[int, Motion], body: int) -> Iterator[Motion]:
@@ -168,7 +197,9 @@ def tree_of(unknowns: Unknowns, motions: list[Motion], q: np.ndarray, heavy: np.
             connection = unknowns.mechanism.connections[motion.number]
             on, of = (1, 0) if motion.backwards else (0, 1)
             if d == 3:
-                before[k, 1:], after[k, 1:] = connection.axes[on], connection.axes[of]
+                before[k, 1:], after[k, 1:] = (
+                    np.roll(connection.axes[side], -motion.axis, axis=1) for side in (on, of)
+                )
             else:
                 turned = 0.0 if nodes[k, 0] < 0 else frames[nodes[k, 0], 2]
                 rest[k] = frames[nodes[k, 1], 2] - turned
@@ -186,7 +217,7 @@ def tree_of(unknowns: Unknowns, motions: list[Motion], q: np.ndarray, heavy: np.
                 firsts[k, column], next_one = next_one, next_one + 1
         firsts[k, 2] = next_one
         if motion.kind != BY_AXES:
-            next_one += 9 if motion.kind == BALL else 12 if d == 3 else 3
+            next_one += _OWN[d, motion.kind]
         firsts[k, 3] = next_one
         for block in body.blocks("floating"):
             n_amplitudes[k], internal[k], floating[k] = block.n, body.first_internal, flexible.index(motion.body)

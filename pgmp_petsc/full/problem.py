@@ -141,7 +141,8 @@ class FullEquations:
         unknowns = self.unknowns = Unknowns(mechanism)
         self._kinematics, self.initial, self.values = kinematics, initial, dict(values)
         self.size = kinematics.size
-        self.constraints = ConstraintSet(unknowns).independent(self._place(initial[0])[1])
+        self.every_constraint = ConstraintSet(unknowns)
+        self.constraints = self.every_constraint.independent(self._place(initial[0])[1])
         self.n_dofs, n_all = unknowns.n_dofs, unknowns.n_dofs + self.constraints.n_constraints
         rows = self.rows = range(self.n_dofs) if owned is None else owned
         self.damping = BodyDampings.of(effects, mechanism, unknowns.bodies)

@@ -7,6 +7,7 @@ model of a scene goes through the same records as one of a file, so that both ar
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
@@ -31,7 +32,8 @@ from pgmp_petsc.models.full import ComponentModel
 from pgmp_petsc.reduction.rom import Served, check_served, ranges_of
 from pgmp_petsc.reduction.rom_file import AMPLITUDES, BodyFile, CellsFile, FloatingFile, LineFile, MeshFile
 from pgmp_petsc.reduction.tables import WEIGHT_FREE, Weights, weights_of
-from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.loading import scene_from_tables
 from pgmp_petsc.scene.references import points_used, stressed_bodies
 
 
@@ -222,7 +224,7 @@ class ComponentsFile(Result):
     def scene(self, directory: Path) -> Scene:
         """Return the scene that the bodies were condensed for, with paths relative to a folder."""
         if directory not in self._scenes:
-            self._scenes[directory] = scene_from_toml(self.record.scene_toml, directory)
+            self._scenes[directory] = scene_from_tables(deepcopy(self.record.tables), directory)
         return self._scenes[directory]
 
     def model(self, scene: Scene) -> ComponentModel:

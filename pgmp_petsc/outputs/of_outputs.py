@@ -31,9 +31,10 @@ from pgmp_petsc.declare.formulas import (
     declared,
     evaluated,
 )
+from pgmp_petsc.declare.own_units import in_si
 from pgmp_petsc.outputs.readings import AnyReading, Jet, Needs, Rate, Seen
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import to_own
+from pgmp_petsc.scene.border import own_powers
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import OutputEntry, per_second, unit_of
 from pgmp_petsc.scene.uses import Use, uses_of
@@ -111,12 +112,10 @@ class FormulaOfOutputs(OutputEntry):
     def in_si(self, scene: Scene) -> tuple[str, set[str]]:
         """Return the formula, which is in the units of the scene, of what it names in SI units."""
         text, used = self.in_declarations(scene)
-        if scene.system.is_si:
-            return text, used
-        factors = {one: 1.0 / scene.system.size_of(unit_of(scene, one)) for one in self.made_in(scene)}
-        factors |= {one: to_own(scene, one) for one in scene.parameters if one in used}
-        names = {one: f"({factor!r} * of_{one})" for one, factor in factors.items()} | {"t": TIME}
-        return f"({scene.system.size_of(self.unit_in(scene))!r} * {declared(self.formula, names, '')[0]})", used
+        power_of, named = scene.system.power_of, {f"of_{one}": one for one in scene.parameters if one in used}
+        powers = {f"of_{one}": power_of(unit_of(scene, one)) for one in self.made_in(scene)} | {TIME: 0}
+        powers |= own_powers(scene, named)
+        return in_si({"": text}, powers, {"": power_of(self.unit_in(scene))}).texts[""], used
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if it is no formula, or its units do not fit."""

@@ -66,16 +66,34 @@ class Instants(Record):
     derivatives: np.ndarray = array("contact", "parameter", unit="{units}", about="of the instants with the parameters")
 
 
-def _extremes(figure: int, value: Callable[[Figure], Any], at: str, *sizes: str, **how: Any) -> tuple[Any, Any]:
-    """Declare what is known of the largest or the smallest value of every output."""
+def _extreme(about: str) -> Any:
+    return array(unit="{unit}", about=f"{about} value of '{{name}}'")
 
-    def of(own: Derivatives, _: Context) -> dict[str, Any]:
-        return {name: value(list(own.figures(name))[figure]) for name in own.outputs}
 
-    return derived(
-        dict[str, np.ndarray], of, f"extremes/{{key}}/{at}", *sizes, **how,
-        words=lambda own, name, _: {"units": ", ".join(own.unit(name, other) for other in own.changes)},
-    )  # fmt: skip
+def _its_derivatives(about: str) -> Any:
+    words = f"derivatives of the {about} value of '{{name}}' with the parameters"
+    return array("parameter", unit="{units}", about=words)
+
+
+@dataclass(frozen=True, eq=False)
+class Extremes(Record):
+    """The largest and the smallest value of an output; found once, in the units of the run: the vertices of parabolas
+    through nearly equal values would move with the last digits of the same values in other units."""
+
+    max: float = _extreme("largest")
+    time_of_max: float = array(unit="s", about="when it is the largest")
+    max_derivatives: np.ndarray = _its_derivatives("largest")
+    min: float = _extreme("smallest")
+    time_of_min: float = array(unit="s", about="when it is the smallest")
+    min_derivatives: np.ndarray = _its_derivatives("smallest")
+
+    @classmethod
+    def of(cls, time: np.ndarray, values: np.ndarray, rows: np.ndarray) -> Extremes:
+        """Find those of a history, shape (n_t,), with its derivatives, shape (n_parameters, n_t)."""
+        places = [vertex(values, sign) for sign in (1.0, -1.0)]
+        return cls(
+            *(one for place in places for one in (float(values[place.at]), float(time[place.at]), place.of(rows)))
+        )
 
 
 def _changes(group: h5py.Group, _: dict[str, Any]) -> dict[str, tuple[float, str]]:
@@ -110,6 +128,9 @@ class Derivatives(Result):
     contacts: Instants | None = array(
         absent=None, words=lambda own, *_: {"units": ", ".join(f"s/({own.units.get(n, '1')})" for n in own.changes)}
     )
+    extremes: dict[str, Extremes] = array(
+        default={}, words=lambda own, name, _: {"units": ", ".join(own.unit(name, other) for other in own.changes)}
+    )
     FURTHER = (
         derived(
             tuple[str, ...], lambda own, _: json.dumps(own.parameters), "@parameters_differentiated", "parameter",
@@ -124,18 +145,6 @@ class Derivatives(Result):
             dict[str, str], lambda own, _: {name: what for name, (_, what) in own.changes.items()},
             "changes/{key}@what", about="what change it is",
         ),
-        *(
-            declaration
-            for number, (key, name) in enumerate((("max", "largest"), ("min", "smallest")), 1)
-            for declaration in (
-                _extremes(number, lambda one: one.value, key, unit="{unit}", about=f"{name} value of '{{name}}'"),
-                _extremes(number, lambda one: one.time, f"time_of_{key}", unit="s", about=f"when it is the {name}"),
-                _extremes(
-                    number, lambda one: one.derivatives, f"{key}_derivatives", "parameter", unit="{units}",
-                    about=f"derivatives of the {name} value of '{{name}}' with the parameters",
-                ),
-            )
-        ),
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -144,6 +153,9 @@ class Derivatives(Result):
         for output in self.outputs:
             if self.derivatives[output].keys() != self.changes.keys():
                 raise ValueError(f"derivatives of '{output}' are not with the parameters of the run")
+        if not self.extremes:
+            found = {one: Extremes.of(self.time, self.outputs[one], self._rows(one)) for one in self.outputs}
+            object.__setattr__(self, "extremes", found)
         super().__post_init__()
 
     def converted_by_itself(self, convert: Callable[[Any, str], Any]) -> dict[str, Any]:
@@ -174,10 +186,14 @@ class Derivatives(Result):
 
     def figures(self, output: str) -> Iterator[Figure]:
         """Yield the figures of an output: at the end, the largest and the smallest."""
-        values, rows = self.outputs[output], np.array(list(self.derivatives[output].values()))
-        places = ("at the end", Vertex(-1, 0.0)), ("largest", vertex(values, 1.0)), ("smallest", vertex(values, -1.0))
-        for name, place in places:
-            yield Figure(name, float(values[place.at]), float(self.time[place.at]), place.of(rows))
+        own = self.extremes[output]
+        yield Figure("at the end", float(self.outputs[output][-1]), float(self.time[-1]), self._rows(output)[:, -1])
+        yield Figure("largest", own.max, own.time_of_max, own.max_derivatives)
+        yield Figure("smallest", own.min, own.time_of_min, own.min_derivatives)
+
+    def _rows(self, output: str) -> np.ndarray:
+        """Return the derivatives of an output, shape (n_parameters, n_t)."""
+        return np.array(list(self.derivatives[output].values()))
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ The probability of a rare event, and the samples that it follows from.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -263,9 +262,7 @@ class RareEvent(Result):
 
     def converted_by_itself(self, convert: Callable[[Any, str], Any]) -> dict[str, Any]:
         """Return the curve, and values of parameters, whose units are in the scene."""
-        units = {
-            name: one.get("unit", "1") for name, one in tomllib.loads(self.record.scene_toml)["parameters"].items()
-        }
+        units = {name: one.get("unit", "1") for name, one in self.record.tables["parameters"].items()}
 
         def of(parameters: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
             return {name: convert(values, units[name]) for name, values in parameters.items()}

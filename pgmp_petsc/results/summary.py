@@ -91,7 +91,7 @@ def summary_of(result: object) -> dict[str, Any]:
 def origin_of(record: RunRecord) -> dict[str, Any]:
     """Return where a result comes from, and what its reader has to know."""
     try:
-        scene = str(tomllib.loads(record.scene_toml)["scene"]["name"])
+        scene = str(record.tables["scene"]["name"])
     except (tomllib.TOMLDecodeError, KeyError, TypeError):
         scene = ""
     remarks = [asdict(remark) for remark in record.remarks]

@@ -13,6 +13,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
+import numpy as np
 from pydantic import BaseModel
 
 from pgmp_petsc.base.units import SI, UNITS, dimension_of, times
@@ -65,6 +66,13 @@ def si_values(scene: AnyScene, values: Mapping[str, Any]) -> dict[str, Any]:
 def to_own(scene: AnyScene, parameter: str) -> float:
     """Return what the value of a parameter is multiplied by for formulas, which have it in the units of the scene."""
     return 1.0 / scene.system.size_of(scene.parameters[parameter].unit or "1")
+
+
+def own_powers(scene: AnyScene, given: Mapping[str, float | str]) -> dict[str, int | None]:
+    """Return by which power of ten what names parameters is larger in the units of the scene, by the keys of `given`;
+    numbers have no part, and parameters without a unit, which stay as they are written, have None."""
+    units = {key: scene.parameters[one].unit for key, one in given.items() if isinstance(one, str)}
+    return {key: scene.system.power_of(unit) if unit else None for key, unit in units.items()}
 
 
 def shown_in(scene: AnyScene) -> Callable[[str, Any], Any]:
@@ -172,6 +180,8 @@ def _times(value: Any, factor: float) -> Any:
     """Return numbers times the factor; texts, flags and what is infinite as they are."""
     if isinstance(value, (list, tuple)):
         return type(value)(_times(one, factor) for one in value)
-    if hasattr(value, "dtype"):
-        return value if factor == 1.0 else value * factor
-    return times(value, factor) if factor != 1.0 and isinstance(value, float) and is_number(value) else value
+    return (
+        times(value, factor)
+        if isinstance(value, np.ndarray) or isinstance(value, float) and is_number(value)
+        else value
+    )

@@ -6,7 +6,7 @@ z' = g(z, measure, reference, t), in the same steps.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
@@ -63,6 +63,16 @@ class Setpoint(Table):
     def changes(self) -> bool:
         """Whether it is over time."""
         return self.constant is None
+
+    def changed(self, value: Callable[[Any], Any]) -> Setpoint:
+        """Return it with other values."""
+        wave = self.harmonic
+        found = {
+            "constant": None if self.constant is None else value(self.constant),
+            "table": self.table and tuple((time, value(one)) for time, one in self.table),
+            "harmonic": wave and wave.model_copy(update={"amplitude": value(wave.amplitude), "mean": value(wave.mean)}),
+        }
+        return self.model_copy(update=found)
 
 
 class ControllerEntry(Table):

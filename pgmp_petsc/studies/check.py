@@ -13,13 +13,13 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, counted
 from pgmp_petsc.bench.cases import own_steps
-from pgmp_petsc.bench.which import choice, prospects
+from pgmp_petsc.bench.which import Prospect, choice, prospects
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.assembled import MassProperties
 from pgmp_petsc.bodies.linear_fields import directors
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.shape import BodyShape, given_properties
-from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of, start_of
+from pgmp_petsc.effects import Effect, Load, Patterns, actions_of, effects_of, loads_of, patterns_of, start_of
 from pgmp_petsc.effects.clearance import impacts
 from pgmp_petsc.effects.springs import spring_force
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian
@@ -105,7 +105,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     lines += [f"  clearance     {name}: {words}" for name, words in impacts(scene, mechanism)]
     lines += [f"  refused       {text}" for text in foretold(scene)]
     if flexible_bodies:
-        models = prospects(scene, meshes, mechanism, sum(flexible.values()), patterns.n)
+        models = _models(scene, meshes, mechanism, patterns)
         lines += [f"  model         {one.text}" for one in models]
         lines.append(f"  take          {choice(scene, meshes, models, own_steps(scene))}")
     lines += [f"  {remark}" for remark in kinematics.remarks]
@@ -117,6 +117,11 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     elif not left_open and reducible:
         lines += _memory(scene, mechanism, matrices, len(loads), sum(flexible.values()))
     return "\n".join(lines)
+
+
+def _models(scene: Scene, meshes: Mapping[str, BodyShape], mechanism: Mechanism, patterns: Patterns) -> list[Prospect]:
+    flexible = _flexible(scene, mechanism, patterns.wanted(scene.reduction).n)
+    return prospects(scene, meshes, mechanism, sum(flexible.values()), patterns.n)
 
 
 def _bodies(mechanism: Mechanism) -> list[str]:
@@ -335,9 +340,14 @@ def _size(n_bytes: float) -> str:
 
 
 def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, Any]:
-    """Return bodies, joints, coordinates, parameters, effects, outputs and remarks by their names, and counts."""
+    """Return bodies, joints, coordinates, parameters, effects, outputs and remarks by their names, counts, and which
+    model to take."""
     mechanism = Mechanism.from_scene(scene, meshes)
-    kinematics = RigidKinematics(mechanism)
+    kinematics, large = RigidKinematics(mechanism), any(body.to_condense for body in mechanism.bodies)
+    matrices = assemble(mechanism.bodies, range(0 if large else mechanism.n_dofs))
+    models = []
+    if any(body.flexible for body in mechanism.bodies):
+        models = _models(scene, meshes, mechanism, patterns_of(effects_of(scene, mechanism), matrices))
     return {
         "scene": scene.name,
         "dimension": scene.dimension,
@@ -367,6 +377,8 @@ def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str,
         },
         "unknowns": mechanism.n_dofs,
         "constraints": mechanism.n_constraints,
+        "models": {one.model: asdict(one) for one in models},
+        "take": choice(scene, meshes, models, own_steps(scene)) if models else "",
         "remarks": [asdict(remark) for remark in scene.remarks],
     }
 

@@ -1,5 +1,6 @@
 """``--components`` of simulate and montecarlo, as users type it."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -93,11 +94,15 @@ def test_which_model_to_take_is_predicted_and_measured(tmp_path: Path) -> None:
     """By sizes for scenes of one, three and four coordinates; measured without a reduced model where no grid goes."""
     for scene, taken in (
         (ROOT / "scenes/slider_crank.toml", "take          mesh, reduced from"),
-        (DELTA, "take          components; 10000"),
+        (DELTA, "take          mesh; 10000"),  # fewer unknowns than component modes and what its loops leave
     ):
         said = pgmp("check", scene).stdout
         assert taken in said and all(f"  model         {name}: " in said for name in ("mesh", "components", "reduced"))
     assert "reduced is left out by its error" in said
+    # 28 amplitudes; 7 motors and gearboxes, and 9 directors of a bearing that tilts; 6 constraints of these, one of
+    # the bearing and 5 motors
+    found = json.loads(pgmp("check", ROOT / "scenes/payload_arm.toml", "--json").stdout)
+    assert found["models"]["components"]["unknowns"] == 28 + 7 + 9 + 12 and found["take"].startswith("components; ")
     quick = overridden("simulation.duration=0.02", "reduction.modes=1", "initial={}")
     said = pgmp("tradeoff", PALLETIZER, "--quick", *quick, "-o", tmp_path / "costs.h5").stdout
     assert "no reduced model is compared: coordinates: waist, shoulder, drive, wrist" in said

@@ -154,7 +154,6 @@ REFUSED = {
     "simulate {arm} --override parameters.radius.nominal=0.01": f" parameters.radius.nominal: '{{arm}}' {BUILT}",
     "montecarlo {arm} -n 8 --ranks-per-sample 2": "samples of component modes are small; leave it out",
     "montecarlo {arm} -n 8 --correct full=8": "has no mesh of upper, fore, only what was condensed of it; give",
-    "export {arm} --override simulation.spectral_radius=1.0": "1: a model in C does not project its motion, and needs",
     "modes {double} --rom {arm}": "holds a component model; needed: a reduced model, with tables over configurations",
     "animate {arm} --mode 1": "'{arm}' is a component model, which has no modes of the mechanism",
     "report {arm}": "'{arm}' holds a component model, and no results of its scene are here",

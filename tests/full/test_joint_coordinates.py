@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from runs import components_model, history, run_model, samples
 from scipy.integrate import solve_ivp
 from spatial_beams import lines_of, slider_crank_of_beams
@@ -9,7 +10,7 @@ from spatial_beams import lines_of, slider_crank_of_beams
 from pgmp_petsc.full.joint_systems import JointBatch
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ComponentModel
-from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.status import Status
@@ -25,6 +26,7 @@ MECHANISMS = {
         'joints.elbow={type="universal", connect=["crank:tip", "rod:hinge"], axis=[0.0, 0.0, 1.0], '
         "second_axis=[0.0, 1.0, 0.0]}"
     ),
+    "elastic about a second axis": lambda: components_model(load_scene(ROOT / "scenes/payload_arm.toml")),
 }
 
 

@@ -13,8 +13,6 @@
 
 #include "tables.h"
 
-enum { AXIAL = 3, RADIAL, MAGNITUDE, ALONG_MOTION, SIZE_ALONG_MOTION };
-
 #define N_ALONG (M + (GAPS_CURVED ? R * M : 0))
 
 #if N_GAPS > 0
@@ -81,48 +79,8 @@ static void find_multipliers(const struct pgmp_model *m, const double strengths[
 
 #endif
 
-static double size_of(const double x[3]) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
-
-/* The component of a joint's force or moment. */
-static double read_force(const struct force *f, const struct frame nodes[], const double multipliers[]) {
-    double slopes[N_FRAME] = {0}, acting[3] = {0}, along[3] = {0}, z[2 * N_FRAME], gradient[2 * N_FRAME], axial = 0.0;
-    struct frame a, b;
-    if (f->component >= ALONG_MOTION) {
-        double along_motion = -multipliers[force_terms[f->first].gap] * force_terms[f->first].factor;
-        return f->component == ALONG_MOTION ? along_motion : fabs(along_motion);
-    }
-    attach(&f->b, nodes, &b);
-    for (int k = f->first; k < f->last; k++) {
-        const struct force_term *term = force_terms + k;
-        attach(&term->statement.a, nodes, &a);
-        memcpy(z, a.z, sizeof a.z);
-        memcpy(z + N_FRAME, b.z, sizeof b.z);
-        evaluate_statement(&term->statement, z, 0.0, gradient, 0);
-        for (int c = 0; c < N_FRAME; c++) slopes[c] -= f->sign * multipliers[term->gap] * term->factor * gradient[N_FRAME + c];
-    }
-    for (int c = 0; c < D && !f->turning; c++) acting[c] = slopes[c];
-    for (int k = 1; k <= D && f->turning; k++) { /* sum of d_k x g_k */
-        const double *d = b.z + D * k, *g = slopes + D * k;
-        if (D == 3) acting[0] += d[1] * g[D - 1] - d[D - 1] * g[1], acting[1] += d[D - 1] * g[0] - d[0] * g[D - 1];
-        acting[2] += d[0] * g[1] - d[1] * g[0];
-    }
-    if (f->component == MAGNITUDE) return size_of(acting);
-    if (D == 2 && f->turning) return acting[2];
-    attach(&f->a, nodes, &a);
-    if (f->component < AXIAL && !f->in_body) return acting[f->component];
-    if (f->component < AXIAL) {
-        const double *d = (f->sign < 0.0 ? a.z : b.z) + D * (1 + f->component);
-        for (int c = 0; c < D; c++) axial += d[c] * acting[c];
-        return axial;
-    }
-    for (int k = 0; k < D; k++)
-        for (int c = 0; c < D; c++) along[c] += f->axis[k] * a.z[D + D * k + c];
-    for (int c = 0; c < D; c++) axial += along[c] * acting[c];
-    for (int c = 0; c < D; c++) acting[c] -= axial * along[c];
-    return f->component == AXIAL ? axial : size_of(acting);
-}
-
-void find_forces(struct pgmp_model *m, const double strengths[], const struct frame nodes[], double found[][3]) {
+void find_forces(struct pgmp_model *m, const struct acting *now, const struct frame nodes[], double found[][3]) {
+    const double *strengths = now->strengths;
     double multipliers[AT_LEAST_ONE(N_GAPS + N_ACTIONS)], r[N] = {0}, forces_of[AT_LEAST_ONE(N_ACTIONS)] = {0};
     double loads[AT_LEAST_ONE(N_ACTION_NODES)][N_DOFS] = {{0}};
     struct stencil stencil;

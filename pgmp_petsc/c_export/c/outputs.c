@@ -1,4 +1,4 @@
-/* What is seen of a state: frames of the nodes of outputs, and functions of them.
+/* What is seen of a state: frames of the nodes of outputs, and functions of them and of multipliers.
 
    written by pgmp_petsc */
 
@@ -93,6 +93,49 @@ static void find_changes(const struct pgmp_model *m, const struct look *look, do
     }
 }
 
+enum { AXIAL = 3, RADIAL, MAGNITUDE, ALONG_MOTION, SIZE_ALONG_MOTION };
+
+static double size_of(const double x[3]) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
+
+/* The component of a joint's force or moment. */
+double read_force(const struct force *f, const struct frame nodes[], const double multipliers[]) {
+    double slopes[N_FRAME] = {0}, acting[3] = {0}, along[3] = {0}, z[2 * N_FRAME], gradient[2 * N_FRAME], axial = 0.0;
+    struct frame a, b;
+    if (f->component >= ALONG_MOTION) {
+        double along_motion = -multipliers[force_terms[f->first].gap] * force_terms[f->first].factor;
+        return f->component == ALONG_MOTION ? along_motion : fabs(along_motion);
+    }
+    attach(&f->b, nodes, &b);
+    for (int k = f->first; k < f->last; k++) {
+        const struct force_term *term = force_terms + k;
+        attach(&term->statement.a, nodes, &a);
+        memcpy(z, a.z, sizeof a.z);
+        memcpy(z + N_FRAME, b.z, sizeof b.z);
+        evaluate_statement(&term->statement, z, 0.0, gradient, 0);
+        for (int c = 0; c < N_FRAME; c++) slopes[c] -= f->sign * multipliers[term->gap] * term->factor * gradient[N_FRAME + c];
+    }
+    for (int c = 0; c < D && !f->turning; c++) acting[c] = slopes[c];
+    for (int k = 1; k <= D && f->turning; k++) { /* sum of d_k x g_k */
+        const double *d = b.z + D * k, *g = slopes + D * k;
+        if (D == 3) acting[0] += d[1] * g[D - 1] - d[D - 1] * g[1], acting[1] += d[D - 1] * g[0] - d[0] * g[D - 1];
+        acting[2] += d[0] * g[1] - d[1] * g[0];
+    }
+    if (f->component == MAGNITUDE) return size_of(acting);
+    if (D == 2 && f->turning) return acting[2];
+    attach(&f->a, nodes, &a);
+    if (f->component < AXIAL && !f->in_body) return acting[f->component];
+    if (f->component < AXIAL) {
+        const double *d = (f->sign < 0.0 ? a.z : b.z) + D * (1 + f->component);
+        for (int c = 0; c < D; c++) axial += d[c] * acting[c];
+        return axial;
+    }
+    for (int k = 0; k < D; k++)
+        for (int c = 0; c < D; c++) along[c] += f->axis[k] * a.z[D + D * k + c];
+    for (int c = 0; c < D; c++) axial += along[c] * acting[c];
+    for (int c = 0; c < D; c++) acting[c] -= axial * along[c];
+    return f->component == AXIAL ? axial : size_of(acting);
+}
+
 void pgmp_observe(struct pgmp_model *m) { pgmp_observe_at(m, pgmp_time(m), pgmp_time(m)); }
 
 void pgmp_observe_at(struct pgmp_model *m, double time, double since) {
@@ -112,9 +155,9 @@ void pgmp_observe_at(struct pgmp_model *m, double time, double since) {
         bases[k][1] = rates[0], bases[k][2] = rates[1];
     }
 #if N_FORCES || DRIVES
-    double strengths[AT_LEAST_ONE(N_STRENGTHS)];
-    find_strengths(m, time, since, strengths);
-    find_forces(m, strengths, nodes, acting);
+    struct acting now;
+    act(m, time, since, &now);
+    find_forces(m, &now, nodes, acting);
 #endif
     combine(time, m->parameters, bases, found, acting + N_CARRIED, m->outputs);
 }

@@ -88,6 +88,10 @@ void stand_at_start(struct pgmp_model *m) {
 
 void count_turns(struct pgmp_model *m, const double q[N]) { (void)m, (void)q; } /* tables count them */
 
+void project_motion(struct pgmp_model *m, const struct acting *now, double h, const double q[N], double v[N], double a[N]) {
+    (void)m, (void)now, (void)h, (void)q, (void)v, (void)a;
+}
+
 int leaves_tables(const struct pgmp_model *m) {
     int outside = 0;
     for (int k = 0; k < R; k++) {

@@ -64,15 +64,10 @@ double pgmp_next_break(const struct pgmp_model *m, double time) {
     return next;
 }
 
-void find_strengths(const struct pgmp_model *m, double time, double since, double strengths[]) {
+void act(const struct pgmp_model *m, double time, double since, struct acting *now) {
     double rates[2];
     for (int k = 0; k < N_STRENGTHS; k++)
-        strengths[k] = m->follows_scene[k] ? evaluate_piece(k, time, since, rates) : strength_sizes[k] * m->strengths[k];
-}
-
-/* What acts over time. */
-static void act(const struct pgmp_model *m, double time, double since, struct acting *now) {
-    find_strengths(m, time, since, now->strengths);
+        now->strengths[k] = m->follows_scene[k] ? evaluate_piece(k, time, since, rates) : strength_sizes[k] * m->strengths[k];
     for (int k = 0; k < R; k++)
         if (function_pieces[N_STRENGTHS + k] < function_pieces[N_STRENGTHS + k + 1])
             now->motions[k][0] = evaluate_piece(N_STRENGTHS + k, time, since, now->motions[k] + 1);
@@ -111,7 +106,7 @@ static void find_carried(struct pgmp_model *m, const struct acting *now, const d
     memmove(m->q, q, size), memmove(m->v, v, size), memmove(m->a, a, size);
     look_at(m, &look);
     see_nodes(m, &look, 0.0, CLOSURE_TOLERANCE, theta, nodes);
-    find_forces(m, now->strengths, nodes, found);
+    find_forces(m, now, nodes, found);
     memcpy(m->q, own[0], size), memcpy(m->v, own[1], size), memcpy(m->a, own[2], size);
     for (int k = 0; k < N_CARRIED; k++) carried[k] = found[k][0];
 }
@@ -263,6 +258,7 @@ static int try_step(struct pgmp_model *m, double h, double end, int in_part, str
         int converged = converge(m, attempt, in_part, &now, t);
         load_friction(m, m->carried);
         if (converged) {
+            if (PROJECTS && t->scheme == &own_scheme) project_motion(m, &now, h, t->q, t->v, t->a);
             find_depths(m, t->q, t->depths);
             if (N_CONTROLS > 0) look_at_motions(m, t->q, t->v, &t->response);
             return 1;

@@ -112,8 +112,10 @@ double evaluate_statement(const struct statement *s, const double z[2 * N_FRAME]
 void attach(const struct side *side, const struct frame nodes[], struct frame *frame);
 double of_term(const struct term *term, double s, double *slope, double *bend);
 /* Forces in joints, and behind them what motions take, of the state with its accelerations. */
-void find_forces(struct pgmp_model *m, const double strengths[], const struct frame nodes[], double found[][3]);
-void find_strengths(const struct pgmp_model *m, double time, double since, double strengths[]);
+void find_forces(struct pgmp_model *m, const struct acting *now, const struct frame nodes[], double found[][3]);
+double read_force(const struct force *f, const struct frame nodes[], const double multipliers[]);
+/* What acts over time at an instant. */
+void act(const struct pgmp_model *m, double time, double since, struct acting *now);
 /* One Newton step to poses that hold the joints together at given coordinates; gaps within `open` stay. */
 void close_loops(const double theta[R], double open, double poses[N_BODIES][N_POSE]);
 void frame_of_pose(const double pose[N_POSE], double z[N_FRAME]);
@@ -126,6 +128,8 @@ void correct(struct pgmp_model *m, const struct acting *now, const double q[N], 
              const double forces[], double gain_v, double gain_a, int fresh, struct iterate kept[],
              struct response *response, struct matrix *matrix, double r[N_ALL]);
 void find_accelerations(struct pgmp_model *m, const struct acting *now);
+/* Makes velocities and accelerations at the end of a step of h consistent with the constraints; where PROJECTS alone. */
+void project_motion(struct pgmp_model *m, const struct acting *now, double h, const double q[N], double v[N], double a[N]);
 int leaves_tables(const struct pgmp_model *m);
 void count_turns(struct pgmp_model *m, const double q[N]); /* what angles are near to, in a state that is kept */
 /* Nodes of the local effects, and what the angles of their parts are near to; and what their tangents add to the matrix. */

@@ -15,10 +15,6 @@
 #define LARGE 1e30 /* gain that makes stiffness negligible beside mass */
 #define POSES 6    /* Newton steps to rigid poses, from those of the bodies' frames */
 
-/* A frame, its rate, its acceleration, and its derivatives with the first n coordinates; in the plane its angle too. */
-enum { AT, RATE, MORE, SLOPES };
-struct chain { double z[SLOPES + N][N_FRAME], angle; int n; };
-
 /* A motion in a frame: displacement and turn, their rates and accelerations, and their derivatives with n coordinates from
    `first` on. */
 struct motion {
@@ -199,8 +195,7 @@ static void take_coordinates(int at, int from, const double q[N], const double v
     z->angle = angle;
 }
 
-/* Frames of all nodes; returns the largest rotation of a face. */
-static double place(const double q[N], const double v[N], const double a[N], struct chain nodes[N_NODES]) {
+double place(const double q[N], const double v[N], const double a[N], struct chain nodes[N_NODES]) {
     struct chain joint, moved;
     struct motion s, back;
     double largest = 0.0;
@@ -255,9 +250,12 @@ static double dot(const double x[N_FRAME], const double y[N_FRAME]) {
     return total;
 }
 
-/* Adds what a force on a frame does on coordinates. */
-static void project(const struct chain *node, const double force[N_FRAME], double r[N_ALL]) {
+/* Adds what a force on a frame does on coordinates, and the force itself to those on frames where they are wanted. */
+static void project(const struct chain nodes[N_NODES], int number, const double force[N_FRAME], double r[N_ALL],
+                    double (*on_frames)[N_FRAME]) {
+    const struct chain *node = nodes + number;
     for (int i = 0; i < node->n; i++) r[i] += dot(force, node->z[SLOPES + i]);
+    for (int c = 0; on_frames && c < N_FRAME; c++) on_frames[number][c] += force[c];
 }
 
 /* Adds the mass of a frame, a density of its vectors, to the matrix. */
@@ -332,8 +330,10 @@ static void shape_body(const struct body *b, const double *table, double spin[D]
 
 /* Adds inertia, weight, elasticity and damping of a flexible body, and its tangents. */
 static void add_flexible(const struct pgmp_model *m, const struct body *b, const double strengths[],
-                         const struct chain *node, const double q[N], const double v[N], const double a[N], double gain_v,
-                         double gain_a, int fresh, struct matrix *matrix, double r[N_ALL]) {
+                         const struct chain nodes[N_NODES], const double q[N], const double v[N], const double a[N],
+                         double gain_v, double gain_a, int fresh, struct matrix *matrix, double r[N_ALL],
+                         double (*on_frames)[N_FRAME]) {
+    const struct chain *node = nodes + b->base;
     const double *table = m->own.table + b->table, *z = node->z[AT] + D, *z1 = node->z[RATE] + D;
     const struct places at = places_of(b);
     const int n = b->n, *first = first_entries + b->rows + D * D * n, *column = columns + b->columns;
@@ -361,7 +361,7 @@ static void add_flexible(const struct pgmp_model *m, const struct body *b, const
                 force[D + D * l + c] += d2 * f.j[0][l][k] + d1 * f.j[1][l][k] + d * f.j[2][l][k];
         }
     }
-    project(node, force, r);
+    project(nodes, b->base, force, r, on_frames);
     for (int i = 0; i < n; i++) {
         double total = 2.0 * f.h[i] + table[at.viscous + i] * x[1][i];
         for (int l = 0; l < D; l++) {
@@ -400,7 +400,8 @@ static void add_flexible(const struct pgmp_model *m, const struct body *b, const
 }
 
 /* Loads on frames and on coordinates. */
-static void add_loads(const struct pgmp_model *m, const double strengths[], const struct chain nodes[N_NODES], double r[N_ALL]) {
+static void add_loads(const struct pgmp_model *m, const double strengths[], const struct chain nodes[N_NODES], double r[N_ALL],
+                      double (*on_frames)[N_FRAME]) {
     for (const struct push *f = pushes; f < pushes + N_PUSHES; f++) {
         double value = -f->value * m->own.loads[f->term] * strengths[strength_of_load[load_of_term[f->term]]];
         double force[N_FRAME] = {0};
@@ -412,12 +413,11 @@ static void add_loads(const struct pgmp_model *m, const double strengths[], cons
             for (int c = 0; c < D; c++) force[D + c] = value * nodes[f->node].z[AT][2 * D + c];
         else
             force[f->component] = value;
-        project(nodes + f->node, force, r);
+        project(nodes, f->node, force, r, on_frames);
     }
 }
 
-/* A column of the frame of a point: see `chain`. */
-static void attach_column(const struct side *side, const struct chain nodes[N_NODES], int column, double z[N_FRAME]) {
+void attach_column(const struct side *side, const struct chain nodes[N_NODES], int column, double z[N_FRAME]) {
     memset(z, 0, N_FRAME * sizeof *z);
     if (side->slot < 0) {
         for (int c = 0; c < N_FRAME && column == AT; c++) z[c] = c < D ? side->point[c] : (c - D) % (D + 1) == 0;
@@ -433,7 +433,7 @@ static void attach_column(const struct side *side, const struct chain nodes[N_NO
 /* Adds a term of a constraint at its multiplier to the residual, and its slopes to the matrix; returns its value, and what
    of its acceleration is not C y'' in `drift`. */
 static double add_term(const struct term *term, double near, double force, double scale, const struct chain nodes[N_NODES],
-                       int fresh, struct matrix *matrix, double r[N_ALL], double *drift) {
+                       int fresh, struct matrix *matrix, double r[N_ALL], double *drift, double (*on_frames)[N_FRAME]) {
     const struct side *a = &term->statement.a, *b = &term->statement.b;
     double z[SLOPES][2 * N_FRAME], gradient[2 * N_FRAME], hessian[2 * N_FRAME][2 * N_FRAME], slope, bend, rate = 0.0;
     for (int k = 0; k < SLOPES; k++)
@@ -445,6 +445,13 @@ static double add_term(const struct term *term, double near, double force, doubl
         for (int d = 0; d < 2 * N_FRAME; d++) *drift += slope * z[RATE][c] * hessian[c][d] * z[RATE][d];
     }
     *drift += bend * rate * rate;
+    for (int end = 0; on_frames && end < 2; end++) {
+        const struct side *side = end ? b : a;
+        for (int c = 0; c < N_FRAME && side->slot >= 0; c++) {
+            double arm = c < D ? 1.0 : side->arm[c / D - 1], pull = arm * gradient[end * N_FRAME + c % D];
+            on_frames[side->slot][c] += force * slope * (c < D ? pull : pull + gradient[end * N_FRAME + c]);
+        }
+    }
     for (int i = 0; i < N; i++) {
         double own = 0.0, moved[2 * N_FRAME];
         attach_column(a, nodes, SLOPES + i, moved), attach_column(b, nodes, SLOPES + i, moved + N_FRAME);
@@ -464,7 +471,7 @@ static double near_of(const struct statement *s, const struct chain nodes[N_NODE
 /* Adds the constraints; their rows become how far they are off, or, where `accelerating`, their accelerations. */
 static void add_constraints(const struct pgmp_model *m, const struct acting *now, const double forces[], double gain_a,
                             int accelerating, const struct chain nodes[N_NODES], int fresh, struct matrix *matrix,
-                            double r[N_ALL]) {
+                            double r[N_ALL], double (*on_frames)[N_FRAME]) {
     const double scale = gain_a * TYPICAL_MASS;
     int t = 0;
     for (int row = 0; row < N_LEFT; row++) {
@@ -476,7 +483,8 @@ static void add_constraints(const struct pgmp_model *m, const struct acting *now
             double tracked = motion < 0 ? 0.0 : now->motions[motion][0];
             if (term->near >= 0) tracked = m->own.turned[term->near];
             if (term->near == -1) tracked = -off / term->factor;
-            off += add_term(term, near_of(&term->statement, nodes, tracked), forces[row], scale, nodes, fresh, matrix, r, &drift);
+            double near = near_of(&term->statement, nodes, tracked);
+            off += add_term(term, near, forces[row], scale, nodes, fresh, matrix, r, &drift, on_frames);
         }
         r[N + row] = scale * (accelerating ? drift / LARGE : off);
     }
@@ -516,8 +524,8 @@ static void solve(const struct matrix *m, double x[N_ALL]) {
 /* The residual, and the matrix; rows of coordinates whose motion is given are for what they are off. */
 static void evaluate(struct pgmp_model *m, const struct acting *now, const double q[N], const double v[N],
                      const double a[N], const double forces[], double gain_v, double gain_a, int fresh, struct iterate kept[],
-                     struct response *response, struct matrix *matrix, double r[N_ALL]) {
-    struct chain nodes[N_NODES];
+                     struct response *response, struct matrix *matrix, double r[N_ALL], struct chain nodes[N_NODES],
+                     double (*on_frames)[N_FRAME]) {
     place(q, v, a, nodes);
     memset(r, 0, N_ALL * sizeof *r);
     if (fresh) memset(matrix->a, 0, sizeof matrix->a);
@@ -528,14 +536,14 @@ static void evaluate(struct pgmp_model *m, const struct acting *now, const doubl
             for (int j = 0; j <= D; j++)
                 for (int c = 0; c < D; c++)
                     force[D * i + c] += m->own.densities[k][i][j] * (node->z[MORE][D * j + c] + alpha * node->z[RATE][D * j + c]);
-        project(node, force, r);
+        project(nodes, masses[k].node, force, r, on_frames);
         if (fresh) add_mass(node, m->own.densities[k], gain_a + alpha * gain_v, matrix);
     }
     for (const struct body *b = tree; b < tree + N_TREE; b++)
         if (b->table >= 0)
-            add_flexible(m, b, now->strengths, nodes + b->base, q, v, a, gain_v, gain_a, fresh, matrix, r);
-    add_loads(m, now->strengths, nodes, r);
-    add_constraints(m, now, forces, gain_a, gain_a == LARGE, nodes, fresh, matrix, r);
+            add_flexible(m, b, now->strengths, nodes, q, v, a, gain_v, gain_a, fresh, matrix, r, on_frames);
+    add_loads(m, now->strengths, nodes, r, on_frames);
+    add_constraints(m, now, forces, gain_a, gain_a == LARGE, nodes, fresh, matrix, r, on_frames);
     add_actions(m, now->strengths, q, v, gain_v, fresh, kept, 0, response, r, matrix, 0, 0);
 }
 
@@ -549,7 +557,8 @@ void correct(struct pgmp_model *m, const struct acting *now, const double q[N], 
              const double forces[], double gain_v, double gain_a, int fresh, struct iterate kept[],
              struct response *response, struct matrix *matrix, double r[N_ALL]) {
     const double scale = gain_a * TYPICAL_MASS;
-    evaluate(m, now, q, v, a, forces, gain_v, gain_a, fresh, kept, response, matrix, r);
+    struct chain nodes[N_NODES];
+    evaluate(m, now, q, v, a, forces, gain_v, gain_a, fresh, kept, response, matrix, r, nodes, 0);
     for (const struct drive *d = drives; d < drives + N_DRIVES; d++)
         give(d, q[d->coordinate] - d->sign * now->motions[d->measured][0], scale, fresh, matrix, r);
     if (fresh) factorise(matrix);
@@ -557,16 +566,55 @@ void correct(struct pgmp_model *m, const struct acting *now, const double q[N], 
     for (int k = N; k < N_ALL; k++) r[k] *= scale; /* of the multipliers */
 }
 
-void find_accelerations(struct pgmp_model *m, const struct acting *now) {
+/* Accelerations with which constraints are obeyed, and multipliers. */
+static void accelerate(struct pgmp_model *m, const struct acting *now, const double q[N], const double v[N], double a[N],
+                       double left[]) {
     static const double at_rest[N_ALL];
     double r[N_ALL];
+    struct chain nodes[N_NODES];
     struct matrix matrix;
-    evaluate(m, now, m->q, m->v, at_rest, at_rest, 0.0, LARGE, 1, 0, 0, &matrix, r);
+    evaluate(m, now, q, v, at_rest, at_rest, 0.0, LARGE, 1, 0, 0, &matrix, r, nodes, 0);
     for (const struct drive *d = drives; d < drives + N_DRIVES; d++)
         give(d, -d->sign * now->motions[d->measured][2] / LARGE, LARGE * TYPICAL_MASS, 1, &matrix, r);
     factorise(&matrix);
     solve(&matrix, r);
-    for (int i = 0; i < N; i++) m->a[i] = -LARGE * r[i];
+    for (int i = 0; i < N; i++) a[i] = -LARGE * r[i];
+    for (int k = N; k < N_ALL; k++) left[k - N] = -LARGE * TYPICAL_MASS * r[k];
+}
+
+void find_accelerations(struct pgmp_model *m, const struct acting *now) {
+    double left[AT_LEAST_ONE(N_LEFT)];
+    accelerate(m, now, m->q, m->v, m->a, left);
+}
+
+/* The least change dv in the norm of the mass with which C v = c_t, of which a step's worth is an acceleration, and then the
+   accelerations at these velocities. */
+void project_motion(struct pgmp_model *m, const struct acting *now, double h, const double q[N], double v[N], double a[N]) {
+    static const double at_rest[N_ALL];
+    const double scale = LARGE * TYPICAL_MASS;
+    double r[N_ALL], left[AT_LEAST_ONE(N_LEFT)], off[N_ALL] = {0};
+    struct chain nodes[N_NODES];
+    struct matrix matrix;
+    evaluate(m, now, q, v, at_rest, at_rest, 0.0, LARGE, 1, 0, 0, &matrix, r, nodes, 0);
+    for (int row = 0; row < N_LEFT; row++) {
+        for (int i = 0; i < N; i++) off[N + row] += matrix.a[N + row][i] * v[i];
+        off[N + row] -= bonds[row].motion < 0 ? 0.0 : scale * now->motions[bonds[row].motion][1];
+        off[N + row] /= h * LARGE;
+    }
+    for (const struct drive *d = drives; d < drives + N_DRIVES; d++)
+        give(d, (v[d->coordinate] - d->sign * now->motions[d->measured][1]) / (h * LARGE), scale, 1, &matrix, off);
+    factorise(&matrix);
+    solve(&matrix, off);
+    for (int i = 0; i < N; i++) v[i] -= h * LARGE * off[i];
+    accelerate(m, now, q, v, a, left);
+}
+
+void find_residual(struct pgmp_model *m, const struct acting *now, struct chain nodes[N_NODES], double on_frames[N_NODES][N_FRAME],
+                   double left[], double r[N_ALL]) {
+    double a[N];
+    accelerate(m, now, m->q, m->v, a, left);
+    memset(on_frames, 0, N_NODES * sizeof *on_frames);
+    evaluate(m, now, m->q, m->v, a, left, 0.0, 1.0, 0, 0, 0, 0, r, nodes, on_frames);
 }
 
 void weigh_tables(struct pgmp_model *m) {
@@ -624,7 +672,14 @@ void place_holders(const struct pgmp_model *m, const double q[N], struct moving 
             const struct chain *node = chains + action_nodes[k];
             nodes[k].frame[c] = node->z[AT][c];
             for (int i = 0; i < node->n; i++) nodes[k].jacobian[c][i] = node->z[SLOPES + i][c];
+            if (c < D) nodes[k].own[c][c] = 1.0;
         }
+    for (int k = 0; k < N_ACTION_NODES; k++) /* what turns a node along the ground's axes turns its directors */
+        for (int j = D; j < N_FRAME; j += D)
+            for (int turn = D; turn < N_DOFS; turn++) {
+                const int one = D == 2 ? 0 : (turn + 1) % 3, other = D == 2 ? 1 : (turn + 2) % 3;
+                nodes[k].own[j + other][turn] = nodes[k].frame[j + one], nodes[k].own[j + one][turn] = -nodes[k].frame[j + other];
+            }
     for (int k = 0; k < N_PARTS; k++) turned[k] = near_of(&action_parts[k].term.statement, chains, m->own.turned[R + k]);
 }
 
@@ -672,6 +727,7 @@ void place_bodies(const double theta[R], const struct frame nodes[], double open
         for (int j = 0; j < D; j++)
             for (int c = 0; c < D; c++) poses[k][c] -= body_centres[k][j] * node->z[D + D * j + c];
     }
-    for (int k = 0; k < POSES; k++) close_loops(theta, open, poses);
+    (void)open; /* they begin at poses of deformed bodies, as near as that may be */
+    for (int k = 0; k < POSES; k++) close_loops(theta, 0.0, poses);
     for (int k = 0; k < N_BODIES; k++) frame_of_pose(poses[k], bodies[k].z), bodies[k].angle = D == 2 ? poses[k][2] : 0.0;
 }

@@ -39,6 +39,13 @@ struct drive { int coordinate, measured; double sign; };
 /* A constraint: its value, and the measured coordinate whose motion it takes besides, -1 of none. */
 struct bond { double wanted; int motion; };
 
+/* What a joint of the tree holds of the body that it moves, or what drives it, the gap whose multiplier that is, -1 of none
+   that is read, and its statement among the terms of the constraints. */
+struct hold { int body, gap, term; };
+
+extern const struct hold holds[];
+extern const int left_of_gap[]; /* the constraint whose multiplier a gap has, -1 of what the tree holds */
+extern const int owners[], behind[]; /* the body that each node is on, and the first one that a body does not carry */
 extern const struct body tree[N_TREE];
 extern const struct face faces[];
 extern const struct mass masses[];
@@ -51,10 +58,25 @@ extern const double densities[N_TERMS][AT_LEAST_ONE(N_MASSES)][1 + D][1 + D], gr
 extern const double start_turned[], body_centres[N_BODIES][D];
 extern const int first_entries[], columns[], gravity_strengths[], body_nodes[];
 
+/* A frame, its rate, its acceleration, and its derivatives with the first n coordinates; in the plane its angle too. */
+enum { AT, RATE, MORE, SLOPES };
+struct chain { double z[SLOPES + N][N_FRAME], angle; int n; };
+
 struct matrix { double a[N_ALL][N_ALL]; int order[N_ALL]; };
 /* The largest rotation of a face, and how fast nodes move and are accelerated at most. */
 struct look { double rotation, speed, pull; };
 
+struct side;
+struct acting;
+struct pgmp_model;
+/* Frames of all nodes; returns the largest rotation of a face. */
+double place(const double q[N], const double v[N], const double a[N], struct chain nodes[N_NODES]);
+/* A column of the frame of a point: see `chain`. */
+void attach_column(const struct side *side, const struct chain nodes[N_NODES], int column, double z[N_FRAME]);
+/* The residual r at the accelerations with which constraints are obeyed, the forces on frames that it has of all but local
+   effects, and the multipliers of the constraints that are left. */
+void find_residual(struct pgmp_model *m, const struct acting *now, struct chain nodes[N_NODES], double on_frames[N_NODES][N_FRAME],
+                   double left[], double r[N_ALL]);
 
 #endif
 
