@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -39,7 +40,7 @@ class Attachment:
         """Whether it is a point of the ground."""
         return self.body < 0
 
-    @property
+    @cached_property
     def at_node(self) -> bool:
         """Whether the point is the node itself."""
         return not self.arm.any()
@@ -74,8 +75,10 @@ class Attachment:
                 if order == 2:
                     turned = [part - changes[0][2] ** 2 * axis for part, axis in zip(turned, (ahead, across))]
                 change = np.concatenate([change[:2], *turned])
-            change = change.copy()
-            change[:d] += np.einsum("j,jcn->cn", self.arm, change[d:].reshape(d, d, -1))
+            else:
+                change = change.copy()
+            if not self.at_node:
+                change[:d] += np.einsum("j,jcn->cn", self.arm, change[d:].reshape(d, d, -1))
             found.append(change)
         return found
 
@@ -89,4 +92,6 @@ class Attachment:
         """Return the frame of a point of the ground, shape (n_pose, *trailing)."""
         frame = self.space.identity.copy()
         frame[: self.point.size] = self.point
-        return np.broadcast_to(frame.reshape(-1, *(1,) * len(trailing)), (frame.size, *trailing)).copy()
+        found = np.empty((frame.size, *trailing))
+        found[:] = frame.reshape(-1, *(1,) * len(trailing))
+        return found

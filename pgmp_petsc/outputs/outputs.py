@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -133,8 +134,9 @@ class OutputSet:
     def _seen(self, observed: np.ndarray) -> Seen:
         n, n_nodes = observed.shape[1], len(self.nodes)
         sizes = [self.n_frame, *(self.n_pose for _ in range(self.order))]
-        ends = np.cumsum([*(n_nodes * size for size in sizes), len(self.stresses) + self.n_forces, self.reads_time])
-        *moving, stresses, time, values = np.split(observed, ends)
+        counts = (*(n_nodes * size for size in sizes), len(self.stresses) + self.n_forces, self.reads_time)
+        ends = pairwise((*accumulate(counts, initial=0), len(observed)))  # a tenth of the time of numpy's split
+        *moving, stresses, time, values = (observed[first:end] for first, end in ends)
         return Seen(
             tuple(dict(zip(self.nodes, part.reshape(n_nodes, size, n))) for part, size in zip(moving, sizes)),
             self.rigid,
