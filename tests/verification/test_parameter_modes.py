@@ -255,20 +255,28 @@ def test_a_basis_over_two_turns_is_extended_too() -> None:
     assert max(jumps[47], jumps[95]) < 1.5 * max(jumps[46], jumps[48])
 
 
-@pytest.fixture(scope="module")
-def extended() -> ReducedOrderModel:
-    return rom_of(paper_scene(*SMALL, "reduction.parameter_modes=2", "reduction.second_order=true"))
-
-
 @pytest.mark.parametrize(
-    ("torque", "deformation", "crank"),
-    [("ramp", 2e-3, 6e-5), ("half sine", 1e-2, 1e-4), ("sudden step", 3e-2, 1e-4), ("reversed ramp", 3e-2, 1e-4)],
+    ("torque", "stretching", "deformation", "crank"),
+    [
+        ("ramp", "dynamic", 2e-3, 6e-5),
+        ("half sine", "dynamic", 1e-2, 1e-4),
+        ("sudden step", "dynamic", 3e-2, 1e-4),
+        ("reversed ramp", "dynamic", 3e-2, 1e-4),
+        ("ramp", "static", 2e-3, 6e-5),
+        ("half sine", "static", 2e-3, 1e-4),
+        ("sudden step", "static", 6e-2, 1e-4),
+        ("reversed ramp", "static", 6e-2, 1e-4),
+    ],
 )
 def test_seven_coordinates_from_0_7_to_1_3_of_the_radius(
-    extended: ReducedOrderModel, torque: str, deformation: float, crank: float
+    torque: str, stretching: str, deformation: float, crank: float
 ) -> None:
-    """Measured: 0.0009, 0.007, 0.018, 0.019 of the largest deformation, and 3.6e-5 to 6.3e-5 of the crank angle."""
-    scene = paper_scene(*SMALL, "reduction.parameter_modes=2", f"effects.motor.table={TORQUES[torque]}")
+    """Of the largest deformation 0.0009, 0.002, 0.017, 0.017 with dynamic and 0.0011, 0.0009, 0.048, 0.048 with static
+    stretching, which is better but at the thinnest crank: 0.0009 of a sudden step at the nominal one, for 0.0043.
+    """
+    asked = (*SMALL, "reduction.parameter_modes=2", f'reduction.stretching="{stretching}"')
+    extended = rom_of(paper_scene(*asked, "reduction.second_order=true"))
+    scene = paper_scene(*asked, f"effects.motor.table={TORQUES[torque]}")
     values = {"r1": SHARES * RADIUS}
     _, full = history(full_model(scene), values, SHARES.size)
     _, found = history(ReducedModel(scene, extended), values, SHARES.size)
