@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_a
 import numpy as np
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
-from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.errors import InputError, shortened
 from pgmp_petsc.base.units import UNITS, UnknownUnit, take_unit
 from pgmp_petsc.declare.ideas import EFFECTS, PACKAGE, Found, refuse
 from pgmp_petsc.scene.fields import (
@@ -258,11 +258,9 @@ class OverTime(EffectEntry):
     def _one_function(self) -> Self:
         exactly_one(self, "table", "harmonic")
         if isinstance(self.scale, str) and self.parameters_over_time:
-            raise refusal(
-                f"a number is needed: values over time name {', '.join(self.parameters_over_time)}, and loads are "
-                "affine in their parameters; give these values numbers, or leave the scale out",
-                "scale",
-            )
+            named = shortened(", ".join(self.parameters_over_time))
+            words = f"a number is needed: values over time name {named}, and loads are affine in their parameters"
+            raise refusal(f"{words}; give these values numbers, or leave the scale out", "scale")
         return self
 
 
