@@ -316,7 +316,7 @@ def apply_settings(data: dict[str, Any], settings: Sequence[str], system: UnitSy
             return  # the validation of the scene says what is wrong with its parameters
         if name not in parameters:
             hint = nearest_name(name, parameters)
-            raise InputError(f"--set {shortened(setting)}: the scene has no parameter '{name}'{hint}")
+            raise InputError(f"--set {shortened(setting)}: the scene has no parameter '{shortened(name, 40)}'{hint}")
         try:
             value = setting_of(text.strip("\"'"), parameters[name], system)
         except UnknownUnit as error:

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from pgmp_petsc.base.errors import shortened
 from pgmp_petsc.scene.fields import AnyScene, Sign, named_numbers
 from pgmp_petsc.scene.joints import MEASURED, CouplingEntry
 from pgmp_petsc.scene.messages import problem
@@ -254,7 +255,7 @@ def length_problems(scene: AnyScene) -> Iterator[str]:
     for name, field in scene.fields.items():
         body = scene.bodies.get(field.body)
         if body is not None and body.line is not None and isinstance(body.line.length, str):
-            words = f"its length is the parameter {body.line.length}, and a field is over one mesh"
+            words = f"its length is the parameter {shortened(str(body.line.length), 40)}, and a field is over one mesh"
             cure = f"give a number to bodies.{field.body}.line.length"
             yield problem(f"fields.{name}.body", f"{words}; {cure}", field.body)
 
