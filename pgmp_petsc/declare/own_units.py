@@ -17,6 +17,7 @@ import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
+from types import MappingProxyType
 from typing import Any
 
 from pgmp_petsc.base.units import times
@@ -34,7 +35,7 @@ Solution = Mapping[Unknown, Fraction]
 
 def shifted(value: float, power: float) -> float:
     """Return ``10^power`` times a number, through decimals."""
-    return times(value, 10.0 ** float(power)) if power else value
+    return times(value, 10.0 ** float(power))
 
 
 def _times(text: str, power: float) -> str:
@@ -115,7 +116,7 @@ class OwnUnits:
 
     def named(self, name: str, power: Power, is_own: bool) -> Part:
         """Return what has a name; `is_own` if its value is in the units of the formulas."""
-        return Part(self, power, lambda found: _times(name, -is_own * self.solved(power, found)))
+        return Part(self, power, lambda found: _times(name, -self.solved(power, found)) if is_own else name)
 
     def number(self, value: float) -> Part:
         """Return a number."""
@@ -179,8 +180,10 @@ class InSi:
 
 
 def in_si(
-    texts: Mapping[str, str], known: Mapping[str, float | None], wanted: Mapping[str, float | str | None] = {}
-) -> InSi:  # fmt: skip
+    texts: Mapping[str, str],
+    known: Mapping[str, float | None],
+    wanted: Mapping[str, float | str] = MappingProxyType({}),
+) -> InSi:
     """Write formulas in the language of declarations anew for SI units; those of which no number changes stay.
 
     Parameters
@@ -191,8 +194,7 @@ def in_si(
         By which power of ten what has a name is larger in the units of the formulas; None of a value that is of any
         unit as well, and stays in these.
     wanted
-        The same of the formulas, by their keys, or the name of what they are to be as; None and without an entry: it
-        follows.
+        The same of the formulas, by their keys, or the name of what they are to be as; without an entry it follows.
     """
     if not any(known.values()) and not any(power for power in wanted.values() if not isinstance(power, str)):
         return InSi(dict(texts), {}, dict.fromkeys(texts, Fraction(0)))
@@ -212,9 +214,9 @@ def in_si(
             part = Part(system, power, part.at(power))
         parts[key] = part
     found = system.solution()
-    own = [name for name, power in known.items() if power is None]
-    kept = not any(power for key, power in found.items() if key[0] != OF_NAMES)
-    kept = kept and not any(system.solved(powers[name], found) for name in own if name in powers)
-    written = {key: texts[key] if kept else part.write(found) for key, part in parts.items()}
     of_names = {name: system.solved(power, found) for name, power in powers.items()}
+    numbers = [power for key, power in found.items() if key[0] != OF_NAMES]
+    own = [of_names.get(name, 0) for name, power in known.items() if power is None]
+    kept = not any(numbers + own)
+    written = {key: texts[key] if kept else part.write(found) for key, part in parts.items()}
     return InSi(written, of_names, {key: system.solved(part.power, found) for key, part in parts.items()})
