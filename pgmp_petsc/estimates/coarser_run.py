@@ -22,12 +22,13 @@ The coarser run has a fifth of the steps and no other record than the outputs. A
 `TIMES` parts, the steps of the run itself, instead of being tried again. It is given up where its work would be more
 than a share of the run's (`MOST`), and the estimate then ends there.
 
-How far impacts carry a small difference of the start, from a second run of a reduced model with the same step: where
-joints have room, each impact makes differences larger, and many of them leave nothing of what a run began with. A run
-from coordinates that are off by `OFF` of the range in which each of them moves says by how much: with G(t) the largest
-difference of an output up to t, as a share of its range, over `OFF`, a start that is known to the share p is lost where
-``p G`` is one. Speeds, accelerations and forces do not count: they jump with an impact, and are off by as much as that
-where it is a little earlier.
+How far impacts carry a small difference of the start, from a second run of a reduced model.
+
+Where joints have room, each impact makes differences larger, and many of them leave nothing of what a run began with. A
+run from coordinates that are off by `OFF` of the range in which each of them moves says by how much: with G(t) the
+largest difference of an output up to t, as a share of its range, over `OFF`, a start that is known to the share p is
+lost where ``p G`` is one. Speeds, accelerations and forces do not count: they jump with an impact, and are off by as
+much as that where it is a little earlier.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from pgmp_petsc.base.errors import Remark, gathered, note, warning
+from pgmp_petsc.base.errors import Remark, gathered, warning
+from pgmp_petsc.base.errors import note as said
 from pgmp_petsc.base.progress import Progress
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.outputs.rainflow import counted_after
@@ -366,7 +368,7 @@ def spread_remarks(times: np.ndarray, growth: np.ndarray | None) -> Iterator[Rem
     grown = f"a small difference of the start becomes {growth[-1]:.2g} times as large over the run, by its impacts"
     lost = growth * KNOWN >= 1.0
     if not lost.any():
-        yield note(grown)
+        yield said(grown)
         return
     yield warning(
         f"chaotic: {grown}. Of a start that is known to {KNOWN:g} nothing is left from {times[np.argmax(lost)]:.3g} s "
