@@ -40,15 +40,16 @@ from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.models import ComponentModel, ReducedModel
 from pgmp_petsc.outputs.joint_forces import InJoint, OfConnection, OfDrive, OfMotion
+from pgmp_petsc.outputs.rainflow import Rainflow
 from pgmp_petsc.reduced import action_kernel
 from pgmp_petsc.reduced import steps as reduced_steps
 from pgmp_petsc.reduced.actions import nodes_of
 from pgmp_petsc.reduced.gap_forces import GapForces
 from pgmp_petsc.reduced.system import STARTING_CORRECTIONS
+from pgmp_petsc.reduction.cell_products import B_SPLINE, Axis, count_rows
 from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import Served
-from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
 from pgmp_petsc.results.estimates import limits_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_values, to_own
@@ -66,6 +67,7 @@ CORRECTIONS = 2 * alpha_step.REFRESH_EVERY
 MOST_CORRECTIONS = 2 * alpha_step.MAX_ITERATIONS + alpha_step.CAREFUL_ITERATIONS
 CLOSURES = 3  # of Newton: from 1e-4 of a grid's middle to 1e-8, 1e-16 and round-off
 LACKING = "but for those beside controllers and of couplings by a table"
+MOST_WAITING = 4096  # turning points of a count that wait for their cycle to close
 MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compiler takes a minute for
 
 
@@ -159,8 +161,8 @@ class Constants:
 
     @property
     def exchanges(self) -> bool:
-        """Whether its states are for an integrator of its caller's: neither those of controllers, which are in its
-        steps, nor vibrations of component models, which no explicit integrator follows."""
+        """Whether its states are for an integrator of its caller's: neither those of controllers and of what is
+        counted, which are in its steps, nor vibrations of component models, which no explicit integrator follows."""
         return bool(self.settings["EXCHANGE"])
 
     @property
@@ -202,7 +204,8 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         model.actions.places.winding, [] if gaps is None else model.multipliers.rows,
     )  # fmt: skip
     sizes = {**_sizes(model, tables), **_sizes_of_gaps(gaps, of_gaps), "LIGHT_NODES": 0, "BENT_MEASURES": 1}
-    sizes |= {"CORRECTIONS": CORRECTIONS, "EXCHANGE": int(not scene.controllers), "ALWAYS_PROBED": 0, "PROJECTS": 0}
+    exchange = int(not (scene.controllers or model.outputs.counts))
+    sizes |= {"CORRECTIONS": CORRECTIONS, "EXCHANGE": exchange, "ALWAYS_PROBED": 0, "PROJECTS": 0}
     return replace(
         shared,
         kind="reduced",
@@ -272,6 +275,9 @@ def shared_of(
         "N_CARRIED": len(carried_actions),
         "DRIVES": int(any(isinstance(one, OfMotion) for one in model.outputs.forces)),
         "DEPTH": outputs.depth,
+        "N_COUNTS": len(outputs.counts),
+        "MOST_PARTS": max((len(one.curve) for one in outputs.counts), default=1),
+        "N_WAITING": min(settings["N_STEPS"] + 2, MOST_WAITING) if outputs.counts else 1,
         "N_LOADS": len(loads),
         "N_STRENGTHS": len(over_time),
         "N_NODES": len(nodes),
@@ -347,7 +353,7 @@ def _sizes_of_gaps(gaps: GapForces | None, tables: Mapping[str, np.ndarray]) -> 
 
 def in_c(scene: Scene, name: str) -> bool:
     """Return whether a model in C has an output: forces in joints and what drives take it does not have beside
-    controllers, nor those of couplings by a table."""
+    controllers, nor those of couplings by a table; and nothing is made of these, or counted."""
     entry = scene.outputs[name]
     if isinstance(entry, InJoint):
         joint = scene.joints[entry.joint]
@@ -355,7 +361,7 @@ def in_c(scene: Scene, name: str) -> bool:
         return not (scene.controllers or by_table)
     if isinstance(entry, OfDrive):
         return not scene.controllers
-    return entry.of_frames() and all(in_c(scene, one) for one in entry.made_in(scene))
+    return (entry.of_frames() or isinstance(entry, Rainflow)) and all(in_c(scene, one) for one in entry.made_in(scene))
 
 
 def tunable(scene: Scene) -> dict[str, float]:
@@ -581,6 +587,7 @@ def left_out(scene: Scene) -> str:
     having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.of_frames())
     forces = any(isinstance(entry, InJoint) and not in_c(scene, name) for name, entry in scene.outputs.items())
     why = f", drives, and forces in joints {LACKING}" if forces else ""
+    why += ", and rainflow of these"
     return f"note: {', '.join(lacking)} left out: a model in C has {having}{why}; pgmp simulate has all outputs"
 
 

@@ -34,7 +34,8 @@ ELASTIC_ROTATION, CORRECTION, VALIDITY, VALID, TIME = range(3 * BLOCK, 3 * BLOCK
 REAL, WHOLE, BOOLEAN = "real", "whole", "Boolean"
 FLAGS = (
     "0 is fine, else a sum: 1 elastic rotation beyond its limit, 2 a coordinate outside the tables, 4 a step that "
-    "failed and was not taken, 8 no finite number, 16 a parameter outside what the model was built for"
+    "failed and was not taken, 8 no finite number, 16 a parameter outside what the model was built for, 32 cycles "
+    "that waited to be closed beyond the room that there is"
 )
 
 
@@ -96,7 +97,7 @@ def variables_of(constants: Constants) -> list[Variable]:
         "model exchange"
     )
     found.append(Variable("correction", CORRECTION, REAL, "output", "continuous", about, unit="1", low=0.0))
-    found.append(Variable("validity", VALIDITY, WHOLE, "output", "discrete", FLAGS, low=0, high=31))
+    found.append(Variable("validity", VALIDITY, WHOLE, "output", "discrete", FLAGS, low=0, high=63))
     found.append(Variable("valid", VALID, BOOLEAN, "output", "discrete", "whether validity is 0"))
     return [*found, *_states(constants)] if constants.exchanges else found
 

@@ -16,6 +16,7 @@ from pgmp_petsc.bodies.affine import AffineSum, Monomial
 from pgmp_petsc.c_export.constants import Along, Constants
 from pgmp_petsc.c_export.statements import (
     ActionInC,
+    CountInC,
     ForceInC,
     PartInC,
     ReadingInC,
@@ -30,7 +31,7 @@ from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.statements import KINDS
 from pgmp_petsc.reduced import lagrangian_terms
 
-SHARED = ("steps", "statements", "actions", "control", "kinematics", "outputs")
+SHARED = ("steps", "statements", "actions", "control", "kinematics", "outputs", "counts")
 #: Parts of each kind of model beside the shared ones; the first has a header too.
 OWN = {"reduced": ("reduced", "interpolation", "lagrangian", "solution", "forces"), "tree": ("tree", "reactions")}
 OLDER = "model.c"  # what `steps.c` was called
@@ -172,6 +173,8 @@ def _tables(constants: Constants) -> str:
         _weigh(constants),
         *([] if constants.gap_weights is None else [_weigh_gaps(constants.gap_weights, constants.parameters_in_c)]),
         _combine(constants),
+        _listed("const struct count counts[]", map(_count, constants.outputs.counts), "{0}"),
+        _weigh_counts(constants.outputs.counts),
     ]
     if constants.constraints is not None:
         parts.append(_listed("const struct term constraints[]", terms[last:], "{0}"))
@@ -256,10 +259,28 @@ def _force_term(term: tuple[int, float, StatementInC]) -> str:
 
 def _combine(constants: Constants) -> str:
     """Return the function that makes outputs of readings."""
-    arrays = "double (*bases)[3], double (*readings)[3], double (*acting)[3], double outputs[]"
+    arrays = "double (*bases)[3], double (*readings)[3], double (*acting)[3], double outputs[], double counted[]"
     head = f"void combine(double time, const double *p, {arrays}) {{"
-    unused = "(void)time, (void)p, (void)bases, (void)readings, (void)acting, (void)outputs;"
+    unused = "(void)time, (void)p, (void)bases, (void)readings, (void)acting, (void)outputs, (void)counted;"
     return "\n    ".join([head, unused, constants.outputs.combined]) + "\n}\n"
+
+
+def _count(count: CountInC) -> str:
+    return f"{{{count.output}, {len(count.curve)}, {_number(count.run_out)}}}"
+
+
+def _weigh_counts(counts: Sequence[CountInC]) -> str:
+    """Return the function that evaluates the curves of what is counted."""
+    lines = ["void weigh_counts(const double *p, double (*curves)[MOST_PARTS][3], double ultimates[]) {"]
+    lines.append("    (void)p, (void)curves, (void)ultimates;")
+    for k, count in enumerate(counts):
+        lines += [
+            f"    curves[{k}][{part}][{i}] = {number};"
+            for part, numbers in enumerate(count.curve)
+            for i, number in enumerate(numbers)
+        ]
+        lines.append(f"    ultimates[{k}] = {count.ultimate};")
+    return "\n".join([*lines, "}", ""])
 
 
 def _action(action: ActionInC, first: int) -> str:

@@ -15,12 +15,13 @@ from pgmp_petsc.declare.expressions import printed, symbolic
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import Piece, amplitude_of
-from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import JointTurns, RigidKinematics
 from pgmp_petsc.mechanism.statements import Function, Statement, distance
 from pgmp_petsc.outputs.joint_forces import ForceOutput, OfConnection, OfCoupling, OfMotion, Pull
 from pgmp_petsc.outputs.of_outputs import TIME, Combined
 from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.outputs.rainflow import Counted
 from pgmp_petsc.outputs.readings import Absolute, AnyReading, Base, ModelReading, Rate, Reading
 from pgmp_petsc.scene import Scene
 
@@ -159,6 +160,33 @@ class ForceInC:
 
 
 @dataclass(frozen=True, eq=False)
+class CountInC:
+    """An output that is counted over a run: its number; amplitude, cycles and exponent of each part of its curve, and
+    the ultimate strength, in C; and the longest life (s), 0 of a damage."""
+
+    output: int
+    curve: Sequence[Sequence[str]]
+    ultimate: str
+    run_out: float
+
+    @classmethod
+    def of(cls, output: int, counted: Counted, values: Mapping[str, str | float]) -> CountInC:
+        """Return a count under a curve whose numbers are those of `values`, or what these are in C."""
+
+        def number(value: float | str) -> str:
+            found = values[value] if isinstance(value, str) else value
+            return found if isinstance(found, str) else repr(float(found))
+
+        entry, curve = counted.entry, counted.entry.curve
+        if curve.table is None:
+            parts = [[number(one) for one in (curve.reference, curve.cycles, curve.exponent)]]
+        else:
+            parts = [list(map(number, part)) for part in counted.curve({}, 1)[0].tolist()]
+        ultimate = "HUGE_VAL" if entry.ultimate is None else number(entry.ultimate)
+        return cls(output, parts, ultimate, entry.run_out or 0.0)
+
+
+@dataclass(frozen=True, eq=False)
 class OutputsInC:
     """What outputs are made of."""
 
@@ -167,6 +195,7 @@ class OutputsInC:
     courses: Sequence[Sequence[Piece]]  # pieces over time of how far each base has gone
     combined: str  # body of the function that makes outputs of readings
     depth: int  # derivatives of readings that are read
+    counts: Sequence[CountInC]
 
 
 class Combiner:
@@ -310,10 +339,13 @@ def outputs_in_c(
     of_units = (
         f"{1.0 / size!r} * " if (size := system.size_of(unit)) != 1.0 else "" for unit in outputs.units.values()
     )
-    made = [
-        f"outputs[{k}] = {factor}{combiner.of(reading)}[0];"
-        for k, (reading, factor) in enumerate(zip(outputs.functions.values(), of_units))
-    ]
+    made, counts = [], []
+    for k, (reading, factor) in enumerate(zip(outputs.functions.values(), of_units)):
+        if isinstance(reading, Counted):
+            made.append(f"counted[{len(counts)}] = {combiner.of(reading.of)}[0];")
+            counts.append(CountInC.of(k, reading, values))
+        else:
+            made.append(f"outputs[{k}] = {factor}{combiner.of(reading)}[0];")
     readings = [_reading_in_c(reading, slots) for reading in combiner.readings]
     in_joints = (one for one in (*carried, *outputs.forces) if not isinstance(one, OfMotion))
     forces = [ForceInC.of(one, gaps, slots, actions) for one in in_joints]
@@ -323,6 +355,7 @@ def outputs_in_c(
         [base.course.pieces for base in outputs.bases],
         "\n    ".join([*combiner.lines, *made]),
         outputs.order,
+        counts,
     )
 
 

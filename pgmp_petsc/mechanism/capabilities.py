@@ -2,8 +2,8 @@
 
 A feature is declared once, in `FEATURES`: the entries of a scene that ask for it, the commands that it is made for, and
 the kinds of mechanism that it takes. Every command passes `check_capabilities` where it gets its scene
-(`studies.inputs`), and so does every build. What does not fit a scene whatever is done with it, effects of the plane in
-space for one, is refused with the scene (`scene.references`).
+(`studies.inputs`), and so does every build. What does not fit a scene whatever is done with it, effects of the plane
+in space for one, is refused with the scene (`scene.references`).
 """
 
 from __future__ import annotations

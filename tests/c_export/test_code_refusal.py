@@ -42,6 +42,9 @@ def test_what_a_scene_asks_for(scene, entry) -> None:
 def test_a_stress_is_left_out_with_a_note(model) -> None:
     scene = scene_from_toml(QUICK_RETURN + STRESS, ".")
     assert left_out(scene).startswith("note: outputs.stress (stress) left out: a model in C has angle, ")
+    counted = 'outputs.damage={type="rainflow",of="stress",curve={exponent=5.0,reference=1e8,cycles=1e6}}'
+    both = left_out(scene_from_toml(QUICK_RETURN + STRESS, ".", (counted,)))
+    assert "outputs.damage (rainflow) left out" in both and "rainflow of these; pgmp simulate" in both
     assert left_out(model.scene) == "" and checked_scene(model.scene, "it") is model.scene
     with_stress = ReducedModel(scene, model.rom, model.kinematics)
     assert list(with_stress.scene.outputs) == [*model.scene.outputs, "stress"]

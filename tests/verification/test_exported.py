@@ -16,12 +16,14 @@ from two_coordinates import five_bar
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.c_export.constants import constants_of, left_out
+from pgmp_petsc.c_export.fmu import OUTPUTS, VERSIONS, write_fmu
 from pgmp_petsc.c_export.source import compiled_of, write_sources
 from pgmp_petsc.c_export.tree import tree_constants_of
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.reduction import tables as of_reduction
-from pgmp_petsc.reduction.stencil import OVERHAUSER
+from pgmp_petsc.reduction.cell_products import OVERHAUSER
 from pgmp_petsc.scene import load_scene, scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene
 from scenes import tables
@@ -223,6 +225,53 @@ def test_forces_that_are_left_out_are_said() -> None:
     servo = exported.scene_of("servo_arm", force.replace("knee", "hinge"))
     assert "outputs.f (joint_force) left out: " in left_out(servo)
     assert left_out(exported.scene_of("four_bar", force)) == ""
+
+
+STRESSED = (
+    "simulation.duration=0.1", 'outputs.force={type="joint_force",joint="slider",component="y"}',
+    "parameters.k={nominal=5.0}", 'parameters.area={nominal=1e-4,unit="m2"}',
+    'outputs.stress={type="formula",formula="force / area",unit="Pa"}',
+    'outputs.damage={type="rainflow",of="stress",curve={exponent="k",reference=1e3,cycles=1e4}}',
+    'outputs.life={type="rainflow",of="stress",curve={table=[[1e2,1e6],[1e3,1e4],[1e4,10]]},quantity="life",'
+    'run_out=1e9,mean_stress="goodman",ultimate=1e7}',
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("make", [reduced_model, components_model])
+def test_damages_are_counted_as_the_program_counts(make, tmp_path) -> None:
+    """Bit for bit of the history that the model in C has, whose exponents make of 1e-10 some more; with room for four
+    turning points the smallest cycles count as closed, which is flagged and no less."""
+    model = make(exported.scene_of("slider_crank", *STRESSED))
+    found = exported.assert_same_in_c(model, tmp_path, 1e-8)
+    history = {name: found["stress"] for name in ("damage", "life")}
+    counts, values = model.outputs.counts, model.scene.values
+    for name, counted in counted_after(counts, found["time"], history, values).items():
+        np.testing.assert_array_equal(found[name], counted, err_msg=name)
+    assert found["damage"][-1] > 0.0 and found["life"][-1] < 1e9 and not found["validity"].any()
+    other = exported.outputs_of(tmp_path / "run", "k=4.0")
+    counted = counted_after(counts, found["time"], history | {"damage": other["stress"]}, values | {"k": 4.0})
+    np.testing.assert_array_equal(other["damage"], counted["damage"])
+    sizes, n = re.subn(r"#define N_WAITING \S+", "#define N_WAITING 4", (tmp_path / "sizes.h").read_text())
+    (tmp_path / "sizes.h").write_text(sizes)
+    kind = "reduced" if make is reduced_model else "tree"
+    command = [exported.COMPILER, *exported.OPTIONS, "-o", "run", "main.c", *compiled_of(kind), "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True, timeout=TIMEOUT_SECONDS)
+    short = exported.outputs_of(tmp_path / "run")
+    assert n == 1 and short["validity"][-1] == 32 and 0.999 < short["damage"][-1] / found["damage"][-1] < 1.01
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_damages_of_units(version, tmp_path) -> None:
+    """They have the last digit of the model in C; an integrator of others, which tries states, has none."""
+    model, n = reduced_model(exported.scene_of("slider_crank", *STRESSED)), 200
+    found, wanted = constants_of(model, "it"), exported.outputs_of(exported.compiled(model, tmp_path / "c"))
+    write_fmu(found, tmp_path / "m.fmu", version)
+    unit = exported.Unit(tmp_path / "m.fmu", tmp_path / "there")
+    assert unit.instantiate(exchange=True) is None and "damages, is for co-simulation alone" in unit.said[-1]
+    assert unit.instantiate() and unit.begin() == 0
+    assert [unit.step(k * 5e-4, 5e-4) for k in range(n)] == [0] * n
+    for name in ("damage", "life"):
+        assert unit.get("Real", OUTPUTS + [*model.outputs.functions].index(name)) == wanted[name][n]
 
 
 def test_friction_that_sticks(tmp_path) -> None:

@@ -287,7 +287,7 @@ def test_units_and_ranges(fmus, slider_crank) -> None:
         assert found["parameters.r1"] == {"unit": "m", **ends, "start": "0.0056"}
         assert found["effects.motor"] == {"unit": "N m", "start": "0.0"}
         assert found["outputs.crank_angle"] == {"unit": "rad"} and found["outputs.slider_position"] == {"unit": "m"}
-        assert found["validity"] == {"min": "0", "max": "31"} and found["elastic_rotation"]["unit"] == "rad"
+        assert found["validity"] == {"min": "0", "max": "63"} and found["elastic_rotation"]["unit"] == "rad"
         assert (found["rates.theta"]["unit"], found["der(rates.theta)"]["unit"]) == ("rad/s", "rad/s2")
         assert found["states.mode[1]"] == {}
 

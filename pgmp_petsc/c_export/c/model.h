@@ -29,7 +29,8 @@ enum {
     PGMP_OUT_OF_RANGE = 2,  /* a coordinate is, or was, outside the range of the tables */
     PGMP_NOT_CONVERGED = 4, /* the last step that was asked for failed and was not taken */
     PGMP_NOT_FINITE = 8,    /* the state is no finite number */
-    PGMP_PARAMETER = 16     /* a parameter is outside what the model was built for, or no finite number */
+    PGMP_PARAMETER = 16,    /* a parameter is outside what the model was built for, or no finite number */
+    PGMP_UNCOUNTED = 32     /* more cycles waited to be closed than there is room for: the smallest counted as closed */
 };
 
 struct pgmp_model {
@@ -47,6 +48,11 @@ struct pgmp_model {
     long sampled;                          /* steps after which controllers were sampled last */
     double contraction; /* of Newton's iteration, expected in the next step */
     long number;        /* steps taken */
+    /* of each output that is counted by rainflow: its value when it was seen last, turning points that wait, the damage
+       of the half cycles up to each, their number, and the damage of what is closed and of all so far */
+    double counted[AT_LEAST_ONE(N_COUNTS)], turns[AT_LEAST_ONE(N_COUNTS)][N_WAITING], halves[AT_LEAST_ONE(N_COUNTS)][N_WAITING];
+    int waiting[AT_LEAST_ONE(N_COUNTS)];
+    double closed[AT_LEAST_ONE(N_COUNTS)], damages[AT_LEAST_ONE(N_COUNTS)];
     double outputs[AT_LEAST_ONE(N_OUTPUTS)];
     double elastic_rotation; /* rad, the largest of any node at this instant */
     double correction;       /* what the last step taken left, estimated, in units of the mechanism's size or 1 rad */

@@ -159,5 +159,6 @@ void pgmp_observe_at(struct pgmp_model *m, double time, double since) {
     act(m, time, since, &now);
     find_forces(m, &now, nodes, acting);
 #endif
-    combine(time, m->parameters, bases, found, acting + N_CARRIED, m->outputs);
+    combine(time, m->parameters, bases, found, acting + N_CARRIED, m->outputs, m->counted);
+    show_counts(m, time);
 }

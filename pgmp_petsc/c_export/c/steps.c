@@ -155,6 +155,7 @@ void pgmp_start(struct pgmp_model *m) {
     for (int e = 0; e < N_EDGES; e++) m->beyond[e] = depths[e] > 0.0;
     for (int i = 0; i < N; i++) m->auxiliary[i] = m->before[i] = m->a[i];
     if (LIGHT_NODES) find_first(m);
+    start_counts(m);
 }
 
 double pgmp_time(const struct pgmp_model *m) { return STEP * m->number; }
@@ -435,5 +436,6 @@ int pgmp_step(struct pgmp_model *m) {
         follow(m, &t);
     m->number++;
     look_at_state(m);
+    count_step(m);
     return m->validity;
 }

@@ -56,6 +56,8 @@ struct part { int a, b; double winding[R]; struct term term; };
 struct force { int first, last, component, turning, in_body; double sign, axis[D]; struct side a, b; };
 /* A multiplier: of a gap, or behind these of the law of an effect. */
 struct force_term { int gap; double factor; struct statement statement; };
+/* What is counted over a run: number of its output, of the parts of its curve, and the longest life, 0 of a damage. */
+struct count { int output, n_parts; double run_out; };
 struct reading { int kind, axis, in_body; double origin; struct statement statement; };
 
 enum { MEASURE, ROTATION, POSITION, DEFORMATION };
@@ -68,6 +70,7 @@ extern const double start_coordinates[N], start_rates[N];
 extern const double closure_wanted[];
 extern const struct piece pieces[];
 extern const struct reading readings[];
+extern const struct count counts[];
 extern const struct force forces[]; /* first those that friction hangs on */
 extern const int carried_actions[]; /* numbers of their local effects, whose laws take them as the first parameter */
 extern const struct force_term force_terms[];
@@ -81,9 +84,15 @@ extern const struct term closure[], constraints[]; /* these of a tree of joints 
 extern const struct spline_piece spline_pieces[];
 void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW], double *given,
            double (*controls)[AT_LEAST_ONE(N_CONTROL)]);
-/* Makes outputs of readings, places of bases and forces, each with rate and acceleration, the time and the parameters. */
+/* Makes outputs of readings, places of bases and forces, each with rate and acceleration, the time and the parameters;
+   and what is counted. */
 void combine(double time, const double *p, double (*bases)[3], double (*readings)[3], double (*forces)[3],
-             double outputs[]);
+             double outputs[], double counted[]);
+void weigh_counts(const double *p, double (*curves)[MOST_PARTS][3], double ultimates[]);
+/* Counts what is seen of a state from a new start, or from the last step on; and shows it among the outputs. */
+void start_counts(struct pgmp_model *m);
+void count_step(struct pgmp_model *m);
+void show_counts(struct pgmp_model *m, double time);
 
 /* Frame of a point: position and directors, in the plane the angle too, which counts turns. */
 struct frame { double z[N_FRAME], angle; };

@@ -21,7 +21,7 @@ struct unit *unit_new(struct voice voice, const char *name, const char *token, i
         return NULL;
     }
     if (exchange && !EXCHANGE) {
-        unit_say(&voice, UNIT_ERROR, "a component model, or one with controllers, is for co-simulation alone");
+        unit_say(&voice, UNIT_ERROR, "a component model, or one with controllers or damages, is for co-simulation alone");
         return NULL;
     }
     me = calloc(1, sizeof *me);
