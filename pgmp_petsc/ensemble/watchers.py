@@ -308,12 +308,13 @@ class _OverTimeWatch(Observer):
         """Evaluate the outputs in the states that wait."""
         if not self._waiting:
             return
-        numbers, times, states, forces = (np.concatenate(parts) for parts in zip(*self._waiting))
+        numbers, times, trails, forces = zip(*self._waiting)
         self._waiting, self._n_waiting = [], 0
-        n = states.shape[2]
+        numbers, times, forces = (np.concatenate(parts) for parts in (numbers, times, forces))
+        n, n_eta = trails[0].shape[2:]
+        q, v, a = (np.concatenate([trail[:, part] for trail in trails]).reshape(-1, n_eta) for part in range(3))
         values = {name: np.tile(value, numbers.size) for name, value in self._begun.system.values.items()}
         with np.errstate(all="ignore"):  # as above
-            q, v, a = np.moveaxis(states, 1, 0).reshape(3, numbers.size * n, -1)
             state = State(q, v, a, np.zeros(0), forces=forces.reshape(numbers.size * n, forces.shape[2]))
             found = self._model.outputs.evaluate(self._model.observed_of(np.repeat(times, n), state, values))
         self._take(numbers, times, {name: column.reshape(numbers.size, n) for name, column in found.items()})
