@@ -592,8 +592,6 @@ def left_out(scene: Scene) -> str:
 
 
 def _of_scene(scene: Scene, kind: str) -> Iterator[tuple[str, str]]:
-    for name in scene.carried if kind == "tree" else ():
-        yield f"effects.{name}.coefficient", "a component model in C does not know what joints carry"
     for name, one in scene.controllers.items():
         for output in measured_by(scene, one).motions:
             if not has_motion(scene, output):

@@ -204,9 +204,9 @@ def test_models_in_c_rub_alike(name, tmp_path):
     assert_same_in_c(reduced_model(IN_C[name]()), tmp_path)
 
 
-def test_component_models_in_c_do_not_know_it(tmp_path):
-    with pytest.raises(InputError, match="effects.in_main.coefficient: a component model in C does not know"):
-        compiled(components_model(slider()), tmp_path)
+@pytest.mark.parametrize("name", IN_C)
+def test_component_models_in_c_rub_alike(name, tmp_path):
+    assert_same_in_c(components_model(IN_C[name]()), tmp_path)
 
 
 @pytest.mark.parametrize("make", [full_model, reduced_model])

@@ -95,9 +95,10 @@ static void look_at_state(struct pgmp_model *m) {
 }
 
 #if N_CARRIED > 0
-/* The forces in joints that friction hangs on, in a state, with friction under those that were found before. */
-static void find_carried(struct pgmp_model *m, const struct acting *now, const double q[N], const double v[N],
-                         const double a[N], double carried[]) {
+/* The forces in joints that friction hangs on, in a state, with friction under those that were found before; `own_forces` as
+   `own` of find_forces. */
+static void find_carried(struct pgmp_model *m, const struct acting *now, const double *own_forces, const double q[N],
+                         const double v[N], const double a[N], double carried[]) {
     const size_t size = N * sizeof(double);
     double own[3][N], found[N_FORCES + R][3], theta[R];
     struct frame nodes[AT_LEAST_ONE(N_NODES)];
@@ -106,7 +107,7 @@ static void find_carried(struct pgmp_model *m, const struct acting *now, const d
     memmove(m->q, q, size), memmove(m->v, v, size), memmove(m->a, a, size);
     look_at(m, &look);
     see_nodes(m, &look, 0.0, CLOSURE_TOLERANCE, theta, nodes);
-    find_forces(m, now, nodes, found);
+    find_forces(m, now, own_forces, nodes, found);
     memcpy(m->q, own[0], size), memcpy(m->v, own[1], size), memcpy(m->a, own[2], size);
     for (int k = 0; k < N_CARRIED; k++) carried[k] = found[k][0];
 }
@@ -122,7 +123,7 @@ void pgmp_accelerate(struct pgmp_model *m, double time, double since) {
         changed = 0;
 #if N_CARRIED > 0
         double found[N_CARRIED];
-        find_carried(m, &now, m->q, m->v, m->a, found);
+        find_carried(m, &now, 0, m->q, m->v, m->a, found);
         for (int k = 0; k < N_CARRIED; k++) {
             changed |= fabs(found[k] - m->carried[k]) > SETTLED * fabs(found[k]);
             m->carried[k] = found[k];
@@ -208,7 +209,7 @@ static int converge(struct pgmp_model *m, int attempt, int in_part, const struct
         int fresh = attempt != EXTRAPOLATED || number % REFRESH_EVERY == 0;
         int limited = 0, unsettled = 0;
 #if N_CARRIED > 0
-        find_carried(m, now, t->q, t->v, t->a, t->carried);
+        find_carried(m, now, t->forces, t->q, t->v, t->a, t->carried);
         for (int k = 0; k < N_CARRIED && !careful; k++) {
             double change = fabs(t->carried[k] - m->laws[carried_actions[k]][0]);
             unsettled |= change > SETTLED_IN_STEP * fabs(t->carried[k]);
@@ -241,7 +242,7 @@ static int converge(struct pgmp_model *m, int attempt, int in_part, const struct
         last = size;
     }
 #if N_CARRIED > 0
-    find_carried(m, now, t->q, t->v, t->a, t->carried);
+    find_carried(m, now, t->forces, t->q, t->v, t->a, t->carried);
 #endif
     return !active && isfinite(t->left);
 }
