@@ -105,6 +105,8 @@ class ReducedModel:
                 scene, rom, self.kinematics, self.outputs.forces, carried, self.effects, self.motions,
                 (self.terms, self.actions),
             )  # fmt: skip
+        if carried:
+            self.actions = replace(self.actions, carried=self.multipliers.in_lanes())
         self.joint_angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
         self.stiffness_changes = rom.stiffness_changes
         self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))
@@ -270,8 +272,12 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
             parts = [np.where(fine, part, 0.0) for part in (state.q, state.v)]
             return reconstruction.jets(parts, model.measures.order)
 
-        multipliers = model.multipliers.in_steps(own, n_samples) if model.measures.carried else None
+        carries, multipliers = bool(model.measures.carried), None
+        in_lanes = model.measures.known and (not carries or model.actions.carried is not None)
+        if carries and not in_lanes:
+            multipliers = model.multipliers.in_steps(own, n_samples)
         put, measured = system.put_forces, system.measured
-        controls = model.measures.controls(frames, values, n_samples, put, multipliers, measured)
-        system.control(controls, model.measures.origins if model.measures.in_lanes else None)
+        carried = system.carried if carries and in_lanes else None
+        controls = model.measures.controls(frames, values, n_samples, put, multipliers, measured, carried)
+        system.control(controls, model.measures.origins if in_lanes else None)
     return system
