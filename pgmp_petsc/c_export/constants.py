@@ -537,6 +537,7 @@ def _steps(scene: Scene) -> dict[str, int | float]:
         "SETTLED": running.SETTLED,
         "SETTLED_IN_STEP": running.SETTLED_IN_STEP,
         "FIRST_SECANT": running.FIRST_SECANT,
+        "SMALLEST_SECANT": running.SMALLEST_SECANT,
         "WEAKEST": running.WEAKEST,
         "STRONGEST": running.STRONGEST,
         "CAREFUL_ITERATIONS": alpha_step.CAREFUL_ITERATIONS,

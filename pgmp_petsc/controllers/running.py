@@ -37,6 +37,7 @@ from pgmp_petsc.scene.controllers import WHOLE, ControllerEntry
 MOST_STARTS, SETTLED = 100, 1e-13  # of the forces carried at the start, found in turn with accelerations
 SETTLED_IN_STEP = 1e-9  # their change between two corrections, of which the next leaves the share that it contracts by
 FIRST_SECANT = 2  # correction from which on their changes say how they hang on each other
+SMALLEST_SECANT = 1e-6  # of these forces; what smaller changes say is round-off
 WEAKEST, STRONGEST = 0.25, 2.0  # of what a change of them gives, in units of itself, as a secant is believed
 #: Forces (n_carried, n_samples) in joints at a time (s), for a state of a system, from those that were found before.
 Carried = Callable[[float, Any, np.ndarray], np.ndarray]
@@ -352,7 +353,7 @@ def follow_carried(number, found, kept, carried):
     found."""
     n, inverse = carried.size, kept[N_FOLLOWED:]
     before, off, ahead, across = kept[0], kept[1], kept[2], kept[3]
-    size = along = 0.0
+    whole = size = along = 0.0
     for i in range(n):
         ahead[i], across[i] = 0.0, 0.0
         for j in range(n):
@@ -360,9 +361,11 @@ def follow_carried(number, found, kept, carried):
                 inverse[i, j] = 1.0 if i == j else 0.0
             ahead[i] += inverse[i, j] * (off[j] - (found[j] - carried[j]))
             across[i] += inverse[j, i] * (carried[j] - before[j])
+        whole += carried[i] ** 2
         size += (carried[i] - before[i]) ** 2
         along += (carried[i] - before[i]) * ahead[i]
-    if number >= FIRST_SECANT and WEAKEST * size < along < STRONGEST * size:
+    known = number >= FIRST_SECANT and size > SMALLEST_SECANT**2 * whole
+    if known and WEAKEST * size < along < STRONGEST * size:
         for i in range(n):
             for j in range(n):
                 inverse[i, j] += (carried[i] - before[i] - ahead[i]) * across[j] / along

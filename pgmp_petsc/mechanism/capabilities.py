@@ -222,10 +222,10 @@ FEATURES = (
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "forces beside with lengths, places and ratios",
-        _with(_lengths, _beside),
+        "controllers with lengths, places and ratios",
+        _with(_lengths, _controllers),
         OF_THE_REDUCTION,
-        why_not="models at several lengths have no controllers and no forces in joints",
+        why_not="models at several lengths have no controllers",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(

@@ -59,7 +59,7 @@ class Measures:
         self.origins[self.rows] = [one.origin if isinstance(one, Reading) else 0.0 for one, _ in self._read]
 
     def controls(
-        self, frames: FramesOf, values: Mapping[str, np.ndarray], n_samples: int, put: Callable[[np.ndarray], object],
+        self, frames: FramesOf | None, values: Mapping[str, np.ndarray], n_samples: int, put: Callable[[np.ndarray], object],
         multipliers: MultipliersOf | None, motions: Callable[[State], np.ndarray] | None = None,
         carried: Carried | None = None,
     ) -> Controls:  # fmt: skip

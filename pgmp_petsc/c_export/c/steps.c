@@ -116,7 +116,7 @@ enum { BEFORE, OFF, AHEAD, ACROSS, INVERSE }; /* rows of what is kept from corre
    gives now, by Broyden's method (1965); returns whether any changes by more than SETTLED_IN_STEP. */
 static int follow_carried(int number, const double found[N_CARRIED], double kept[INVERSE + N_CARRIED][N_CARRIED],
                           double carried[N_CARRIED]) {
-    double size = 0.0, along = 0.0, (*inverse)[N_CARRIED] = kept + INVERSE;
+    double whole = 0.0, size = 0.0, along = 0.0, (*inverse)[N_CARRIED] = kept + INVERSE;
     int unsettled = 0;
     for (int i = 0; number < FIRST_SECANT && i < N_CARRIED; i++)
         for (int j = 0; j < N_CARRIED; j++) inverse[i][j] = i == j;
@@ -126,10 +126,12 @@ static int follow_carried(int number, const double found[N_CARRIED], double kept
             kept[AHEAD][i] += inverse[i][j] * (kept[OFF][j] - (found[j] - carried[j]));
             kept[ACROSS][i] += inverse[j][i] * (carried[j] - kept[BEFORE][j]);
         }
+        whole += carried[i] * carried[i];
         size += (carried[i] - kept[BEFORE][i]) * (carried[i] - kept[BEFORE][i]);
         along += (carried[i] - kept[BEFORE][i]) * kept[AHEAD][i];
     }
-    if (along > WEAKEST * size && along < STRONGEST * size)
+    const int known = size > SMALLEST_SECANT * SMALLEST_SECANT * whole; /* more than round-off */
+    if (known && along > WEAKEST * size && along < STRONGEST * size)
         for (int i = 0; i < N_CARRIED; i++)
             for (int j = 0; j < N_CARRIED; j++)
                 inverse[i][j] += (carried[i] - kept[BEFORE][i] - kept[AHEAD][i]) * kept[ACROSS][j] / along;
