@@ -15,9 +15,8 @@ from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results import Balance
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.stepping.energies import joined
 from pgmp_petsc.stepping.generalised_alpha import integrate
-from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.second_order_system import State, joined
 from pgmp_petsc.studies.records import balance_of
 from scenes import tables
 

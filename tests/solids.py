@@ -13,8 +13,7 @@ import scipy.sparse as sp
 from skfem.quadrature import get_quadrature
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
-from pgmp_petsc.bodies.face_frame import FaceFrame
-from pgmp_petsc.bodies.solid import Region, Solid
+from pgmp_petsc.bodies.solid import FaceFrame, Region, Solid
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.mesh.solid_mesh import Quadrature, _element, _tabulated, cell_faces, reference_element
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh

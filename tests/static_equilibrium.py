@@ -19,7 +19,7 @@ from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.unknowns import Unknowns
+from pgmp_petsc.mechanism.mechanism import Unknowns
 
 
 class StaticEquilibrium:

@@ -163,7 +163,7 @@ def export_result(
 
 def _write_frames(file: Path, output: Path) -> int:
     """Describe the frames of a trajectory for ParaView; return their number. By one process."""
-    from pgmp_petsc.results.xdmf import write_xdmf
+    from pgmp_petsc.results.trajectory import write_xdmf
 
     kind = _kind_of(file)
     if kind != "trajectory":

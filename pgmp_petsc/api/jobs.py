@@ -25,9 +25,9 @@ from pgmp_petsc.bench.finished import Price, step_seconds
 from pgmp_petsc.bench.reference import Demand, Reference, choose_reference, component_model
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
+from pgmp_petsc.files.checkpoint_folder import LABEL, Steps
 from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.files.seal import identity
-from pgmp_petsc.files.steps import LABEL, Steps
 from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model, why_no_grid
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism

@@ -47,9 +47,9 @@ from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, patterns_of
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.capabilities import why_no_grid
+from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.scene.parameters import uncertain_names

@@ -31,8 +31,8 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.finished import Price, duration_text, step_seconds
 from pgmp_petsc.bench.history import AnyModel, History, errors_between, floors_of, largest_errors, run_history
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.component import rigid_motions
 from pgmp_petsc.bodies.floating import FloatingBody
-from pgmp_petsc.bodies.linear_fields import rigid_motions
 from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed, floating_shapes

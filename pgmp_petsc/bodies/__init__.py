@@ -6,7 +6,7 @@ their place among the unknowns, matrices and blocks of elements, moments of iner
 energy, strains and stresses, what pictures show, a price, and traits. Nobody outside asks for the kind.
 
 Below them are elements (`beam2d`, `beam3d`, `elasticity`), sections of beams (`sections`, found too),
-solids and their frames (`solid`, `face_frame`, `framed_solid`), matrices of other programs (`assembled`), what is made
+solids and their frames (`solid`, `framed_solid`), matrices of other programs (`assembled`), what is made
 of bodies (`component`, `floating`), and affine dependence on parameters (`affine`, `profile`, `random_fields`). Begin
 with `body`, then `kinds.beam`.
 """

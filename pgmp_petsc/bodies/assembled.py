@@ -21,8 +21,8 @@ import scipy.sparse as sp
 from pgmp_petsc.base.errors import InputError, nearest_name
 from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial, Quantity
-from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.profile import UNIFORM, Profiles, SectionScale
+from pgmp_petsc.bodies.solid import FaceFrame
 from pgmp_petsc.mesh.solid_mesh import SolidMesh, bounds_one_cell, cell_faces, reference_element
 
 ROUND_OFF = 1e-13  # of coordinates: a centre of mass nearer to 0 is there

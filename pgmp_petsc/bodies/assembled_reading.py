@@ -39,8 +39,8 @@ from scipy.sparse.linalg import ArpackNoConvergence, eigsh
 from pgmp_petsc.base.errors import InputError, shortened
 from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
+from pgmp_petsc.bodies.component import linear_fields, rigid_motions
 from pgmp_petsc.bodies.framed_solid import framed_solid
-from pgmp_petsc.bodies.linear_fields import linear_fields, rigid_motions
 from pgmp_petsc.mesh.matrix_files import in_order_of_nodes, read_matrix, read_nodes, read_rows
 from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE
 from pgmp_petsc.scene import Scene

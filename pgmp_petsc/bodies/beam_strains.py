@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.beam2d import strains
-from pgmp_petsc.bodies.recovery import Beams, products
+from pgmp_petsc.bodies.floating import Beams, products
 from pgmp_petsc.mesh.line_mesh import LineMesh
 
 STRAIGHT = 1e-9  # 1 - cosine of the angle between elements in one direction: half of 4e-5 rad squared

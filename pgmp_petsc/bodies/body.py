@@ -25,14 +25,14 @@ import numpy as np
 
 from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.linear_fields import TURNS, linear_fields
+from pgmp_petsc.bodies.component import TURNS, linear_fields
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 
 if TYPE_CHECKING:
-    from pgmp_petsc.bodies.face_frame import FaceFrame
     from pgmp_petsc.bodies.framed_solid import FramedSolid
     from pgmp_petsc.bodies.shape import BodyShape
+    from pgmp_petsc.bodies.solid import FaceFrame
     from pgmp_petsc.bodies.stresses import BodyStresses
     from pgmp_petsc.scene import Scene
     from pgmp_petsc.scene.bodies import Body as BodyEntry

@@ -36,7 +36,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import DOFS_PER_NODE, Body
-from pgmp_petsc.bodies.linear_fields import of_directors
+from pgmp_petsc.bodies.component import of_directors
 
 
 @dataclass(frozen=True)

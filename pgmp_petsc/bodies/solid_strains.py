@@ -21,7 +21,7 @@ from functools import cache
 import numpy as np
 import scipy.sparse as sp
 
-from pgmp_petsc.bodies.recovery import products
+from pgmp_petsc.bodies.floating import products
 from pgmp_petsc.mesh.solid_mesh import SolidMesh, reference_element, shape_gradients, shape_values
 
 #: Components of a symmetric tensor by dimension.

@@ -20,10 +20,10 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.elasticity import Lame
+from pgmp_petsc.bodies.floating import Beams, Recovery
 from pgmp_petsc.bodies.framed_solid import cells_of_materials
 from pgmp_petsc.bodies.profile import Profile
 from pgmp_petsc.bodies.random_fields import profiles_of
-from pgmp_petsc.bodies.recovery import Beams, Recovery
 from pgmp_petsc.bodies.solid_strains import SolidStrains
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mesh.line_mesh import LineMesh

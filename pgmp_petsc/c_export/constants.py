@@ -47,10 +47,10 @@ from pgmp_petsc.reduced import steps as reduced_steps
 from pgmp_petsc.reduced.actions import nodes_of
 from pgmp_petsc.reduced.gap_forces import GapForces
 from pgmp_petsc.reduced.system import STARTING_CORRECTIONS
+from pgmp_petsc.reduction.cell_products import B_SPLINE, Axis, count_rows
 from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import Served
-from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
 from pgmp_petsc.results.estimates import limits_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_values, to_own

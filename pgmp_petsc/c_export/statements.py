@@ -15,7 +15,7 @@ from pgmp_petsc.declare.expressions import printed, symbolic
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import Piece, amplitude_of
-from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import JointTurns, RigidKinematics
 from pgmp_petsc.mechanism.statements import Function, Statement, distance
 from pgmp_petsc.outputs.joint_forces import ForceOutput, OfConnection, OfCoupling, OfMotion, Pull

@@ -19,12 +19,12 @@ from pgmp_petsc.c_export.statements import Side, StatementInC, TermInC, braced
 from pgmp_petsc.full.joint_systems import JointBatch, JointEquations
 from pgmp_petsc.full.parts import Share, floating_bodies, planar_masses, spatial_masses
 from pgmp_petsc.full.problem import FullEquations
+from pgmp_petsc.lanes.lane_items import SampleBlocks
 from pgmp_petsc.mechanism.statement_rows import FROM_SUM
 from pgmp_petsc.models import ComponentModel
 from pgmp_petsc.outputs.joint_forces import OfMotion
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping import alpha_step
-from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 from pgmp_petsc.stepping.static_equilibrium import require_settled
 
 #: How it takes steps: those of the program.

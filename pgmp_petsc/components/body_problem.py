@@ -40,7 +40,7 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.resources import give_back
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.linear_fields import incommensurate
+from pgmp_petsc.bodies.component import incommensurate
 from pgmp_petsc.ranks.petsc import aij_matrix, times
 from pgmp_petsc.solvers.shift_invert import ShiftedFactor, check_complete, check_residuals
 

@@ -52,12 +52,9 @@ from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.assembled import AssembledBody
-from pgmp_petsc.bodies.component import Component
-from pgmp_petsc.bodies.face_frame import FaceFrame
-from pgmp_petsc.bodies.floating import FloatingBody, second_moments, without_noise
-from pgmp_petsc.bodies.linear_fields import incommensurate, linear_fields, rigid_motions
-from pgmp_petsc.bodies.recovery import Recovery
-from pgmp_petsc.bodies.solid import Solid
+from pgmp_petsc.bodies.component import Component, incommensurate, linear_fields, rigid_motions
+from pgmp_petsc.bodies.floating import FloatingBody, Recovery, second_moments, without_noise
+from pgmp_petsc.bodies.solid import FaceFrame, Solid
 from pgmp_petsc.components.body_problem import BodyProblem, Operator, Subspace, Terms, petsc_terms
 from pgmp_petsc.ranks.petsc import times
 

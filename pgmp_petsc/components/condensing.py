@@ -34,13 +34,11 @@ from pgmp_petsc.base.resources import Timings, free_share
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.component import Component, rigid_component
-from pgmp_petsc.bodies.floating import FloatingBody, without_noise
+from pgmp_petsc.bodies.component import Component, linear_fields, rigid_component
+from pgmp_petsc.bodies.floating import FloatingBody, Recovery, without_noise
 from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
 from pgmp_petsc.bodies.large_deformation import SLENDER, LongAxis
-from pgmp_petsc.bodies.linear_fields import linear_fields
 from pgmp_petsc.bodies.matrices import ThirdDerivative, assemble, axial_stiffness
-from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.shape import BodyShape, is_condensed, to_condense
 from pgmp_petsc.components.body_problem import BodyProblem, petsc_terms
 from pgmp_petsc.components.component_modes import (

@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.controllers.law import LIMITS, ControlLaw
-from pgmp_petsc.controllers.measured import Measured
+from pgmp_petsc.controllers.law import LIMITS, ControlLaw, Measured
 from pgmp_petsc.effects.action import CARRIED_FRICTION, NOTHING, Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.joint_effects import joint_measure, measure_of

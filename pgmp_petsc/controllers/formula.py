@@ -15,8 +15,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from pgmp_petsc.controllers.acting import JointController
-from pgmp_petsc.controllers.law import ControlLaw
-from pgmp_petsc.controllers.measured import OfMotion
+from pgmp_petsc.controllers.law import ControlLaw, OfMotion
 from pgmp_petsc.declare.formulas import FUNCTIONS, FormulaError, declared
 from pgmp_petsc.scene.controllers import OWN
 from pgmp_petsc.scene.fields import NumberOrParameter, Unit, refusal

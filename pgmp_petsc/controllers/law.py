@@ -2,7 +2,7 @@
 
 A `ControlLaw` is declared by expressions (`declare.expressions`), as force laws are; sympy prints g, h and their
 slopes, and kernels know it by the address of its compiled function. y is the measure, y' its rate, r the reference.
-What is measured is made of motions s_i of the mechanics and their rates (`controllers.measured`): slopes are by these.
+What is measured is made of motions s_i of the mechanics and their rates (`Measured`): slopes are by these.
 
 In a step of the generalised-alpha scheme for states of first order (Jansen, Whiting and Hulbert 2000), with the
 coefficients of the mechanics and Z' the auxiliary rates,
@@ -14,6 +14,11 @@ the states at the end of a step are ``z = c + kappa g(z, y, ..)`` with kappa = h
 and c known when the step begins. `respond` solves this small block at given s and s', and condenses it: what is left is
 a force on a joint with its slopes by s and s', for the Newton matrix of the mechanics. gamma = 1/2 + alpha_f - alpha_m
 holds for both orders, so that states and mechanics are of second order together.
+
+What a controller measures, as an expression of motions s_i of the mechanics, their rates v_i, time and parameters.
+
+A motion is what an output of its own reads: an angle, a way, a distance, a place. Outputs of outputs, `rate` and
+`formula`, are expressions of these, so that slopes and rates of what they are follow by the chain rule.
 """
 
 from __future__ import annotations
@@ -26,18 +31,104 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from pgmp_petsc.controllers.measured import OfMotion, Seen, rate_of
 from pgmp_petsc.declare.expressions import Printed, check, check_names, kept, printed, symbolic
 from pgmp_petsc.declare.own_units import InSi, in_si
 from pgmp_petsc.effects.law import calling
 from pgmp_petsc.lanes.compiled import native_address, njit, text_mark
 from pgmp_petsc.lanes.lane_items import eliminate
+from pgmp_petsc.outputs.of_outputs import TIME, FormulaOfOutputs, RateOfOutput
+from pgmp_petsc.scene import Scene
+
+Motions = Sequence[tuple[Any, Any]]  # sympy's symbols of every motion and of its rate
+
+
+class Seen(Protocol):
+    """What is measured."""
+
+    def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
+        """Return it in sympy's form; `names` has the time t and parameters."""
+
+
+@dataclass(frozen=True)
+class OfMotion:
+    """A motion by its number, or its rate."""
+
+    number: int
+    derivative: int = 0
+
+    def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
+        """Return its symbol."""
+        return motions[self.number][self.derivative]
+
+
+@dataclass(frozen=True)
+class RateOf:
+    """How fast something changes."""
+
+    of: Seen
+
+    def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
+        """Return the rate."""
+        return rate_of(self.of.symbolic(motions, names), motions, names["t"])
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A formula in the language of declarations, of what is seen and of parameters by their names there."""
+
+    text: str
+    parts: tuple[tuple[str, Seen], ...]
+    constants: tuple[tuple[str, str], ...]  # what parameters are called there, and in the law
+
+    def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
+        """Return the formula."""
+        own = {name: part.symbolic(motions, names) for name, part in self.parts}
+        return symbolic(self.text, {TIME: names["t"], **{name: names[law] for name, law in self.constants}, **own})
+
+
+def rate_of(seen: Any, motions: Motions, t: Any) -> Any:
+    """Return the rate of an expression of motions and t; of one of rates, which nobody asks for, what is known."""
+    import sympy as sp
+
+    return sp.diff(seen, t) + sum((sp.diff(seen, s) * v for s, v in motions), sp.Integer(0))
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What the measures of a controller are made of."""
+
+    #: names of the outputs whose motions these are, in their order
+    motions: tuple[str, ...]
+    seen: tuple[tuple[str, Seen], ...]  # what is measured, by its name in the law
+    constants: Mapping[str, str]  # parameters of the scene, by what they are called in the law
+
+    @classmethod
+    def of(cls, scene: Scene, outputs: Mapping[str, str]) -> Measured:
+        """Return what outputs are made of, given by their names in the law."""
+        motions: dict[str, int] = {}
+        constants: dict[str, str] = {}
+
+        def seen(name: str) -> Seen:
+            entry = scene.outputs[name]
+            if isinstance(entry, RateOfOutput):
+                return RateOf(seen(entry.of))
+            if isinstance(entry, FormulaOfOutputs):
+                text, used = entry.in_si(scene)
+                named = [one for one in scene.parameters if one in used]
+                constants.update({f"seen_{one}": one for one in named})
+                parts = tuple((f"of_{one}", seen(one)) for one in entry.made_in(scene))
+                return Formula(text, parts, tuple((f"of_{one}", f"seen_{one}") for one in named))
+            return OfMotion(motions.setdefault(name, len(motions)), entry.derivative)
+
+        found = tuple((name, seen(output)) for name, output in outputs.items())
+        return cls(tuple(motions), found, constants)
+
 
 #: What expressions may name beside what is measured, the states and parameters: time, reference and its rate.
 GIVEN = ("t", "r", "reference_rate")
@@ -46,7 +137,7 @@ FORCES = ("free", "limited")
 LIMITS = ("lower", "upper")
 _NUMBER, _NUMBERS = types.float64, types.CPointer(types.float64)
 _TAKES = _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS
-PRINTS = (__name__, "pgmp_petsc.controllers.measured", "pgmp_petsc.declare.expressions")
+PRINTS = (__name__, "pgmp_petsc.controllers.law", "pgmp_petsc.declare.expressions")
 MOST_ITERATIONS = 30
 CLOSE = 1e-14  # of the states, where their iteration ends
 PYTHON = '''"""The law of the controller {name}, printed from its declaration."""

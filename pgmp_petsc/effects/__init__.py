@@ -10,10 +10,9 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.matrices import AffineMatrices, MassesOnDemand
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.clearance import loose_coupling, loose_joint
-from pgmp_petsc.effects.effect import Effect, Load
+from pgmp_petsc.effects.effect import Effect, Load, Patterns
 from pgmp_petsc.effects.loads import HoldingTorque
 from pgmp_petsc.effects.motion import Held, Motion, driven
-from pgmp_petsc.effects.patterns import Patterns
 from pgmp_petsc.effects.springs import elastic_coupling, elastic_joint
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene.effects import Driving

@@ -25,7 +25,7 @@ import numpy as np
 from pgmp_petsc.bodies.affine import AffineSum, Quantity
 from pgmp_petsc.effects.law import Law, Laws
 from pgmp_petsc.effects.time_function import TimeFunction
-from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.node_statements import NodeStatements
 from pgmp_petsc.mechanism.statement_rows import StatementRows

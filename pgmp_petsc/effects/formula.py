@@ -1,4 +1,4 @@
-"""A law that a scene writes as a formula: on the motion in a joint, or on the distance of two points.
+"""Laws that a scene writes: formulas on a joint's motion or the distance of two points, and tables over a motion.
 
 ``force = "A * sin(12 * s) - c * v - m0 * (t > 0.1)"`` is parsed, and never evaluated: what it may have is in
 `declare.formulas`. It is written anew in the language of declarations (`declare.expressions`), and from there
@@ -6,6 +6,13 @@ on it is a law as all others: compiled, differentiated, printed in C. A comparis
 derivatives leave out its jump, and steps do not end there. The time is the `amplitude` of the law, of which the
 function of time is t itself. All of the force is counted as work: the law has no potential, and no part in the
 stiffness of vibrations.
+
+Loads over the motion of a joint: a table of torques or forces over an angle, or over a way.
+
+Linear between the rows, and constant beyond them; a table over a whole turn of an angle goes on for ever, and so does
+one over several turns whose ends are equal, as of an engine of four strokes. The law is printed with its table, and is
+one law as all others; all of its force is counted as work. Over the motion of another joint than it acts on, it is led
+by that (`effects.action`).
 """
 
 from __future__ import annotations
@@ -13,6 +20,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import cache
 from typing import Annotated, Any, Literal, Self
 
@@ -21,19 +29,156 @@ from pydantic import Field, model_validator
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.declare.formulas import FUNCTIONS, FormulaError, declared
 from pgmp_petsc.declare.own_units import in_si
-from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.action import NOTHING, Action
 from pgmp_petsc.effects.effect import ActionEffect
-from pgmp_petsc.effects.joint_effects import place_of
+from pgmp_petsc.effects.joint_effects import measure_of, place_of
 from pgmp_petsc.effects.law import Law
-from pgmp_petsc.effects.over_joint import led_over
 from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_powers
-from pgmp_petsc.scene.effects import OnJoint, OverMotion
+from pgmp_petsc.scene.effects import OnJoint, OverMotion, OverTime
 from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Unit, exactly_one, refusal
-from pgmp_petsc.scene.references import over_problems
+from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.references import load_problems, over_problems
 from pgmp_petsc.scene.uses import Use, motion_over, slides
+
+Rows = tuple[tuple[float, float | str], ...]
+TURN = 2.0 * math.pi
+CLOSED = 1e-9  # rad that whole turns may be off, and of the largest value that its ends may differ by
+PYTHON = '''"""A law over a table: its places, and values and slopes from each of them on."""
+
+from math import floor
+
+import numpy as np
+
+STIFFNESS = ""
+PLACES = np.array([{places}])
+VALUES = np.array([{values}])
+SLOPES = np.array([{slopes}])
+
+
+def evaluate(p, amplitude, s, rate, about, depths):
+{find}
+    force = VALUES[low] + SLOPES[low] * (x - PLACES[low])
+    return float(p[0] * force), float(-p[0] * SLOPES[low]), 0.0, 0.0, 0.0, float(rate)
+
+
+def slopes(p, amplitude, s, rate, found):
+{find}
+    found[0] = VALUES[low] + SLOPES[low] * (x - PLACES[low])
+    found[1] = 0.0
+    return 0.0
+
+
+def edges(p, s):
+    return ()
+
+
+C = """static void law_{name}(const double p[], double amplitude, double s, double rate, double about,
+                                 double found[]) {{
+    static const double places[] = {{{places}}};
+    static const double values[] = {{{values}}};
+    static const double slopes[] = {{{slopes}}};
+    const double x = s - {period} * floor((s - {first}) / {turn});
+    int low = 0, high = {n};
+    (void)amplitude, (void)about;
+    while (high - low > 1) {{
+        const int middle = (low + high) / 2;
+        if (x >= places[middle]) low = middle;
+        else high = middle;
+    }}
+    found[0] = p[0] * (values[low] + slopes[low] * (x - places[low]));
+    found[1] = -p[0] * slopes[low];
+    found[2] = 0.0;
+    found[3] = rate;
+}}"""
+
+COMPLETE = True
+'''
+FIND = """    x = s - {period} * floor((s - {first}) / {turn})
+    low, high = 0, {n}
+    while high - low > 1:
+        middle = (low + high) // 2
+        if x >= PLACES[middle]:
+            low = middle
+        else:
+            high = middle"""
+
+
+def turns_of(rows: Rows) -> int | None:
+    """Return after how many turns a table over an angle begins again, 0 if it does not; None if it is one turn long,
+    and its ends differ."""
+    (first, value), (last, final) = rows[0], rows[-1]
+    turns = round((last - first) / TURN)
+    if abs(last - first - turns * TURN) > CLOSED:
+        return 0
+    closed = value == final
+    if not closed and not isinstance(value, str) and not isinstance(final, str):
+        largest = max(abs(one) for _, one in rows if not isinstance(one, str))
+        closed = abs(final - value) <= CLOSED * largest
+    return turns if closed else None if turns == 1 else 0
+
+
+class TableLaw(Law):
+    """A law over a table, whose code is given."""
+
+    linear_stiffness = ""
+
+    def _printed(self) -> str:
+        return self.text
+
+
+@cache
+def table_law(rows: Rows, turns: int) -> TableLaw:
+    """Return the law of a table that begins again after some turns, or does not (0); one for all effects with the
+    same."""
+    name = f"table_{hashlib.sha256(repr((rows, turns, PYTHON, FIND)).encode()).hexdigest()[:12]}"
+    law = TableLaw(name, ("scale",), force="scale", left_out="it is a table over a joint, not linear")
+    places, values = [x for x, _ in rows], [y for _, y in rows]
+    slopes = [(b - a) / (x - w) for a, b, w, x in zip(values, values[1:], places, places[1:])]
+    if not turns:  # before the first row too it is constant
+        places, values, slopes = [places[0] - 1.0, *places], [values[0], *values], [0.0, *slopes, 0.0]
+    else:
+        places, values = places[:-1], values[:-1]
+    numbers = (", ".join(map(repr, part)) for part in (places, values, slopes))
+    turn = dict(period=turns * TURN, first=rows[0][0], turn=(turns or 1) * TURN, n=len(slopes), name=name)
+    text = PYTHON.format(find=FIND.format(**turn), **dict(zip(("places", "values", "slopes"), numbers)), **turn)
+    object.__setattr__(law, "text", text)
+    return law
+
+
+def led_over(entry: Any, mechanism: Mechanism, action: Action) -> list[Action]:
+    """Return the action of an effect, behind the one that leads it if it is over another motion than it acts on."""
+    if entry.over is None:
+        return [action]
+    motion = motion_over(mechanism.scene, entry)
+    if entry.over == entry.joint and (motion == "sliding") == slides(mechanism.scene, entry):
+        return [action]
+    leading = measure_of(mechanism, entry.over, motion)
+    return [Action(action.effect, law=NOTHING, parameters=(), **leading), replace(action, led=True)]
+
+
+def load_over_joint(
+    name: str, entry: OverTime, mechanism: Mechanism, place: dict[str, Any], scale: Quantity
+) -> ActionEffect:
+    """Return a load whose table is over the motion of a joint; `place` is what it acts on, as `Action` takes it."""
+    turns = turns_of(entry.table) if motion_over(mechanism.scene, entry) == "turning" else 0
+    action = Action(name, law=table_law(entry.table, turns), parameters=(scale,), **place)
+    return ActionEffect(name, led_over(entry, mechanism, action), mechanism)
+
+
+def load_over_problems(scene: Scene, name: str, entry: OverTime) -> Iterator[str]:
+    """Yield a line for what does not fit a load over time, or over the motion of a joint."""
+    found = list(over_problems(scene, f"effects.{name}", entry))
+    yield from found
+    if entry.over is None:
+        yield from load_problems(scene, name, entry)
+    elif entry.table is None:
+        yield problem(f"effects.{name}.over", "needs a table; a harmonic is over time", entry.over)
+    elif not found and motion_over(scene, entry) == "turning" and turns_of(entry.table) is None:
+        yield problem(f"effects.{name}.table", "is over a whole turn, and its ends differ; it has to close")
+
 
 #: Names of the state in a formula, and what they are in a law.
 STATE = {"s": "s", "v": "rate", "t": "amplitude"}

@@ -7,6 +7,11 @@ the point along the direction, or on its distance from the other one.
 A torque in a joint that turns: a couple on the second body and its reaction on the first, over time.
 
 Gravity: the mass matrix times a constant acceleration, one load term for each affine mass term.
+
+What belongs to a point of a body.
+
+- A mass: a part of the mass matrix from the start (`mechanism.composition`).
+- Coulomb friction of a point that rubs along a line of the ground: ``-limit tanh(s' / speed)`` on its place s.
 """
 
 from __future__ import annotations
@@ -21,18 +26,26 @@ from pydantic import Field, model_validator
 from pgmp_petsc.base.units import STANDARD_GRAVITY
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.matrices import AffineMatrices
-from pgmp_petsc.effects.action import SOURCE, Action
+from pgmp_petsc.effects.action import FRICTION, SOURCE, Action
 from pgmp_petsc.effects.effect import ActionEffect, Effect, Load
+from pgmp_petsc.effects.formula import load_over_joint, load_over_problems
 from pgmp_petsc.effects.joint_effects import joint_measure
-from pgmp_petsc.effects.over_joint import load_over_joint, load_over_problems
 from pgmp_petsc.effects.time_function import amplitude_of
-from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.joints import Connection
+from pgmp_petsc.mechanism.joints import Attachment, Connection
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.statements import along, distance, following
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import EffectEntry, OverMotion, OverTime
-from pgmp_petsc.scene.fields import Direction, NumberOrParameter, Point, Unit, exactly_one, refusal
+from pgmp_petsc.scene.effects import AddedMass, EffectEntry, OverMotion, OverTime
+from pgmp_petsc.scene.fields import (
+    Direction,
+    NotNegativeOrParameter,
+    NumberOrParameter,
+    Point,
+    PositiveOrParameter,
+    Unit,
+    exactly_one,
+    refusal,
+)
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.references import apart_problems
 
@@ -296,3 +309,51 @@ class Weights(Effect):
                 body.at_points(field)[:, axis] = 1.0
                 vectors.append(matrices.mass[weight] @ field)
         return vectors
+
+
+class PointMass(AddedMass):
+    """A mass and a moment of inertia at a point of a body."""
+
+    type: Literal["point_mass"]
+    acts = "mechanism"
+    cause = True
+    point: Point = Field(description='where it is, "body:point"')
+    mass: Annotated[PositiveOrParameter, Unit("kg")] = Field(description="mass (kg), a number or a parameter's name")
+    inertia: Annotated[NotNegativeOrParameter, Unit("kg m2")] = Field(
+        0.0, description="moment of inertia about the point (kg m2), a number or a parameter's name"
+    )
+
+    @classmethod
+    def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
+        """Say from which mass on it would matter."""
+        return np.nan, f"would matter from {scene.system.text(tolerance * run.mass, 'kg', '.2g')} on"
+
+    @property
+    def adds(self) -> str:
+        """Where it is a part of the mass."""
+        return f"part of the mass matrix at {self.point}"
+
+
+class PointFriction(EffectEntry):
+    """Coulomb friction of a point of a body along a direction of the ground under a constant load, regularised:
+    ``-limit tanh(rate / speed)``."""
+
+    type: Literal["point_friction"]
+    acts = "forces"
+    local = edged = True
+    changeable = ("limit", "speed")
+    nothing_without = "limit"
+    point: Point = Field(description='where it rubs, "body:point"')
+    direction: Direction = Field(description="direction (x, y), in space (x, y, z); its length does not matter")
+    limit: Annotated[NotNegativeOrParameter, Unit("N")] = Field(
+        description="friction force (N) while it slides, a number or a parameter's name"
+    )
+    speed: Annotated[PositiveOrParameter, Unit("m/s")] = Field(
+        description="rate at which 76 % of the limit are reached (m/s), a number or a parameter's name"
+    )
+
+    def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
+        """Return the friction."""
+        sides = (mechanism.attachment(point, f"effects.{name}.point") for point in (GROUND_ORIGIN, self.point))
+        parameters, statement = (Quantity.of(self.limit), Quantity.of(self.speed)), along(np.array(self.direction))
+        return ActionEffect(name, [Action(name, statement, *sides, FRICTION, parameters)], mechanism)

@@ -24,9 +24,8 @@ from pgmp_petsc.outputs.rainflow import Counting
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY
 from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation, count_steps
-from pgmp_petsc.stepping.energies import Energies, RunningBalance
 from pgmp_petsc.stepping.generalised_alpha import Run
-from pgmp_petsc.stepping.second_order_system import Observer, SecondOrderSystem, State
+from pgmp_petsc.stepping.second_order_system import Energies, Observer, RunningBalance, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 
 TOGETHER = 512  # states of reduced samples whose energies are evaluated together, about as many as stay in a cache

@@ -248,7 +248,7 @@ def why_not_of_full_order(model: FullModel | SeparateLengths) -> tuple[Remark, .
         body.kind not in ("beam2d", "rigid") for body in scene.bodies.values()
     ):
         cure = "compare with a finer mesh"
-    return (note(f"errors of the mesh were not estimated; {cure}"),)
+    return (note(f"errors of the mesh were not estimated in the run itself; {cure}"),)
 
 
 def _left_out(scene: Scene) -> str:

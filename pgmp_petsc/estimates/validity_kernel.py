@@ -16,12 +16,11 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import empty_lanes
+from pgmp_petsc.lanes.lane_items import SampleBlocks, empty_lanes
 from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, blend, differing, exceeding, larger, load, spread, store
 from pgmp_petsc.reduced.kernel import gather
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.tables import StiffnessChanges
-from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 
 EVERYONE = (1 << LANES) - 1
 ROUND_OFF = 1e-9  # of an angle: so close to the middle between two places, the nearer one is found anew

@@ -37,8 +37,7 @@ from pgmp_petsc.full.parts import mass_on_diagonal
 from pgmp_petsc.full.problem import FullEquations, Sources
 from pgmp_petsc.full.rank_solver import RankSolver
 from pgmp_petsc.full.systems import FullSystem, Gains
-from pgmp_petsc.stepping.energies import Energies
-from pgmp_petsc.stepping.second_order_system import Scheme, Settled, State
+from pgmp_petsc.stepping.second_order_system import Energies, Scheme, Settled, State
 from pgmp_petsc.stepping.static_equilibrium import LONGEST, cause_of, iterate_at_rest, put_on
 from pgmp_petsc.stepping.status import Status
 

@@ -19,7 +19,7 @@ from pgmp_petsc.full.parts import section_owners
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import items, sine_cosine
-from pgmp_petsc.stepping.energies import Energies
+from pgmp_petsc.stepping.second_order_system import Energies
 
 KINETIC, STRAIN, OF_EFFECTS = range(3)  # rows of the table; those of effects begin at the last
 

@@ -27,16 +27,13 @@ from pgmp_petsc.full.parts import contiguous
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.full.rank_solver import Layout
 from pgmp_petsc.full.systems import FullBatch, Gains
-from pgmp_petsc.lanes.lane_items import aligned
+from pgmp_petsc.lanes.lane_items import SampleBlocks, aligned
 from pgmp_petsc.lanes.vectors import aligned_zeros
-from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.constraint_set import ConstraintSet
-from pgmp_petsc.mechanism.null_space import null_space
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet, null_space
+from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import Statement
-from pgmp_petsc.stepping.energies import Energies
-from pgmp_petsc.stepping.sample_blocks import SampleBlocks
-from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.second_order_system import Energies, State
 
 ROUND_OFF = 1e-9  # of the slopes of constraints, over the largest of a row
 

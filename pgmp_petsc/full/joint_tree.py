@@ -19,11 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.joints import Connection
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.joints import Attachment, Connection
+from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.mechanism.statements import ALONG, MEET, PERPENDICULAR, Statement, U, W
-from pgmp_petsc.mechanism.unknowns import Unknowns
 
 #: coordinates of directors and frames, in the plane and in space
 _OWN = {(2, 2): 3, (3, 1): 9, (3, 2): 12}

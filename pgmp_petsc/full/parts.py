@@ -23,9 +23,9 @@ from pgmp_petsc.full.elements import N_SECTION, N_VECTORS, Beams, Masses, Solids
 from pgmp_petsc.full.kernel import Elements, FullProblem, Lumps
 from pgmp_petsc.full.layout import FloatingBodies, body_tables, entries_of, n_pose_of, places_of
 from pgmp_petsc.full.rank_solver import Layout
-from pgmp_petsc.mechanism.unknowns import N_POSE, Unknowns
+from pgmp_petsc.lanes.lane_items import SampleBlocks
+from pgmp_petsc.mechanism.mechanism import N_POSE, Unknowns
 from pgmp_petsc.mesh.solid_mesh import reference_element
-from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 
 N_PLANAR = 6  # unknowns of a beam element in the plane
 Pattern = tuple[np.ndarray, np.ndarray]

@@ -38,12 +38,11 @@ from pgmp_petsc.full.parts import (
     spatial_masses,
 )
 from pgmp_petsc.full.rank_solver import RankLayout, WholeLayout
-from pgmp_petsc.lanes.lane_items import width_of
+from pgmp_petsc.lanes.lane_items import SampleBlocks, width_of
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.mechanism.statement_rows import StatementRows
-from pgmp_petsc.mechanism.unknowns import Unknowns
-from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 
 MESH, TIES, FRAMES, JOINTS = range(4)  # levels of elimination, see `batched_ldl`
 

@@ -26,12 +26,19 @@ from pgmp_petsc.full.part_reference import Reference
 from pgmp_petsc.full.parts import mass_on_diagonal
 from pgmp_petsc.full.problem import FullEquations, Sources
 from pgmp_petsc.full.steps import take_steps
-from pgmp_petsc.lanes.lane_items import aligned
+from pgmp_petsc.lanes.lane_items import SampleBlocks, aligned
 from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.stepping.energies import Energies, joined
-from pgmp_petsc.stepping.sample_blocks import SampleBlocks
-from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, Settled, State, StepsAsked, StepsTaken
+from pgmp_petsc.stepping.second_order_system import (
+    Energies,
+    Scheme,
+    SecondOrderSystem,
+    Settled,
+    State,
+    StepsAsked,
+    StepsTaken,
+    joined,
+)
 from pgmp_petsc.stepping.status import Status
 
 # A call from Python costs what some tens of steps of a small mechanism do. What lies behind an edge that is crossed is

@@ -2,5 +2,5 @@
 
 A kernel is written once for one sample (`lane_items`) and compiled for numbers and for vectors (`vectors`, `tiles`).
 What is compiled into a function marks its file of the cache, so that no old code is loaded (`compiled`); machine code
-is made of what is called by its address alone (`machine_code`). Begin with `compiled`.
+is made of what is called by its address alone (`compiled.Library`). Begin with `compiled`.
 """

@@ -30,7 +30,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import block_diag
 
-from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.statement_rows import ROUND_OFF, StatementRows
 from pgmp_petsc.mechanism.statements import Combination, Statement

@@ -2,8 +2,8 @@
 
 A feature is declared once, in `FEATURES`: the entries of a scene that ask for it, the commands that it is made for, and
 the kinds of mechanism that it takes. Every command passes `check_capabilities` where it gets its scene
-(`studies.inputs`), and so does every build. What does not fit a scene whatever is done with it, effects of the plane in
-space for one, is refused with the scene (`scene.references`).
+(`studies.inputs`), and so does every build. What does not fit a scene whatever is done with it, effects of the plane
+in space for one, is refused with the scene (`scene.references`).
 """
 
 from __future__ import annotations
@@ -150,6 +150,14 @@ def _carried(scene: Scene) -> Iterator[str]:
     return (f"effects.{name}.coefficient" for name in scene.carried)
 
 
+def _carried_on_beams(scene: Scene) -> Iterator[str]:
+    for name, effect in scene.carried.items():
+        joint = scene.joints[effect.joint]
+        owner = scene.bodies.get(joint.connect[0].partition(":")[0])
+        if joint.rides and owner is not None and owner.flexible:
+            yield f"effects.{name}.coefficient"
+
+
 def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
     return lambda scene: iter((purpose.value,))
 
@@ -227,6 +235,13 @@ FEATURES = (
         OF_THE_REDUCTION,
         why_not="models at several lengths have no controllers",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
+    ),
+    Feature(
+        "friction by the force carried along beams with lengths, places and ratios",
+        _with(_lengths, _carried_on_beams),
+        OF_THE_REDUCTION,
+        why_not="models at several lengths do not know the force on a beam that bends",
+        cure="give friction a limit, or take pgmp simulate SCENE --full",
     ),
     Feature(
         "controllers beside forces in joints",

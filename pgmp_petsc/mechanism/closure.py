@@ -31,8 +31,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.joints import Connection, Coupling
+from pgmp_petsc.mechanism.joints import Attachment, Connection, Coupling
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statement_rows import StatementRows

@@ -31,8 +31,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import AffineSum, Monomial, Quantity
 from pgmp_petsc.bodies.body import Body, LumpedMass, body_of, joined
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.joints import Connection, Coupling, Release, ridden, share_position, triad, weld
+from pgmp_petsc.mechanism.joints import Attachment, Connection, Coupling, Release, ridden, share_position, triad, weld
 from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Statement, along, angle, perpendicular

@@ -1,6 +1,6 @@
 """Ties between a body and the frames that hold it: to faces of its mesh, or to a floating frame and its deformation.
 
-The frame of a group of faces has their mean position and mean rotation, see `bodies.face_frame`.
+The frame of a group of faces has their mean position and mean rotation, see `bodies.solid`.
 
 With a frame (p, d_1 .. d_d), the nodes' positions x_i, their weights w_i and arms a_i,
 
@@ -29,11 +29,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.bodies.face_frame import FaceFrame
-from pgmp_petsc.bodies.linear_fields import TURNS
+from pgmp_petsc.bodies.component import TURNS
+from pgmp_petsc.bodies.solid import FaceFrame
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import select, sine_cosine
-from pgmp_petsc.mechanism.unknowns import Unknowns
+from pgmp_petsc.mechanism.mechanism import Unknowns
 
 PHI = 2  # a frame's rotation in the plane
 Derivative = tuple[np.ndarray, np.ndarray, np.ndarray]

@@ -19,7 +19,7 @@ from numba import types
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import empty_lanes, items, sine_cosine
 from pgmp_petsc.lanes.vectors import vector
-from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.statements import ANGLE, IDENTITY, MEET, Function, Statement, U, V, W, evaluate, n_frame
 
 PLANAR = 3  # unknowns of a node in the plane

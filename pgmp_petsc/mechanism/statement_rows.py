@@ -20,7 +20,7 @@ import numpy as np
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items, keep
 from pgmp_petsc.lanes.vectors import LANES
-from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, state
 from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Statement
 

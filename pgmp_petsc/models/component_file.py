@@ -19,9 +19,8 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError, Remark
 from pgmp_petsc.bodies.body import body_of
 from pgmp_petsc.bodies.component import Component, on_cells, rigid_component
-from pgmp_petsc.bodies.floating import FloatingBody
+from pgmp_petsc.bodies.floating import FloatingBody, Recovery
 from pgmp_petsc.bodies.framed_solid import framed_solid
-from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths, to_condense
 from pgmp_petsc.declare.records import Record, Result, array, attribute, check_finite, run_record
 from pgmp_petsc.files.hdf5 import BUILD_AGAIN, RunRecord, open_file, shapes_of

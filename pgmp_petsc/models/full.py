@@ -24,21 +24,19 @@ from pgmp_petsc.full.joint_systems import JointBatch
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.full.rank_solver import PREFIX
 from pgmp_petsc.full.systems import FullBatch
+from pgmp_petsc.lanes.lane_items import SampleBlocks
 from pgmp_petsc.mechanism.closure import LARGEST_GAP
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.models.measures import Measures
-from pgmp_petsc.models.model import require_lengths, search_of, velocities_of
+from pgmp_petsc.models.model import Measures, require_lengths, search_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.ranks.petsc import has_options
 from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import offset_names
-from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 from pgmp_petsc.stepping.second_order_system import Settled, State
 from pgmp_petsc.stepping.static_equilibrium import UNBALANCED, moved_along, require_balance, settle
 
@@ -379,8 +377,10 @@ class FullModel:
 
     def fields(self) -> FullFields:
         """Return what makes the fields of bodies from unknowns: of those that frames are kept of."""
-        from pgmp_petsc.models.body_fields import FullFields  # of single runs
-        from pgmp_petsc.models.field_points import FieldSet
+        from pgmp_petsc.models.body_fields import (
+            FieldSet,
+            FullFields,  # of single runs
+        )
 
         unknowns = Unknowns(self.kinematics.mechanism)
         seen = FieldSet.of(self.scene, unknowns.bodies, self.scene.simulation.frames)

@@ -17,7 +17,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.effects import Effect, Motion, actions_of
 from pgmp_petsc.effects.action import CARRIED_FRICTION
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.models.measures import MultipliersOf
+from pgmp_petsc.models.model import MultipliersOf
 from pgmp_petsc.outputs.joint_forces import ForceOutput
 from pgmp_petsc.reduced.actions import ReducedActions, nodes_of
 from pgmp_petsc.reduced.carried_forces import CarriedForces

@@ -156,12 +156,7 @@ class LengthLanes:
         )  # fmt: skip
         self.stiffness_changes = merged.stiffness_changes
         self.actions = ReducedActions.joined(self.grid, [member.actions for member in self.members])
-        self.measures = model.measures  # controllers are refused
-        if self.measures is not None and self.actions.carried is None:
-            raise InputError(
-                f"effects.{next(iter(self.scene.carried))}.coefficient: models at several lengths do not know the force "
-                "in a joint on a bent line; give friction a limit, or take pgmp simulate SCENE --full"
-            )
+        self.measures = model.measures  # of joints whose forces steps in lanes find; all else is refused
 
     def _member(self, number: int) -> ReducedModel:
         family, scene = self._model.rom.family, self.scene.with_values(self.grid.points[number])

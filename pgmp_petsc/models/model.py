@@ -1,16 +1,23 @@
-"""Interface of a model for simulations and ensembles."""
+"""Interface of a model for simulations and ensembles.
+
+Measures of controllers, read of a model's state as outputs are, and the forces that joints carry.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
+from pgmp_petsc.controllers.acting import has_motion, measured_by
+from pgmp_petsc.controllers.running import Carried, Controls, rows_of
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.outputs.outputs import OutputSet, carried_in
+from pgmp_petsc.outputs.readings import Rate, Reading
 from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_names, velocity_names
@@ -88,3 +95,75 @@ def search_of(scene: Scene, mechanism: Mechanism) -> Search:
         scene.simulation.duration,
         size_of(mechanism),
     )
+
+
+#: Frames of nodes and, of order 1, their rates, each (n_nodes, n_frame, n_samples), for a state.
+FramesOf = Callable[[State], list[np.ndarray]]
+#: Multipliers of joints, (n_held + n_driven, n_samples), at a time (s), for a state, and forces (n_carried, n_samples)
+#: that joints were taken to carry.
+MultipliersOf = Callable[[float, State, np.ndarray], np.ndarray]
+
+
+class Measures:
+    """The motions that a scene's controllers measure, with their rates.
+
+    Attributes
+    ----------
+    nodes, order
+        Whose frames are read, and whether with their rates: 1 where they are.
+    carried
+        Forces in joints that effects hang on.
+    known
+        Whether actions of the mechanics measure all motions (`controllers.acting.motion_of`).
+    rows
+        Of each of these, its number among the parts of all forces that are given (`controllers.running.rows_of`).
+    origins
+        What counts as zero of each, where actions measure it, a number for each of these parts.
+    """
+
+    def __init__(self, scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> None:
+        motions = [name for one in scene.controllers.values() for name in measured_by(scene, one).motions]
+        of_these = OutputSet.of(
+            scene.model_copy(update={"outputs": {name: scene.outputs[name] for name in motions}}), kinematics, start
+        )
+        self._scene, rows = scene, rows_of(scene)
+        firsts = np.cumsum([0, *rows])[len(scene.carried) :].tolist()
+        each = (len(measured_by(scene, one).motions) for one in scene.controllers.values())
+        self.rows = [first + k for first, n in zip(firsts, each) for k in range(n)]
+        found = (of_these.functions[name] for name in motions)
+        self._read = [(one.of if isinstance(one, Rate) else one, True) for one in found]
+        self._set, self.carried = replace(of_these, order=1), carried_in(scene, kinematics, start)
+        self.nodes = tuple(sorted({*of_these.nodes, *(node for one in self.carried for node in one.nodes)}))
+        self.order = int(bool(scene.controllers) or any(one.reads_rates for one in self.carried))
+        self._own = [self.nodes.index(node) for node in of_these.nodes]
+        self.known = all(has_motion(scene, name) for name in motions)
+        self.origins = np.zeros(sum(rows))
+        self.origins[self.rows] = [one.origin if isinstance(one, Reading) else 0.0 for one, _ in self._read]
+
+    def controls(
+        self, frames: FramesOf | None, values: Mapping[str, np.ndarray], n_samples: int, put: Callable[[np.ndarray], object],
+        multipliers: MultipliersOf | None, motions: Callable[[State], np.ndarray] | None = None,
+        carried: Carried | None = None,
+    ) -> Controls:  # fmt: skip
+        """Return the controllers of samples, and what joints carry; see `Controls`. Where all motions are `known`,
+        `motions` gives these and their rates, in a row for each part of a force, (n_rows, n_samples, 2), in a fraction
+        of the time. What joints carry is of `multipliers`, or `carried` finds it."""
+
+        def moved(time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
+            found = motions(state)[self.rows]
+            return found[:, :, 0] - self.origins[self.rows, None], found[:, :, 1]
+
+        def measure(time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
+            seen = [part[self._own] for part in frames(state)]
+            found = self._set.observed(seen, np.empty((0, n_samples)), time, {**self._scene.values, **values})
+            with np.errstate(all="ignore"):  # samples that fail
+                jets = self._set.jets(found, self._read)
+            return tuple(np.array([jet[k] for jet in jets]).reshape(-1, n_samples) for k in range(2))
+
+        def carry(time: float, state: State, before: np.ndarray) -> np.ndarray:
+            at, moving, *_ = *(dict(zip(self.nodes, part)) for part in frames(state)), {}
+            found, every = multipliers(time, state, before), {**self._scene.values, **values}
+            return np.array([one.value(at, moving, found, every) for one in self.carried])
+
+        chosen = moved if motions and self.known else measure
+        return Controls(self._scene, values, n_samples, chosen, put, carried or (carry if self.carried else None))

@@ -16,8 +16,7 @@ from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models.measures import Measures
-from pgmp_petsc.models.model import require_lengths, search_of, velocities_of
+from pgmp_petsc.models.model import Measures, require_lengths, search_of, velocities_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduced.actions import ReducedActions
@@ -197,8 +196,10 @@ class ReducedModel:
     def fields(self, n_frames: int | None = None) -> ReducedFields:
         """Return what makes the fields of bodies from reduced coordinates, for so many frames; for those that the scene
         asks for by default."""
-        from pgmp_petsc.models.body_fields import ReducedFields  # of single runs
-        from pgmp_petsc.models.field_points import FieldSet
+        from pgmp_petsc.models.body_fields import (
+            FieldSet,
+            ReducedFields,  # of single runs
+        )
 
         frames = self.scene.simulation.frames if n_frames is None else n_frames
         seen = FieldSet.of(self.scene, self.kinematics.mechanism.bodies, frames)

@@ -26,10 +26,10 @@ import numpy as np
 
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.recovery import products
+from pgmp_petsc.bodies.floating import products
 from pgmp_petsc.bodies.stresses import BeamLaw, SolidLaw, Strains, Values
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.unknowns import Unknowns
+from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.stress import StressOutput
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant

@@ -67,8 +67,8 @@ from scipy.linalg import eigh
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import ThirdDerivative, axial_stiffness, director_inertia
 from pgmp_petsc.mechanism.body_frames import ConstraintHessian, ConstraintHessians, linear_motion
+from pgmp_petsc.mechanism.constraint_set import RANK_TOLERANCE
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE
 from pgmp_petsc.mechanism.space import SPATIAL, turning_of_second_order
 from pgmp_petsc.modes.built_in import BuiltIn, GapDerivatives
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet

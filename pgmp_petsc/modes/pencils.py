@@ -41,7 +41,7 @@ from scipy.linalg import eigh, eigh_tridiagonal, lapack
 
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
+from pgmp_petsc.mechanism.constraint_set import NullSpace, NullSpaces
 from pgmp_petsc.ranks.petsc import aij_matrix, times, transposed_times
 from pgmp_petsc.solvers.shift_invert import EigenPairs, ShiftInvertSolver, refuse_residuals
 

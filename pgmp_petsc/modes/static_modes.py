@@ -45,7 +45,7 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.effects import Action, Effect
-from pgmp_petsc.effects.patterns import UnitForces
+from pgmp_petsc.effects.effect import UnitForces
 from pgmp_petsc.effects.springs import Block, moving_dofs, spring_block, spring_force
 from pgmp_petsc.mechanism.body_frames import BodyGradients, linear_motion, to_body
 from pgmp_petsc.mechanism.kinematics import RigidKinematics

@@ -16,9 +16,9 @@ itself transmits: effects of the scene that act on it and prescribed motions are
 motion of its first or second joint by ``-mu df/ds``. What a prescribed motion takes is ``-lambda`` of its coordinate,
 above zero where it drives on; its power is that times the rate of the coordinate.
 
-Where constraints follow from others (`mechanism.null_space`), forces that hang on how they are shared out are refused,
-with a combination that is determined. Multipliers are the models' own: of full-order and component models those of
-their equations (`full.systems`), of a reduced model those that `reduction` finds from static answers to gaps.
+Where constraints follow from others (`mechanism.constraint_set`), forces that hang on how they are shared out are
+refused, with a combination that is determined. Multipliers are the models' own: of full-order and component models
+those of their equations (`full.systems`), of a reduced model those that `reduction` finds from static answers to gaps.
 """
 
 from __future__ import annotations
@@ -35,14 +35,12 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import SI
 from pgmp_petsc.effects import springs_of_joints
 from pgmp_petsc.effects.action import SPRING_DAMPER, Action
-from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
-from pgmp_petsc.mechanism.joints import Connection, Coupling
+from pgmp_petsc.mechanism.joints import Attachment, Connection, Coupling
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, Unknowns
 from pgmp_petsc.mechanism.space import Space
 from pgmp_petsc.mechanism.statements import MEET, Combination, Function, Statement
-from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.outputs.readings import AXES, Frames, Rate, Reading, Seen
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Driving

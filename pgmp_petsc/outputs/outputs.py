@@ -19,7 +19,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.effects.base_motion import bases_of
+from pgmp_petsc.effects.motion import bases_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.outputs.readings import AnyReading, Base, Frames, Jet, ModelReading, Needs, RigidReference, Seen

@@ -22,9 +22,8 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.effects.base_motion import Course
-from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.joints import Connection
+from pgmp_petsc.effects.motion import Course
+from pgmp_petsc.mechanism.joints import Attachment, Connection
 from pgmp_petsc.mechanism.kinematics import JointTurns, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.mechanism.space import SPATIAL, Space, leibniz

@@ -3,5 +3,5 @@
 What comes in are the tables of a ROM and parameter values; what goes out is a system for `stepping`. Begin with
 `system`. `terms` and `actions` make what a sample needs of the tables, `lagrangian` and `kernel` are the compiled
 equations, `action_kernel` evaluates laws on `action_frames`, `bordered` solves, `steps` are the compiled steps, and
-`energy` the energies, `gap_forces` what opens joints.
+`lagrangian_terms` has the energies, `gap_forces` what opens joints.
 """

@@ -12,7 +12,7 @@ from pgmp_petsc.effects.action import NOTHING, Action, compile_actions, counted_
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.motion import Motion
 from pgmp_petsc.effects.time_function import TimeFunction, joined
-from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import ANGLE, FOLLOWING, Statement

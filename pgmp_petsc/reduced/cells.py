@@ -24,8 +24,8 @@ import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.vectors import N_POWERS, absolute, blend, exceeding, floor, larger, load, number_at, spread, store
+from pgmp_petsc.reduction.cell_products import N_ROWS, OVERHAUSER, Axis, count_rows, stencil
 from pgmp_petsc.reduction.interpolation import Interpolant
-from pgmp_petsc.reduction.stencil import N_ROWS, OVERHAUSER, Axis, count_rows, stencil
 
 FURTHEST = 1e9  # rad
 FEWEST_HELD, MOST_HELD = 16, 2**22  # cells of which polynomials are held, and numbers that these take: 32 MB

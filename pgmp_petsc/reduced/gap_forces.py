@@ -43,10 +43,9 @@ from pgmp_petsc.effects import Effect
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, load, number_at, spread, store
 from pgmp_petsc.reduced.terms import ReducedDamping
-from pgmp_petsc.reduction.cell_products import cells_of, fill_lane_weights, stencil_room, tensor_stencil
+from pgmp_petsc.reduction.cell_products import N_ROWS, cells_of, fill_lane_weights, stencil_room, tensor_stencil
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.joint_gaps import JointGaps
-from pgmp_petsc.reduction.stencil import N_ROWS
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.stepping.second_order_system import State
 

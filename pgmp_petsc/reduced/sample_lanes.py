@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.lanes.lane_items import aligned
+from pgmp_petsc.lanes.lane_items import SampleBlocks, aligned
 from pgmp_petsc.lanes.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, aligned_zeros
 from pgmp_petsc.reduced.action_frames import KeptPlaces
 from pgmp_petsc.reduced.action_kernel import ABOUT, Acting
@@ -15,7 +15,6 @@ from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.arrays import Equations, Matrix, Memory, Weights
 from pgmp_petsc.reduced.carried_forces import CarriedForces
 from pgmp_petsc.reduced.terms import ReducedTerms
-from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 
 
 class ReducedLanes:

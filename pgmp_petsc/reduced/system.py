@@ -23,13 +23,20 @@ from pgmp_petsc.reduced.action_kernel import ABOUT, FORCE, POWER, STORED
 from pgmp_petsc.reduced.actions import ReducedActions, functions_of_time
 from pgmp_petsc.reduced.arrays import Room, Strengths
 from pgmp_petsc.reduced.control import LARGE, Control
-from pgmp_petsc.reduced.energy import damping_power, load_powers, reduced_energy
 from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices, find_all_carried, load_on
+from pgmp_petsc.reduced.lagrangian_terms import damping_power, load_powers, reduced_energy
 from pgmp_petsc.reduced.sample_lanes import ReducedLanes
 from pgmp_petsc.reduced.steps import Clocks, Progress, advance
 from pgmp_petsc.reduced.terms import ReducedTerms
-from pgmp_petsc.stepping.energies import Energies
-from pgmp_petsc.stepping.second_order_system import Observer, Scheme, SecondOrderSystem, Settled, State, Stretch
+from pgmp_petsc.stepping.second_order_system import (
+    Energies,
+    Observer,
+    Scheme,
+    SecondOrderSystem,
+    Settled,
+    State,
+    Stretch,
+)
 from pgmp_petsc.stepping.status import Status
 
 LARGEST = 2**19  # numbers that are written down, of all samples and steps

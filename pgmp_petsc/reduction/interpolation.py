@@ -25,9 +25,16 @@ import numpy as np
 from scipy.linalg import solve_banded
 
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.reduction.cell_products import products_of, stencil_room, tensor_stencil
+from pgmp_petsc.reduction.cell_products import (
+    B_SPLINE,
+    N_ROWS,
+    OVERHAUSER,
+    Axis,
+    products_of,
+    stencil_room,
+    tensor_stencil,
+)
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
-from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, Axis
 
 FINE = 1024  # points over the range of interpolants that are not splines of their own samples
 # the same along each axis of two: an error of (2 pi / 96)^4 / 384 = 5e-8 of the fourth derivative, and of three, 4e-6

@@ -15,13 +15,12 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL, leibniz
-from pgmp_petsc.reduction.cell_products import pair_changes
+from pgmp_petsc.reduction.cell_products import N_ROWS, cell_stencil, count_rows, locate, pair_changes
 from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.stencil import N_ROWS, cell_stencil, count_rows, locate
 
 BLOCK = 64
 
@@ -72,7 +71,7 @@ class Reconstruction:
 
     def unknowns(self, paths: np.ndarray) -> np.ndarray:
         """Return positions, in space with directors, and internal coordinates as a full-order model numbers them, shape
-        (n_dofs, n_points, n), at the points (n_points, n, n_eta) of n short paths; see `mechanism.unknowns`.
+        (n_dofs, n_points, n), at the points (n_points, n, n_eta) of n short paths; see `mechanism.mechanism`.
 
         First and second differences from the first point of each, at which loops are closed, are those of the
         mechanism: poses at the others are those of `RigidKinematics.near`.

@@ -15,8 +15,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
-from pgmp_petsc.bodies.floating import FloatingBody
-from pgmp_petsc.bodies.recovery import Recovery
+from pgmp_petsc.bodies.floating import FloatingBody, Recovery
 from pgmp_petsc.declare.records import Record, Result, array, attribute, run_record
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.continuation import PoseBranch

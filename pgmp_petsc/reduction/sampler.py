@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.sparse as sp
 
-from pgmp_petsc.bodies.linear_fields import incommensurate
+from pgmp_petsc.bodies.component import incommensurate
 from pgmp_petsc.effects import Load
 from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.modes.built_in import BuiltIn

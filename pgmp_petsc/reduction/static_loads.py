@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.effects import Action, Patterns
-from pgmp_petsc.effects.patterns import UnitForces
+from pgmp_petsc.effects.effect import UnitForces
 from pgmp_petsc.modes.built_in import BuiltIn
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, ModalProblem, ModeSet

@@ -503,9 +503,9 @@ def _what_steps_hide(measured: ModelError, known: ModelError) -> Iterator[Senten
         said = "With the error of the time step it is estimated to be "
         yield [said, known.datums[known.worst], f" of the largest {cure}"]
     elif MUCH_MORE * known.shares.get(measured.worst, np.nan) < largest:
-        rest = " of it; the rest should be the time step's error in the run of the better model: a smaller "
+        rest = " of it; the rest should be the time step's error of the better model: repeat both with a smaller "
         said = "The reduced run itself is estimated to be off by "
-        yield [said, known.datums[measured.worst], f"{rest}simulation.step tells."]
+        yield [said, known.datums[measured.worst], f"{rest}simulation.step."]
 
 
 def _of_time_steps(sources: Sequence[Source]) -> Iterator[Sentence]:

@@ -59,6 +59,7 @@ MOST_CURVES = 7
 MOST_SHARES = 12  # parameters of a design point
 MOST_FAILED = 20
 MOST_DECIDING = 3  # parameters of a joint's force
+HARDLY = 1e-5  # share of an output's values below which differences of its extremes are no picture
 
 
 @dataclass(frozen=True)
@@ -317,7 +318,10 @@ def _statistics(source: Source, several: bool) -> Table:
 
 
 def _distributions(scene: Mapping[str, Any], ensembles: Sequence[Source]) -> Iterator[Chart]:
-    """Yield the densities of the first ensemble: outputs, what is known of them over time, and parameters."""
+    """Yield the densities of the first ensemble: outputs, what is known of them over time, and parameters.
+
+    Extremes that hardly differ beside the output itself have none: the least angle of a drive that begins there.
+    """
     levels = charts.levels_of(scene.get("ensemble", {}).get("probabilities", {}))
     for source in ensembles[:1]:
         ensemble = source.result
@@ -329,12 +333,16 @@ def _distributions(scene: Mapping[str, Any], ensembles: Sequence[Source]) -> Ite
                 continue
             of_input = name in ensemble.parameters
             lost = ensemble.parameters[name][failed] if of_input else np.empty(0)
-            output, _, which = name.partition(".")
+            values, (output, _, which) = values_of(ensemble, name), name.partition(".")
             level = levels.get(output)
             if level is not None and which != {"end": "", "ever": "max" if level.above else "min"}[level.when]:
                 level = None
+            if which and level is None:
+                known = (ensemble.statistics.get(one, s) for one in (name, output))
+                if np.ptp(values) < HARDLY * max(np.abs(one.quantiles).max() for one in known):
+                    continue
             unit = ensemble.units.get(name, "1")
-            found = charts.distribution(name, unit, values_of(ensemble, name), ensemble.model, level, lost, of_input)
+            found = charts.distribution(name, unit, values, ensemble.model, level, lost, of_input)
             yield replace(found, title=_title(ensemble, name))
 
 
@@ -533,9 +541,13 @@ def _commands(sources: Sequence[Source]) -> list[str]:
     components = builds.get("components", "scene.toml --components")
     if "components" in builds:
         found.append(f"pgmp build scene.toml --components -o {components}")
+    meshes = [id(other) for _, other in mesh_twins(sources)]
     for source in sources:
         result, target = source.result, shlex.quote(source.name)
         if isinstance(result, Build):
+            continue
+        if id(source) in meshes:  # no entry of the scene says how its meshes were cut
+            found.append(f"pgmp run scene.toml  # writes the run on another mesh, here {target}")
             continue
         if isinstance(result, Fit):
             found.append(f"pgmp fit {rom} MEASURED.csv -o {target}")

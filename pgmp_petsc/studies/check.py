@@ -16,7 +16,7 @@ from pgmp_petsc.bench.cases import own_steps
 from pgmp_petsc.bench.which import Prospect, choice, prospects
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.assembled import MassProperties
-from pgmp_petsc.bodies.linear_fields import directors
+from pgmp_petsc.bodies.component import directors
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.shape import BodyShape, given_properties
 from pgmp_petsc.effects import Effect, Load, Patterns, actions_of, effects_of, loads_of, patterns_of, start_of
@@ -25,9 +25,9 @@ from pgmp_petsc.effects.springs import spring_force
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, foretold, why_no_grid
 from pgmp_petsc.mechanism.closure import size_of
+from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.kinematics import MOST_FOLLOWED, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
-from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import in_own_units

@@ -39,16 +39,15 @@ from pgmp_petsc.declare.ideas import EFFECTS
 from pgmp_petsc.effects import actions_of, effects_of, loads_of, springs_of_joints
 from pgmp_petsc.effects.reduction_terms import GeometricStiffening, Gyroscopic, ModeInertia
 from pgmp_petsc.effects.springs import Block, linear_springs
-from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.body_frames import linear_motion
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.continuation import PoseBranch
+from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, Unknowns
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import Statement
-from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import SpringStiffness
@@ -63,9 +62,8 @@ from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.scene.fields import Table, quantities_of
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.references import parts_of
-from pgmp_petsc.stepping.energies import Energies, joined
 from pgmp_petsc.stepping.generalised_alpha import integrate
-from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.second_order_system import Energies, State, joined
 from pgmp_petsc.stepping.static_equilibrium import require_settled
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.records import balance_of

@@ -38,8 +38,7 @@ from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.models.body_fields import Fields, ReducedFields, joined, placed, undeformed
-from pgmp_petsc.models.field_points import FieldPoints, FieldSet
+from pgmp_petsc.models.body_fields import FieldPoints, Fields, FieldSet, ReducedFields, joined, placed, undeformed
 from pgmp_petsc.outputs.readings import RigidReference
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.tables import smoother

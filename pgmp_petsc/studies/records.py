@@ -22,10 +22,9 @@ from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.models.body_fields import Fields, FullFields
 from pgmp_petsc.models.body_fields import joined as joined_fields
 from pgmp_petsc.outputs.readings import Reading
-from pgmp_petsc.reduced.energy import load_powers
+from pgmp_petsc.reduced.lagrangian_terms import load_powers
 from pgmp_petsc.results.estimates import Balance
-from pgmp_petsc.stepping.energies import Energies, joined
-from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.second_order_system import Energies, State, joined
 
 
 class FullRecord:

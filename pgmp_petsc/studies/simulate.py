@@ -16,7 +16,7 @@ from pgmp_petsc.base.errors import Remark, note, warning
 from pgmp_petsc.base.progress import Progress, progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.estimates.coarser_run import CoarserRun, coarser, run_coarser, step_errors
+from pgmp_petsc.estimates.coarser_run import CoarserRun, coarser, growth_of, run_coarser, spread_remarks, step_errors
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.estimates.own_error import (
     absence_of_estimates,
@@ -30,7 +30,6 @@ from pgmp_petsc.estimates.own_error import (
     why_not_of_full_order,
 )
 from pgmp_petsc.estimates.sampled_load import jump_remarks
-from pgmp_petsc.estimates.start_spread import growth_of, spread_remarks
 from pgmp_petsc.estimates.validity import Validity, remarks_of
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.mechanism import words_of
@@ -38,7 +37,7 @@ from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, first_ranks
-from pgmp_petsc.reduced.energy import least_stiffness
+from pgmp_petsc.reduced.lagrangian_terms import least_stiffness
 from pgmp_petsc.reduction.tables import smoother
 from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory

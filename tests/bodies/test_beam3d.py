@@ -18,8 +18,7 @@ from pgmp_petsc.bodies.beam3d import (
     strain_gradients,
     undeformed_stiffness,
 )
-from pgmp_petsc.bodies.sections.given import Coefficients3d
-from pgmp_petsc.bodies.sections.section import BeamSection
+from pgmp_petsc.bodies.sections.section import BeamSection, Coefficients3d
 from pgmp_petsc.bodies.sections.solid_shapes import Circle, Rectangle
 from pgmp_petsc.scene.bodies import Material, SectionEntry
 

@@ -17,10 +17,9 @@ from mpi4py import MPI  # noqa: E402
 
 from pgmp_petsc.base.errors import RunError  # noqa: E402
 from pgmp_petsc.bodies.affine import Monomial  # noqa: E402
-from pgmp_petsc.bodies.component import Component  # noqa: E402
-from pgmp_petsc.bodies.face_frame import FaceFrame  # noqa: E402
-from pgmp_petsc.bodies.linear_fields import linear_fields  # noqa: E402
+from pgmp_petsc.bodies.component import Component, linear_fields  # noqa: E402
 from pgmp_petsc.bodies.matrices import weighted_sum  # noqa: E402
+from pgmp_petsc.bodies.solid import FaceFrame  # noqa: E402
 from pgmp_petsc.components import component_modes  # noqa: E402
 from pgmp_petsc.components.component_modes import condense, weighted_sum_dense  # noqa: E402
 from pgmp_petsc.mesh.solid_mesh import reference_element  # noqa: E402

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from solids import box_mesh, rectangle_mesh
 
-from pgmp_petsc.bodies.face_frame import FaceFrame
+from pgmp_petsc.bodies.solid import FaceFrame
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, SOLID_KINDS, reference_element
 

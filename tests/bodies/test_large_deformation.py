@@ -13,9 +13,8 @@ from solid_scenes import solid_meshes, solid_slider_crank
 from solids import body_of, matrices_of, mesh_of, rod
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity, evaluate_weights
-from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.component import Component, linear_fields
 from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LongAxis, stretching_of
-from pgmp_petsc.bodies.linear_fields import linear_fields
 from pgmp_petsc.bodies.profile import SectionScale
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.component_modes import condense

@@ -8,7 +8,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.kinds.beam import Beam
 from pgmp_petsc.bodies.kinds.rigid import RigidBody
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
-from pgmp_petsc.bodies.sections.given import Coefficients
+from pgmp_petsc.bodies.sections.section import Coefficients
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from scenes import tables
 

@@ -9,10 +9,9 @@ from solids import box_mesh, rectangle_mesh
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.component import rigid_component
-from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.kinds.rigid import RigidBody
-from pgmp_petsc.bodies.solid import Region, Solid
+from pgmp_petsc.bodies.solid import FaceFrame, Region, Solid
 from pgmp_petsc.mesh.solid_mesh import reference_element
 
 RHO, LENGTHS = 7800.0, (0.3, 0.02, 0.05)

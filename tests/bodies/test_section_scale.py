@@ -18,12 +18,11 @@ from mpi4py import MPI  # noqa: E402
 
 from pgmp_petsc.base.errors import InputError  # noqa: E402
 from pgmp_petsc.bodies.affine import Monomial, Quantity  # noqa: E402
-from pgmp_petsc.bodies.component import Component  # noqa: E402
-from pgmp_petsc.bodies.face_frame import FaceFrame  # noqa: E402
+from pgmp_petsc.bodies.component import Component, linear_fields  # noqa: E402
 from pgmp_petsc.bodies.framed_solid import FramedSolid, _check_section  # noqa: E402
-from pgmp_petsc.bodies.linear_fields import linear_fields  # noqa: E402
 from pgmp_petsc.bodies.matrices import weighted_sum  # noqa: E402
 from pgmp_petsc.bodies.profile import SectionScale  # noqa: E402
+from pgmp_petsc.bodies.solid import FaceFrame  # noqa: E402
 from pgmp_petsc.components.component_modes import condense, weighted_sum_dense  # noqa: E402
 from pgmp_petsc.mesh.solid_mesh import reference_element  # noqa: E402
 

@@ -8,7 +8,7 @@ from pgmp_petsc.effects.action import FRICTION, SOURCE, SPRING_DAMPER, Action, c
 from pgmp_petsc.full.forces import Acted, BlockActions, act
 from pgmp_petsc.full.problem import pairs_of
 from pgmp_petsc.mechanism import statements
-from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joints import Attachment
 
 RANDOM = np.random.default_rng(8)
 STEP, ATOL = 1e-6, 1e-7  # central differences: round-off of values of order 10 over the step

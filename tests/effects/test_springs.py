@@ -8,7 +8,7 @@ from spatial_beams import kinematics_of_beams, slider_crank_of_beams
 from spring_measures import bends_of, measure_of, slopes_of
 
 from pgmp_petsc.effects import Action, actions_of, effects_of
-from pgmp_petsc.effects.patterns import UnitForces
+from pgmp_petsc.effects.effect import UnitForces
 from pgmp_petsc.effects.springs import left_out, linear_springs, moving_dofs, spring_block, spring_force, spring_remarks
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.scene import Scene

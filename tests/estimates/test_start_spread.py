@@ -5,8 +5,8 @@ import pytest
 from loose_scenes import worn
 from runs import reduced_model, trajectory
 
-from pgmp_petsc.estimates import start_spread
-from pgmp_petsc.estimates.start_spread import growth_of, spread_remarks
+from pgmp_petsc.estimates import coarser_run
+from pgmp_petsc.estimates.coarser_run import growth_of, spread_remarks
 
 LONG = "simulation.duration=0.1", "joints.pin.clearance.restitution=0.95"
 
@@ -15,7 +15,7 @@ def _growth(monkeypatch, off: float) -> np.ndarray:
     model = reduced_model(worn(*LONG))
     run = trajectory(model)
     eta = np.hstack([run.coordinates, run.modal])
-    monkeypatch.setattr(start_spread, "OFF", off)
+    monkeypatch.setattr(coarser_run, "OFF", off)
     found = growth_of(model, model.scene.simulation, eta, run.outputs)
     assert found.shape == run.time.shape
     return found

@@ -8,7 +8,7 @@ from solid_scenes import solid_meshes, solid_slider_crank
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import ThirdDerivative, assemble
-from pgmp_petsc.bodies.sections.given import Coefficients
+from pgmp_petsc.bodies.sections.section import Coefficients
 from pgmp_petsc.effects import actions_of, effects_of, loads_of
 from pgmp_petsc.estimates.own_error import FEW_STEPS, absence_of_estimates, few_steps, left_out_of_estimates
 from pgmp_petsc.estimates.validity import BodyStrains, half_height, remarks_of

@@ -8,7 +8,7 @@ import synthetic
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.files import claims
-from pgmp_petsc.files.steps import LABEL, Steps
+from pgmp_petsc.files.checkpoint_folder import LABEL, Steps
 
 
 @pytest.fixture

@@ -11,10 +11,9 @@ from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.full.energy import EnergyNames, energies_of
 from pgmp_petsc.full.problem import FullEquations, Sources
+from pgmp_petsc.lanes.lane_items import SampleBlocks
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.unknowns import Unknowns
-from pgmp_petsc.stepping.sample_blocks import SampleBlocks
+from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 
 # the crank is braked more than the rod, and the rod's material damps
 DAMPING = (

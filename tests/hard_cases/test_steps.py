@@ -6,7 +6,7 @@ from mechanisms import accurate, nominal_rom, run_for, smooth_torque, start
 from runs import full_model, run_model, samples
 
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
-from pgmp_petsc.mechanism.unknowns import Unknowns
+from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from effect_scenes import BAR, mechanism_with_lines, scene_of
 
-from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
-from pgmp_petsc.mechanism.joints import triad
+from pgmp_petsc.mechanism.joints import Attachment, triad
+from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import angle
-from pgmp_petsc.mechanism.unknowns import Unknowns
 from scenes import tables
 
 STEP, ATOL = 1e-6, 1e-8  # central differences: round-off of values of order 1 over the step

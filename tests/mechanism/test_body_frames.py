@@ -10,7 +10,7 @@ from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian, linear_motion, rigid_velocities, to_body
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.unknowns import Unknowns
+from pgmp_petsc.mechanism.mechanism import Unknowns
 from scenes import RADIUS, four_bar, kinematics_of, slider_crank, trammel
 
 

@@ -9,8 +9,7 @@ from spatial import kinematics_in_space, slider_crank_in_space, spatial_slider_c
 
 from pgmp_petsc.mechanism.body_frames import ConstraintHessians
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
-from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.unknowns import Unknowns
+from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from scenes import four_bar, kinematics_of, mechanism_of, pendulum, slider_crank, trammel
 
 SCENES = {

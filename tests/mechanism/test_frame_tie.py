@@ -9,13 +9,12 @@ from frames import to_inertial
 from solid_scenes import solid_meshes, solid_slider_crank
 from solids import mesh_of
 
-from pgmp_petsc.bodies.face_frame import FaceFrame
+from pgmp_petsc.bodies.solid import FaceFrame
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian, to_body
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.frame_ties import FrameTies
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.unknowns import Unknowns
+from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, reference_element
 
 STEP, ATOL = 1e-6, 1e-8  # central differences: round-off of values of order 1 over the step, and the step's square

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from joint_arrays import jacobian, joint, residual
 
-from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.joints import ridden, share_position, triad
+from pgmp_petsc.mechanism.joints import Attachment, ridden, share_position, triad
 from pgmp_petsc.mechanism.space import PLANE
 
 COUNTS = {"revolute": 2, "point_on_line": 1, "fixed": 3, "prismatic": 2}

@@ -6,7 +6,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from pgmp_petsc.mechanism.body_frames import ConstraintJacobian, constraint_jacobian
-from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces, null_space
+from pgmp_petsc.mechanism.constraint_set import NullSpace, NullSpaces, null_space
 from scenes import four_bar, kinematics_of, slider_crank, trammel
 
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pgmp_petsc.bodies.linear_fields import TURNS, linear_fields
-from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.joints import triad
+from pgmp_petsc.bodies.component import TURNS, linear_fields
+from pgmp_petsc.mechanism.joints import Attachment, triad
 from pgmp_petsc.mechanism.space import PLANE, SPATIAL, Space, directors
 from pgmp_petsc.mechanism.statements import angle
 

@@ -10,9 +10,8 @@ from joint_arrays import joint as make_joint
 from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 
-from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.body_frames import BodyGradients
-from pgmp_petsc.mechanism.joints import Connection, orthonormality, share_position, triad
+from pgmp_petsc.mechanism.joints import Attachment, Connection, orthonormality, share_position, triad
 from pgmp_petsc.mechanism.space import SPATIAL, cross_matrix, directors
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import Statement, angle

@@ -10,7 +10,7 @@ from runs import place_in, quick_return, rom_of
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.reduced.energy import least_stiffness
+from pgmp_petsc.reduced.lagrangian_terms import least_stiffness
 from pgmp_petsc.reduced.terms import WIDEST, ReducedTerms, coupling_of, displacement_scale, pack
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel

@@ -7,9 +7,9 @@ from refusals import refusal
 from scipy.interpolate import CubicSpline
 
 from pgmp_petsc.reduction import interpolation as module
+from pgmp_petsc.reduction.cell_products import B_SPLINE, N_ROWS, OVERHAUSER, Axis, stencil
 from pgmp_petsc.reduction.interpolation import FINE, Interpolant, interpolant, samples_for
 from pgmp_petsc.reduction.sample_grid import Samples
-from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, Axis, stencil
 
 PERIODIC = [True, False]
 SCHEMES = ["overhauser", "spline", "spectral"]

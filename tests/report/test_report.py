@@ -22,7 +22,7 @@ from pgmp_petsc.files.hdf5 import write_file
 from pgmp_petsc.report import budget
 from pgmp_petsc.report.budget import error_budget, headline_of_comparison, headline_of_ensemble, headline_of_run
 from pgmp_petsc.report.charts import Curve, Level, distribution, output_over_time
-from pgmp_petsc.report.page import _largest_of_units, downloads_of, write_report
+from pgmp_petsc.report.page import _commands, _largest_of_units, downloads_of, write_report
 from pgmp_petsc.report.sources import Source, read_sources
 from pgmp_petsc.results import Attempt, Balance, Ensemble, Selection, Trajectory
 from pgmp_petsc.results.ensemble import EXTREMES
@@ -676,6 +676,20 @@ def test_values_that_hardly_differ_are_told_apart(tmp_path: Path) -> None:
     assert len(ticks) >= 2 and len(set(ticks)) == len(ticks)
 
 
+@pytest.mark.parametrize(("spread", "drawn"), [(1e-6, False), (1e-3, True)])
+def test_extremes_that_hardly_differ_have_no_picture(tmp_path: Path, spread: float, drawn: bool) -> None:
+    plain = synthetic.ensemble("reduced", 60)
+    least = spread * np.linspace(-1.0, 0.0, 60)
+    statistics = plain.statistics | {"crank_angle.min": synthetic.statistics(least)}
+    zeros = dict.fromkeys(("max", "time_of_max", "time_of_min"), np.zeros(60))
+    extremes = plain.extremes | {f"crank_angle/{one}": values for one, values in (zeros | {"min": least}).items()}
+    replace(plain, extremes=extremes, statistics=statistics).write(tmp_path / "least.h5")
+    write_report([tmp_path / "least.h5"], tmp_path / "least.html")
+    tree = parsed((tmp_path / "least.html").read_text(encoding="utf-8"))
+    titles = [item.get("aria-label") for item in tree.iter() if item.get("class") == "chart"]
+    assert "crank_angle" in titles and ("crank_angle.min" in titles) is drawn
+
+
 def test_steps_of_a_run_on_another_mesh_are_not_said_once_more(monkeypatch: pytest.MonkeyPatch) -> None:
     run = synthetic.trajectory("full")
     run = replace(
@@ -685,3 +699,5 @@ def test_steps_of_a_run_on_another_mesh_are_not_said_once_more(monkeypatch: pyte
     assert [source for source, _ in budget.step_errors([own, other])] == [own, other]  # the same mesh twice
     monkeypatch.setattr(budget, "n_nodes", lambda one: 28 if one is other.result else 15)
     assert [source for source, _ in budget.step_errors([own, other])] == [own]
+    _, simulate, run_again = _commands([own, other])
+    assert simulate.startswith("pgmp simulate scene.toml --full") and run_again.endswith("another mesh, here other.h5")

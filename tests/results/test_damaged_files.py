@@ -34,7 +34,7 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
 from pgmp_petsc.results.ensemble import read_shard
 from pgmp_petsc.results.statistics import RareEvent
-from pgmp_petsc.results.xdmf import write_xdmf
+from pgmp_petsc.results.trajectory import write_xdmf
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.studies.building import build_components
 from pgmp_petsc.studies.inputs import with_meshes

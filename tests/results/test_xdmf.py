@@ -14,8 +14,7 @@ from sealed import resealed
 from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.results.trajectory import BodyField
-from pgmp_petsc.results.xdmf import write_xdmf
+from pgmp_petsc.results.trajectory import BodyField, write_xdmf
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from runs import assert_close, motion, reduced_model, trajectory
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from pgmp_petsc.effects.base_motion import GIVEN, BaseMotion, acceleration_of, displacement_of
+from pgmp_petsc.effects.motion import GIVEN, BaseMotion, acceleration_of, displacement_of
 from pgmp_petsc.scene import scene_from_toml
 from scenes import HEADER, tables
 

@@ -22,7 +22,7 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.results.xdmf import write_xdmf
+from pgmp_petsc.results.trajectory import write_xdmf
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.field_frames import fields_at, mode_shape
 from pgmp_petsc.studies.modes_table import reduced_frequencies
@@ -226,7 +226,7 @@ def test_modes_that_are_not_there(number: int, at: dict, message: str) -> None:
 
 def test_large_fields_are_left_out_and_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A body that no output names is left out where its frames are too large, one that is named never."""
-    monkeypatch.setattr("pgmp_petsc.models.field_points.LARGEST", 1000)
+    monkeypatch.setattr("pgmp_petsc.models.body_fields.LARGEST", 1000)
     scene, meshes = bent("solid2d")
     run = trajectory("full", scene, meshes)
     (said,) = [remark.text for remark in run.record.remarks if "not stored" in remark.text]

@@ -23,7 +23,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.reduction import tables as of_reduction
-from pgmp_petsc.reduction.stencil import OVERHAUSER
+from pgmp_petsc.reduction.cell_products import OVERHAUSER
 from pgmp_petsc.scene import load_scene, scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene
 from scenes import tables

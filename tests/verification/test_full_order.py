@@ -11,7 +11,7 @@ from scipy.special import ellipk
 
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
-from pgmp_petsc.mechanism.unknowns import Unknowns
+from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.generalised_alpha import integrate

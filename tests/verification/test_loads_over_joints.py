@@ -19,7 +19,7 @@ from scipy.optimize import root
 
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.fmu import OUTPUTS, write_fmu
-from pgmp_petsc.effects.over_joint import table_law, turns_of
+from pgmp_petsc.effects.formula import table_law, turns_of
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.models import of_samples
 from pgmp_petsc.results import Trajectory

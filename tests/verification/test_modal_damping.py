@@ -9,9 +9,8 @@ from scipy.spatial.transform import Rotation
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.effects.damping import ModalDamping, free_modes, modal_damping
 from pgmp_petsc.full.damping import ModalFactors, add_modal_damping
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.mechanism.space import cross_matrix
-from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.scene import Scene, scene_from_toml
 
 RATIOS = (0.05, 0.05)

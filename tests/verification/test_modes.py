@@ -13,9 +13,9 @@ from refusals import refusal
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian
+from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.modes import pencils as dense_module
 from pgmp_petsc.modes import problem as problem_module

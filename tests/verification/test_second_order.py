@@ -17,7 +17,7 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
-from pgmp_petsc.mechanism.unknowns import Unknowns
+from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.modes import problem as problem_module
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet

@@ -20,8 +20,7 @@ from pgmp_petsc.components.large_deformation import with_second_order
 from pgmp_petsc.effects import effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.unknowns import Unknowns
+from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.build import Manifold

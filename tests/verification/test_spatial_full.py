@@ -14,8 +14,7 @@ from spatial import WIDTH, arm, bars_of, slider_crank_in_space, spatial_slider_c
 from pgmp_petsc.effects import effects_of, motions_of
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.unknowns import Unknowns
+from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene
 from scenes import slider_crank

@@ -9,11 +9,17 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body, Entries, LumpedMass, Lumps, dense_entries, frame_mesh
-from pgmp_petsc.bodies.component import Component, rigid_component, rigid_line, rigid_of_properties
+from pgmp_petsc.bodies.component import (
+    Component,
+    directors,
+    of_directors,
+    rigid_component,
+    rigid_line,
+    rigid_of_properties,
+)
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.framed_solid import framed_solid
 from pgmp_petsc.bodies.kinds.beam import axes_of
-from pgmp_petsc.bodies.linear_fields import directors, of_directors
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mesh.line_mesh import LineMesh

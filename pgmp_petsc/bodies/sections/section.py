@@ -3,6 +3,8 @@
 In the plane a section bends about its third axis; in space (y_2 along the second axis)
 
     E A, k_2 G A, k_3 G A, G J, E I_2, E I_3;    rho A, rho I_2, rho I_3;    I_2 = int y_3^2 dA,  I_3 = int y_2^2 dA.
+
+Sections that are given by their stiffness and inertia.
 """
 
 from __future__ import annotations
@@ -10,11 +12,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
 
 from pgmp_petsc.bodies.affine import AffineSum, Monomial, Quantity
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import SectionEntry, Spans
+from pgmp_petsc.scene.fields import NotNegativeOrParameter, PositiveOrParameter, Unit
 from pgmp_petsc.scene.parameters import outermost_values
 
 RARE = 1e-6  # share of samples beyond values that sections are made for
@@ -93,3 +98,53 @@ class ShapedSection(SectionEntry):
             tuple(part * modulus for part, modulus in zip(stiffness, moduli)),
             tuple(part * density for part in (area, *inertia)),
         )
+
+
+class _Given(SectionEntry):
+    """Coefficients that are the entries, those of the mass behind those of the stiffness."""
+
+    of_material = False
+
+    def coefficients(self, dimension: int, material: Any, nominal: Mapping[str, float], spans: Spans) -> BeamSection:
+        """Return the entries; see `SectionEntry.coefficients`."""
+        given = [AffineSum.of(entry) for name, entry in self if name != "shape"]
+        n = {2: 3, 3: 6}[dimension]
+        return BeamSection(tuple(given[:n]), tuple(given[n:]))
+
+
+class Coefficients(_Given):
+    """A cross-section given by its stiffness and inertia."""
+
+    elements = ("beam2d",)
+    shape: Literal["coefficients"]
+    axial: Annotated[PositiveOrParameter, Unit("N")] = Field(description="EA (N), a number or a parameter's name")
+    shear: Annotated[PositiveOrParameter, Unit("N")] = Field(description="k_s GA (N), a number or a parameter's name")
+    bending: Annotated[PositiveOrParameter, Unit("N m2")] = Field(
+        description="EI (N m2), a number or a parameter's name"
+    )
+    line_density: Annotated[PositiveOrParameter, Unit("kg/m")] = Field(
+        description="rho A (kg/m), a number or a parameter's name"
+    )
+    rotary_density: Annotated[NotNegativeOrParameter, Unit("kg m")] = Field(
+        0.0, description="rho I (kg m), a number or a parameter's name; above 0 in a flexible body"
+    )
+
+
+class Coefficients3d(_Given):
+    """The cross-section of a beam in space, given by its stiffness and inertia; its axes are those of `orientation`."""
+
+    elements = ("beam3d",)
+    shape: Literal["coefficients3d"]
+    axial: Annotated[PositiveOrParameter, Unit("N")] = Field(description="EA (N), a number or a parameter's name")
+    shear_2: Annotated[PositiveOrParameter, Unit("N")] = Field(description="GA_2 (N): shear along the second axis")
+    shear_3: Annotated[PositiveOrParameter, Unit("N")] = Field(description="GA_3 (N): shear along the third axis")
+    torsion: Annotated[PositiveOrParameter, Unit("N m2")] = Field(description="GJ (N m2)")
+    bending_2: Annotated[PositiveOrParameter, Unit("N m2")] = Field(
+        description="EI_2 (N m2): bending about the second axis"
+    )
+    bending_3: Annotated[PositiveOrParameter, Unit("N m2")] = Field(
+        description="EI_3 (N m2): bending about the third axis"
+    )
+    line_density: Annotated[PositiveOrParameter, Unit("kg/m")] = Field(description="rho A (kg/m)")
+    rotary_2: Annotated[PositiveOrParameter, Unit("kg m")] = Field(description="rho I_2 (kg m)")
+    rotary_3: Annotated[PositiveOrParameter, Unit("kg m")] = Field(description="rho I_3 (kg m)")

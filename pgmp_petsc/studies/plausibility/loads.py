@@ -17,11 +17,10 @@ from pgmp_petsc.effects import start_of
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.formula import FormulaEffect, not_finite
 from pgmp_petsc.effects.joint_effects import joint_measure
-from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.mechanism.statements import ANGLE, Statement
-from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.outputs.outputs import OutputSet
