@@ -85,11 +85,13 @@ def prospects(
         ),
         Prospect(
             "components", _refused(scene, Purpose.COMPONENTS, meshes), sum(fields.values()) + sum(count_of(mechanism)),
-            condensing(mechanism), component_step(mechanism, fields) + CARRIED_BESIDE * n_carried + besides, 0.002, "0.002 to 0.8 % of deformations",
+            condensing(mechanism), component_step(mechanism, fields) + CARRIED_BESIDE * n_carried + besides,
+            0.002, "0.002 to 0.8 % of deformations",
         ),
         Prospect(
             "reduced", _refused(scene, Purpose.BUILD, meshes), n_flexible + n_rigid, build_seconds(scene, mechanism),
-            reduced_step(n_flexible + n_rigid, n_rigid, n_local) + CARRIED_IN_LANES * n_carried + besides, 0.005 if answered else 0.03, share,
+            reduced_step(n_flexible + n_rigid, n_rigid, n_local) + CARRIED_IN_LANES * n_carried + besides,
+            0.005 if answered else 0.03, share,
         ),
     ]  # fmt: skip
     return [Prospect(one.model, one.refused) if one.refused else one for one in found]

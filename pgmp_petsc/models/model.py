@@ -141,9 +141,9 @@ class Measures:
         self.origins[self.rows] = [one.origin if isinstance(one, Reading) else 0.0 for one, _ in self._read]
 
     def controls(
-        self, frames: FramesOf | None, values: Mapping[str, np.ndarray], n_samples: int, put: Callable[[np.ndarray], object],
-        multipliers: MultipliersOf | None, motions: Callable[[State], np.ndarray] | None = None,
-        carried: Carried | None = None,
+        self, frames: FramesOf | None, values: Mapping[str, np.ndarray], n_samples: int,
+        put: Callable[[np.ndarray], object], multipliers: MultipliersOf | None,
+        motions: Callable[[State], np.ndarray] | None = None, carried: Carried | None = None,
     ) -> Controls:  # fmt: skip
         """Return the controllers of samples, and what joints carry; see `Controls`. Where all motions are `known`,
         `motions` gives these and their rates, in a row for each part of a force, (n_rows, n_samples, 2), in a fraction

@@ -31,7 +31,7 @@ from pgmp_petsc.lanes.vectors import (
     store,
 )
 from pgmp_petsc.mechanism.node_statements import is_itself
-from pgmp_petsc.reduced.action_kernel import FORCE, LocalEffects, LocalWork, load_nodes, measure_term
+from pgmp_petsc.reduced.action_kernel import FORCE, LocalEffects, load_nodes, measure_term
 from pgmp_petsc.reduced.cells import Cells, locate_all, place_of, refill
 
 GAP, ACTION, TERM, JOINT = range(4)  # of what pulls: its gap, or -1 and its action with the term; and its joint

@@ -106,8 +106,8 @@ class CarriedForces:
 def _pulls_of(
     number: int, force: OfConnection, rows: list[int], actions: Sequence[Action]
 ) -> tuple[list[tuple[int, int, int, int]], np.ndarray] | None:
-    """Return what pulls in a joint, `carried.GAP` and so on, and in which directions (n, d) where the joint's frames are
-    those of the ground; None where these do not turn together."""
+    """Return what pulls in a joint, `carried.GAP` and so on, and in which directions (n, d) where the joint's frames
+    are those of the ground; None where these do not turn together."""
     d, found, terms = force.space.dimension, [], []
     for row, (part, _) in zip(force.rows, force.held):
         found.append((rows.index(row), -1, -1, number))

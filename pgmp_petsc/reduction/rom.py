@@ -250,8 +250,7 @@ class LengthFamily:
                 scene, [member.stiffness_changes for member in self.members], ("influence", "stiffness")
             ),
             missed=self._of_parts(scene, [member.missed for member in self.members], OF_MISSED),
-            gaps=nominal.gaps
-            and self._of_parts(scene, [member.gaps for member in self.members], nominal.gaps.arrays),
+            gaps=nominal.gaps and self._of_parts(scene, [member.gaps for member in self.members], nominal.gaps.arrays),
             meshes=at_lengths(scene, nominal.meshes),
         )
 
