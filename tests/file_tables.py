@@ -3,10 +3,12 @@
 .venv/bin/python tests/file_tables.py         writes them into the page
 """
 
+import string
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, NamedTuple
 
-from pgmp_petsc.declare.records import Record
-from pgmp_petsc.declare.views import Row, described
+from pgmp_petsc.declare.records import Record, joined, written
 from pgmp_petsc.files.claims import KINDS
 from pgmp_petsc.models.component_file import ComponentsFile
 from pgmp_petsc.reduction.rom_file import RomFile
@@ -25,6 +27,59 @@ and `description`; every file has the attributes of its origin and `/timings`.
 """
 #: Parts of a reduced model's file.
 PARTS = {"the part of a reduced model on its tolerances": Selection, "the part on effects": EffectSizes}
+
+
+class _Placeholders(string.Formatter):
+    """Texts with the names of what is filled in."""
+
+    def get_field(self, field_name: str, args: Any, kwargs: Any) -> Any:
+        """Return a word that is given, else the name of a field."""
+        words = f"<{field_name.rpartition('.')[2]}>"
+        return kwargs.get(field_name, words).replace("{name}", "<name>"), field_name
+
+    def convert_field(self, value: Any, conversion: str | None) -> Any:
+        """Leave the name."""
+        return value
+
+
+_PLACEHOLDERS = _Placeholders()
+
+
+class Row(NamedTuple):
+    """One place in files of a kind of record: sizes, unit and meaning of an array or attribute, whether
+    numbers may be missing, and whether it follows from the others."""
+
+    place: str
+    sizes: tuple[str, ...]
+    unit: str
+    about: str
+    gaps: bool
+    is_derived: bool
+
+
+def described(kind: type[Record], base: str = "") -> Iterator[Row]:
+    """Yield a row for each array and attribute that files of a kind of record may have; ``<name>`` is in the place of
+    names."""
+    for one in written(kind.STORED or kind):
+        entry, place, sizes = one.entry, one.place, tuple(str(size) for size in one.entry.sizes)
+        for level in range(one.depth):
+            place = one.place_of(place, "<outer>" if level < one.depth - 1 else "{name}")
+        place = joined(base, place if entry.keys else _PLACEHOLDERS.format(place))
+        if one.is_record and not entry.about:
+            for row in described(one.value, place):
+                yield row._replace(sizes=(*sizes, *row.sizes)) if one.is_rows else row
+        elif entry.about and (place or one.depth):
+            if entry.each is not None:
+                place, sizes = f"{place}/<{entry.each}>", sizes[1:]
+            if isinstance(entry.part, int):
+                sizes = (*sizes, "2")
+            if entry.padded is not None:
+                sizes = (*sizes[:-1], str(entry.padded))
+            unit = entry.unit if entry.columns is None else "of each column"
+            for key, words in entry.keys.items() if entry.keys else [("{name}", {})]:
+                texts = [_PLACEHOLDERS.format(text, name=key, **words) for text in (place, unit, entry.about)]
+                texts[1] = "" if one.is_attribute and unit == "1" else texts[1]
+                yield Row(texts[0], sizes, *texts[1:], bool(entry.gaps), entry.of is not None)
 
 
 def tables() -> str:

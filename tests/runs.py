@@ -232,7 +232,8 @@ def history(
         states.forces = np.concatenate([state.forces for state in kept])
         observed = model.observed_of(np.repeat(times, n), states, each)
     elif alone:
-        observed = model.observed_over(system, kept, system.frames_over(kept), times)
+        along = State.along(kept)
+        observed = model.observed_over(system, along, system.frames_over(along), times)
     else:
         observed = np.concatenate(kept, axis=1)
     outputs = model.outputs.evaluate(observed)

@@ -24,7 +24,7 @@ from conftest import ROOT, run_mpi
 
 SCENES = sorted((ROOT / "scenes").glob("*.toml"))
 # what makes a run short: as many steps, angles and samples as every path needs
-STEPS = 5
+STEPS = 3
 ANGLES = {1: 12, 3: 4}  # along each of so many coordinates; with two, modes are followed over no fewer than the scene's
 MOST_COORDINATES = 3  # of reduced models
 TRACE = ("Traceback", "Warning:", "Segmentation", "PETSC ERROR")

@@ -17,7 +17,7 @@ import math
 import re
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -130,24 +130,24 @@ class Command:
     name: str
     help: str
     place: int
-    #: function, others: what it calls, and what it calls instead where `choose` says so
-    function: Callable[..., Any]
-    others: tuple[Callable[..., Any], ...]
-    petsc: bool | str  # whether PETSc is started for it, or the argument with which it is
+    function: Callable[..., Any]  # what it calls
+    petsc: bool | str = True  # whether PETSc is started for it, or the argument with which it is
     #: returns the text of a result: of its data, the file's name, remarks that were printed before, and `shell`. None:
     #: the function says on the way what it does.
-    report: Callable[..., str] | None
+    report: Callable[..., str] | None = None
     #: returns the figures of ``--json``, of the result and `shell`; None where there are none
-    figures: Callable[..., Mapping[str, object]] | None
-    status: Callable[..., int] | None  # returns the exit status, of the result and `shell`, or raises why it is another
+    figures: Callable[..., Mapping[str, object]] | None = lambda result: result.summary()
+    #: returns the exit status, of the result and `shell`, or raises why it is another
+    status: Callable[..., int] | None = None
     #: returns which function is called, of what was given and the ranks; raises what does not fit
-    choose: Callable[..., Callable[..., Any]] | None
-    about: str  # argument that names the result in the report where there is no file
+    choose: Callable[..., Callable[..., Any]] | None = None
+    others: Sequence[Callable[..., Any]] = ()  # what may be called instead of `function`, where `choose` says so
+    about: str = ""  # argument that names the result in the report where there is no file
     #: returns what its file is called behind the name of the scene, of what was given; None where it has to be named
-    ending: Callable[[Mapping[str, Any]], str | None] | None
-    shell: Mapping[str, Argument]  # options that the command line alone has
+    ending: Callable[[Mapping[str, Any]], str | None] | None = None
+    shell: Mapping[str, Argument] = field(default_factory=dict)  # options that the command line alone has
     #: what to do next with its file, ``{file}``; a terminal then shows of its report the answer alone
-    then: str
+    then: str = ""
 
     @property
     def arguments(self) -> dict[str, Argument]:
@@ -281,27 +281,15 @@ def interface(gives: str = "", /, **arguments: Argument) -> Callable[[Function],
     return declare
 
 
-def summary(result: Any) -> Mapping[str, object]:
-    """Return the figures of a result, those of most commands."""
-    return result.summary()
-
-
-def command(
-    name: str, help: str, place: int, /, *, petsc: bool | str = True, report: Callable[..., str] | None = None,
-    figures: Callable[..., Mapping[str, object]] | None = summary, status: Callable[..., int] | None = None,
-    choose: Callable[..., Callable[..., Any]] | None = None, others: Sequence[Callable[..., Any]] = (),
-    about: str = "", ending: Callable[[Mapping[str, Any]], str | None] | None = None,
-    shell: Mapping[str, Argument] | None = None, then: str = "", gives: str = "", **arguments: Argument,
-) -> Callable[[Function], Function]:  # fmt: skip
-    """Declare a command by the attributes of `Command`, and its function as `interface` does."""
+def command(name: str, help: str, place: int, /, *, gives: str = "", **given: Any) -> Callable[[Function], Function]:
+    """Declare a command by attributes of `Command`, and its function by its arguments, as `interface` does."""
+    own = {one.name: given.pop(one.name) for one in fields(Command)[4:] if one.name in given}
+    shell = {key: one.filled(key, "bool", False, False) for key, one in own.get("shell", {}).items()}
 
     def declare(function: Function) -> Function:
-        call = interface(gives, **arguments)(function)
+        call = interface(gives, **given)(function)
         call.__doc__ = f"{call.__doc__}\n\nThe command is ``pgmp {name}``."
-        options = {key: one.filled(key, "bool", False, False) for key, one in (shell or {}).items()}
-        call.command = Command(
-            name, help, place, call, tuple(others), petsc, report, figures, status, choose, about, ending, options, then
-        )
+        call.command = Command(name, help, place, call, **own | {"shell": shell})
         return call
 
     return declare

@@ -110,12 +110,17 @@ def _status_of_design(found: Design) -> int:
 @command(
     "optimize", "Find the parameters that meet a goal best.", 120, report=report_of_design, status=_status_of_design,
     about="rom", rom=SOURCE, model=DIFFERENTIABLE, output=OPTIONAL_OUTPUT,
-    goal=Argument("What the design is for.", allowed="a text such as 'minimise max(abs(angle))'"),
+    goal=Argument(
+        "What the design is for, such as 'minimise max(abs(OUTPUT))'.",
+        allowed="a text such as 'minimise max(abs(angle))'",
+    ),
     names=Argument(
         "Design parameter NAME, instead of all with bounds or a distribution.", "--parameter", "NAME", NAMES
     ),
     subject_to=Argument(
-        "What the design must keep.", word="CONSTRAINT", allowed="a list of constraints, such as ['r1 <= 6e-3']"
+        "What the design must keep, such as 'end(OUTPUT) >= 4.5'.",
+        word="CONSTRAINT",
+        allowed="a list of constraints, such as ['r1 <= 6e-3']",
     ),
     robust=Argument(
         "Figures over samples.", made=Robust,

@@ -25,7 +25,7 @@ from pgmp_petsc.bench.finished import Price, step_seconds
 from pgmp_petsc.bench.reference import Demand, Reference, choose_reference, component_model
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
-from pgmp_petsc.files.checkpoint_folder import LABEL, Steps
+from pgmp_petsc.files.checkpoint_folder import LEDGER, Steps
 from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model, why_no_grid
@@ -401,7 +401,7 @@ class _Job:
 
     def _is_written(self, target: Path) -> bool:
         """Return whether the step that failed left its file, which is newer than its note in the ledger."""
-        ledger = self._of(LABEL)
+        ledger = self._of(LEDGER)
         return target.exists() and target.stat().st_mtime_ns >= ledger.stat().st_mtime_ns
 
     def _source(self, with_settings: bool) -> dict[str, object]:

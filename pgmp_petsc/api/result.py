@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from dataclasses import fields, replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
+
+import numpy as np
 
 from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.ranks import ranks_of
@@ -17,8 +19,7 @@ from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, Remark, RunError
 from pgmp_petsc.base.notebooks import Grid, card
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.declare.records import Record
-from pgmp_petsc.declare.views import Variable, variables
+from pgmp_petsc.declare.records import GROUP, Record, encoded, leaves
 from pgmp_petsc.files.claims import claimed, form_of, is_table, named
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.ranks.agreement import on_root
@@ -29,6 +30,42 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from pgmp_petsc.scene import Scene
+
+
+class Variable(NamedTuple):
+    """A variable of a dataset: its axes, values and attributes (units, long_name and those of the file), and whether it
+    is a coordinate."""
+
+    axes: tuple[str, ...]
+    values: Any
+    attributes: dict[str, Any]
+    is_axis: bool
+
+
+def variables(record: Record) -> Iterator[tuple[str, Variable]]:
+    """Yield the variables of a record by their labels."""
+    found = [leaf for leaf in leaves(record) if leaf.value is not GROUP and not leaf.one.is_rows]
+    of_place: dict[str, dict[str, Any]] = {}
+    for leaf in found:
+        path, _, key = leaf.place.partition("@")
+        if key:
+            of_place.setdefault(path, {})[key] = encoded(leaf.one.entry, leaf.value)
+    for leaf in found:
+        entry, context = leaf.one.entry, leaf.context
+        if entry.label is None:
+            continue
+        about = {"units": context.unit(entry.unit), "long_name": context.text(entry.about)}
+        about |= of_place.get(leaf.place, {})
+        if entry.columns is None:
+            yield context.text(entry.label), Variable(entry.sizes, leaf.value, about, entry.is_axis)
+            continue
+        columns = getattr(record, entry.columns)
+        axis = next(k for k, size in enumerate(entry.sizes) if str(size).rstrip("?") == "coordinate")
+        axes, values = entry.sizes[:axis] + entry.sizes[axis + 1 :], leaf.value
+        values = values if values.ndim == len(entry.sizes) else np.expand_dims(values, axis)
+        for (column, unit), own in zip(columns.items(), np.moveaxis(values, axis, 0)):
+            label = context._replace(words={**context.words, "column": column}).text(entry.label)
+            yield label, Variable(axes, own, {**about, "units": unit}, entry.is_axis)
 
 
 class Result:

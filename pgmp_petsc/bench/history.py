@@ -135,7 +135,7 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, values
                 forces.append(system.forces_beside(np.array([time]))[0])
             return
         frames = system.frames(state)
-        kept.append(model.observed_over(system, [state], frames, [time]))
+        kept.append(model.observed_in(system, state, frames, time))
         of_joints.append(frames[nodes])
 
     run = integrate(system, with_steps(model.scene, n_steps).simulation, observer=record)

@@ -53,6 +53,8 @@ class Monomial:
     places: tuple[tuple[Place, int], ...] = ()
 
     def __mul__(self, other: Monomial) -> Monomial:
+        if not (other.powers or other.places):
+            return self
         return Monomial(_product(self.powers, other.powers), _product(self.places, other.places))
 
     def __pow__(self, exponent: int) -> Monomial:
@@ -173,6 +175,8 @@ class AffineSum:
         return self + -1.0 * other
 
     def __mul__(self, other: AffineSum | Quantity | float) -> AffineSum:
+        if isinstance(other, (float, int)):
+            return AffineSum(tuple((monomial, coefficient * other) for monomial, coefficient in self.terms))
         factors = other if isinstance(other, AffineSum) else (other,)
         return AffineSum.total(*(one * factor for one in self for factor in factors))
 

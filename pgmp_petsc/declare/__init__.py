@@ -5,7 +5,7 @@ What comes in: folders of the package, entry points of installed packages, files
 with `ideas`; `plugins` loads files and says with which of them a result was made.
 
 `records` has results: a field of a dataclass names its sizes, its unit and its meaning, and files and checks of shapes
-follow; `views` has their datasets of xarray and the tables of the documentation.
+follow.
 
 An expression of a declaration (`expressions`) is checked as it is declared, differentiated by sympy, and printed as
 Python that numba compiles and as C99; laws (`effects.action`) are declared so. Of sums of products with tables in index

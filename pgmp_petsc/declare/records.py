@@ -6,10 +6,9 @@
         mean: np.ndarray = array("time", unit="{unit}", about="mean of output '{name}' at each instant", gaps=True)
         probabilities: np.ndarray = attribute("quantiles@probabilities", "probability")
 
-A field has sizes by name, a unit and a meaning. From them follow writing, reading with checks, and what
-:mod:`~pgmp_petsc.declare.views` shows. Equal names are equal sizes: within a record, and within
-the records that it holds for the sizes that it has itself. A name that ends in ``?`` has no axis where its size is 1;
-``...`` is any shape.
+A field has sizes by name, a unit and a meaning. From them follow writing, reading with checks, datasets of xarray
+(`api.result`) and docs/files.md. Equal names are equal sizes: within a record, and within the records that it holds for
+the sizes that it has itself. A name that ends in ``?`` has no axis where its size is 1; ``...`` is any shape.
 
 The type of a field says what it holds: an array, a number, a text, texts (``tuple[str, ...]``), a record, rows that a
 file has as columns (``tuple[Row, ...]``), and by name (``dict[str, ...]``) any of these. A `Result` is a record with a

@@ -50,7 +50,7 @@ from pgmp_petsc.scene.controllers import derivatives_read
 from pgmp_petsc.scene.numerics import Simulation, count_steps
 from pgmp_petsc.scene.outputs import models_alone
 from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Run, StateRecord, integrate
-from pgmp_petsc.stepping.second_order_system import Observer, Scheme, SecondOrderSystem, State
+from pgmp_petsc.stepping.second_order_system import PooledObserver, Scheme, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 
 TIMES = 5  # steps of the run in one of the coarser run
@@ -142,42 +142,28 @@ def run_coarser(
     )  # fmt: skip
 
 
-class OutputRecord(Observer):
+class OutputRecord(PooledObserver):
     """Keeps what the outputs are made of after every step; observes a run."""
 
     def __init__(self, model: Model, system: SecondOrderSystem, bar: Progress | None = None) -> None:
-        self._model, self._system, self._bar = model, system, bar
-        self._times: list[float] = []
-        self._waiting: list[State] = []
+        self._model, self._system = model, system
         self._observed: list[np.ndarray] = []
-        together = system.n_samples == 1 and hasattr(model, "observed_over")
-        self._at_once = system.instants_at_once if together else 1
+        self._together = system.n_samples == 1 and hasattr(model, "observed_over")
+        super().__init__(system.instants_at_once if self._together else 1, bar)
 
-    def __call__(self, number: int, time: float, state: State) -> None:
-        """Take in the state after a step."""
-        self._times.append(time)
-        self._waiting.append(state)
-        if len(self._waiting) >= self._at_once:
-            self._evaluate()
-        if self._bar is not None:
-            self._bar.update(number > 0)
-
-    def _evaluate(self) -> None:
-        states, self._waiting = self._waiting, []
-        if not states:
-            return
-        times = self._times[len(self._times) - len(states) :]
-        with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
-            if self._at_once == 1:
-                self._observed += [self._model.observed(self._system, *one) for one in zip(states, times)]
-            else:
-                frames = self._system.frames_over(states)
-                self._observed.append(self._model.observed_over(self._system, states, frames, times))
+    def see(self, first: int, states: State) -> None:
+        """Evaluate states."""
+        times = self.times[first:]
+        if self._together:
+            frames = self._system.frames_over(states)
+            self._observed.append(self._model.observed_over(self._system, states, frames, times))
+        else:
+            self._observed += [self._model.observed(self._system, states.at(k), at) for k, at in enumerate(times)]
 
     def outputs(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Return the instants (n_t,), s, and every output (n_t, n_samples)."""
-        self._evaluate()
-        time = np.array(self._times)
+        self.finish()
+        time = np.array(self.times)
         with np.errstate(all="ignore"):
             found = self._model.outputs.evaluate(np.concatenate(self._observed, axis=-1))
         found = {name: values.reshape(time.size, -1) for name, values in found.items()}

@@ -294,7 +294,7 @@ def _fixed(values: np.ndarray) -> np.ndarray:
     return same
 
 
-LABEL = "steps.json"
+LEDGER = "steps.json"
 FORMAT = 1
 
 
@@ -312,7 +312,7 @@ class Steps:
         """
         self.make()
         try:
-            with locked(self.folder / LABEL, f"folder '{self.folder}'"):
+            with locked(self.folder / LEDGER, f"folder '{self.folder}'"):
                 self.make()  # another job may have ended since
                 yield
         finally:
@@ -321,7 +321,7 @@ class Steps:
 
     def make(self) -> None:
         """Make the folder. Raises `InputError` if it cannot be made, or holds files of somebody else."""
-        own = {LABEL, lock_path(self.folder / LABEL).name}
+        own = {LEDGER, lock_path(self.folder / LEDGER).name}
         try:
             self.folder.mkdir(exist_ok=True)
             found = {path.name for path in self.folder.iterdir()}
@@ -329,8 +329,8 @@ class Steps:
             raise InputError(
                 f"folder '{self.folder}' cannot be made: {error.strerror}; give another with -o"
             ) from error
-        if LABEL not in found and found - own:
-            why = f"folder '{self.folder}' holds files and is none of pgmp run ({LABEL} is missing)"
+        if LEDGER not in found and found - own:
+            why = f"folder '{self.folder}' holds files and is none of pgmp run ({LEDGER} is missing)"
             raise InputError(f"{why}; give another with -o, or move it away")
         self._read()
 
@@ -385,7 +385,7 @@ class Steps:
     def _finished(self, name: str) -> Mapping[str, Any]:
         entry = self._read().get(name, {})
         if "sha256" not in entry or "key" not in entry:
-            raise self._changed(LABEL)
+            raise self._changed(LEDGER)
         return entry
 
     def _changed(self, name: str) -> RunError:
@@ -397,7 +397,7 @@ class Steps:
 
         Raises `InputError` if there is something else in its place.
         """
-        path = self.folder / LABEL
+        path = self.folder / LEDGER
         try:
             text = path.read_text(encoding="utf-8")
             found = json.loads(text) if text.strip() else {"format": FORMAT, "files": {}}
@@ -406,9 +406,9 @@ class Steps:
         except FileNotFoundError:
             return {}
         except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-            why = f"folder '{self.folder}': its {LABEL} is none of pgmp run"
+            why = f"folder '{self.folder}': its {LEDGER} is none of pgmp run"
             raise InputError(f"{why}; give another folder with -o, or move the file away") from error
 
     def _write(self, files: Mapping[str, Any]) -> None:
-        with replacing(self.folder / LABEL, "ledger") as partial:
+        with replacing(self.folder / LEDGER, "ledger") as partial:
             partial.write_text(json.dumps({"format": FORMAT, "files": files}, indent=1), encoding="utf-8")

@@ -306,7 +306,7 @@ class JointBatch(FullBatch):
         vars(self).update(vars(full))
         self.full = full
         own, blocks = JointEquations(self._equations, self._blocks), self._blocks
-        self._shown: tuple[Sequence[State], list[State]] = (), []
+        self._shown: tuple[State | None, State | None] = None, None
         self.own, (self._reference, self._joints) = own, own.references
         self.n_dofs, self.n_constraints = own.n, own.n_left
         self.moving_constraints = own.n_left > 0 and full.moving_constraints
@@ -386,25 +386,27 @@ class JointBatch(FullBatch):
         """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples)."""
         return self.full.frames(self._in_unknowns(state))
 
-    def frames_over(self, states: Sequence[State]) -> np.ndarray:
-        """Return the frames of all nodes of the only sample in several states, shape (n_nodes, n_frame, n)."""
+    def unknowns_over(self, states: State) -> list[np.ndarray]:
+        """Return the unknowns of all frames, their velocities and accelerations, (n_dofs, n) each."""
+        return self.full.unknowns_over(self._all_in_unknowns(states))
+
+    def frames_over(self, states: State) -> np.ndarray:
+        """Return the frames of all nodes of the only sample in these states, shape (n_nodes, n_frame, n)."""
         return self.full.frames_over(self._all_in_unknowns(states))
 
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, each of shape (n_samples,)."""
         return self.full.energies(time, self._in_unknowns(state))
 
-    def energies_over(self, times: Sequence[float], states: Sequence[State]) -> Energies:
-        """Return energies and powers of the only sample at several instants, each of shape (n,)."""
+    def energies_over(self, times: Sequence[float], states: State) -> Energies:
+        """Return energies and powers of the only sample in these states, each of shape (n,)."""
         return self.full.energies_over(times, self._all_in_unknowns(states))
 
-    def _all_in_unknowns(self, states: Sequence[State]) -> list[State]:
+    def _all_in_unknowns(self, states: State) -> State:
         """Return states of the only sample in its unknowns; frames, energies and outputs ask for the same ones."""
-        if self._shown[0] is states:
-            return self._shown[1]
-        parts = (np.concatenate(part) for part in zip(*(state.parts() for state in states)))
-        every = self._in_unknowns(State(*parts))
-        self._shown = states, [every.at(slice(k, k + 1)) for k in range(len(states))]
+        if self._shown[0] is not states:
+            every = self._in_unknowns(State(*(part[:, 0] for part in states.parts())))
+            self._shown = states, State(*(part[:, None] for part in every.parts()))
         return self._shown[1]
 
 

@@ -72,8 +72,10 @@ class ConstraintParts:
         system = self._own.rows
         starts, _, unknowns = system.compiled.entries
         firsts, ones, others = [0], [], []
-        for term, weight in enumerate(self._weights):
-            one, other = np.tril_indices(starts[term + 1] - starts[term] if weight else 0)
+        n_paired = np.where(self._weights > 0.0, np.diff(starts), 0)
+        lower = {n: np.tril_indices(n) for n in set(n_paired.tolist())}
+        for term, n in enumerate(n_paired.tolist()):
+            one, other = lower[n]
             ones.append(starts[term] + one)
             others.append(starts[term] + other)
             firsts.append(firsts[-1] + one.size)

@@ -230,13 +230,18 @@ class FullSystem(SecondOrderSystem):
         """Forget at which rates laws were evaluated; see `SecondOrderSystem`."""
         self._equations.problem.actions.about[:] = np.nan
 
-    def frames_over(self, states: Sequence[State]) -> np.ndarray:
-        """Return the frames of all nodes of the only sample in several states, shape (n_nodes, n_frame, n)."""
-        return np.concatenate([self.frames(state) for state in states], axis=-1)
+    def unknowns_over(self, states: State) -> list[np.ndarray]:
+        """Return what `unknowns` does of the only sample in states with a leading axis, shape (n_dofs, n) each."""
+        each = (self.unknowns(states.at(k)) for k in range(len(states.q)))
+        return [np.concatenate(parts, axis=1) for parts in zip(*each)]
 
-    def energies_over(self, times: Sequence[float], states: Sequence[State]) -> Energies:
-        """Return energies and powers of the only sample at several instants, each of shape (n,)."""
-        return joined([self.energies(time, state) for time, state in zip(times, states)])
+    def frames_over(self, states: State) -> np.ndarray:
+        """Return the frames of all nodes of the only sample in these states, shape (n_nodes, n_frame, n)."""
+        return np.concatenate([self.frames(states.at(k)) for k in range(len(states.q))], axis=-1)
+
+    def energies_over(self, times: Sequence[float], states: State) -> Energies:
+        """Return energies and powers of the only sample in these states, each of shape (n,)."""
+        return joined([self.energies(time, states.at(k)) for k, time in enumerate(times)])
 
 
 class FullBatch(FullSystem):
@@ -396,11 +401,13 @@ class FullBatch(FullSystem):
         """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples)."""
         return self._equations.frames(self.unpack(state.q), self.unpack(state.turns))
 
-    def frames_over(self, states: Sequence[State]) -> np.ndarray:
-        """Return the frames of all nodes of the only sample in several states, shape (n_nodes, n_frame, n)."""
-        return self._equations.frames(
-            np.array([state.q[0, :, 0] for state in states]).T, np.array([state.turns[0, :, 0] for state in states]).T
-        )
+    def unknowns_over(self, states: State) -> list[np.ndarray]:
+        """Return the unknowns, velocities and accelerations of the only sample, (n_dofs, n); see `FullSystem`."""
+        return [part[:, 0, :, 0].T for part in (states.q, states.v, states.a)]
+
+    def frames_over(self, states: State) -> np.ndarray:
+        """Return the frames of the only sample, shape (n_nodes, n_frame, n); see `FullSystem`."""
+        return self._equations.frames(states.q[:, 0, :, 0].T, states.turns[:, 0, :, 0].T)
 
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, each of shape (n_samples,)."""
@@ -411,10 +418,10 @@ class FullBatch(FullSystem):
         )  # fmt: skip
         return self._names.energies(self.unpack(table))
 
-    def energies_over(self, times: Sequence[float], states: Sequence[State]) -> Energies:
-        """Return energies and powers of the only sample at several instants, each of shape (n,)."""
-        parts = zip(*((state.q[0], state.v[0], state.multipliers[0], state.turns[0]) for state in states))
+    def energies_over(self, times: Sequence[float], states: State) -> Energies:
+        """Return energies and powers of the only sample, each of shape (n,); see `FullSystem`."""
+        parts = (states.q[:, 0], states.v[:, 0], states.multipliers[:, 0], states.turns[:, 0])
         strengths = self._sources.at(np.array(times))
-        first = np.zeros(len(states), dtype=np.int64)
-        table = energies_of(self._reference, self._conservative, strengths, first, *(np.array(part) for part in parts))
+        first = np.zeros(len(states.q), dtype=np.int64)
+        table = energies_of(self._reference, self._conservative, strengths, first, *parts)
         return self._names.energies(table[..., 0].T)

@@ -24,13 +24,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
-from graphlib import TopologicalSorter
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.mechanism.block_solves import Blocks, solved, triangular_blocks
 from pgmp_petsc.mechanism.joints import Attachment, Connection, Coupling
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -39,8 +38,6 @@ from pgmp_petsc.mechanism.statements import Statement
 
 MAX_ITERATIONS = 25
 NEAR = 1e-9  # scaled residual, left by a step of 3e-5, of which the same J leaves 3e-14
-FAR_FROM_SINGULAR = 1e6  # norm of J times that of its inverse, at which the inverse loses six digits of sixteen
-RANK_TOLERANCE = 1e-10  # of the largest pivot or singular value of J
 RELEASED_TOLERANCE = 1e-8  # of a released direction's own change, what of it is independent of the others
 STIFF = 1e3  # weight of rigid bodies and given coordinates against joints, where these cannot all hold
 NO_GAP = 1e-9  # of the mechanism's size
@@ -51,7 +48,7 @@ LARGEST_GAP = 1e-6  # of the mechanism's size or of 1 rad: what redundant constr
 GUESSED = " (the first guess of how it is assembled; angles in rad)"
 TRIES = 12  # assemblies that are tried from other places before it is said that there is none
 CLOSURE_TOLERANCE = 1e-12  # of the mechanism's size (positions) or of 1 rad
-AT_ONCE = 2**19  # entries of Jacobians that are evaluated together: they stay in the cache
+AT_ONCE, FEWEST = 2**17, 32  # entries of Jacobians that are evaluated together: they stay in the cache; and of these
 
 
 class LoopClosure:
@@ -348,8 +345,8 @@ class LoopClosure:
         return np.moveaxis(step[..., 0], 0, -1).reshape(poses.shape), left
 
     def pieces(self, n: int) -> list[slice]:
-        """Return pieces of n configurations whose dense Jacobians stay in a cache; one at least."""
-        several = max(1, AT_ONCE // (self._rows.n * len(self._units)))
+        """Return pieces of n configurations whose dense Jacobians stay in a cache, if these are not few."""
+        several = max(FEWEST, AT_ONCE // (self._rows.n * len(self._units)))
         return [slice(first, first + several) for first in range(0, max(n, 1), several)]
 
     def newton(
@@ -364,10 +361,9 @@ class LoopClosure:
     def _newton(self, poses: np.ndarray, theta: np.ndarray | None, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
         """Run `newton` of a few configurations."""
         poses, n_rows = poses.copy(), self.n_constraints if theta is None else self._rows.n
-        closed, known, one = *np.zeros((2, poses.shape[2]), dtype=bool), np.eye(n_rows)
+        closed, known, sound = np.zeros((3, poses.shape[2]), dtype=bool)
         # where nothing but J^-1 makes a step it serves the next one too, which by then is too small to need its own
-        again = not self.has_redundant and not self.mechanism.space.n_tied
-        inverses = np.empty((poses.shape[2], len(self._units), n_rows)) if again else None
+        again, kept = self._form(n_rows) is not None and not self.has_redundant, []
         for _ in range(MAX_ITERATIONS):
             wanted = self.measured(poses).T if theta is None else theta
             residual = self.residual(poses, wanted)[:n_rows]
@@ -377,72 +373,84 @@ class LoopClosure:
             if not open_ones.size:
                 break
             moving = poses[..., open_ones]
-            if inverses is None:
+            if not again:
                 step, left = self.newton_step(moving, residual[:, open_ones])
                 gap[open_ones] = self._split(residual[:, open_ones], left)[0]
                 closed[open_ones] = gap[open_ones] < tolerance
             else:
                 anew = open_ones[~known[open_ones] | (gap[open_ones] > NEAR)]
-                jacobian = self.jacobian(poses[..., anew])[:, :n_rows]
-                inverses[anew] = self._least(poses[..., anew], jacobian, np.broadcast_to(one, (anew.size, *one.shape)))
+                if anew.size:
+                    made = self._parted(poses[..., anew], self.jacobian(poses[..., anew]))
+                    sound[anew] = self._blocks.factorise(made[-1])
+                    kept = kept or [np.empty((known.size, *part.shape[1:])) for part in made]
+                    for of_all, part in zip(kept, made):
+                        of_all[anew] = part
                 known[:] = False  # J serves once more at most
                 known[anew] = True
-                step = inverses[open_ones] @ residual[:, open_ones].T[..., None]
+                parts = kept[:-1] if open_ones.size == known.size else [part[open_ones] for part in kept[:-1]]
+                step = self._joined(
+                    parts, residual[:, open_ones].T[..., None], partial(self._blocks.substituted, kept[-1], open_ones)
+                )
                 step = np.moveaxis(step[..., 0], 0, -1).reshape(moving.shape)
+                odd = ~sound[open_ones]
+                if odd.any():
+                    step[..., odd] = self.newton_step(moving[..., odd], residual[:, open_ones[odd]])[0]
             # far from the solution a whole step can throw a body around; no more than half a radian at once
             turn = np.max(self.mechanism.space.turns(step), axis=0)
             poses[..., open_ones] = moving - step * np.minimum(1.0, 0.5 / np.maximum(turn, 1e-300))
         return poses, gap
 
-    def _solved(self, jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Return `solved` of the motions of rigid bodies, block by block where some follow from others, as along a
-        chain."""
-        blocks = self._blocks
-        if jacobian.shape[1] != jacobian.shape[2] or len(blocks) == 1:
-            return solved(jacobian, right)
-        found = np.zeros((len(right), jacobian.shape[2], right.shape[2]))
-        sound = np.ones(len(right), dtype=bool)
-        for rows, columns, before in blocks:
-            part = jacobian[:, rows]
-            inverse, far = _inverse(part[..., columns])
-            found[:, columns] = inverse @ (right[:, rows] - part[..., before] @ found[:, before])
-            sound &= far
-        if not sound.all():
-            found[~sound] = solved(jacobian[~sound], right[~sound])
-        return found
-
     @cached_property
-    def _blocks(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Rows of statements and columns of motions that follow together, and the columns before that enter these rows:
-        the block triangular form of J (Duff and Reid 1978). One block where there are more rows than columns."""
+    def _blocks(self) -> Blocks | None:
+        """Statements and motions that follow together; None where there are not as many of one as of the other."""
         rows, dofs = self._rows, self._rows.dofs
         tied = np.zeros(rows.n, dtype=bool)
         tied[self._tied] = True
         bodies = np.zeros((rows.n, len(self.mechanism.bodies)), dtype=bool)
         felt = dofs >= 0
         bodies[np.broadcast_to(rows.row_of[:, None], dofs.shape)[felt], dofs[felt] // self.n_pose] = True
-        return triangular_blocks(np.repeat(bodies[~tied], self.mechanism.space.n_dofs, axis=1))
+        pattern = np.repeat(bodies[~tied], self.mechanism.space.n_dofs, axis=1)
+        return Blocks.of(triangular_blocks(pattern)) if pattern.shape[0] == pattern.shape[1] else None
+
+    def _form(self, n_rows: int) -> Blocks | None:
+        """Return the form of J with so many rows, where it is known."""
+        return self._blocks if n_rows == self._rows.n else None
 
     def _least(self, poses: np.ndarray, jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Return the x (n, n_pose n_bodies, k) that keeps bodies rigid and comes nearest to ``J x = right``, for J at
         poses (n_bodies, n_pose, n) and right-hand sides (n, n_rows, k)."""
+        *parts, moved = self._parted(poses, jacobian)
+        return self._joined(parts, right, partial(solved, moved, blocks=self._form(jacobian.shape[1])))
+
+    def _parted(self, poses: np.ndarray, jacobian: np.ndarray) -> list[np.ndarray]:
+        """Return what makes `_joined` of J (n, n_rows, n_pose n_bodies) at poses: in space J_o^-1, W J and T, and last
+        ``W J T``, W J in the plane; each with n as its first axis."""
         space, n_rows, tied = self.mechanism.space, jacobian.shape[1], self._tied
         if not space.n_tied:
-            weights = 1.0 / self._scale[:n_rows, None]
-            return self._solved(weights * jacobian, weights * right)
-        others = np.r_[: tied.start, tied.stop : n_rows]
-        weights = 1.0 / self._scale[others, None]
+            return [jacobian / self._scale[:n_rows, None]]
         n, n_bodies = len(jacobian), len(poses)
         own = jacobian[:, tied].reshape(n, n_bodies, space.n_tied, n_bodies, self.n_pose)
         own = own[:, np.arange(n_bodies), :, np.arange(n_bodies)].swapaxes(0, 1)  # statements of a body about itself
-        wanted = right[:, tied].reshape(n, n_bodies, space.n_tied, -1)
-        x = own.swapaxes(2, 3) @ np.linalg.solve(own @ own.swapaxes(2, 3), wanted)
-        x = x.reshape(n, -1, right.shape[2])
-        tangent = space.tangent(poses)
-        rest = jacobian[:, others].reshape(n, others.size, n_bodies, self.n_pose).swapaxes(1, 2)
-        moved = (rest @ tangent).swapaxes(1, 2).reshape(n, others.size, -1)
-        y = self._solved(weights * moved, weights * (right[:, others] - jacobian[:, others] @ x))
-        return x + (tangent @ y.reshape(n, n_bodies, space.n_dofs, -1)).reshape(x.shape)
+        inverse = own.swapaxes(2, 3) @ np.linalg.inv(own @ own.swapaxes(2, 3))
+        others, tangent = np.r_[: tied.start, tied.stop : n_rows], space.tangent(poses)
+        rest = jacobian[:, others] / self._scale[others, None]
+        by_body = rest.reshape(n, others.size, n_bodies, self.n_pose).swapaxes(1, 2)
+        return [inverse, rest, tangent, (by_body @ tangent).swapaxes(1, 2).reshape(n, others.size, -1)]
+
+    def _joined(
+        self, parts: Sequence[np.ndarray], right: np.ndarray, moving: Callable[[np.ndarray], np.ndarray]
+    ) -> np.ndarray:
+        """Return `_least` from `_parted`, where `moving` solves with the last of it."""
+        n, n_rows, tied = len(right), right.shape[1], self._tied
+        if not parts:
+            return moving(right / self._scale[:n_rows, None])
+        inverse, rest, tangent = parts
+        x = (inverse @ right[:, tied].reshape(n, len(self.mechanism.bodies), -1, right.shape[2])).reshape(
+            n, -1, right.shape[2]
+        )
+        others = np.r_[: tied.start, tied.stop : n_rows]
+        y = moving(right[:, others] / self._scale[others, None] - rest @ x)
+        return x + (tangent @ y.reshape(*tangent.shape[:2], tangent.shape[3], -1)).reshape(x.shape)
 
 
 def _jacobian_of(rows: StatementRows, n: int) -> Callable[[np.ndarray], np.ndarray]:
@@ -463,68 +471,6 @@ def _jacobian(rows: StatementRows, adding: sp.csr_matrix, poses: np.ndarray) -> 
 def size_of(mechanism: Mechanism) -> float:
     """Return a length that is typical of a mechanism: the largest extent of a body, m."""
     return max(body.extent for body in mechanism.bodies)
-
-
-def solved(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return the least x, (n, n_columns, k), that comes nearest to ``J x = right`` for J (n, n_rows, n_columns).
-
-    Where J is square and its inverse shows that it is far from singular, the inverse is the answer. Where J has full
-    column rank that is R^-1 Q^T, of which Q^T times the right-hand side stands beside R; the singular values, at ten
-    times the cost, are for the rest. Each J goes its own way, so that the others have no part in its last digits.
-    """
-    n, found = jacobian.shape[2], np.empty((len(jacobian), jacobian.shape[2], right.shape[2]))
-    rest = np.ones(len(jacobian), dtype=bool)
-    if jacobian.shape[1] == n:
-        inverse, far = _inverse(jacobian)
-        found[far], rest = (inverse[far] @ right[far]), ~far
-    if jacobian.shape[1] >= n and rest.any():
-        both = np.linalg.qr(np.concatenate([jacobian[rest], right[rest]], axis=2), mode="r")
-        pivots = np.abs(np.diagonal(both[..., :n], axis1=1, axis2=2))
-        full = pivots.min(axis=1) > RANK_TOLERANCE * pivots.max(axis=1)
-        chosen = np.flatnonzero(rest)[full]
-        found[chosen] = np.linalg.solve(both[full, :n, :n], both[full, :n, n:])
-        rest[chosen] = False
-    if rest.any():
-        found[rest] = np.linalg.pinv(jacobian[rest], rcond=RANK_TOLERANCE) @ right[rest]
-    return found
-
-
-def _inverse(matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the inverses of matrices (n, m, m) that are far from singular, zeros for others, and which are, (n,)."""
-    try:
-        inverses = np.linalg.inv(matrices)
-    except np.linalg.LinAlgError:  # a pivot of one is zero
-        regular = np.isfinite(np.linalg.slogdet(matrices)[1])
-        inverses = np.full(matrices.shape, np.inf)
-        inverses[regular] = np.linalg.inv(matrices[regular])
-    with np.errstate(over="ignore", invalid="ignore"):  # what is no number is not far
-        sizes = np.linalg.norm(matrices, axis=(1, 2)) * np.linalg.norm(inverses, axis=(1, 2))
-    far = sizes < FAR_FROM_SINGULAR
-    inverses[~far] = 0.0
-    return inverses, far
-
-
-def triangular_blocks(pattern: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Return the block triangular form of matrices with a pattern (n_rows, n_columns), bool.
-
-    Each block has its rows, its columns, and columns of blocks before that its rows have entries in. A pattern that is
-    not square, or of matrices that are singular, is one block.
-    """
-    whole, none = (np.arange(n) for n in pattern.shape), np.arange(0)
-    one = [(*whole, none)]
-    if pattern.shape[0] != pattern.shape[1]:
-        return one
-    rows = maximum_bipartite_matching(sp.csr_matrix(pattern), perm_type="row")
-    if np.any(rows < 0):
-        return one
-    n, label = connected_components(sp.csr_matrix(pattern[rows]), connection="strong")
-    needed = {k: set(label[pattern[rows[label == k]].any(axis=0)]) - {k} for k in range(n)}
-    blocks = []
-    for k in TopologicalSorter(needed).static_order():
-        columns = np.flatnonzero(label == k)
-        entered = np.flatnonzero(pattern[rows[columns]].any(axis=0) & (label != k))
-        blocks.append((rows[columns], columns, entered))
-    return blocks
 
 
 def _unknowns(poses: np.ndarray) -> np.ndarray:

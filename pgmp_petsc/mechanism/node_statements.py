@@ -51,16 +51,16 @@ class NodeStatements(NamedTuple):
         lengths = [len(function.coefficients) for function in functions]
         spans = [np.stack([one.breaks[:-1], one.breaks[1:]], axis=1) for one in functions if one.breaks.size]
         every = [side for pair in sides for side in pair]
+        on_ground = np.array([side.on_ground for side in every], dtype=bool)
         ground = np.zeros((len(every), n_frame(dimension)))
-        for side, frame in zip(every, ground):
-            if side.on_ground:
-                frame[:] = np.concatenate([side.point, np.eye(dimension).ravel()])
+        ground[on_ground, dimension:] = np.eye(dimension).ravel()
+        ground[on_ground, :dimension] = [side.point for side in every if side.on_ground] or 0.0
         return cls(
             np.array([part.kind for part in parts], dtype=np.int64),
             np.array([part.axes for part in parts]).reshape(-1, 3, dimension),
             np.array([side.arm for side in every]).reshape(-1, 2, dimension),
             ground.reshape(-1, 2 * n_frame(dimension)),
-            np.array([side.on_ground for side in every], dtype=bool).reshape(-1, 2),
+            on_ground.reshape(-1, 2),
             np.array([function.factor for function in functions], dtype=float),
             (
                 np.cumsum([0, *lengths]),

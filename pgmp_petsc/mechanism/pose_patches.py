@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, load, spread, store
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE, LoopClosure
 from pgmp_petsc.mechanism.continuation import PoseBranch, near_enough
 
@@ -71,7 +72,8 @@ class PosePatches:
         # the first of the four parts of a patch, or what is known of it
         self._state, self._depth = np.full(n, UNKNOWN), np.zeros(n, dtype=np.int64)
         self._number = np.full(n, -1)  # of its coefficients
-        self._coefficients = np.empty((0, POINTS, POINTS, self._n_poses))
+        # numbers of poses side by side, in whole vectors
+        self._coefficients = aligned_zeros((0, POINTS, POINTS, -(-self._n_poses // LANES) * LANES))
 
     def _make(self, closure: LoopClosure, patches: np.ndarray) -> None:
         """Make patches, given by their numbers, or part them."""
@@ -84,8 +86,10 @@ class PosePatches:
         # one by one: sums over many at once may be in another order
         to = self._to_coefficients
         made = [np.einsum("jk,lm,kmp->jlp", to, to, own, optimize=True) for own in values]
-        self._number[patches] = len(self._coefficients) + np.arange(patches.size)
-        self._coefficients = np.concatenate([self._coefficients, made])
+        before = self._coefficients
+        self._number[patches] = len(before) + np.arange(patches.size)
+        self._coefficients = aligned_zeros((len(before) + patches.size, *before.shape[1:]))
+        self._coefficients[: len(before)], self._coefficients[len(before) :, ..., : self._n_poses] = before, made
         probes = (middles + halves * self._probes).reshape(-1, 2)
         found = np.empty((1, self._n_poses, len(probes)))
         self._evaluate(probes, np.repeat(patches, len(self._probes)), found)
@@ -105,7 +109,7 @@ class PosePatches:
 
     def _evaluate(self, theta: np.ndarray, patches: np.ndarray, found: np.ndarray) -> None:
         parts = self._middles[patches], self._halves[patches], self._number[patches]
-        _evaluate(theta, *parts, self._coefficients, found)
+        _evaluate(theta, *parts, self._coefficients, aligned_zeros((len(found), LANES)), found)
 
 
 def _pairs(values: Sequence[float]) -> np.ndarray:
@@ -127,18 +131,20 @@ def _find(theta, first, shape, middles, halves, state, patches):
         patches[k] = patch
 
 
-@njit(cache=True, entry=True, error_model="numpy")
-def _evaluate(theta, middles, halves, numbers, coefficients, found):
-    """Fill poses and derivatives, (1 or 6, n_p, n), by Chebyshev polynomials (n_patches, N, N, n_p).
+@njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"})
+def _evaluate(theta, middles, halves, numbers, coefficients, sums, found):
+    """Fill poses and derivatives, (1 or 6, n_p, n), by Chebyshev polynomials (n_patches, N, N, whole vectors of n_p).
 
     Parameters
     ----------
     theta, middles, halves, numbers
         Configurations, and of each the middle, half the widths and the number of its patch.
+    sums
+        Room for vectors, (1 or 6, LANES).
     """
-    n, n_poses = coefficients.shape[1], coefficients.shape[3]
-    orders = 3 if found.shape[0] > 1 else 1
-    polynomials, rows, sums = np.zeros((2, 3, n)), np.empty((orders, n_poses)), np.empty((found.shape[0], n_poses))
+    n, n_vectors = coefficients.shape[1], coefficients.shape[3] // LANES
+    polynomials = np.zeros((2, 3, n))
+    across, along = polynomials
     for k in range(theta.shape[0]):
         for c in range(2):
             x, scale, t = (theta[k, c] - middles[k, c]) / halves[k, c], 1.0 / halves[k, c], polynomials[c]
@@ -147,23 +153,38 @@ def _evaluate(theta, middles, halves, numbers, coefficients, found):
                 t[0, j] = 2.0 * x * t[0, j - 1] - t[0, j - 2]
                 t[1, j] = 2.0 * x * t[1, j - 1] - t[1, j - 2] + 2.0 * scale * t[0, j - 1]
                 t[2, j] = 2.0 * x * t[2, j - 1] - t[2, j - 2] + 4.0 * scale * t[1, j - 1]
-        sums[:] = 0.0
-        for i in range(n):
-            rows[:] = 0.0
-            for j in range(n):
-                for order in range(orders):
-                    factor = polynomials[1, order, j]
-                    for p in range(n_poses):
-                        rows[order, p] += factor * coefficients[numbers[k], i, j, p]
-            one, first, second = polynomials[0, 0, i], polynomials[0, 1, i], polynomials[0, 2, i]
-            for p in range(n_poses):
-                sums[0, p] += one * rows[0, p]
-                if orders > 1:
-                    sums[1, p] += first * rows[0, p]
-                    sums[2, p] += one * rows[1, p]
-                    sums[3, p] += second * rows[0, p]
-                    sums[4, p] += first * rows[1, p]
-                    sums[5, p] += one * rows[2, p]
-        for part in range(found.shape[0]):
-            for p in range(n_poses):
-                found[part, p, k] = sums[part, p]
+        for b in range(n_vectors):
+            first = numbers[k] * n * n * n_vectors + b
+            if found.shape[0] == 1:
+                value = spread(0.0)
+                for i in range(n):
+                    row = spread(0.0)
+                    for j in range(n):
+                        row += along[0, j] * load(coefficients, first + (n * i + j) * n_vectors)
+                    value += across[0, i] * row
+                store(sums, 0, value)
+            else:
+                value, by_1, by_2 = spread(0.0), spread(0.0), spread(0.0)
+                by_11, by_12, by_22 = spread(0.0), spread(0.0), spread(0.0)
+                for i in range(n):
+                    row, slope, bend = spread(0.0), spread(0.0), spread(0.0)
+                    for j in range(n):
+                        entry = load(coefficients, first + (n * i + j) * n_vectors)
+                        row += along[0, j] * entry
+                        slope += along[1, j] * entry
+                        bend += along[2, j] * entry
+                    value += across[0, i] * row
+                    by_1 += across[1, i] * row
+                    by_2 += across[0, i] * slope
+                    by_11 += across[2, i] * row
+                    by_12 += across[1, i] * slope
+                    by_22 += across[0, i] * bend
+                store(sums, 0, value)
+                store(sums, 1, by_1)
+                store(sums, 2, by_2)
+                store(sums, 3, by_11)
+                store(sums, 4, by_12)
+                store(sums, 5, by_22)
+            for part in range(found.shape[0]):
+                for lane in range(min(LANES, found.shape[1] - LANES * b)):
+                    found[part, LANES * b + lane, k] = sums[part, lane]

@@ -82,7 +82,8 @@ class Function:
     @property
     def generic(self) -> Function:
         """A function none of whose derivatives is zero where this one's may be other than zero."""
-        bent = np.tile([0.0, 1.0, 1.0, 0.0], (len(self.coefficients), 1))
+        bent = np.zeros_like(self.coefficients)
+        bent[:, 1:3] = 1.0
         return Function(1.0, self.breaks, bent)
 
 

@@ -168,7 +168,10 @@ def _from_abaqus(lines: list[str], received: str) -> MatrixFile:
     """Read lines of three or five numbers."""
     count = len(lines[0].replace(",", " ").split()) if lines else 0
     if count not in (3, 5):
-        raise InputError(f"{received}: this file is of no format that is known; {FORMATS} are")
+        raise InputError(
+            f"{received}: this file has no matrix in a format that is known; {FORMATS} are. A deck of nodes and "
+            "elements has none: the program that solves it writes them (docs/matrices.md)"
+        )
     text = "\n".join(lines).replace(",", " ").upper().replace("D", "E")  # Fortran's exponents
     numbers = np.loadtxt(io.StringIO(text), ndmin=2, comments=None)
     places, values = numbers[:, :-1].astype(np.int64), numbers[:, -1]

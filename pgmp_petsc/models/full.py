@@ -5,7 +5,7 @@ The component model of a scene: flexible bodies in floating frames, joined by co
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from typing import TYPE_CHECKING, Self, TypeVar
 
@@ -332,23 +332,39 @@ class FullModel:
     def observed(self, system: FullBatch | FullDistributed, state: State, time: float = 0.0) -> np.ndarray:
         """Return what the outputs are made of at a time (s), shape (n_observed, n_samples). Collective on the system's
         communicator."""
-        return self.observed_over(system, [state], system.frames(state), [time])
+        return self.observed_in(system, state, system.frames(state), time)
+
+    def observed_in(
+        self, system: FullBatch | FullDistributed, state: State, frames: np.ndarray, time: float
+    ) -> np.ndarray:
+        """Return what `observed` does where the frames of all nodes (n_nodes, n_frame, n_samples) are known."""
+        return self._observed(system, lambda: system.unknowns(state), lambda _: state, frames, [time])
 
     def observed_over(
-        self, system: FullBatch | FullDistributed, states: Sequence[State], frames: np.ndarray, times: Sequence[float]
+        self, system: FullBatch | FullDistributed, states: State, frames: np.ndarray, times: Sequence[float]
     ) -> np.ndarray:
-        """Return what the outputs are made of in one state, or in several ones of the only sample, at times (s), shape
+        """Return what the outputs are made of in states of the only sample with a leading axis, at times (s), shape
         (n_observed, n). Collective on the system's communicator.
 
         Frames are of all nodes in these states, shape (n_nodes, n_frame, n).
         """
-        order, wanted = self.outputs.order, self._stresses is not None
+        return self._observed(system, lambda: system.unknowns_over(states), states.at, frames, times)
+
+    def _observed(
+        self,
+        system: FullBatch | FullDistributed,
+        unknowns: Callable[[], list[np.ndarray]],
+        state: Callable[[int], State],
+        frames: np.ndarray,
+        times: Sequence[float],
+    ) -> np.ndarray:
         q = v = a = None
-        if wanted or order:
-            q, v, a = (np.concatenate(parts, axis=1) for parts in zip(*map(system.unknowns, states)))
+        if self._stresses is not None or self.outputs.order:
+            q, v, a = unknowns()
         multipliers = None
         if self.outputs.forces:
-            multipliers = np.concatenate([system.joint_multipliers(*one) for one in zip(times, states)], axis=1)
+            each = [system.joint_multipliers(time, state(k)) for k, time in enumerate(times)]
+            multipliers = np.concatenate(each, axis=1)
         beside = None
         if self.outputs.beside:
             beside = system.beside.forces(np.array(times), AFTER)[:, 0].T

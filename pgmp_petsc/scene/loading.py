@@ -87,20 +87,22 @@ def check_tables(data: Mapping[str, Any]) -> None:
             raise InputError(problem(dotted_name(keys[:SHOWN_KEYS]), words))
         if isinstance(value, Mapping):
             for key, item in value.items():
-                _check_text(key, dotted_name(keys) or "the scene", "a key")
+                _check_text(key, keys, "a key")
                 waiting.append(((*keys, key), item))
         elif isinstance(value, list):
             waiting += [((*keys, k), item) for k, item in enumerate(value)]
         elif isinstance(value, str):
-            _check_text(value, dotted_name(keys), "a text")
+            _check_text(value, keys, "a text")
 
 
-def _check_text(text: str, entry: str, what: str) -> None:
+def _check_text(text: str, keys: tuple[str | int, ...], what: str) -> None:
     if len(text) > LONGEST_TEXT:
-        raise InputError(f"{shortened(entry)}: {what} of {len(text):,} characters; at most {LONGEST_TEXT:,} are taken")
-    if "\0" in text or text.encode(errors="ignore").decode() != text:
-        why = f"{what} with characters that no file takes (null, or bytes that are no UTF-8)"
-        raise InputError(f"{shortened(entry)}: {why}: {toml_text(text)}")
+        why = f"{what} of {len(text):,} characters; at most {LONGEST_TEXT:,} are taken"
+    elif "\0" in text or text.encode(errors="ignore").decode() != text:
+        why = f"{what} with characters that no file takes (null, or bytes that are no UTF-8): {toml_text(text)}"
+    else:
+        return
+    raise InputError(f"{shortened(dotted_name(keys) or 'the scene')}: {why}")
 
 
 def _beside(path: Path) -> str:

@@ -7,13 +7,14 @@ The balance of energy of many samples, summed up while they run; `results.estima
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.progress import Progress
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.mechanism.mechanism import Coordinate
 
@@ -45,6 +46,11 @@ class State:
     def parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return all arrays of the mechanics."""
         return self.q, self.v, self.a, self.multipliers, self.turns
+
+    @classmethod
+    def along(cls, states: Sequence[State], join: Callable = np.stack) -> State:
+        """Return the mechanics of states with a leading axis of instants; `np.concatenate` joins those with one."""
+        return cls(*(join(parts) for parts in zip(*(state.parts() for state in states))))
 
     def at(self, number: int | slice) -> State:
         """Return one or some of states whose arrays have a leading axis of instants, sharing memory."""
@@ -161,6 +167,45 @@ class Observer:
         """See the states after some steps of another system, with a leading axis of steps; others are as of `over`."""
         for k, number in enumerate(numbers):
             self(int(number), float(times[k]), states.at(k))
+
+
+class PooledObserver(Observer):
+    """Sees states of a run, with a leading axis of instants, as many at once as a system is quickest with.
+
+    Attributes
+    ----------
+    times
+        Instants so far, s.
+    """
+
+    def __init__(self, at_once: int, bar: Progress | None = None) -> None:
+        self._at_once, self._bar, self._waiting = at_once, bar, []
+        self.times: list[float] = []
+
+    def see(self, first: int, states: State) -> None:
+        """See the states at the instants of `times` from the number of the first one on."""
+        raise NotImplementedError
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """Take in the state after a step."""
+        self.over_states(np.array([number]), np.array([time]), State.along([state]))
+
+    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        """Take in the states after some steps."""
+        self.times += times.tolist()
+        self._waiting.append(states)
+        if sum(len(one.q) for one in self._waiting) >= self._at_once:
+            self.finish()
+        if self._bar is not None:
+            self._bar.update(int(np.count_nonzero(numbers)))
+
+    def finish(self) -> None:
+        """See those that wait."""
+        waiting, self._waiting = self._waiting, []
+        if waiting:
+            states = waiting[0] if len(waiting) == 1 else State.along(waiting, np.concatenate)
+            with np.errstate(all="ignore"):  # a run that fails may overflow before it is given up
+                self.see(len(self.times) - len(states.q), states)
 
 
 @dataclass(frozen=True, eq=False)

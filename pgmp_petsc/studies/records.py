@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from pgmp_petsc.base.errors import Remark, gathered, warning
+from pgmp_petsc.base.progress import Progress
 from pgmp_petsc.base.units import SI, UnitSystem
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import loads_of
@@ -24,22 +25,26 @@ from pgmp_petsc.models.body_fields import joined as joined_fields
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.reduced.lagrangian_terms import load_powers
 from pgmp_petsc.results.estimates import Balance
-from pgmp_petsc.stepping.second_order_system import Energies, State, joined
+from pgmp_petsc.stepping.second_order_system import Energies, PooledObserver, State, joined
 
 
-class FullRecord:
-    """Record of a run of one sample; states are evaluated as many at once as the system is quickest with.
+class FullRecord(PooledObserver):
+    """Record of a run of one sample.
 
     It is of a model and the system that is integrated, collective on its communicator. The frames of all nodes, and
-    fields of bodies, are kept at the steps that are `wanted`; `times` are the instants so far, s.
+    fields of bodies, are kept at the steps that are `wanted`.
     """
 
     def __init__(
-        self, model: FullModel, system: FullBatch | FullDistributed, fields: FullFields, wanted: Collection[int]
+        self,
+        model: FullModel,
+        system: FullBatch | FullDistributed,
+        fields: FullFields,
+        wanted: Collection[int],
+        bar: Progress | None = None,
     ) -> None:
+        super().__init__(system.instants_at_once, bar)
         self._model, self._system, self._of_fields, self._wanted = model, system, fields, wanted
-        self.times: list[float] = []
-        self._pending: list[State] = []
         self._outputs: list[np.ndarray] = []
         self._coordinates: list[np.ndarray] = []
         self._energies: list[Energies] = []
@@ -47,21 +52,14 @@ class FullRecord:
         self._unknowns: list[np.ndarray] = []  # at frames whose fields are to come
         self._fields: list[Fields] = []
 
-    def observe(self, step: int, time: float, state: State) -> None:
-        """Take in an instant."""
-        self.times.append(time)
-        self._pending.append(state)
-        if len(self._pending) == self._system.instants_at_once:
-            self._evaluate()
-
     def outputs(self) -> np.ndarray:
         """Return what the outputs are made of at all instants, shape (n_observed, n_t)."""
-        self._evaluate()
+        self.finish()
         return np.concatenate(self._outputs, axis=-1)
 
     def recorded(self) -> dict[str, np.ndarray | Energies | list[np.ndarray]]:
         """Return coordinates (n_t, n_theta), energies, and where they are wanted frames, (n_nodes, n_frame) each."""
-        self._evaluate()
+        self.finish()
         return {
             "coordinates": np.concatenate(self._coordinates, axis=-1).T,
             "energies": joined(self._energies),
@@ -70,25 +68,23 @@ class FullRecord:
 
     def fields(self) -> Fields:
         """Return the fields of bodies where they are wanted."""
-        self._evaluate()
+        self.finish()
         self._evaluate_fields()
         return joined_fields(self._fields)
 
-    def _evaluate(self) -> None:
-        states, self._pending = self._pending, []
-        if not states:
-            return
-        first = len(self.times) - len(states)
-        with np.errstate(all="ignore"):  # a run that fails may overflow before it is given up
-            every = self._system.frames_over(states)
-            self._energies.append(self._system.energies_over(self.times[first:], states))
-            self._outputs.append(self._model.observed_over(self._system, states, every, self.times[first:]))
+    def see(self, first: int, states: State) -> None:
+        """Evaluate states."""
+        times = self.times[first:]
+        every = self._system.frames_over(states)
+        self._energies.append(self._system.energies_over(times, states))
+        self._outputs.append(self._model.observed_over(self._system, states, every, times))
         self._coordinates.append(self._measured(every))
-        wanted = [k for k in range(len(states)) if first + k in self._wanted]
+        wanted = [k for k in range(len(times)) if first + k in self._wanted]
         self._frames += [every[..., k] for k in wanted]
-        if self._of_fields.seen.points:
+        if self._of_fields.seen.points and wanted:
+            unknowns = self._system.unknowns_over(states)[0]
             for k in wanted:
-                self._unknowns.append(self._system.unknowns(states[k])[0])
+                self._unknowns.append(unknowns[:, k : k + 1])
                 if len(self._unknowns) == self._of_fields.at_once:
                     self._evaluate_fields()
 

@@ -190,13 +190,8 @@ def _full_on_all_ranks(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory
         with system:
             with timings.phase("integration"), _progress(model.title, attempt, comm) as bar:
                 started[:] = start_remarks(model.scene, system)
-                record = FullRecord(model, system, fields, frame_steps(simulation))
-
-                def observe(step: int, time: float, state: State) -> None:
-                    record.observe(step, time, state)
-                    bar.update(step > 0)
-
-                done = integrate(system, simulation, observer=observe)
+                record = FullRecord(model, system, fields, frame_steps(simulation), bar)
+                done = integrate(system, simulation, observer=record)
                 outputs, recorded, seen = record.outputs(), record.recorded(), record.fields()
             part = _Part.of(model, done, attempt, record.times, outputs, **recorded)
             other = _coarser(model, system, part, timings, comm)

@@ -9,9 +9,7 @@ from runs import PAPER_SCENE, paper_scene
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.candidates import (
     FULL,
-    QUICK,
     Limits,
-    Sweep,
     best_settings,
     columns_of,
     first_settings,
@@ -42,54 +40,8 @@ def varied(settings: list[Setting], around: Setting) -> dict[str, set]:
     return values
 
 
-@pytest.mark.parametrize(("sweep", "least", "most"), [(FULL, 48, 70), (QUICK, 22, 37)])
-def test_the_number_of_settings(sweep: Sweep, least: int, most: int) -> None:
-    scene = radius_scene()
-    first = first_settings(scene, sweep, LIMITS)
-    assert first[0] == own_setting(scene)
-    assert len(set(first)) == len(first)
-    few = own_setting(scene).with_reduction(angles=48, interpolation="spline", static_modes=True)
-    around = settings_around([few.with_reduction(modes=7), few.with_reduction(modes=4)], scene, sweep, LIMITS)
-    assert least <= len({*first, *around}) <= most
-
-
 def radius_scene(*overrides: str) -> Scene:
     return paper_scene(*overrides)
-
-
-def test_lines_through_the_scenes_own_setting() -> None:
-    scene = radius_scene()
-    lines = varied(first_settings(scene, FULL, LIMITS), own_setting(scene))
-    assert lines["modes"] == {8, 22}
-    assert lines["angles"] == {48, 96}
-    assert lines["interpolation"] == {"spline", "spectral"}
-    assert lines["static_modes"] == {True}
-    assert lines["n_steps"] == {500, 2000}
-
-
-def test_lines_through_the_best_setting() -> None:
-    best = own_setting(radius_scene()).with_reduction(modes=7, static_modes=True, angles=48, interpolation="spline")
-    lines = varied(settings_around([best], radius_scene(), FULL, LIMITS), best)
-    assert lines["modes"] == set(FULL.modes) - {7}
-    assert lines["angles"] == set(FULL.angles)
-    assert lines["interpolation"] == {"overhauser", "spectral"}
-    assert lines["static_modes"] == {False} and lines["second_order"] == {True} and lines["inertia_modes"] == {True}
-    with_inertia = varied(
-        settings_around([best], radius_scene(), FULL, LIMITS), best.with_reduction(inertia_modes=True)
-    )
-    assert with_inertia["parameter_modes"] == {1, 2}
-    assert lines["n_steps"] == {125, 250, 500, 2000, 4000}
-    assert lines["refinement"] == {2, 4}
-
-
-def test_other_families() -> None:
-    settings = first_settings(radius_scene(), FULL, LIMITS)
-    full = {(setting.n_steps, setting.refinement) for setting in settings if setting.family == "full"}
-    assert full == {(125, 1), (250, 1), (500, 1), (1000, 1), (2000, 1), (4000, 1), (1000, 2), (1000, 4)}
-    assert [setting.nodes for setting in settings if setting.family == "surface"] == [3, 5, 9, 17]
-    components = {(setting.component_modes, setting.n_steps) for setting in settings if setting.family == "components"}
-    assert {modes for modes, n_steps in components if n_steps == 1000} == {4, 10, 22}
-    assert {n_steps for modes, n_steps in components if modes == 22} == {125, 250, 500, 1000, 2000, 4000}
 
 
 def test_meshes_that_are_not_cut_and_terms_that_are_not_there_are_not_asked_for() -> None:
@@ -101,12 +53,6 @@ def test_meshes_that_are_not_cut_and_terms_that_are_not_there_are_not_asked_for(
     ]
     assert {setting.refinement for setting in settings} == {1}
     assert not any(setting.reduction.second_order for setting in settings if setting.reduction)
-
-
-def test_over_two_coordinates_there_are_fewer_angles_along_each() -> None:
-    assert FULL.over(1) is FULL
-    two = FULL.over(2)
-    assert two.angles == (7, 9, 11, 18, 24) and two.tensor_angles == 15 and "spectral" not in two.schemes
 
 
 def test_component_modes_are_a_command_of_their_own() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
+from commands_page import commands_page
 from conftest import ROOT
 from mpi4py import MPI
 from refusals import refusal
@@ -19,7 +20,6 @@ from pgmp_petsc.api.declared import SHARED, Argument, Command, command, found_co
 from pgmp_petsc.api.ranks import tell
 from pgmp_petsc.cli.declared import Declared
 from pgmp_petsc.cli.main import COMMANDS
-from pgmp_petsc.cli.page import commands_page
 from pgmp_petsc.cli.session import Session
 
 HEADS = {one.name: one for one in found() if one.name}
@@ -56,7 +56,7 @@ def test_every_option_says_what_it_does(name: str) -> None:
 
 def test_the_page_of_commands_is_what_they_declare() -> None:
     text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
-    assert text == commands_page(), "write it again: python -m pgmp_petsc.cli.page > docs/commands.md"
+    assert text == commands_page(), "write it again: python tests/commands_page.py > docs/commands.md"
 
 
 NAMED = """

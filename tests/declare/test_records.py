@@ -11,11 +11,12 @@ import h5py
 import numpy as np
 import pytest
 from every_result import PARTS, RESULTS
+from file_tables import described
 from sealed import resealed
 
+from pgmp_petsc.api.result import variables
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.records import FLAGS, Record, array, attribute, check_sizes
-from pgmp_petsc.declare.views import described, variables
 
 
 @dataclass(frozen=True)

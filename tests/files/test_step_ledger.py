@@ -8,7 +8,7 @@ import synthetic
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.files import claims
-from pgmp_petsc.files.checkpoint_folder import LABEL, Steps
+from pgmp_petsc.files.checkpoint_folder import LEDGER, Steps
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def test_what_was_begun_is_taken_up_where_pieces_are_left(steps: Steps) -> None:
 
 @pytest.mark.parametrize("text", ["", '{"format": 99, "files": {"run.h5": {"key": "key"}}}'])
 def test_an_empty_ledger_and_one_of_another_version_know_nothing(steps: Steps, text: str) -> None:
-    (steps.folder / LABEL).write_text(text)
+    (steps.folder / LEDGER).write_text(text)
     assert not steps.is_finished("run.h5", "key")
     steps.make()
     assert not steps.is_finished("run.h5", "key")
@@ -71,11 +71,11 @@ def test_folders_of_others_and_impossible_ones_are_refused(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("text", ["no JSON", "[]", '{"steps": [1]}', '{"format": 1, "files": {"a": 3}}', "[" * 10**5])
 def test_a_ledger_of_somebody_else_is_left_alone(tmp_path: Path, text: str) -> None:
-    (tmp_path / LABEL).write_text(text)
+    (tmp_path / LEDGER).write_text(text)
     with pytest.raises(InputError, match="its steps.json is none of pgmp run; give another folder with -o, or move"):
         with Steps(tmp_path).held():
             raise AssertionError("held")
-    assert (tmp_path / LABEL).read_text() == text and len(list(tmp_path.iterdir())) == 1
+    assert (tmp_path / LEDGER).read_text() == text and len(list(tmp_path.iterdir())) == 1
 
 
 def test_one_job_holds_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -106,6 +106,6 @@ def test_files_of_another_program_do_not_get_into_the_report(steps: Steps) -> No
     synthetic.trajectory("reduced", n_frames=0, n_times=5).write(steps.folder / "run.h5")
     with pytest.raises(RunError, match="run.h5' was changed or removed by another program while this job worked"):
         steps.check_files(["run.h5"])
-    (steps.folder / LABEL).unlink()
+    (steps.folder / LEDGER).unlink()
     with pytest.raises(RunError, match="steps.json' was changed or removed by another program"):
         steps.checksum("run.h5")

@@ -94,7 +94,7 @@ def test_the_matrix_is_the_mass_of_the_energy(name: str) -> None:
     for rates in np.random.default_rng(1).standard_normal((5, n)):
         rates[system.own.directors] = 0.0
         moving = state_of(system, q, rates[:, None], 0.0 * q)
-        energy = float(system.energies_over([0.0], [moving]).kinetic[0])
+        energy = float(system.energies(0.0, moving).kinetic[0])
         assert 0.5 * rates @ mass @ rates == pytest.approx(energy, rel=1e-9)
 
 

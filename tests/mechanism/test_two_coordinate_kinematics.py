@@ -6,7 +6,7 @@ from refusals import refusal
 from two_coordinates import BASE, COUPLER, LEFT, RIGHT, UPPER, double_pendulum, five_bar
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.mechanism.closure import solved, triangular_blocks
+from pgmp_petsc.mechanism.block_solves import solved, triangular_blocks
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from scenes import kinematics_of, slider_crank
 
@@ -99,17 +99,19 @@ def test_answers_hang_on_no_other_system() -> None:
 
 @pytest.mark.filterwarnings("error")
 def test_blocks_that_are_singular_are_solved_as_a_whole() -> None:
-    closure = kinematics_of(slider_crank())._closure
-    assert len(closure._blocks) > 1
-    n = sum(columns.size for _, columns, _ in closure._blocks)
+    blocks = kinematics_of(slider_crank())._closure._blocks
+    n, starts = blocks.rows.size, blocks.starts
+    assert starts.size > 2
+    own = [(blocks.rows[a:b], blocks.columns[a:b]) for a, b in zip(starts, starts[1:])]
     pattern = np.zeros((n, n), dtype=bool)
-    for rows, columns, before in closure._blocks:
+    for k, (rows, columns) in enumerate(own):
+        before = blocks.before[blocks.entered[k] : blocks.entered[k + 1]]
         pattern[np.ix_(rows, np.concatenate([columns, before]))] = True
     jacobian = np.where(pattern, np.random.default_rng(3).normal(size=(3, n, n)), 0.0)
-    jacobian[1][np.ix_(*closure._blocks[0][:2])] = 0.0
+    jacobian[1][np.ix_(*own[0])] = 0.0
     right = np.random.default_rng(4).normal(size=(3, n, 1))
     expected = [np.linalg.lstsq(one, other, rcond=1e-10)[0] for one, other in zip(jacobian, right)]
-    np.testing.assert_allclose(closure._solved(jacobian, right), expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(solved(jacobian, right, blocks), expected, rtol=1e-9, atol=1e-9)
 
 
 def test_blocks_follow_from_those_before_them() -> None:

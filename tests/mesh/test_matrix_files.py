@@ -106,8 +106,8 @@ def text(content: str) -> bytes:
 FIVE = "10,1, 10,1, 2.0\n"
 MATRIX_CASES = {
     "missing": (None, "no such file"),
-    "empty": (b"", "no format that is known"),
-    "prose": (b"a matrix\nof words\n", "no format that is known"),
+    "empty": (b"", "no matrix in a format that is known"),
+    "prose": (b"a matrix\nof words\n", "no matrix in a format that is known"),
     "ragged": (text(FIVE + "1 2 3\n"), "number of columns changed"),
     "words for numbers": (b"1, 1, x, 1, 2.0\n", "cannot be read as a matrix"),
     "no whole numbers": (b"1.5 1 2.0\n", "no whole numbers"),

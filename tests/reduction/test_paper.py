@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import synthetic
 
-from benchmarks.paper import accuracy, comparison, cost, equal_error, order, ranks, summary
+from benchmarks.paper import accuracy, comparison, equal_error, summary
 from benchmarks.paper import figures as pictures
 from benchmarks.paper.published import BANDS, DENSITIES, RADII
 from benchmarks.paper.results import PaperResults
-from benchmarks.tables import Table, number, percent, span, with_error
+from benchmarks.tables import Table
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.reduction.tables import ReducedTables
 from scenes import meshes_of, slider_crank
@@ -41,27 +41,9 @@ def directory(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_table_is_markdown() -> None:
-    table = Table("T", ("a", "b"), [["1", "2"]], before="x", after="y")
-    assert table.markdown() == "## T\n\nx\n\n| a | b |\n| --- | --- |\n| 1 | 2 |\n\ny"
-
-
 def test_a_row_with_a_missing_cell_is_refused() -> None:
     with pytest.raises(ValueError, match="row has 1 cells; needed: 2"):
         Table("T", ("a", "b"), [["1"]])
-
-
-def test_numbers_are_written_with_what_they_are_worth() -> None:
-    assert (number(0.0123446), number(15111.2, 3), percent(0.0534), percent(1.07)) == (
-        "0.01234",
-        "15111",
-        "5.3 %",
-        "107 %",
-    )
-    assert span(48.9434, 64.067) == "48.94 to 64.07"
-    assert with_error(5.283289, 0.00168) == "5.2833 ± 0.0017"
-    assert with_error(-8.75e-5, 2.7e-7, 1e4) == "-0.8750 ± 0.0027"
-    assert with_error(3.0, 0.0) == "3"
 
 
 def test_a_band_must_agree_with_the_reference_and_fit_the_axis(directory: Path) -> None:
@@ -98,43 +80,11 @@ def test_the_published_table_has_a_verdict_in_every_row(directory: Path) -> None
     assert summary.verdicts([table])["all"] == len(table.rows)
 
 
-def test_an_ensemble_with_one_cost_has_ratio_one(directory: Path) -> None:
-    assert "ratio 1" in comparison.cost_row(PaperResults.read(directory))[2]
-
-
 def test_frequencies_need_the_reference_angles() -> None:
     theta = 2 * np.pi / 8 * np.arange(8)
     assert accuracy.nearest(theta, np.pi / 2) == 2
     with pytest.raises(ValueError, match="no angle 1 rad"):
         accuracy.nearest(theta, 1.0)
-
-
-def test_equal_samples_have_no_distance(directory: Path) -> None:
-    results = PaperResults.read(directory)
-    same = replace(results, ensembles={model: results.ensembles["full"] for model in ("full", "reduced")})
-    for row in accuracy.distance_table(same).rows:
-        assert [float(cell) for cell in row[1:]] == [0.0, 0.0, 0.0]
-
-
-def test_orders_are_those_of_a_power() -> None:
-    np.testing.assert_allclose(order.orders(3.0 * np.array([1e-3, 5e-4, 2.5e-4]) ** 2), 2.0, rtol=1e-12)
-    assert order.rms_error(np.array([1.0, 2.0]), np.array([0.0, 1.0])) == 1.0
-    assert order.AT_REST.shown_steps == "1, 0.5, 0.25 ms"
-
-
-def test_the_order_is_measured_at_common_instants() -> None:
-    case = replace(order.AT_REST, duration=8e-3, steps=(2e-3, 1e-3))
-    scene = Path(summary.SCENE)
-    coarse = order.history(case.model(scene), case, 2e-3, 0.8)
-    fine = order.exact_run(case, scene)
-    assert coarse["crank_angle"].shape == fine["crank_angle"].shape == (5,)
-
-
-@pytest.mark.parametrize(
-    "full, words", [(8.0, "2 times as fast"), (4.0, "about as fast"), (2.0, "full-order model is 2")]
-)
-def test_the_speed_up_is_put_into_words(full: float, words: str) -> None:
-    assert words in cost.Cost(5, 41, 15, full, 4.0).in_words
 
 
 def test_costs_are_compared_at_equal_error() -> None:
@@ -162,28 +112,6 @@ def test_a_basis_that_leaves_more_is_compared_at_the_least_error_that_it_leaves(
     assert "with coarse no step of the full-order model is as good" in equal_error.in_words(worse)
 
 
-def test_runs_are_compared_at_instants_that_both_have() -> None:
-    for n_steps in equal_error.STEPS:
-        exact = equal_error.exact_steps(n_steps)
-        assert exact >= equal_error.EXACT_STEPS and exact % n_steps == 0
-
-
-def test_ranks_are_compared_by_their_largest_difference(tmp_path: Path) -> None:
-    made = ensemble("full")
-    fine = replace(
-        made,
-        outputs={"crank_angle": np.array([1.0, 2.0])},
-        parameters={},
-        statistics={},
-        status=np.zeros(2, int),
-        failure_time=np.full(2, np.nan),
-        steps_divided=np.ones(2, dtype=int),
-    )
-    fine.write(tmp_path / "full_1.h5")
-    replace(fine, outputs={"crank_angle": np.array([1.0, 2.0 + 4e-10])}).write(tmp_path / "full_2.h5")
-    assert ranks.sample_difference(tmp_path, "full", "2") == pytest.approx(2e-10, rel=1e-6)
-
-
 def test_tables_without_inertia_coupling() -> None:
     from mpi4py import MPI
 
@@ -203,12 +131,6 @@ def test_all_pictures_are_drawn(directory: Path) -> None:
     names = {path.name for path in pictures.draw(directory)}
     assert names == set(summary.PICTURES)
     assert all((directory / name).stat().st_size > 10_000 for name in names)
-
-
-def test_the_paper_counts_the_rigid_motion_as_first_mode() -> None:
-    figure = pictures.frequency_bands([synthetic.modes_table(r1) for r1 in RADII.values()])
-    titles = [axes.get_title(loc="left") for axes in figure.axes]
-    assert titles == ["f2 (Hz)", "f3 (Hz)", "f4 (Hz)", "f5 (Hz)"]
 
 
 def test_a_density_that_no_ensemble_has_is_refused() -> None:

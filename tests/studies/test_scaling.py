@@ -11,8 +11,7 @@ from pictures import assert_inside, legend_texts, visible
 
 from benchmarks.scaling import build, figures, fine_beams, report
 from benchmarks.scaling import case as phases
-from benchmarks.scaling.case import ScalingCase, exponent, over_unknowns
-from benchmarks.scaling.fine_beams import FineBeams
+from benchmarks.scaling.case import ScalingCase
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.capabilities import Purpose
@@ -94,13 +93,6 @@ def test_a_scene_of_beams_is_refused(tmp_path: Path) -> None:
         build.measure(BEAMS, (), RankGroup.split(MPI.COMM_SELF, 1), tmp_path / "rom.h5")
 
 
-def test_records_are_kept(tmp_path: Path) -> None:
-    path = tmp_path / "case_1.json"
-    case().write(path)
-    assert ScalingCase.read(path) == case()
-    assert [item.name for item in tmp_path.iterdir()] == ["case_1.json"]
-
-
 @pytest.mark.parametrize("text", [None, "", "[]", '{"format": 0}', '{"format": 1, "ranks": 1}'])
 def test_what_is_no_record_is_refused(tmp_path: Path, text: str | None) -> None:
     path = tmp_path / "case_1.json"
@@ -108,18 +100,6 @@ def test_what_is_no_record_is_refused(tmp_path: Path, text: str | None) -> None:
         path.write_text(text)
     with pytest.raises(InputError, match="no record of a scaling study"):
         ScalingCase.read(path)
-
-
-def test_exponents_are_those_of_powers() -> None:
-    unknowns = np.array([1e3, 1e4, 1e5])
-    assert exponent(unknowns, 3e-4 * unknowns**1.37) == pytest.approx(1.37, rel=1e-12)
-    assert exponent(unknowns, [1.0, np.nan, 100.0]) == pytest.approx(1.0, rel=1e-12)
-    assert np.isnan(exponent([1e3, 1e3], [1.0, 2.0])) and np.isnan(exponent([1e3, 1e4], [0.0, 1.0]))
-
-
-def test_costs_are_taken_from_runs_on_one_rank() -> None:
-    cases = [case(10**5), case(10**3), case(10**4, ranks=2), replace(case(10**4), dimension=2)]
-    assert [found.unknowns for found in over_unknowns(cases, 3)] == [10**3, 10**5]
 
 
 def test_the_summary_says_what_was_measured(tmp_path: Path) -> None:
@@ -137,12 +117,6 @@ def test_the_summary_says_what_was_measured(tmp_path: Path) -> None:
     dear = {**case().processor, phases.CONDENSING: 1e-2}
     replace(case(10**3), processor=dear).write(tmp_path / "case_0.json")
     assert "too much: 1.5 is allowed" in report.summarise(tmp_path)
-
-
-def test_one_size_has_no_exponent(tmp_path: Path) -> None:
-    case().write(tmp_path / "case_0.json")
-    text = report.summarise(tmp_path)
-    assert "exponent" not in text and "power" not in text and "nan" not in text
 
 
 def test_a_directory_without_records_is_refused(tmp_path: Path) -> None:
@@ -197,19 +171,7 @@ def test_bodies_that_are_no_straight_beams_are_refused() -> None:
         fine_beams.frequencies(SOLIDS, 10, MPI.COMM_SELF)
 
 
-def test_reduced_runs_are_compared(tmp_path: Path) -> None:
-    text = report.simulation_table({10**3: [0.5, 0.4], 10**5: [0.41]}).markdown()
-    assert "| 1000 | 0.40 s | 0.50, 0.40 |" in text and "Largest over smallest mesh: 1.02" in text
-    assert report.integration_times(tmp_path) == {}
-
-
 def test_programs_say_how_they_are_called(capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.argv", ["scaling"])
     assert report.main() == figures.main() == 2
     assert capsys.readouterr().err.count("usage: python -m") == 2
-
-
-def test_beams_keep_their_sections() -> None:
-    given = {"shape": "circle", "radius": "r1", "flags": [True, 1.5]}
-    assert fine_beams.toml(given) == '{ shape = "circle", radius = "r1", flags = [true, 1.5] }'
-    assert FineBeams([0.0], [1.0], 0.0, [1], [[2e-5]], [""]).verdict(0) == "off by 2.0e-05 and not a word of it"

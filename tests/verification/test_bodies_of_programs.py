@@ -326,6 +326,9 @@ def test_what_is_no_body_is_refused_in_one_message_on_any_number_of_ranks(folder
         "cut.op4": ("stiffness", "cut.op4"),
         "reduced.pch": ("stiffness", "1 rows are of scalar points, such as 901, as the modal amplitudes of a Craig"),
         "run.op2": ("stiffness", "pyNastran cannot read this file"),
+        "none.pch": ("stiffness", "pyNastran cannot read this file"),  # loads alone
+        "rod.inp": ("stiffness", "A deck of nodes and elements has none"),
+        "rod.bdf": ("stiffness", "A deck of nodes and elements has none"),
     }
     commands = []
     for name, (key, _) in known.items():

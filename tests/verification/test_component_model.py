@@ -93,7 +93,12 @@ def test_stresses_beside_a_random_field_take_few_fields() -> None:
 
 def test_it_converges_with_the_modes() -> None:
     """From a sudden start a vibration that modes alone have; the frames' static answers do for slow loads."""
-    sudden = ("effects={}", "simulation.initial={theta={velocity=2.0}}", "simulation.duration=0.01", "simulation.step=1e-5")
+    sudden = (
+        "effects={}",
+        "simulation.initial={theta={velocity=2.0}}",
+        "simulation.duration=0.01",
+        "simulation.step=1e-5",
+    )
     runs = (outputs_of(beams, *sudden, f"reduction.modes={n}") for n in (1, 2, 4, 9))
     errors = [largest_errors(*both)["slider_deformation"] for both in runs]
     # what four modes lack is the vibration along the bars, which the steps resolve
@@ -106,7 +111,7 @@ def test_inertia_at_rest_is_that_of_the_mesh(make) -> None:
     energies = []
     for model in models(make, "simulation.initial={theta={position=0.7, velocity=5.0}}"):
         system = model.batch(samples(model.scene, 1), 1)
-        energies.append(float(system.energies_over([0.0], [system.start()]).kinetic[0]))
+        energies.append(float(system.energies(0.0, system.start()).kinetic[0]))
     assert energies[1] == pytest.approx(energies[0], rel=1e-11)
 
 
@@ -219,7 +224,7 @@ def test_modal_damping_takes_what_a_ratio_says(make) -> None:
     v = np.random.default_rng(0).standard_normal(system.n_dofs)
     v[body.first_internal + 1 : body.internal.stop] = 0.0
     state.v[0, :, 0] = v
-    found = system.energies_over([0.0], [state]).powers["inner"][0]
+    found = system.energies(0.0, state).powers["inner"][0]
     rate = v[body.first_internal]
     assert found == pytest.approx(-2.0 * 0.03 * np.sqrt(stiffness[0] * mass[0]) * rate**2, rel=1e-12)
 
@@ -236,6 +241,6 @@ def test_cross_sections_that_scale_are_those_of_the_scaled_mesh(scale: float) ->
         f"parameters.s={{nominal=1.0, value={scale}, unit='', bounds=[0.7, 1.4]}}", 'bodies.crank.section_scale="s"',
     )  # fmt: skip
     starts = [model.batch(samples(model.scene, 1), 1) for model in models(solids, *scaled)]
-    energies = [float(system.energies_over([0.0], [system.start()]).kinetic[0]) for system in starts]
+    energies = [float(system.energies(0.0, system.start()).kinetic[0]) for system in starts]
     assert energies[1] == pytest.approx(energies[0], rel=1e-11)
     assert_close(*outputs_of(solids, *scaled), crank_angle=ANGLE, slider_deformation=DEFORMATION)

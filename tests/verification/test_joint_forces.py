@@ -619,7 +619,7 @@ scene = slider_crank(
 model = full_model(scene)
 with model.distributed(scene.values, MPI.COMM_WORLD) as system:
     record = FullRecord(model, system, model.fields(), ())
-    integrate(system, scene.simulation, observer=record.observe)
+    integrate(system, scene.simulation, observer=record)
     found = model.outputs.evaluate(record.outputs())
 if MPI.COMM_WORLD.rank == 0:
     expected = motion(model).outputs

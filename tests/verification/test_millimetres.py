@@ -36,88 +36,39 @@ from pgmp_petsc.scene.border import own_values
 from scenes import HEADER, tables
 
 EXACT = 1e-12  # numbers that are converted: 3e-16 but for differences of such
-FOUR_BAR = """
-[scene]
-name = "four_bar"
-[ground.points]
-pivot = [0.412, -0.003]
-post = [0.2, 0.5]
-[parameters.k]
-nominal = 2000.0
-unit = "N/m"
-distribution = { name = "norm", loc = 2000.0, scale = 200.0 }
-[parameters.thick]
-nominal = 8.0
-unit = "mm"
-distribution = { name = "norm", loc = 8.0, scale = 0.3 }
-bounds = [6.0, 10.0]
-[materials.alu]
-E = 70e9
-nu = 0.33
-rho = 2700.0
-[bodies.crank]
-line = { length = 0.1013, elements = 1 }
-element = "beam2d"
-material = "alu"
-flexible = false
-section = { shape = "circle", radius = 0.01 }
-[bodies.coupler]
-line = { length = 0.3982, elements = 4 }
-element = "beam2d"
-material = "alu"
-section = { shape = "rectangle", width = 0.02, height = "thick" }
-placement = { origin = [0.1013, 0.0], angle = 0.7 }
-[bodies.rocker]
-line = { length = 0.2497, elements = 4 }
-element = "beam2d"
-material = "alu"
-section = { shape = "rectangle", width = 0.02, height = "thick" }
-placement = { origin = [0.412, -0.003], angle = 1.6 }
-[joints]
-motor = { type = "revolute", connect = ["ground:origin", "crank:hinge"] }
-a = { type = "revolute", connect = ["crank:tip", "coupler:hinge"] }
-b = { type = "revolute", connect = ["coupler:tip", "rocker:tip"] }
-c = { type = "revolute", connect = ["ground:pivot", "rocker:hinge"] }
-[coordinates.theta]
-joint = "motor"
-range = [0.0, 6.283185307179586]
-periodic = true
-[effects.drive]
-type = "torque"
-joint = "motor"
-table = [[0.0, 0.0], [0.01, 0.3], [0.025, 0.1]]
-[effects.mount]
-type = "spring_damper"
-points = ["ground:post", "rocker:tip"]
-stiffness = "k"
-damping = 5.0
-rest = 0.25
-[effects.weight]
-type = "gravity"
-[effects.damping]
-type = "structural_damping"
-stiffness = 1e-4
-[initial]
-equilibrium = true
-[reduction]
-modes = 5
-static_modes = true
-angles = 16
-max_angles = 16
-interpolation = "spline"
-[simulation]
-duration = 0.025
-step = 5e-4
-frames = 5
-[outputs]
-turned = { type = "angle", joint = "c" }
-bend = { type = "deformation", point = "rocker:tip", axis = "y", frame = "body" }
-stress = { type = "stress", body = "rocker", quantity = "stress_max" }
-[ensemble.probabilities.yielding]
-output = "stress"
-above = 12e6
-when = "ever"
-"""
+FOUR_BAR = tables("""
+scene: name = "four_bar"
+ground.points: pivot = [0.412, -0.003]; post = [0.2, 0.5]
+parameters.k: nominal = 2000.0; unit = "N/m"; distribution = { name = "norm", loc = 2000.0, scale = 200.0 }
+parameters.thick: nominal = 8.0; unit = "mm"; distribution = { name = "norm", loc = 8.0, scale = 0.3 };
+    bounds = [6.0, 10.0]
+materials.alu: E = 70e9; nu = 0.33; rho = 2700.0
+bodies.crank: line = { length = 0.1013, elements = 1 }; element = "beam2d"; material = "alu"; flexible = false;
+    section = { shape = "circle", radius = 0.01 }
+bodies.coupler: line = { length = 0.3982, elements = 4 }; element = "beam2d"; material = "alu";
+    section = { shape = "rectangle", width = 0.02, height = "thick" };
+    placement = { origin = [0.1013, 0.0], angle = 0.7 }
+bodies.rocker: line = { length = 0.2497, elements = 4 }; element = "beam2d"; material = "alu";
+    section = { shape = "rectangle", width = 0.02, height = "thick" };
+    placement = { origin = [0.412, -0.003], angle = 1.6 }
+joints: motor = { type = "revolute", connect = ["ground:origin", "crank:hinge"] };
+    a = { type = "revolute", connect = ["crank:tip", "coupler:hinge"] };
+    b = { type = "revolute", connect = ["coupler:tip", "rocker:tip"] };
+    c = { type = "revolute", connect = ["ground:pivot", "rocker:hinge"] }
+coordinates.theta: joint = "motor"; range = [0.0, 6.283185307179586]; periodic = true
+effects.drive: type = "torque"; joint = "motor"; table = [[0.0, 0.0], [0.01, 0.3], [0.025, 0.1]]
+effects.mount: type = "spring_damper"; points = ["ground:post", "rocker:tip"]; stiffness = "k"; damping = 5.0;
+    rest = 0.25
+effects.weight: type = "gravity"
+effects.damping: type = "structural_damping"; stiffness = 1e-4
+initial: equilibrium = true
+reduction: modes = 5; static_modes = true; angles = 16; max_angles = 16; interpolation = "spline"
+simulation: duration = 0.025; step = 5e-4; frames = 5
+outputs: turned = { type = "angle", joint = "c" };
+    bend = { type = "deformation", point = "rocker:tip", axis = "y", frame = "body" };
+    stress = { type = "stress", body = "rocker", quantity = "stress_max" }
+ensemble.probabilities.yielding: output = "stress"; above = 12e6; when = "ever"
+""")
 #: A cart on a rail with a pole of its own: two coordinates, of which one slides, with all that acts on them.
 CART = HEADER + tables("""
 parameters.drag: nominal = 0.4; unit = "N s/m"; distribution = { name = "uniform", loc = 0.3, scale = 0.2 }
@@ -282,18 +233,7 @@ CASES = {
     "geared": Case(TEETH, without=(*OF_ROM, "effects", "trade-off")),
     "off": Case(
         CLAMPED_OFF,
-        without=(
-            "effects",
-            "modes",
-            "pictures",
-            "code",
-            "unit",
-            "sensitivities",
-            "design",
-            "fit",
-            *OF_CHOICE,
-            "trade-off",
-        ),
+        without=(*"effects modes pictures code unit sensitivities design fit trade-off".split(), *OF_CHOICE),
     ),
 }
 THOROUGH = ("four bar, chosen", "solid", "geared", "off")

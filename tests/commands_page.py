@@ -1,6 +1,6 @@
 """docs/commands.md: all commands with their options, as they are declared.
 
-python -m pgmp_petsc.cli.page > docs/commands.md
+python tests/commands_page.py > docs/commands.md
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pgmp_petsc.api.declared import Argument, Command, found_command
 
 ABOUT = """# Commands
 
-Written from the declarations of the commands (`python -m pgmp_petsc.cli.page > docs/commands.md`);
+Written from the declarations of the commands (`python tests/commands_page.py > docs/commands.md`);
 `pgmp COMMAND --help` says the same. Every command has `--quiet`: nothing is written but errors and warnings. A
 terminal shows the answer and warnings of build, modes, simulate, montecarlo and merge, and with `--verbose` all
 figures; a pipe or a log always has these. Commands with `--json` write their figures as JSON on standard output, and
