@@ -59,6 +59,7 @@ THOROUGH = (
     "parallel/test_sweep.py::test_every_command_ends_as_it_should[double_pendulum-1]",
     "parallel/test_sweep.py::test_every_command_ends_as_it_should[four_bar-1]",
     "parallel/test_sweep.py::test_every_command_ends_as_it_should[quick_return-1]",
+    "parallel/test_sweep.py::test_every_command_ends_as_it_should[delta_robot-1]",
     "parallel/test_sweep.py::test_every_command_ends_as_it_should[slider_crank_paper-1]",
     "parallel/test_settled_ranks.py::test_samples_are_those_of_one_rank[reduced.h5-3]",
     "parallel/test_settled_ranks.py::test_samples_are_those_of_one_rank[full.h5-3]",

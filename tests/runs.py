@@ -206,6 +206,23 @@ def still(eta: np.ndarray) -> State:
     return State(eta, np.zeros_like(eta), np.zeros_like(eta), np.zeros(0))
 
 
+def assert_forces_do_the_work(model: ReducedModel, state: State, values: Mapping[str, np.ndarray], time: float) -> None:
+    """Check ``-r.eta'`` of the effect `extra` alone against its power and the rate of its elastic energy along the
+    motion."""
+    n, h = len(state.q), 1e-6
+    system = model.batch(values, n)
+    without = system.__class__(model.terms, model.effects, values, model.start, n)
+    power = np.einsum("ni,ni->n", without.residual(time, state) - system.residual(time, state), state.v)
+
+    def stored(dt: float) -> np.ndarray:
+        moved = State(state.q + dt * state.v, state.v, state.a, state.multipliers)
+        return system.energies(time, moved).potential["extra"]
+
+    expected = system.energies(time, state).powers["extra"] - (stored(h) - stored(-h)) / (2 * h)
+    np.testing.assert_allclose(power, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+    assert np.abs(power).max() > 1e-3
+
+
 def history(
     model: Model, values: Mapping[str, np.ndarray], n: int, every: int = 1, system: SecondOrderSystem | None = None
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:

@@ -318,7 +318,7 @@ class Bench:
 
     def go_on(self, trial: Trial, loads: tuple[str, ...] | None = None) -> Trial:
         """Run a candidate under further loads."""
-        start, exact = perf_counter(), Setting("reference", trial.n_steps)
+        start, exact = perf_counter(), trial.exact
         names = tuple(dict.fromkeys((*trial.errors.loads, *self._names(loads))))
         if names == trial.errors.loads:
             return trial
@@ -334,10 +334,6 @@ class Bench:
         seconds = trial.seconds + self.comm.bcast(perf_counter() - start)
         return replace(trial, errors=errors, reason=reason, seconds=seconds)
 
-    def run_again(self, trial: Trial, n_steps: int, loads: tuple[str, ...]) -> Errors:
-        """Compare a candidate with the full-order model at another step."""
-        return self.errors(loads, trial.at(n_steps), Setting("reference", n_steps))
-
     def apart(self, one: Trial, other: Trial) -> Errors:
         """Return how far two candidates that ran with the same step are apart, under the loads that both ran with."""
         names = tuple(name for name in one.errors.loads if name in other.errors.loads)
@@ -349,19 +345,10 @@ class Bench:
         values = np.where(np.isnan(errors.values), np.inf, errors.values)
         return replace(errors, values=np.where(counts, values, np.nan))
 
-    def weakened(self, trial: Trial, load: str) -> Errors:
-        """Return the errors of a candidate under half of one load."""
-        return self.errors((load,), trial.setting, Setting("reference", trial.n_steps), factor=0.5)
-
-    def softened(self, trial: Trial, load: str, factor: float) -> Errors:
-        """Return the errors of a candidate under one load, its end stops a factor as stiff."""
-        exact = Setting("reference", trial.n_steps)
-        return self.errors((load,), trial.setting, exact, lambda case: case.softer(factor))
-
     def from_rest(self, trial: Trial, load: str, sample: int) -> tuple[np.ndarray, np.ndarray]:
         """Return what halving the step moves of one full-order sample that starts at rest where the loads pull it, and
         the candidate's error from there; each of shape (n_outputs,), infinite where there is no such start."""
-        exact, finer = (Setting("reference", n) for n in (trial.n_steps, 2 * trial.n_steps))
+        exact, finer = trial.exact, Setting("reference", 2 * trial.n_steps)
         try:
             found = [
                 self.errors((load,), one, exact, lambda case: case.from_rest(sample)).values[0, :, 0]

@@ -534,8 +534,9 @@ def _at_the_chosen_step(bench: Bench, ledger: Ledger, limits: Limits, step: Step
     allowed = REDUCTION * tolerance
     while trial.n_steps < step.n_steps:
         finest = step.n_finest
-        errors = bench.run_again(trial, finest, step.loads)
-        ledger.add_trial("basis", KNOBS, replace(trial, n_steps=finest), errors)
+        again = replace(trial, n_steps=finest)
+        errors = bench.errors(step.loads, again.setting, again.exact)
+        ledger.add_trial("basis", KNOBS, again, errors)
         if errors.largest <= allowed:
             break
         n_steps = min(FINER * trial.n_steps, finest)

@@ -276,6 +276,11 @@ class Trial:
         """It as a setting."""
         return self.at(self.n_steps)
 
+    @property
+    def exact(self) -> Setting:
+        """The setting that it is compared with."""
+        return Setting("reference", self.n_steps)
+
 
 # Of the tolerance. Those of the reduction, and the step's, are half of it each: a factor of two to spare for what took
 # no part in the training; with equal tolerances the parts together are within it even where all are largest at once.

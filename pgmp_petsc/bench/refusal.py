@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NoReturn
 
 import numpy as np
@@ -70,9 +71,10 @@ def refuse_basis(
         refuse(entry, tolerance, "round-off", allowed, ledger, [f"of the basis's error: {ZERO}", possible, *last])
     load, output, sample = errors.place
     name, what, n_steps = errors.loads[load], errors.outputs[output], trial.n_steps
-    half = bench.weakened(trial, name).values[0, output, sample]
+    half = bench.errors((name,), trial.setting, trial.exact, factor=0.5).values[0, output, sample]
     nominal = np.nanmax(errors.values[:, :, 0])
-    finer = bench.run_again(trial, 2 * n_steps, (name,)).values[0, output, sample]
+    again = replace(trial, n_steps=2 * n_steps)
+    finer = bench.errors((name,), again.setting, again.exact).values[0, output, sample]
     unresolved = bench.moved(n_steps, 2 * n_steps, (name,)).values[0, output, sample]
     hints = [
         f"of the basis's error, half the load leaves {half:.2g}, half the step {finer:.2g}; at nominal parameters "
@@ -122,7 +124,7 @@ def _of_rival(bench: Bench, rival: Trial, half: float) -> list[str]:
     """Return what the basis that follows stretching in the other way tells of the cause, if half the load leaves so
     much of the best basis's error."""
     load, output, sample = rival.errors.place
-    weak = bench.weakened(rival, rival.errors.loads[load]).values[0, output, sample]
+    weak = bench.errors((rival.errors.loads[load],), rival.setting, rival.exact, factor=0.5).values[0, output, sample]
     kind, causes = rival.reduction.stretching, []
     if weak <= FELL * rival.errors.largest:
         causes.append(
@@ -144,14 +146,15 @@ def _of_stops(bench: Bench, trial: Trial) -> list[str]:
     if not stops:
         return []
     load, output, sample = trial.errors.place
-    soft = bench.softened(trial, trial.errors.loads[load], SOFTER)
+    name = trial.errors.loads[load]
+    soft = bench.errors((name,), trial.setting, trial.exact, lambda case: case.softer(SOFTER))
     left = soft.values[0, output, sample]
     if not left <= FELL * trial.errors.largest:
         return []
     return [
         f"impacts on {' and '.join(f'effects.{name}' for name in stops)} set off vibrations that no larger basis "
         f"follows: stops {SOFTER:g} times as stiff leave {left:.2g} of {trial.errors.outputs[output]} "
-        f"under load '{trial.errors.loads[load]}', and {soft.largest:.2g} of all outputs"
+        f"under load '{name}', and {soft.largest:.2g} of all outputs"
     ]
 
 

@@ -28,7 +28,8 @@ from pgmp_petsc.scene.references import points_used
 
 # s, of a step of a sample of a reduced model: by itself, an entry of its matrices over one coordinate, a local effect
 REDUCED_SAMPLE, REDUCED_ENTRY, REDUCED_EFFECT = 1.0e-7, 2.0e-9, 3.0e-7
-CARRIED = 2e-4  # s, of a step of a sample in a batch, also of components: friction by the force that a joint carries
+# s, of a step of a sample in a batch, of components and reduced: friction by the force that a joint carries
+CARRIED_BESIDE, CARRIED_IN_LANES = 2e-4, 4.5e-6
 MODEL = 0.6  # s, of a build besides its configurations
 CONDENSING, CONDENSING_POWER = 9e-6, 1.3  # s, of a body of cells by its unknowns; measured from 5,850 to 298,134
 STRAIN = 1.6e-8  # s, of a strain at a point of a body of cells, from some 80 coordinates of the body condensed
@@ -73,7 +74,7 @@ def prospects(
     n_local = sum(effect.local for effect in scene.effects.values())
     n_rigid, fields = len(scene.coordinates), amplitudes(scene, mechanism, scene.reduction.modes)
     answered = scene.reduction.static_modes or not n_loads or scene.reduction.tolerance is not None
-    besides = CARRIED * len(scene.carried) + STRAIN * n_strains(scene, mechanism)
+    besides, n_carried = STRAIN * n_strains(scene, mechanism), len(scene.carried)
     share = "0.1 to 1 % of deformations, with static answers to loads"
     if not answered:
         share = "1 to 6 % of deformations, without static answers to loads (reduction.static_modes)"
@@ -84,11 +85,13 @@ def prospects(
         ),
         Prospect(
             "components", _refused(scene, Purpose.COMPONENTS, meshes), sum(fields.values()) + sum(count_of(mechanism)),
-            condensing(mechanism), component_step(mechanism, fields) + besides, 0.002, "0.002 to 0.8 % of deformations",
+            condensing(mechanism), component_step(mechanism, fields) + CARRIED_BESIDE * n_carried + besides,
+            0.002, "0.002 to 0.8 % of deformations",
         ),
         Prospect(
             "reduced", _refused(scene, Purpose.BUILD, meshes), n_flexible + n_rigid, build_seconds(scene, mechanism),
-            reduced_step(n_flexible + n_rigid, n_rigid, n_local) + besides, 0.005 if answered else 0.03, share,
+            reduced_step(n_flexible + n_rigid, n_rigid, n_local) + CARRIED_IN_LANES * n_carried + besides,
+            0.005 if answered else 0.03, share,
         ),
     ]  # fmt: skip
     return [Prospect(one.model, one.refused) if one.refused else one for one in found]

@@ -30,6 +30,7 @@ from pgmp_petsc.c_export.statements import (
     coordinates_of,
     outputs_in_c,
 )
+from pgmp_petsc.controllers import running
 from pgmp_petsc.controllers.acting import ACTING_LAW, has_motion, measured_by
 from pgmp_petsc.declare.ideas import OUTPUTS
 from pgmp_petsc.effects import motions_of
@@ -533,6 +534,12 @@ def _steps(scene: Scene) -> dict[str, int | float]:
         "GAMMA": scheme.gamma,
         "STARTING_CORRECTIONS": STARTING_CORRECTIONS,
         "MAX_ITERATIONS": alpha_step.MAX_ITERATIONS,
+        "SETTLED": running.SETTLED,
+        "SETTLED_IN_STEP": running.SETTLED_IN_STEP,
+        "FIRST_SECANT": running.FIRST_SECANT,
+        "SMALLEST_SECANT": running.SMALLEST_SECANT,
+        "WEAKEST": running.WEAKEST,
+        "STRONGEST": running.STRONGEST,
         "CAREFUL_ITERATIONS": alpha_step.CAREFUL_ITERATIONS,
         "REFRESH_EVERY": alpha_step.REFRESH_EVERY,
         "CLOSURES": CLOSURES,
@@ -592,8 +599,6 @@ def left_out(scene: Scene) -> str:
 
 
 def _of_scene(scene: Scene, kind: str) -> Iterator[tuple[str, str]]:
-    for name in scene.carried if kind == "tree" else ():
-        yield f"effects.{name}.coefficient", "a component model in C does not know what joints carry"
     for name, one in scene.controllers.items():
         for output in measured_by(scene, one).motions:
             if not has_motion(scene, output):

@@ -66,7 +66,8 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     loads = {effect.name: effect.strength for effect in equations.loads}
     n_parts = sum(len(action.statement.terms) for action in equations.actions)
     windings = np.zeros((n_parts, len(mechanism.coordinates)))
-    of_joints = [one for one in model.outputs.forces if not isinstance(one, OfMotion)]
+    carried = () if model.measures is None else model.measures.carried
+    of_joints = [one for one in (*carried, *model.outputs.forces) if not isinstance(one, OfMotion)]
     gaps = sorted({int(row) for one in of_joints for row in one.rows})
     shared = shared_of(model, range(mechanism.n_nodes), equations.actions, loads, windings, gaps)
     require_settled(system)

@@ -61,7 +61,7 @@ class FormulaController(JointController):
     states: dict[str, str] = Field(
         {},
         description="names of states, with formulas of their rates: of the measure y and its rate v, or of measures by "
-        "their names, of the reference r, the time t (s), states and `constants`; + - * / **, comparisons (1 or 0), "
+        "their names, of the reference r, the time t, states and `constants`; + - * / **, comparisons (1 or 0), "
         "sin cos tan exp log sqrt abs tanh sign min max atan2 where",
     )
     output: str = Field(description="formula of the torque (N m) or force (N), of the same")

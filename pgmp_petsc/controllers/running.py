@@ -7,10 +7,11 @@ hold together. A controller that is sampled holds its force, and finds the next 
 rule over its sample time, between two steps (`sample`). Systems that take controllers along in steps of their own
 (`reduced.control`) do the same, and come here with steps that are too much for them.
 
-The force that a joint carries is that of the iterate too. It goes with accelerations, and friction changes these: the
-iteration contracts by about the coefficient times a lever over a length, so that a step takes a few corrections more,
-until these forces are settled too (a correction of 1e-12 m is one of 1e-12 m / h^2 of accelerations), and what it ends
-with is solved with the step. In the first accelerations of a run both are found in turn.
+The force that a joint carries is that of the iterate too. It goes with accelerations, and friction changes these: in
+turn they contract by about the coefficient times a lever over a length, and faster by Broyden's method
+(`follow_carried`), so that a step takes a few corrections more, until these forces are settled too (a correction of
+1e-12 m is one of 1e-12 m / h^2 of accelerations), and what it ends with is solved with the step. In the first
+accelerations of a run both are found in turn.
 
 Numbers lie in `State.beside`, a row a sample: the forces carried, then of each controller z, z', the auxiliary rates
 Z' and the force.
@@ -29,11 +30,15 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.controllers.acting import control_of, measured_by
 from pgmp_petsc.controllers.law import GIVEN, ControlLaw, Room, begin_all, respond_all
 from pgmp_petsc.effects.time_function import TimeFunction, amplitude_of
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.controllers import WHOLE, ControllerEntry
 
 MOST_STARTS, SETTLED = 100, 1e-13  # of the forces carried at the start, found in turn with accelerations
 SETTLED_IN_STEP = 1e-9  # their change between two corrections, of which the next leaves the share that it contracts by
+FIRST_SECANT = 2  # correction from which on their changes say how they hang on each other
+SMALLEST_SECANT = 1e-6  # of these forces; what smaller changes say is round-off
+WEAKEST, STRONGEST = 0.25, 2.0  # of what a change of them gives, in units of itself, as a secant is believed
 #: Forces (n_carried, n_samples) in joints at a time (s), for a state of a system, from those that were found before.
 Carried = Callable[[float, Any, np.ndarray], np.ndarray]
 #: Motions (n_motions, n_samples), of all controllers, and their rates at a time (s), for a state of a system.
@@ -148,6 +153,7 @@ class Controls:
         self.each: list[Running] = []
         n_carried = len(scene.carried)
         self._carried, self._changes = np.zeros((n_carried, n_samples)), np.zeros((n_carried, n_samples))
+        self._followed, self._number = np.zeros((n_samples, N_FOLLOWED + n_carried, n_carried)), 0
         every, self.n_beside, n_motions = {**scene.values, **values}, n_carried, 0
         for entry in scene.controllers.values():
             one = Running.of(scene, entry, every, n_samples, self.n_beside, n_motions)
@@ -193,6 +199,7 @@ class Controls:
         """Find what joints carry with the accelerations at the start; return whether that changes these."""
         if not self._carried.size:
             return False
+        self._number = 0  # in turn alone: from nothing a secant may go to another solution, far away
         self._find_carried(0.0, state)
         state.beside[:, : len(self._carried)] = self._carried.T
         self._keep(0.0, state, np.ones(self._n_samples, dtype=bool))
@@ -213,7 +220,7 @@ class Controls:
 
     def begin(self, time: float, state, scheme) -> None:
         """Begin the iteration of a step that ends at a time, from the numbers beside at its beginning."""
-        self.iterates, s = True, scheme
+        self.iterates, self._number, s = True, 0, scheme
         self._carried[:] = state.beside[:, : len(self._carried)].T
         step, kappa = s.gamma / (s.beta * s.gain_v), s.gain_v / s.gain_a
         for one in self.each:
@@ -251,6 +258,7 @@ class Controls:
             found = ((1 - s.alpha_f) * one.rates + s.alpha_f * change - s.alpha_m * auxiliary) / (1 - s.alpha_m)
             for into, new in ((auxiliary, found), (z, one.z), (change, one.rates), (force, one.force[:, :1])):
                 into[samples] = new[samples]
+        self._number = 0  # what is found, whose round-off no secant makes larger
         self._find_carried(time, state)
         state.beside[samples, : len(self._carried)] = self._carried.T[samples]
         self.put_nothing()
@@ -306,7 +314,10 @@ class Controls:
         if self._carried.size:
             found = self._find(time, state, self._carried)
             self._changes[:] = np.abs(found - self._carried)
-            self._carried[:] = found
+            with np.errstate(all="ignore"):  # samples that fail
+                for into, *one in zip(self._carried.T, found.T, self._followed):
+                    follow_carried(self._number, *one, into)
+            self._number += 1
 
     def _look(self, time: float, state) -> None:
         if not self.each:
@@ -329,6 +340,40 @@ class Controls:
     def _forces(self, state) -> np.ndarray:
         carried = state.beside[:, : len(self._carried)].T
         return np.stack([*carried, *(one.parts(state.beside)[3][:, 0] for one in self.each)], axis=1)
+
+
+N_FOLLOWED = 4  # rows before the inverse Jacobian in what `follow_carried` keeps
+
+
+@njit(cache=True, error_model="numpy")
+def follow_carried(number, found, kept, carried):
+    """Take forces that joints carry (n,) on to those of which the mechanics gives the same, by Broyden's method (1965),
+    from what is `found` with them in correction `number` of an iteration; rows `kept` (4 + n, n) go from one to the
+    next: forces before and what they were off, two of work, and the inverse Jacobian, at first that of taking what is
+    found."""
+    n, inverse = carried.size, kept[N_FOLLOWED:]
+    before, off, ahead, across = kept[0], kept[1], kept[2], kept[3]
+    whole = size = along = 0.0
+    for i in range(n):
+        ahead[i], across[i] = 0.0, 0.0
+        for j in range(n):
+            if number < FIRST_SECANT:
+                inverse[i, j] = 1.0 if i == j else 0.0
+            ahead[i] += inverse[i, j] * (off[j] - (found[j] - carried[j]))
+            across[i] += inverse[j, i] * (carried[j] - before[j])
+        whole += carried[i] ** 2
+        size += (carried[i] - before[i]) ** 2
+        along += (carried[i] - before[i]) * ahead[i]
+    known = number >= FIRST_SECANT and size > SMALLEST_SECANT**2 * whole
+    if known and WEAKEST * size < along < STRONGEST * size:
+        for i in range(n):
+            for j in range(n):
+                inverse[i, j] += (carried[i] - before[i] - ahead[i]) * across[j] / along
+    for i in range(n):
+        before[i], off[i] = carried[i], found[i] - carried[i]
+    for i in range(n):
+        for j in range(n):
+            carried[i] += inverse[i, j] * off[j]
 
 
 def rows_of(scene: Scene) -> list[int]:

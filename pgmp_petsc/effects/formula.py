@@ -232,9 +232,9 @@ class FormulaEffect(OnJoint):
     )
     over_motion: OverMotion = None
     force: str = Field(
-        description="formula of the torque (N m) or force (N) that makes s larger: s (rad or m), its rate v, the time "
-        "t (s) and `constants`; + - * / **, comparisons (1 or 0), sin cos tan exp log sqrt abs tanh sign min max atan2 "
-        "where"
+        description="formula of the torque (N m) or force (N) that makes s larger, of s in rad or m, its rate v, the "
+        "time t and `constants`; + - * / **, comparisons (1 or 0), sin cos tan exp log sqrt abs tanh sign min max "
+        "atan2 where"
     )
     constants: dict[str, Annotated[NumberOrParameter, Unit()]] = Field(
         {}, description="names in the formula, each a number or a parameter's name"

@@ -150,6 +150,14 @@ def _carried(scene: Scene) -> Iterator[str]:
     return (f"effects.{name}.coefficient" for name in scene.carried)
 
 
+def _carried_on_beams(scene: Scene) -> Iterator[str]:
+    for name, effect in scene.carried.items():
+        joint = scene.joints[effect.joint]
+        owner = scene.bodies.get(joint.connect[0].partition(":")[0])
+        if joint.rides and owner is not None and owner.flexible:
+            yield f"effects.{name}.coefficient"
+
+
 def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
     return lambda scene: iter((purpose.value,))
 
@@ -222,11 +230,18 @@ FEATURES = (
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "forces beside with lengths, places and ratios",
-        _with(_lengths, _beside),
+        "controllers with lengths, places and ratios",
+        _with(_lengths, _controllers),
         OF_THE_REDUCTION,
-        why_not="models at several lengths have no controllers and no forces in joints",
+        why_not="models at several lengths have no controllers",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
+    ),
+    Feature(
+        "friction by the force carried along beams with lengths, places and ratios",
+        _with(_lengths, _carried_on_beams),
+        OF_THE_REDUCTION,
+        why_not="models at several lengths do not know the force on a beam that bends",
+        cure="give friction a limit, or take pgmp simulate SCENE --full",
     ),
     Feature(
         "controllers beside forces in joints",

@@ -15,10 +15,12 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.effects import Effect, Motion, actions_of
+from pgmp_petsc.effects.action import CARRIED_FRICTION
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.models.model import MultipliersOf
 from pgmp_petsc.outputs.joint_forces import ForceOutput
 from pgmp_petsc.reduced.actions import ReducedActions, nodes_of
+from pgmp_petsc.reduced.carried_forces import CarriedForces
 from pgmp_petsc.reduced.gap_forces import GapForces
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedDamping, ReducedTerms
@@ -136,6 +138,12 @@ class ReducedMultipliers:
             return found
 
         return multipliers
+
+    def in_lanes(self) -> CarriedForces | None:
+        """Return what steps in lanes take of the forces that joints carry; see `CarriedForces.of`."""
+        actions = self._actions.actions
+        rubbing = [k for k, action in enumerate(actions) if action.law is CARRIED_FRICTION]
+        return CarriedForces.of(self.gaps, self.rows.tolist(), self._terms.grid, self._carried, rubbing, actions)
 
     def _nothing(self, n: int) -> np.ndarray:
         return np.full((self._n_held + len(self._motions), n), np.nan)

@@ -135,7 +135,6 @@ class LengthLanes:
     """
 
     name, title = ReducedModel.name, ReducedModel.title
-    measures = None  # controllers are refused
 
     def __init__(self, model: ReducedModel) -> None:
         self._model, self.scene, self.kinematics = model, model.scene, model.kinematics
@@ -157,6 +156,7 @@ class LengthLanes:
         )  # fmt: skip
         self.stiffness_changes = merged.stiffness_changes
         self.actions = ReducedActions.joined(self.grid, [member.actions for member in self.members])
+        self.measures = model.measures  # of joints whose forces steps in lanes find; all else is refused
 
     def _member(self, number: int) -> ReducedModel:
         family, scene = self._model.rom.family, self.scene.with_values(self.grid.points[number])

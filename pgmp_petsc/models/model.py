@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from pgmp_petsc.controllers.acting import has_motion, measured_by
-from pgmp_petsc.controllers.running import Controls, rows_of
+from pgmp_petsc.controllers.running import Carried, Controls, rows_of
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -115,8 +115,6 @@ class Measures:
         Forces in joints that effects hang on.
     known
         Whether actions of the mechanics measure all motions (`controllers.acting.motion_of`).
-    in_lanes
-        Whether steps of reduced systems take all along.
     rows
         Of each of these, its number among the parts of all forces that are given (`controllers.running.rows_of`).
     origins
@@ -139,17 +137,17 @@ class Measures:
         self.order = int(bool(scene.controllers) or any(one.reads_rates for one in self.carried))
         self._own = [self.nodes.index(node) for node in of_these.nodes]
         self.known = all(has_motion(scene, name) for name in motions)
-        self.in_lanes = self.known and not self.carried
         self.origins = np.zeros(sum(rows))
         self.origins[self.rows] = [one.origin if isinstance(one, Reading) else 0.0 for one, _ in self._read]
 
     def controls(
-        self, frames: FramesOf, values: Mapping[str, np.ndarray], n_samples: int, put: Callable[[np.ndarray], object],
-        multipliers: MultipliersOf, motions: Callable[[State], np.ndarray] | None = None,
+        self, frames: FramesOf | None, values: Mapping[str, np.ndarray], n_samples: int,
+        put: Callable[[np.ndarray], object], multipliers: MultipliersOf | None,
+        motions: Callable[[State], np.ndarray] | None = None, carried: Carried | None = None,
     ) -> Controls:  # fmt: skip
         """Return the controllers of samples, and what joints carry; see `Controls`. Where all motions are `known`,
         `motions` gives these and their rates, in a row for each part of a force, (n_rows, n_samples, 2), in a fraction
-        of the time."""
+        of the time. What joints carry is of `multipliers`, or `carried` finds it."""
 
         def moved(time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
             found = motions(state)[self.rows]
@@ -168,4 +166,4 @@ class Measures:
             return np.array([one.value(at, moving, found, every) for one in self.carried])
 
         chosen = moved if motions and self.known else measure
-        return Controls(self._scene, values, n_samples, chosen, put, carry if self.carried else None)
+        return Controls(self._scene, values, n_samples, chosen, put, carried or (carry if self.carried else None))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.controllers.running import AFTER
+from pgmp_petsc.controllers.running import AFTER, Controls
 from pgmp_petsc.effects import actions_of, effects_of, motions_of, start_of
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.time_function import TimeFunction
@@ -104,6 +104,8 @@ class ReducedModel:
                 scene, rom, self.kinematics, self.outputs.forces, carried, self.effects, self.motions,
                 (self.terms, self.actions),
             )  # fmt: skip
+        if carried:
+            self.actions = replace(self.actions, carried=self.multipliers.in_lanes())
         self.joint_angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
         self.stiffness_changes = rom.stiffness_changes
         self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))
@@ -263,16 +265,27 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
         theta = np.tile(model.start[0], (n_samples, 1))
         system.settle(settle(statics, theta, search_of(model.scene, model.kinematics.mechanism)))
     if model.measures is not None:
-        reconstruction = Reconstruction(model.kinematics, model.rom, model.scene.interpolation, model.measures.nodes)
-
-        def frames(state: State) -> list[np.ndarray]:
-            # an iterate that is no number is lost with its correction, and closes no mechanism
-            fine = np.isfinite(state.q).all(axis=1)[:, None]
-            parts = [np.where(fine, part, 0.0) for part in (state.q, state.v)]
-            return reconstruction.jets(parts, model.measures.order)
-
-        multipliers = model.multipliers.in_steps(own, n_samples) if model.measures.carried else None
-        put, measured = system.put_forces, system.measured
-        controls = model.measures.controls(frames, values, n_samples, put, multipliers, measured)
-        system.control(controls, model.measures.origins if model.measures.in_lanes else None)
+        system.control(*_controls(model, system, own))
     return system
+
+
+def _controls(
+    model: ReducedModel, system: ReducedSystem, values: Mapping[str, np.ndarray]
+) -> tuple[Controls, np.ndarray | None]:
+    """Return what is beside some samples of a model, and what `ReducedSystem.control` takes with it."""
+    measures, n_samples, put = model.measures, system.n_samples, system.put_forces
+    carries = bool(measures.carried)
+    if measures.known and (not carries or model.actions.carried is not None):
+        carried = system.carried if carries else None
+        controls = measures.controls(None, values, n_samples, put, None, system.measured, carried)
+        return controls, measures.origins
+    reconstruction = Reconstruction(model.kinematics, model.rom, model.scene.interpolation, measures.nodes)
+
+    def frames(state: State) -> list[np.ndarray]:
+        # an iterate that is no number is lost with its correction, and closes no mechanism
+        fine = np.isfinite(state.q).all(axis=1)[:, None]
+        parts = [np.where(fine, part, 0.0) for part in (state.q, state.v)]
+        return reconstruction.jets(parts, measures.order)
+
+    multipliers = model.multipliers.in_steps(values, n_samples) if carries else None
+    return measures.controls(frames, values, n_samples, put, multipliers, system.measured), None

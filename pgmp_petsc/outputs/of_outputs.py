@@ -77,7 +77,7 @@ class FormulaOfOutputs(OutputEntry):
     type: Literal["formula"]
     reads = ("outputs", "time", "parameters")
     formula: str = Field(
-        description="formula of outputs and parameters by their names, and of the time t (s); + - * / **, comparisons "
+        description="formula of outputs and parameters by their names, and of the time t; + - * / **, comparisons "
         "(1 or 0), sin cos tan exp log sqrt abs tanh sign min max atan2 where"
     )
     unit: str | None = Field(

@@ -180,7 +180,7 @@ def act(
             _stiffen(stiffness + damping, work, work.leading if role == LED else work.projected, acting.tangent)
             for term in range(first, last if differing(force, spread(0.0)) != 0 else first):
                 if not single:
-                    _measure_term(local, term, r, q, True, True, work)
+                    measure_term(local, term, r, q, True, True, work)
                 _turn(force, work, acting.tangent)
 
 
@@ -267,7 +267,7 @@ def measure(local, action, n_theta, q, v, second, work):
     for i in range(n_columns):
         store(work.projected, i, 0.0)
     for term in range(firsts[action], firsts[action + 1]):
-        s += _measure_term(local, term, n_theta, q, True, second, work)
+        s += measure_term(local, term, n_theta, q, True, second, work)
         _project(work)
     if n_columns < q.shape[0]:
         return s, load(work.projected, 0)
@@ -277,7 +277,7 @@ def measure(local, action, n_theta, q, v, second, work):
 
 
 @njit(error_model="numpy", counted=False)
-def _measure_term(local, term, n_theta, q, moving, second, work):
+def measure_term(local, term, n_theta, q, moving, second, work):
     """Return a term of a measure, and fill its two frames, where they are `moving` their Jacobian, and its derivatives
     in them."""
     places, statements = local.places, local.actions.statements
@@ -353,7 +353,7 @@ def load_nodes(local, grid, amplitudes, q, v, samples, lanes, work, kept, known,
         )
         for term in range(last if actions.roles[action] == LEADS else first, last):
             if last - first > 1:
-                _measure_term(local, term, r, q, False, False, work)
+                measure_term(local, term, r, q, False, False, work)
             for side in range(2):
                 node, arms = places.sides[term, side], actions.statements.arms[term, side]
                 for c in range(n_frame if node >= 0 else 0):

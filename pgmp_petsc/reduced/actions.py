@@ -19,6 +19,7 @@ from pgmp_petsc.mechanism.statements import ANGLE, FOLLOWING, Statement
 from pgmp_petsc.reduced.action_frames import Places
 from pgmp_petsc.reduced.action_kernel import Chosen, LocalEffects
 from pgmp_petsc.reduced.arrays import Strengths
+from pgmp_petsc.reduced.carried_forces import CarriedForces
 from pgmp_petsc.reduced.cells import Cells, Grid
 from pgmp_petsc.reduced.terms import grid_of
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
@@ -37,6 +38,7 @@ class ReducedActions:
     #: what the rigid part of `places` was made from, `rigid_places`; None without actions
     rigid: Interpolant | None = None
     weights: tuple[Monomial, ...] = (Monomial(),)  # of the terms of `places`
+    carried: CarriedForces | None = None  # joints whose forces friction hangs on; None where there are none
 
     @classmethod
     def of(
@@ -88,7 +90,8 @@ class ReducedActions:
             shapes=shapes[0].with_rows(grid.coefficients([one.rows for one in shapes])),
             together=np.zeros(len(members), dtype=np.int64),
         )
-        return cls(first.actions, places, first.dimension, None, grid.weights(first.weights))
+        carried = first.carried and CarriedForces.joined(grid, [member.carried for member in members])
+        return cls(first.actions, places, first.dimension, None, grid.weights(first.weights), carried)
 
     @classmethod
     def none(cls, n_theta: int) -> ReducedActions:

@@ -14,6 +14,7 @@ from pgmp_petsc.lanes.lane_items import aligned
 from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.reduced.action_frames import KeptPlaces
 from pgmp_petsc.reduced.action_kernel import Acting, LocalEffects, LocalWork
+from pgmp_petsc.reduced.carried import Carried, CarriedRoom, KeptGaps
 from pgmp_petsc.reduced.cells import Cells, Grid
 
 
@@ -149,6 +150,7 @@ class Equations(NamedTuple):
     prescribed: np.ndarray  # whether a coordinate's motion is given, shape (n_eta,)
     #: displacement (in units of the mechanism's size or 1 rad) per unit of each coordinate, shape (n_eta,)
     scale: np.ndarray
+    carried: Carried  # joints whose forces friction hangs on
 
 
 class Memory(NamedTuple):
@@ -167,6 +169,7 @@ class Memory(NamedTuple):
     #: known, depths: see `action_kernel.act`
     known: np.ndarray
     depths: np.ndarray
+    carried: KeptGaps
 
 
 class Strengths(NamedTuple):
@@ -186,13 +189,15 @@ class Room(NamedTuple):
     #: local, rates: of local effects, and of their rates alone
     local: LocalWork
     rates: LocalWork
+    carried: CarriedRoom
 
     @classmethod
     def of(cls, equations: Equations) -> Room:
         """Return room for equations."""
         layout, local = equations.layout, equations.local
         r = len(equations.grid)
-        return cls(Work.of(layout), LocalWork.of(local, r, layout.n_eta), LocalWork.of(local, r, 1))
+        every = Work.of(layout), LocalWork.of(local, r, layout.n_eta), LocalWork.of(local, r, 1)
+        return cls(*every, CarriedRoom.of(equations.carried, local))
 
 
 @njit(inline="always")

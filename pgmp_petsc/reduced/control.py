@@ -73,6 +73,7 @@ class Control(NamedTuple):
     rates: np.ndarray
     found: np.ndarray
     before: np.ndarray  # forces before they jump, (LANES, n)
+    n_carried: int  # numbers beside that forces in joints take, the first ones
     room: Room
 
     @classmethod
@@ -99,7 +100,8 @@ class Control(NamedTuple):
         def numbers(values: list, kind: type = np.int64) -> np.ndarray:
             return np.array(values, dtype=kind)
 
-        rows = [*([] if controls is None else controls.firsts), len(actions)]
+        n_carried = 0 if controls is None else len(controls.names) - n
+        rows = [*([] if controls is None else controls.firsts[n_carried:]), len(actions)]
         parts = [actions[first:last] for first, last in zip(rows, rows[1:])]
 
         def led(part: Sequence[int]) -> list[int]:
@@ -129,7 +131,7 @@ class Control(NamedTuple):
             law, numbers(actions), origins, measuring, sampling, joined(functions), np.zeros((0, n, 2)),
             np.zeros((0, n), dtype=bool), np.zeros((0, n_samples, 2, n)), np.zeros((LANES, 1 + 2 * n)),
             np.zeros(LANES), np.zeros((LANES, N_GIVEN + most - 1)), *places, np.zeros((LANES, n, most)),
-            np.zeros((LANES, n)), Room.of([one.law for one in each]),
+            np.zeros((LANES, n)), n_carried, Room.of([one.law for one in each]),
         )  # fmt: skip
 
     def over_steps(self, controls: Controls | None, ends: np.ndarray, goes_on: bool, forces: np.ndarray) -> Control:
@@ -330,7 +332,9 @@ def accelerate_lanes(equations, memory, room, block, strengths, state, lanes):
 @njit(cache=True, apart=True, error_model="numpy", counted=False)
 def show_forces(control, row, sample, lane, beside):
     """Note the forces of a lane before and after they jump at an instant that is shown."""
-    law = loaded(control.law)
+    law, first = loaded(control.law), control.n_carried
+    for k in range(first):
+        control.forces[row, sample, BEFORE, k] = control.forces[row, sample, AFTER, k] = beside[k, lane]
     for k in range(law.addresses.size):
-        control.forces[row, sample, BEFORE, k] = control.before[lane, k]
-        control.forces[row, sample, AFTER, k] = beside[law.columns[k] + 3 * law.n_states[k], lane]
+        control.forces[row, sample, BEFORE, first + k] = control.before[lane, k]
+        control.forces[row, sample, AFTER, first + k] = beside[law.columns[k] + 3 * law.n_states[k], lane]

@@ -33,6 +33,7 @@ from pgmp_petsc.lanes.vectors import (
 from pgmp_petsc.reduced.action_kernel import act, add_tangents, load_nodes
 from pgmp_petsc.reduced.arrays import acting_of, layout_n_rigid, matrix_of, pair, places_of
 from pgmp_petsc.reduced.bordered import eliminate, solve
+from pgmp_petsc.reduced.carried import find_carried
 from pgmp_petsc.reduced.cells import locate_all, place_of, refill
 from pgmp_petsc.reduced.lagrangian import evaluate
 
@@ -300,3 +301,20 @@ def fill_matrices(equations, memory, room, strengths, state, gain_a):
     for block in range(memory.cells.shape[0]):
         take_up(state, memory.samples[block], room.work)
         evaluate_block(equations, memory, room, block, strengths.loads, gains, np.bool_(True))
+
+
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def find_all_carried(equations, memory, room, strengths, state, active, found):
+    """Fill forces (n, n_samples) that joints carry in states ``(q, v, a)``, in some lanes of every block."""
+    for block in range(active.size):
+        if active[block] == 0:
+            continue
+        samples = memory.samples[block]
+        take_up(state, samples, room.work)
+        find_carried(
+            equations, memory, room, block, places_of(memory, block), strengths, samples, active[block]
+        )  # fmt: skip
+        for lane in range(LANES):
+            if active[block] & (1 << lane):
+                for k in range(found.shape[0]):
+                    found[k, samples[lane]] = room.carried.forces[k, lane]

@@ -13,6 +13,7 @@ from pgmp_petsc.reduced.action_frames import KeptPlaces
 from pgmp_petsc.reduced.action_kernel import ABOUT, Acting
 from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.arrays import Equations, Matrix, Memory, Weights
+from pgmp_petsc.reduced.carried_forces import CarriedForces
 from pgmp_petsc.reduced.terms import ReducedTerms
 
 
@@ -54,6 +55,8 @@ class ReducedLanes:
             np.broadcast_to(evaluate_weights(w, values).T, (n_samples, len(w))).T
             for w in (terms.weights, terms.tables.load_weights, actions.weights)
         )
+        self._carried = actions.carried or CarriedForces.none(len(terms.layout.rigid))
+        self._gap_weights = self._carried.weighed(values, n_samples)
         self.equations = Equations(
             terms.layout,
             terms.grid,
@@ -68,6 +71,7 @@ class ReducedLanes:
             0.0 if terms.damping is None else terms.damping.mass,
             prescribed,
             terms.scale,
+            self._carried.carried,
         )
         self.memory = self._allocate(len(effects), len(actions.actions), len(actions.edges))
 
@@ -95,6 +99,7 @@ class ReducedLanes:
             Acting.empty(n_acting, layout.n_eta),
             np.empty((self._blocks.n_samples, ABOUT + 1, n_actions)),
             np.empty((self._blocks.n_samples, n_edges)),
+            self._carried.kept(self.packed(self._gap_weights), self._blocks.n_samples, n_effects, n_actions),
         )
 
     def nothing_acting(self) -> Acting:
@@ -148,6 +153,8 @@ class ReducedLanes:
             np.moveaxis(memory.places.cells, 1, -1)[moved[: len(memory.places.cells)]] = -1.0
             weights.terms[:], weights.loads[:] = blocks.pack(self._term_weights), blocks.pack(self.load_weights)
             memory.places.weights[:] = blocks.pack(self.place_weights)[: len(memory.places.weights)]
+            memory.carried.cells[moved[: len(memory.carried.cells)]] = -1.0
+            memory.carried.weights[:] = blocks.pack(self._gap_weights)
 
     def matrices(self) -> np.ndarray:
         """Return the iteration matrices without their skew part, shape (n_samples, n_eta, n_eta)."""

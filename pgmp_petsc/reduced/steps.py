@@ -22,6 +22,7 @@ from pgmp_petsc.lanes.lane_items import aligned
 from pgmp_petsc.lanes.vectors import EVERY_LANE, LANES, blend, count_lanes, exceeding, first_lane, load, spread, store
 from pgmp_petsc.reduced.action_kernel import act, bent_lanes, forget_rates, limited_lanes
 from pgmp_petsc.reduced.arrays import Strengths, acting_of, places_of
+from pgmp_petsc.reduced.carried import begin_carried, find_carried, keep_carried, take_carried
 from pgmp_petsc.reduced.control import (
     accelerate_lanes,
     act_of_states,
@@ -36,6 +37,7 @@ from pgmp_petsc.stepping.alpha_step import (
     MAX_ITERATIONS,
     PROBED_EVERY,
     REFRESH_EVERY,
+    ROUND_OFF,
     TOLERANCE_OF_ONE,
     contraction_of,
     expected_after,
@@ -269,6 +271,11 @@ def _advance_block(
                 done | onward, local, places_of(memory, block), acting_of(memory, block), memory.known, memory.depths,
             )  # fmt: skip
             follow_states(control, scheme, state[6], samples, done | onward)
+            if equations.carried.actions.size > 0:
+                find_carried(
+                    equations, memory, room, block, places_of(memory, block), clocks.strengths, samples, done | onward
+                )  # fmt: skip
+                keep_carried(equations, room, state[6], done | onward)
         _follow(scheme, state, done | onward, n, work)
         if searching != 0:
             _stand(state, onward, n)
@@ -406,42 +413,52 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
     usual = TOLERANCE_OF_TRIALS if progress.precise else NEWTON_TOLERANCE
     tolerance = blend(careful, spread(TOLERANCE_OF_TRIALS), spread(usual))
     forget_rates(memory.known, memory.samples[block], lanes)
+    # it goes on until forces that joints carry are settled; with those as they are found a sample is not lost
+    carries, going = equations.carried.actions.size > 0, lanes
+    if carries:
+        begin_carried(equations, room, state[6], memory.samples[block], lanes)
     first, rubbing = load(expected, 0), rubs(equations.local.actions.laws)
     for iteration in range(MAX_ITERATIONS):
-        fresh = attempt > 0 or iteration % REFRESH_EVERY == 0
+        fresh, unsettled = attempt > 0 or iteration % REFRESH_EVERY == 0, 0
+        if carries:
+            find_carried(
+                equations, memory, room, block, places_of(memory, block), strengths, memory.samples[block], going
+            )  # fmt: skip
+            unsettled = take_carried(equations, room, iteration, memory.samples[block], going)
         if state[6].shape[0] > 0:
             act_of_states(
                 control, equations.local, equations.grid, strengths.actions, work.q, work.rate, memory.samples[block],
-                active, local, places_of(memory, block), acting_of(memory, block), memory.known, memory.depths,
+                going, local, places_of(memory, block), acting_of(memory, block), memory.known, memory.depths,
             )  # fmt: skip
         if memory.acting.balance.size > 0:
             act(
                 equations.local, equations.local.all, equations.grid, strengths.actions, work.q, work.rate,
-                memory.samples[block], active, gain_v, fresh, fresh, local, places_of(memory, block),
+                memory.samples[block], going, gain_v, fresh, fresh, local, places_of(memory, block),
                 acting_of(memory, block), memory.known, memory.depths,
             )  # fmt: skip
             # nothing follows from the size of the last correction
-            limited = limited_lanes(memory.known, memory.samples[block], active)
+            limited = limited_lanes(memory.known, memory.samples[block], going)
             last = blend(limited, spread(0.0), last)
         correct_block(equations, memory, room, block, strengths.loads, (gain_v, gain_a), fresh)
-        size = follow_correction(equations, (gain_v, gain_a), active, work)
-        progress.n_corrections[0] += count_lanes(active)
+        size = follow_correction(equations, (gain_v, gain_a), going, work)
+        progress.n_corrections[0] += count_lanes(going)
         if rubbing and iteration == 0:
             bent = bent_lanes(
-                equations.local, strengths.actions, work.rate, memory.samples[block], active, local, memory.depths
+                equations.local, strengths.actions, work.rate, memory.samples[block], going, local, memory.depths
             )
             first = blend(bent, spread(FIRST_CONTRACTION), first)
         contraction = contraction_of(iteration, size, last, first)
         if iteration == 1:
             store(expected, 0, blend(active, expected_after(contraction), load(expected, 0)))
         broken = active & exceeding(size * 0.0, spread(0.0))  # infinity times zero is no number either
-        lost |= broken
+        lost |= broken & active
         if iteration == 0 and progress.precise:
             active &= ~broken & goes_on(size, contraction, spread(TOLERANCE_OF_ONE))
         else:
             active &= ~broken & goes_on(size, contraction, tolerance)
         last = size
-        if active == 0:
+        going = going & (active | (unsettled & exceeding(size, spread(ROUND_OFF)))) if carries else active
+        if going == 0:
             break
     return lost | active
 

@@ -23,7 +23,7 @@ from pgmp_petsc.reduced.action_kernel import ABOUT, FORCE, POWER, STORED
 from pgmp_petsc.reduced.actions import ReducedActions, functions_of_time
 from pgmp_petsc.reduced.arrays import Room, Strengths
 from pgmp_petsc.reduced.control import LARGE, Control
-from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices, load_on
+from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices, find_all_carried, load_on
 from pgmp_petsc.reduced.lagrangian_terms import damping_power, load_powers, reduced_energy
 from pgmp_petsc.reduced.sample_lanes import ReducedLanes
 from pgmp_petsc.reduced.steps import Clocks, Progress, advance
@@ -117,6 +117,7 @@ class ReducedSystem(SecondOrderSystem):
         self.controlled = given_to(self._actions.actions)
         self._led = []  # of these, the first of each force
         self._control = Control.of(None, [], np.zeros(0), self._actions, n_samples)
+        self._found: tuple[np.ndarray, np.ndarray] | None = None
         self.n_events = self._memory.depths.shape[1]
         searched = (self._load_effects, self._actions.actions, motions) if self.n_events else ((), (), {})
         self._functions = functions_of_time(*searched, self.tables.n_coordinates)
@@ -149,6 +150,20 @@ class ReducedSystem(SecondOrderSystem):
         act_on(*self._passed, self._no_amplitudes, trail, self._lanes.sets(everyone), 0.0, np.bool_(False), found)
         self._memory.known[:] = kept  # with what laws that are limited keep for the next iterate
         return self._equations.local.actions.parameters[self.controlled, :, NOTED]
+
+    def carried(self, time: float, state: State, given: np.ndarray) -> np.ndarray:
+        """Return the forces that joints carry, (n, n_samples), where friction acts by those that are given."""
+        moved, found = np.ones(self.n_samples, dtype=bool), given.copy()
+        if self._found is not None:  # a sample that does not move keeps what it had
+            moved = (self._found[0] != state.a).any(axis=1)
+            found[:, ~moved] = self._found[1][:, ~moved]
+        parameters = self._equations.local.actions.parameters
+        before = parameters.copy()
+        self.put_forces(list(given[..., None]))
+        find_all_carried(*self._passed, self._strengths.at(time), _parts(state), self._lanes.sets(moved), found)
+        parameters[:] = before
+        self._found = state.a.copy(), found
+        return found
 
     @property
     def n_eta(self) -> int:

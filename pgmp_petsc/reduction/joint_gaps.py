@@ -37,7 +37,7 @@ import numpy as np
 from pgmp_petsc.reduction.cell_products import SecondOrderTables
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.tables import ModeChanges
+from pgmp_petsc.reduction.tables import ModeChanges, beside_rigid
 
 if TYPE_CHECKING:
     from pgmp_petsc.modes.built_in import Closing
@@ -92,6 +92,21 @@ class JointGaps:
             self, **{name: samples.twice(axis, getattr(self, name), getattr(second, name)) for name in names}
         )
 
+    def turned(self, rotations: np.ndarray) -> JointGaps:
+        """Express the flexible coordinates in another basis, ``Psi_new = Psi Q``, Q (n, m, m); without what `changing`
+        adds."""
+        whole = beside_rigid(rotations, self.mass.shape[-1] - rotations.shape[1])
+        by = {"mass": whole, "stiffness": rotations} | ({} if self.cubic is None else dict.fromkeys(CURVED, rotations))
+        turned = {name: np.einsum("n...i,nij->n...j", getattr(self, name), one) for name, one in by.items()}
+        if self.cubic is not None:
+            turned["cubic"] = np.einsum("ntgij,nia,njb->ntgab", self.cubic, rotations, rotations, optimize=True)
+        return replace(self, **turned, gyroscopic=None, spread=None)
+
+    @property
+    def arrays(self) -> tuple[str, ...]:
+        """Names of the products that there are."""
+        return tuple(name for name, one in vars(self).items() if name != "rows" and one is not None)
+
     def changing(self, both: ModeChanges, samples: SampleGrid, scheme: str) -> JointGaps:
         """Add what changes as the vectors do, of a basis of m and g vectors.
 
@@ -110,8 +125,7 @@ class JointGaps:
         """Return those of some of the constraints, given by their numbers."""
         chosen = np.searchsorted(self.rows, rows)
         axes = {"inertia": 4, "curved_inertia": 3, "curved_mass": 3, "gyroscopic": 3, "spread": 3}
-        arrays = {name: one for name, one in vars(self).items() if name != "rows" and one is not None}
-        return JointGaps(rows, **{name: one.take(chosen, axes.get(name, 2)) for name, one in arrays.items()})
+        return JointGaps(rows, **{name: getattr(self, name).take(chosen, axes.get(name, 2)) for name in self.arrays})
 
 
 def gap_answers_at(

@@ -174,16 +174,21 @@ class _Gauge:
         rotations[:, :n, :n] = np.linalg.solve(gram, crossed)
         projection = member.projection @ rotations
         tables, curvature = member.tables.turned(rotations), member.curvature
-        if curvature is not None:
-            curvature = curvature @ pair_rotations(rotations)
+        gaps, scheme = member.gaps and member.gaps.turned(rotations), scene.interpolation
+        if curvature is not None or gaps is not None:
             kinematics = RigidKinematics(Mechanism.from_scene(scene, member.meshes), member.branch)
             masses = mass_of_bodies(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
-            scheme = scene.interpolation
+        if curvature is not None:
+            curvature = curvature @ pair_rotations(rotations)
             changes = mode_changes(kinematics, masses, tables.samples, projection, scheme, n_given)
             tables = replace(tables, changes=changes)
+        if gaps is not None and gaps.cubic is not None:
+            wider = np.concatenate([projection, gaps.shapes], axis=2)
+            both = mode_changes(kinematics, masses, tables.samples, wider, scheme)
+            gaps = gaps.changing(both, tables.samples, scheme)
         missed = None if member.missed is None else member.missed.turned(rotations)
-        turned = replace(member, tables=tables, projection=projection, curvature=curvature, missed=missed, meshes={})
-        return turned, _least_cosine(gram, crossed, square)
+        arrays = {"tables": tables, "projection": projection, "curvature": curvature, "missed": missed, "gaps": gaps}
+        return replace(member, **arrays, meshes={}), _least_cosine(gram, crossed, square)
 
 
 def _least_cosine(one: np.ndarray, crossed: np.ndarray, other: np.ndarray) -> float:

@@ -57,7 +57,7 @@ OF_TABLES = {
 }
 OF_CHANGES = ("gyroscopic", "spread")
 OF_MISSED = ("forces", "answers")
-Arrays = TypeVar("Arrays", ReducedTables, SecondOrderTables, ModeChanges, StiffnessChanges, MissedAnswers)
+Arrays = TypeVar("Arrays", ReducedTables, SecondOrderTables, ModeChanges, StiffnessChanges, MissedAnswers, JointGaps)
 
 
 @dataclass(frozen=True)
@@ -250,6 +250,7 @@ class LengthFamily:
                 scene, [member.stiffness_changes for member in self.members], ("influence", "stiffness")
             ),
             missed=self._of_parts(scene, [member.missed for member in self.members], OF_MISSED),
+            gaps=nominal.gaps and self._of_parts(scene, [member.gaps for member in self.members], nominal.gaps.arrays),
             meshes=at_lengths(scene, nominal.meshes),
         )
 

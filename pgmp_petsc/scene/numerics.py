@@ -55,7 +55,10 @@ class Reduction(Table):
     )
     modes: Vectors = Field(15, ge=1, description="number of flexible modes kept at every configuration")
     angles: Angles = Field(
-        629, ge=4, description="number of sampled configurations along each coordinate; 24 with two, 16 with three"
+        629,
+        ge=4,
+        description="number of sampled configurations along each coordinate; 24 with two, 16 with three, up to 22 where"
+        " one of three turns by more than half a turn",
     )
     length_points: Annotated[Integer, at_most(8, "polynomials of degree 7 are as good as the eigensolvers")] = Field(
         5,

@@ -140,7 +140,9 @@ def reference_page() -> str:
     waiting: list[tuple[str, str]] = []
     for name in Scene.model_fields:
         entry, needed = schema["properties"][name], " *Needed.*" if name in schema["required"] else ""
-        parts.append(f"## {name}\n\n{entry['description'][:1].upper()}{entry['description'][1:]}.{needed}\n")
+        said = entry["description"]
+        about = "" if entry.get("allOf") else f"{said[:1].upper()}{said[1:]}."  # a table alone says what it is for
+        parts.append("\n\n".join([f"## {name}", *filter(None, [f"{about}{needed}".strip()])]) + "\n")
         kinds = list(_references(entry))
         for kind in kinds:
             place = f"[{name}]" if entry.get("allOf") else f"[{name}.NAME]"
@@ -206,7 +208,7 @@ def _selector(model: Mapping[str, Any]) -> str:
 def allowed(entry: Mapping[str, Any]) -> str:
     """Return what an entry may be, in words."""
     if "enum" in entry:
-        return ", ".join(f'`"{one}"`' for one in entry["enum"])
+        return ", ".join(f"`{json.dumps(one)}`" for one in entry["enum"])
     if "anyOf" in entry:
         limits = {key: entry[key] for key in entry if "imum" in key}
         kinds = [one for one in entry["anyOf"] if one.get("pattern") != QUANTITY]  # numbers may be texts with a unit

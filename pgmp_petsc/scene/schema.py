@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -35,6 +36,18 @@ from pgmp_petsc.scene.units import text_problems, unit_problems
 from pgmp_petsc.scene.uses import Sign, length_problems, uses_of
 
 ANGLES_OF_SEVERAL = {2: 24, 3: 16}  # along each of several coordinates, where a scene does not say
+A_TURN, WITH_ENDS = 22, 5  # along each of three that turn: in a whole turn, and how many more where it has two ends
+
+
+def _along(coordinate: object) -> int:
+    """Return how many angles the range of one of three coordinates asks for; of what is no range, 0."""
+    given = coordinate if isinstance(coordinate, dict) else {}
+    try:
+        lower, upper = map(float, given["range"])
+        turns = 1.0 if given.get("periodic") else (upper - lower) / (2.0 * math.pi)
+        return min(A_TURN, round(A_TURN * turns) + (0 if given.get("periodic") else WITH_ENDS))
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return 0
 
 
 class Header(Table):
@@ -263,7 +276,8 @@ class Scene(Table):
             reduction["effects"] = "auto"
         n = len(data["coordinates"]) if isinstance(data.get("coordinates"), dict) else 1
         if n > 1 and reduction.get("tolerance") is None:  # which leaves angles that are not given to the choice
-            reduction.setdefault("angles", ANGLES_OF_SEVERAL[min(n, max(ANGLES_OF_SEVERAL))])
+            few = ANGLES_OF_SEVERAL[min(n, max(ANGLES_OF_SEVERAL))]
+            reduction.setdefault("angles", max(few, *map(_along, data["coordinates"].values())) if n == 3 else few)
         changed = {**data, "reduction": reduction} if reduction else data
         return {**changed, "effects": {}} if automatic else changed
 

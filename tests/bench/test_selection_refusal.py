@@ -76,17 +76,20 @@ class Known:
             return errors_of((np.inf,))
         return errors_of((abs(self._grid(one.reduction) - self._grid(other.reduction)),))
 
-    def weakened(self, trial: Trial, load: str) -> Errors:
-        return errors_of((0.25 * trial.errors.largest,))
+    def weakened(self, reduction: Reduction, largest: float) -> float:
+        return 0.25 * largest
 
-    def softened(self, trial: Trial, load: str, factor: float) -> Errors:
-        return errors_of((trial.errors.largest,))
+    def softened(self, largest: float) -> float:
+        return largest
+
+    def errors(self, names, found: Setting, exact: Setting, of=None, factor: float = 1.0) -> Errors:
+        """Return those of half the load, of softer stops, or of another step."""
+        largest = self._grid(found.reduction) + self._basis(found.reduction)
+        largest = largest if factor == 1.0 else self.weakened(found.reduction, largest)
+        return errors_of((largest if of is None else self.softened(largest),))
 
     def from_rest(self, trial: Trial, load: str, sample: int) -> tuple[np.ndarray, np.ndarray]:
         return np.array([1e-9]), np.array([2e-3])
-
-    def run_again(self, trial: Trial, n_steps: int, loads: tuple[str, ...]) -> Errors:
-        return errors_of((trial.errors.largest,))
 
     def moved(self, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
         return errors_of((1e-9,))
@@ -196,7 +199,7 @@ def test_impacts_are_told_from_a_deformation_that_is_too_large(monkeypatch, soft
     """Half the load leaves a quarter in all cases: it may not reach the stop."""
     bench = Known(lambda reduction: 0.03)
     bench.scene = slider_crank("reduction={tolerance=1e-2}", STOP)
-    monkeypatch.setattr(bench, "softened", lambda *_: errors_of((soft,)))
+    monkeypatch.setattr(bench, "softened", lambda largest: soft)
     message, impacts = refused(bench, words), "impacts on effects.wall set off vibrations that no larger basis follows"
     assert (impacts in message) != ("too large for the terms" in message)
 
@@ -212,8 +215,8 @@ def test_a_deformation_beyond_second_order_is_told_by_the_other_kind_of_stretchi
     """Under half the load static stretching leaves what it left, dynamic stretching a tenth."""
     bench = Known(beyond_second_order)
 
-    def weakened(trial: Trial, load: str) -> Errors:
-        return errors_of(((0.9 if trial.reduction.stretching == "static" else 0.1) * trial.errors.largest,))
+    def weakened(reduction: Reduction, largest: float) -> float:
+        return (0.9 if reduction.stretching == "static" else 0.1) * largest
 
     monkeypatch.setattr(bench, "weakened", weakened)
     message = refused(
@@ -264,7 +267,7 @@ def test_prices_of_candidates_are_said() -> None:
 def test_a_step_that_leaves_more_than_the_tolerance_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Known(lambda reduction: 0.03)
     monkeypatch.setattr(bench, "moved", lambda *_: errors_of((0.1,)))
-    monkeypatch.setattr(bench, "weakened", lambda trial, *_: errors_of((trial.errors.largest,)))
+    monkeypatch.setattr(bench, "weakened", lambda reduction, largest: largest)
     refused(bench, "100 steps themselves leave more than the tolerance")
 
 

@@ -4,12 +4,11 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 from conftest import ROOT
 from runs import PAPER_SCENE, PGMP, overridden, pgmp
 
-from pgmp_petsc.results import Ensemble, Trajectory
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.tradeoff import Tradeoff
 
 QUICK = overridden("reduction.modes=3", "simulation.duration=0.02")
@@ -27,17 +26,6 @@ def test_a_run_and_its_picture(tmp_path: Path) -> None:
     assert "of the components model" in pgmp("info", found).stdout
     pgmp("plot", found, full, "-o", tmp_path / "pictures")
     assert (tmp_path / "pictures" / "trajectories.png").exists()
-
-
-@pytest.mark.parametrize("ranks", [2, 3])
-def test_ensembles_are_the_same_on_any_number_of_ranks(ranks: int, tmp_path: Path, mpirun: Callable) -> None:
-    job = ("montecarlo", PAPER_SCENE, "--components", "-n", 6, *QUICK, *overridden("ensemble.batch=2"), "-o")
-    pgmp(*job, tmp_path / "one.h5")
-    mpirun(ranks, *PGMP, *job, tmp_path / "several.h5")
-    one, several = (Ensemble.read(tmp_path / name) for name in ("one.h5", "several.h5"))
-    assert one.model == several.model == "components"
-    for name, values in one.outputs.items():
-        np.testing.assert_array_equal(several.outputs[name], values)
 
 
 LOOSE = (
@@ -103,7 +91,7 @@ def test_which_model_to_take_is_predicted_and_measured(tmp_path: Path) -> None:
     # the bearing and 5 motors
     found = json.loads(pgmp("check", ROOT / "scenes/payload_arm.toml", "--json").stdout)
     assert found["models"]["components"]["unknowns"] == 28 + 7 + 9 + 12 and found["take"].startswith("components; ")
-    quick = overridden("simulation.duration=0.02", "reduction.modes=1", "initial={}")
+    quick = overridden("simulation.duration=0.02", "reduction.modes=1", "initial={}", "ensemble.batch=4")
     said = pgmp("tradeoff", PALLETIZER, "--quick", *quick, "-o", tmp_path / "costs.h5").stdout
     assert "no reduced model is compared: coordinates: waist, shoulder, drive, wrist" in said
     assert "Which model, for 1 % in every output: component modes" in said

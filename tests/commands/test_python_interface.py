@@ -23,7 +23,6 @@ from runs import PAPER_SCENE
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.api import ranks
-from pgmp_petsc.ensemble import integration
 from pgmp_petsc.figures.style import save
 from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
 
@@ -165,24 +164,6 @@ def test_a_rank_that_runs_alone_waits_for_nobody(
     """PETSc starts on the ranks of a call; the other rank calls the interface later, or never, and the program ends."""
     done = mpirun(2, parallel_scripts / "interface_apart.py", commands / "rom.h5", others)
     assert done.stdout.splitlines()[-1] == ("same" if others == "later" else "alone")
-
-
-def test_a_killed_ensemble_is_taken_up(rom: pgmp.Rom, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "samples.h5"
-    with monkeypatch.context() as broken:
-        broken.setattr(integration, "describe_ensemble", _fail)
-        with pytest.raises(pgmp.RunError, match="the machine went down"):
-            pgmp.montecarlo(rom, n=6, seed=3, output=path)
-    assert not path.exists()
-    with monkeypatch.context() as nothing_is_left_to_do:
-        nothing_is_left_to_do.setattr(integration, "run_batch", _fail)
-        taken_up = pgmp.montecarlo(rom, n=6, seed=3, output=path, resume=True)
-    assert taken_up.path == path and [item.name for item in tmp_path.iterdir()] == ["samples.h5"]
-    assert_same(pgmp.montecarlo(rom, n=6, seed=3).write(tmp_path / "again.h5"), path)
-
-
-def _fail(*_: object, **__: object) -> None:
-    raise pgmp.RunError("the machine went down")
 
 
 def test_two_ranks_of_a_script(commands: Path, tmp_path: Path, mpirun: Callable, parallel_scripts: Path) -> None:

@@ -81,9 +81,13 @@ def test_three_ranks_find_the_same_errors(mpirun: Callable, printed: str, folder
     done = mpirun(3, *PGMP, "tradeoff", PAPER_SCENE, "--quick", "-o", folder / "three.h5", *SMALL)
     assert done.stdout.count("3 rank(s)") == 1 and besides_progress(done.stderr) == ""
     one, three = Tradeoff.read(folder / "f.h5"), Tradeoff.read(folder / "three.h5")
-    assert three.record.ranks == 3 and three.flags == one.flags
-    # the eigensolver's random start changes the last digits
-    np.testing.assert_allclose(three.errors, one.errors, rtol=1e-6, atol=1e-12)
+    assert three.record.ranks == 3 and three.flags == one.flags and three.reasons == one.reasons
+    np.testing.assert_array_equal(three.references.step, one.references.step)
+    assert all((times > 0.0).all() for times in (three.wall.offline, three.wall.batch))
+    found, expected = ((of.errors, of.references.moved, of.mesh.errors) for of in (three, one))
+    for several, alone in zip(found, expected):
+        # the eigensolver's random start changes the last digits
+        np.testing.assert_allclose(several, alone, rtol=1e-6, atol=1e-12)
 
 
 def test_pasting_the_advice_gives_the_setting(printed: str, folder: Path) -> None:

@@ -36,10 +36,7 @@ def commands(folder: Path, n_ranks: int) -> list[list[str]]:
         ["modes", BEAMS, *FEW, "--rom", rom, *to("modes.h5")],
         ["build", BEAMS, *PLAIN, *pairs, *to("pairs.h5")],
     ]
-    solids = [
-        ["modes", SOLIDS, *FEW, *pairs, *to("solid_modes.h5")],
-        ["build", SOLIDS, *PLAIN, *to("solid_rom.h5")],
-    ]
+    solids = [["modes", SOLIDS, *FEW, *pairs, *to("solid_modes.h5")], ["build", SOLIDS, *PLAIN, *to("solid_rom.h5")]]
     runs = [
         ["simulate", rom, *to("reduced.h5")],
         ["simulate", rom, *overridden("initial={equilibrium=true}"), *to("settled.h5")],

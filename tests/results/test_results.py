@@ -40,15 +40,12 @@ def test_parts_of_reduced_models_are_as_they_were_and_come_back(tmp_path: Path) 
 @pytest.mark.parametrize(
     "result",
     [
-        synthetic.trajectory("full"),
         synthetic.trajectory("reduced", n_frames=0),
-        synthetic.ensemble("full", 100),
         synthetic.ensemble("reduced", 50, n_failed=0),
-        synthetic.described(),
         synthetic.rare_event(),
         synthetic.tradeoff(n_outputs=1, surfaces=False, refined=False),
     ],
-    ids=["full", "reduced", "full ensemble", "reduced ensemble", "described ensemble", "rare event", "short trade-off"],
+    ids=["without frames", "without failures", "without design points", "short trade-off"],
 )
 def test_round_trip(result, tmp_path):
     result.write(tmp_path / "f.h5")

@@ -61,10 +61,7 @@ def bent(element: str, *overrides: str) -> tuple[Scene, Mapping]:
     }
     mesh = rectangle_mesh("quad8", (8, 2), (LENGTH, HEIGHT))
     bar = replace(mesh, nodes=mesh.nodes - [0.0, 0.5 * HEIGHT]) if solid else straight_beam(LENGTH, 8)
-    return scene_from_toml(BENT.format(**words), ".", overrides), {
-        "bar": bar,
-        "arm": straight_beam(ARM, 2, -ARM / 2),
-    }
+    return scene_from_toml(BENT.format(**words), ".", overrides), {"bar": bar, "arm": straight_beam(ARM, 2, -ARM / 2)}
 
 
 def last_grid(xdmf: Path, body: str) -> meshio.Mesh:

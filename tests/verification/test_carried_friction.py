@@ -1,16 +1,19 @@
 """Friction under the force that a joint carries: against scipy's integrators and closed forms, in every model."""
 
+from dataclasses import replace
 from functools import cache
 from math import cos, hypot, sin, tanh
 
 import numpy as np
 import pytest
-from exported import assert_same_in_c, compiled
-from machine_scenes import run
+from conftest import ROOT
+from exported import assert_same_in_c
+from machine_scenes import cart, run
 from refusals import cases, check_said, refusal
 from runs import components_model, full_model, history, motion, read_meshes, reduced_model, samples
 from scipy.integrate import solve_ivp
 from spatial_beams import slider_crank_of_beams
+from test_moving_mass import moving
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.finished import CARRIED, step_seconds
@@ -18,7 +21,9 @@ from pgmp_petsc.bench.history import run_history
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.models.lengths import of_samples
+from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
+from pgmp_petsc.stepping.second_order_system import State
 from scenes import HEADER, tables
 
 MASS, LEVER, INERTIA, G = 2.0, 0.3, 0.05, 9.80665
@@ -204,9 +209,93 @@ def test_models_in_c_rub_alike(name, tmp_path):
     assert_same_in_c(reduced_model(IN_C[name]()), tmp_path)
 
 
-def test_component_models_in_c_do_not_know_it(tmp_path):
-    with pytest.raises(InputError, match="effects.in_main.coefficient: a component model in C does not know"):
-        compiled(components_model(slider()), tmp_path)
+@pytest.mark.parametrize("name", IN_C)
+def test_component_models_in_c_rub_alike(name, tmp_path):
+    """Round-off of places, 1e-16 m in steps of 0.1 ms, is one of some 1e-8 of the force in the pin."""
+    assert_same_in_c(components_model(IN_C[name]()), tmp_path, 1e-8)
+
+
+def rubbing(joint: str, entries: str = "radius=0.01,") -> str:
+    """Return an effect of friction in a joint."""
+    return f'effects.rub_{joint}={{type="joint_friction",joint="{joint}",coefficient=0.3,{entries}speed=0.1}}'
+
+
+IN_LANES = {
+    "damped": lambda: slider(
+        "effects.w={type='gravity'}", "effects.d={type='structural_damping',stiffness=1e-5,mass=0.3}",
+    ),
+    "of first order": lambda: slider("reduction.second_order=false"),
+    "elastic": lambda: slider("joints.pin.elastic={reference=[[1.0,0.0]],stiffness=[1e7,inf],damping=[3.0,0.0]}"),
+    "clearance": lambda: slider(
+        "joints.pin.clearance={radius=1e-4,stiffness=1e8,restitution=0.9,restitution_speed=0.1}",
+    ),
+    "space": lambda: slider_crank_of_beams("reduction.modes=4", "reduction.angles=24", rubbing("crank_hinge")),
+    "two coordinates": lambda: cart(rubbing("rail", ""), rubbing("pivot")),
+    "prescribed": lambda: load_scene(ROOT / "scenes/quick_return.toml", (rubbing("ram", ""), rubbing("rocker_hinge"))),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", IN_LANES)
+def test_forces_in_lanes_are_the_sizes_of_forces_in_joints(name):
+    """Of states that are no motion, where all terms count, to round-off of their sums."""
+    scene, n = IN_LANES[name](), 5
+    model, random = reduced_model(scene), np.random.default_rng(0)
+    values, r = samples(scene, n), model.terms.tables.n_coordinates
+    system, carried = model.batch(values, n), model.multipliers
+    q, v, a = (size * random.normal(size=(n, system.n_eta)) for size in (1e-4, 1.0, 100.0))
+    q[:, :r] = model.start[0] + 0.1 * random.uniform(size=(n, r))
+    state, given = State(q, v, a, np.zeros(0)), random.uniform(1.0, 10.0, (len(scene.carried), n))
+    every = {key: np.broadcast_to(one, n) for key, one in {**scene.values, **values}.items()}
+    wanted = carried._loads(state, carried.in_steps(every, n)(0.01, state, given), every)
+    assert system.carries and wanted.max() > 1.0
+    np.testing.assert_allclose(system.carried(0.01, state, given), wanted, rtol=0.0, atol=1e-10 * wanted.max())
+
+
+@pytest.mark.parametrize("entries", [(), (STOP,)], ids=["", "over an edge"])
+def test_steps_in_lanes_are_those_of_forces_found_in_python(entries):
+    """Samples that rub little and much; over a stop those that rub more than these do not converge."""
+    scene = slider("simulation.duration=0.01", *entries)
+    model, given = reduced_model(scene), samples(scene, 9, mu=np.linspace(0.05, 0.3 if entries else 0.45, 9))
+    found = history(model, given, 9)[1]
+    model.actions = replace(model.actions, carried=None)
+    assert not model.batch(given, 9).carries
+    for name, values in history(model, given, 9)[1].items():
+        np.testing.assert_allclose(found[name], values, rtol=0.0, atol=1e-8 * np.abs(values).max(), err_msg=name)
+
+
+ON_BEAM = "simulation.initial.x={position=0.1,velocity=5.0}", "simulation.duration=0.01", rubbing("rear", "")
+
+
+def test_on_a_beam_that_bends_forces_are_found_in_python():
+    """The directions in which its nodes pull turn against each other; a run differs from the mesh by its modes."""
+    model = reduced_model(moving(*ON_BEAM))
+    assert model.actions.carried is None
+    found, wanted = (run(model.scene, kind, 1)[1]["way"] for kind in ("reduced", "full"))
+    slower = 0.1 + 5.0 * 0.01 - wanted[-1]
+    assert slower > 1e-5 and np.abs(found - wanted).max() < 0.05 * slower
+    long = *ON_BEAM, 'parameters.l={nominal=2.0,unit="m",bounds=[1.9,2.1]}', 'bodies.beam.line.length="l"'
+    with pytest.raises(InputError, match="rub_rear.coefficient.*: models at several lengths do not know the force"):
+        check_capabilities(moving(*long), Purpose.BUILD)
+
+
+LENGTH = 'parameters.l={nominal=0.3,unit="m",bounds=[0.25,0.35]}', 'bodies.rod.line.length="l"'
+
+
+def test_models_of_several_lengths_rub_alike():
+    """Polynomials through three lengths are a thousandth of what friction takes away from models of each."""
+    short = "simulation.duration=0.02", "outputs={theta={type='angle',joint='main'}}"
+    scene = slider(*short, *LENGTH)
+    model, lengths = reduced_model(scene), np.array([0.26, 0.3, 0.34])
+    lanes = of_samples(model, ["l"])
+    found = history(lanes, samples(scene, 3, l=lengths), 3, 10)[1]["theta"]
+    for k, length in enumerate(lengths):
+        alone = slider(*short, f"bodies.rod.line.length={length}")
+        wanted = history(reduced_model(alone), samples(alone, 1), 1, 10)[1]["theta"][:, 0]
+        lost = 0.5 + 30.0 * 0.02 - wanted[-1]
+        at = history(model.at_lengths(scene.with_values({"l": length})), samples(scene, 1, l=length), 1, 10)[1]["theta"]
+        share = 1e-9 if length == 0.3 else 1e-4
+        assert lost > 0.1 and np.abs(found[:, k] - wanted).max() < share * lost
+        assert np.abs(found[:, k] - at[:, 0]).max() < share * lost
 
 
 @pytest.mark.parametrize("make", [full_model, reduced_model])

@@ -107,10 +107,7 @@ def test_tables_of_the_condensed_mechanism_are_those_of_the_meshes(theta: float)
 
 
 # half of the crank is of another material, whose modulus is uncertain
-TWO_MATERIALS = (
-    'materials.alloy={E="E", nu=0.33, rho=2700.0}',
-    'bodies.crank.regions={half="alloy"}',
-)
+TWO_MATERIALS = ('materials.alloy={E="E", nu=0.33, rho=2700.0}', 'bodies.crank.regions={half="alloy"}')
 
 
 @pytest.mark.parametrize(

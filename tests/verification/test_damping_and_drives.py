@@ -22,10 +22,7 @@ DECAYS = {
 def test_the_decay_of_a_mode(name: str) -> None:
     text, decay = DECAYS[name]
     step = 5e-4
-    scene = scene_of(
-        SPINNER,
-        f'[effects.loss]\ntype = "structural_damping"\n{text}\n' + run_of(0.3, step),
-    )
+    scene = scene_of(SPINNER, f'[effects.loss]\ntype = "structural_damping"\n{text}\n' + run_of(0.3, step))
     # beyond the rotation about the hinge and the first symmetric mode with the middle held: found by its symmetry
     for number in range(1, 4):
         omega, shape = linear_mode(scene, MIDDLE, number)
@@ -48,8 +45,7 @@ def test_the_decay_of_a_mode(name: str) -> None:
 @pytest.mark.parametrize("damping", ["stiffness = 1e-2", "ratios = [0.1, 0.1, 0.1]"])
 def test_a_rotation_is_not_damped(damping: str) -> None:
     scene = scene_of(
-        SPINNER,
-        f'[effects.loss]\ntype = "structural_damping"\n{damping}\n' + run_of(2.0, 5e-3, 0.8, velocity=3.0),
+        SPINNER, f'[effects.loss]\ntype = "structural_damping"\n{damping}\n' + run_of(2.0, 5e-3, 0.8, velocity=3.0)
     )
     run = recorded(scene)
     turned = run.angle[-1] - run.angle[0]

@@ -121,10 +121,7 @@ def test_the_decay_of_a_mode(name: str) -> None:
 
     stiffness, damping, mass = (slopes(kind) for kind in range(3))
     first_order = np.block(
-        [
-            [np.zeros((n, n)), np.eye(n)],
-            [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)],
-        ]
+        [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]]
     )
     roots = np.linalg.eigvals(first_order)
     expected = 7.8532**2  # of a free beam; 8 elements: (k h)^2 / 8
@@ -261,11 +258,7 @@ def test_an_effect_adds_only_what_is_its_own(bare: dict[str, object], tmp_path: 
     assert held["loads"] == (["extra"] if kind in ("torque", "gravity") else [])
 
 
-EVALUATED = {
-    "torque": {"Effect.amplitude"},
-    "gravity": {"Effect.amplitude"},
-    "prescribed_motion": {"Motion.at"},
-}
+EVALUATED = {"torque": {"Effect.amplitude"}, "gravity": {"Effect.amplitude"}, "prescribed_motion": {"Motion.at"}}
 
 
 @pytest.mark.parametrize("kind", ["none", *NAMED])

@@ -323,7 +323,14 @@ def test_an_arm_of_six_joints_elsewhere(tmp_path, version) -> None:
     """A component model has no states for integrators of others, whose steps its vibrations would have to follow."""
     if shutil.which(FMPY) is None:
         pytest.skip(f"no {FMPY}")
-    model = components_model(load_scene(ROOT / "scenes/six_joint_arm.toml", ("simulation.duration=0.1",), ()))
+    forces = (
+        'outputs.pull={type="joint_force", joint="shoulder", component="radial"}',
+        'outputs.twist={type="joint_torque", joint="shoulder", component="magnitude"}',
+        'outputs.drive={type="drive_torque", coordinate="elbow"}',
+        'outputs.power={type="power", coordinate="elbow"}',
+    )
+    scene = load_scene(ROOT / "scenes/six_joint_arm.toml", ("simulation.duration=0.1", *forces), ())
+    model = components_model(scene)
     write_fmu(tree_constants_of(model, "it"), tmp_path / "arm.fmu", version)
     unit = Unit(tmp_path / "arm.fmu", tmp_path / "there")
     assert unit.instantiate(exchange=True) is None and "is for co-simulation alone" in unit.said[-1]

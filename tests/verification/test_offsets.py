@@ -91,8 +91,7 @@ def flexibility() -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("given", "gap"),
-    [({"place": [0.0, 0.0, 1e-5]}, [1e-5, 0.0, 0.0]), ({"turn": [1e-4, 0.0, 0.0]}, None)],
+    ("given", "gap"), [({"place": [0.0, 0.0, 1e-5]}, [1e-5, 0.0, 0.0]), ({"turn": [1e-4, 0.0, 0.0]}, None)]
 )
 def test_the_stress_built_into_a_four_bar_in_space(given: dict, gap: list | None) -> None:
     if gap is None:  # the turn is in the coupler's frame

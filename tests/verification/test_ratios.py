@@ -26,13 +26,7 @@ from pgmp_petsc.studies.inputs import with_meshes
 RIGID = {
     # joint and entry, values, acceleration of the coordinate
     "gear": (ROTORS, "joints.mesh.ratio", (-0.41, 0.6), lambda r: 0.7 / (0.02 + r**2 * 0.5), "one"),
-    "coupling": (
-        ROTORS,
-        "joints.mesh.terms.input",
-        (0.5, -2.0),
-        lambda r: 0.7 / (0.02 + r**2 / 4.0 * 0.5),
-        "one",
-    ),
+    "coupling": (ROTORS, "joints.mesh.terms.input", (0.5, -2.0), lambda r: 0.7 / (0.02 + r**2 / 4.0 * 0.5), "one"),
     "screw": (SCREW, "joints.thread.lead", (0.3, -0.7), lambda r: 4.0 / (3.0 + 0.02 * (2.0 * np.pi / r) ** 2), "x"),
 }
 COUPLED = "joints.mesh={type='coupling',terms={output=2.0,input=0.74}}"

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from runs import full_model, history, reduced_model, samples
+from runs import assert_forces_do_the_work, full_model, history, reduced_model, samples
 
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml
@@ -76,28 +76,11 @@ LOCAL = [name for name in EFFECTS if name not in ("rayleigh", "rayleigh of one b
 @pytest.mark.parametrize("second_order", [False, True])
 @pytest.mark.parametrize("effect", LOCAL)
 def test_forces_do_the_work_that_frames_do(models, effect: str, second_order: bool) -> None:
-    """``-r.eta'`` of the action alone against its power, and against the elastic energy's rate along the motion."""
     model = model_of(models, effect, f"reduction.second_order={str(second_order).lower()}")
-    n = 6
-    state = anywhere(model, n)
+    state = anywhere(model, 6)
     if effect == "end stop":
         state.q[:, 0] = 0.95
-    values = samples(model.scene, n)
-    system = model.batch(values, n)
-    without = system.__class__(model.terms, model.effects, values, model.start, n)
-    force = without.residual(0.03, state) - system.residual(0.03, state)
-    energies = system.energies(0.03, state)
-    power = np.einsum("ni,ni->n", force, state.v)
-    h = 1e-6
-
-    def stored(dt: float) -> np.ndarray:
-        moved = State(state.q + dt * state.v, state.v, state.a, state.multipliers)
-        return system.energies(0.03, moved).potential["extra"]
-
-    elastic = -(stored(h) - stored(-h)) / (2 * h)
-    expected = energies.powers["extra"] + elastic
-    np.testing.assert_allclose(power, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
-    assert np.abs(power).max() > 1e-3
+    assert_forces_do_the_work(model, state, samples(model.scene, 6), 0.03)
 
 
 @pytest.mark.parametrize("effect", list(EFFECTS))

@@ -68,10 +68,7 @@ def test_models_of_all_lengths_have_the_angles_that_the_extreme_ones_ask_for() -
     counts = ", ".join(str(theta.size) for theta in own)
     assert f"{common.size} angles, all that the nominal lengths and the ends of their ranges ask for ({counts})" in said
     # a run at an end, with the angles of all, is that of the model of this length with its own ones
-    at_end, number = (
-        ReducedModel(scene.with_values({"rod_length": HIGH}), rom),
-        reduced_model(numbered(HIGH, *more)),
-    )
+    at_end, number = (ReducedModel(scene.with_values({"rod_length": HIGH}), rom), reduced_model(numbered(HIGH, *more)))
     (_, found), (_, expected) = (history(model, samples(model.scene, 1), 1) for model in (at_end, number))
     for name, values in expected.items():
         np.testing.assert_allclose(found[name], values, rtol=0, atol=0.05 * np.abs(values).max())

@@ -11,13 +11,7 @@ from scipy.linalg import eig, eigh
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 from spatial import DENSITY
-from spatial_beams import (
-    HEIGHT,
-    WIDTH,
-    lines_of,
-    pendulum_in_space,
-    slider_crank_of_beams,
-)
+from spatial_beams import HEIGHT, WIDTH, lines_of, pendulum_in_space, slider_crank_of_beams
 
 from pgmp_petsc.bodies.beam3d import at_rest
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum

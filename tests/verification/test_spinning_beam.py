@@ -81,10 +81,7 @@ def frequencies(model: ReducedModel, spin: float) -> np.ndarray:
     assert np.abs(balance(steady)).max() < 1e-9 * max(1.0, spin**2)
     stiffness, damping, mass = (slopes(steady, kind) for kind in range(3))
     first_order = np.block(
-        [
-            [np.zeros((n, n)), np.eye(n)],
-            [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)],
-        ]
+        [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]]
     )
     roots = np.linalg.eigvals(first_order)
     assert np.abs(roots.real).max() < 1e-6 * np.abs(roots).max(), "vibrations neither grow nor decay"

@@ -384,10 +384,7 @@ def test_a_held_joint_is_found_where_modes_turn_it_by_more_under_the_loads(start
 
 
 def test_a_start_that_is_not_found_says_why(monkeypatch) -> None:
-    for model, weight, reached in (
-        (full_model, "1e4", "[0-9.]+ % of"),
-        (reduced_model, "3e5", "less than 1/64 of"),
-    ):
+    for model, weight, reached in ((full_model, "1e4", "[0-9.]+ % of"), (reduced_model, "3e5", "less than 1/64 of")):
         scene = soft_four_bar(0.4, f"effects.weight.acceleration={weight}")
         with pytest.raises(InputError, match=rf"converges with {reached} the loads and springs at time zero, and not"):
             model(scene).batch({}, 1).settled.require()

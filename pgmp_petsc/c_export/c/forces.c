@@ -79,13 +79,15 @@ static void find_multipliers(const struct pgmp_model *m, const double strengths[
 
 #endif
 
-void find_forces(struct pgmp_model *m, const struct acting *now, const struct frame nodes[], double found[][3]) {
+void find_forces(struct pgmp_model *m, const struct acting *now, const double *own, const struct frame nodes[],
+                 double found[][3]) {
     const double *strengths = now->strengths;
     double multipliers[AT_LEAST_ONE(N_GAPS + N_ACTIONS)], r[N] = {0}, forces_of[AT_LEAST_ONE(N_ACTIONS)] = {0};
     double loads[AT_LEAST_ONE(N_ACTION_NODES)][N_DOFS] = {{0}};
     struct stencil stencil;
     struct terms t;
     struct matrix matrix;
+    (void)own;
     find_stencil(axes, m->q, &stencil);
     if (DRIVES) { /* what motions take is the residual of their coordinates */
         interpolate(m, &stencil, m->q, strengths, &t);

@@ -157,7 +157,7 @@ void pgmp_observe_at(struct pgmp_model *m, double time, double since) {
 #if N_FORCES || DRIVES
     struct acting now;
     act(m, time, since, &now);
-    find_forces(m, &now, nodes, acting);
+    find_forces(m, &now, 0, nodes, acting);
 #endif
     combine(time, m->parameters, bases, found, acting + N_CARRIED, m->outputs, m->counted);
     show_counts(m, time);

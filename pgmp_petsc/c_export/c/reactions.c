@@ -58,11 +58,12 @@ static void share_out(int n, double s[N_DOFS][N_DOFS], const double f[N_DOFS], d
     }
 }
 
-void find_forces(struct pgmp_model *m, const struct acting *now, const struct frame nodes[], double found[][3]) {
+void find_forces(struct pgmp_model *m, const struct acting *now, const double *own, const struct frame nodes[],
+                 double found[][3]) {
     double r[N_ALL], on_frames[N_NODES][N_FRAME], left[AT_LEAST_ONE(N_LEFT)], multipliers[AT_LEAST_ONE(N_GAPS + N_ACTIONS)];
     double unused[N] = {0}, of_actions[AT_LEAST_ONE(N_ACTIONS)] = {0}, loads[AT_LEAST_ONE(N_ACTION_NODES)][N_DOFS] = {{0}};
     struct chain chains[N_NODES];
-    find_residual(m, now, chains, on_frames, left, r);
+    find_residual(m, now, own, chains, on_frames, left, r);
     add_actions(m, now->strengths, m->q, m->v, 0.0, 0, 0, 0, 0, unused, 0, of_actions, loads);
     for (int g = 0; g < N_GAPS; g++) multipliers[g] = left_of_gap[g] < 0 ? 0.0 : left[left_of_gap[g]];
     for (int k = 0; k < (N_GAPS ? N_TREE : 0); k++) {

@@ -20,8 +20,6 @@ static const struct scheme own_scheme = {ALPHA_M, ALPHA_F, BETA, GAMMA};
 
 enum { EXTRAPOLATED, COASTING, CAREFUL, N_ATTEMPTS };
 enum { MOST_TURNS = 100 };
-#define SETTLED 1e-13 /* change of forces that friction hangs on, at the start and between two corrections */
-#define SETTLED_IN_STEP 1e-9
 
 void pgmp_initialise(struct pgmp_model *m) {
     memset(m, 0, sizeof *m);
@@ -95,9 +93,10 @@ static void look_at_state(struct pgmp_model *m) {
 }
 
 #if N_CARRIED > 0
-/* The forces in joints that friction hangs on, in a state, with friction under those that were found before. */
-static void find_carried(struct pgmp_model *m, const struct acting *now, const double q[N], const double v[N],
-                         const double a[N], double carried[]) {
+/* The forces in joints that friction hangs on, in a state, with friction under those that were found before; `own_forces` as
+   `own` of find_forces. */
+static void find_carried(struct pgmp_model *m, const struct acting *now, const double *own_forces, const double q[N],
+                         const double v[N], const double a[N], double carried[]) {
     const size_t size = N * sizeof(double);
     double own[3][N], found[N_FORCES + R][3], theta[R];
     struct frame nodes[AT_LEAST_ONE(N_NODES)];
@@ -106,9 +105,42 @@ static void find_carried(struct pgmp_model *m, const struct acting *now, const d
     memmove(m->q, q, size), memmove(m->v, v, size), memmove(m->a, a, size);
     look_at(m, &look);
     see_nodes(m, &look, 0.0, CLOSURE_TOLERANCE, theta, nodes);
-    find_forces(m, now, nodes, found);
+    find_forces(m, now, own_forces, nodes, found);
     memcpy(m->q, own[0], size), memcpy(m->v, own[1], size), memcpy(m->a, own[2], size);
     for (int k = 0; k < N_CARRIED; k++) carried[k] = found[k][0];
+}
+
+enum { BEFORE, OFF, AHEAD, ACROSS, INVERSE }; /* rows of what is kept from correction to correction */
+
+/* Takes these forces on, in correction `number` of an iteration, to those of which a state gives the same, from what it
+   gives now, by Broyden's method (1965); returns whether any changes by more than SETTLED_IN_STEP. */
+static int follow_carried(int number, const double found[N_CARRIED], double kept[INVERSE + N_CARRIED][N_CARRIED],
+                          double carried[N_CARRIED]) {
+    double whole = 0.0, size = 0.0, along = 0.0, (*inverse)[N_CARRIED] = kept + INVERSE;
+    int unsettled = 0;
+    for (int i = 0; number < FIRST_SECANT && i < N_CARRIED; i++)
+        for (int j = 0; j < N_CARRIED; j++) inverse[i][j] = i == j;
+    for (int i = 0; number >= FIRST_SECANT && i < N_CARRIED; i++) {
+        kept[AHEAD][i] = kept[ACROSS][i] = 0.0;
+        for (int j = 0; j < N_CARRIED; j++) {
+            kept[AHEAD][i] += inverse[i][j] * (kept[OFF][j] - (found[j] - carried[j]));
+            kept[ACROSS][i] += inverse[j][i] * (carried[j] - kept[BEFORE][j]);
+        }
+        whole += carried[i] * carried[i];
+        size += (carried[i] - kept[BEFORE][i]) * (carried[i] - kept[BEFORE][i]);
+        along += (carried[i] - kept[BEFORE][i]) * kept[AHEAD][i];
+    }
+    const int known = size > SMALLEST_SECANT * SMALLEST_SECANT * whole; /* more than round-off */
+    if (known && along > WEAKEST * size && along < STRONGEST * size)
+        for (int i = 0; i < N_CARRIED; i++)
+            for (int j = 0; j < N_CARRIED; j++)
+                inverse[i][j] += (carried[i] - kept[BEFORE][i] - kept[AHEAD][i]) * kept[ACROSS][j] / along;
+    for (int i = 0; i < N_CARRIED; i++) kept[BEFORE][i] = carried[i], kept[OFF][i] = found[i] - carried[i];
+    for (int i = 0; i < N_CARRIED; i++) {
+        for (int j = 0; j < N_CARRIED; j++) carried[i] += inverse[i][j] * kept[OFF][j];
+        unsettled |= fabs(kept[OFF][i]) > SETTLED_IN_STEP * fabs(carried[i]);
+    }
+    return unsettled;
 }
 #endif
 
@@ -122,7 +154,7 @@ void pgmp_accelerate(struct pgmp_model *m, double time, double since) {
         changed = 0;
 #if N_CARRIED > 0
         double found[N_CARRIED];
-        find_carried(m, &now, m->q, m->v, m->a, found);
+        find_carried(m, &now, 0, m->q, m->v, m->a, found);
         for (int k = 0; k < N_CARRIED; k++) {
             changed |= fabs(found[k] - m->carried[k]) > SETTLED * fabs(found[k]);
             m->carried[k] = found[k];
@@ -201,6 +233,10 @@ static int converge(struct pgmp_model *m, int attempt, int in_part, const struct
     struct iterate kept[AT_LEAST_ONE(N_ACTIONS)];
     struct matrix matrix;
     int active = 1, going = 1; /* it goes on until forces that friction hangs on are settled */
+#if N_CARRIED > 0
+    double found[N_CARRIED], followed[INVERSE + N_CARRIED][N_CARRIED];
+    memcpy(t->carried, m->carried, sizeof m->carried);
+#endif
     for (int k = 0; k < AT_LEAST_ONE(N_ACTIONS); k++) kept[k].about = N_ACTIONS ? NAN : 0.0;
     for (int number = 0; number < most && (going || number < least); number++) {
         double size = 0.0, share = 1.0, contraction = m->contraction;
@@ -208,11 +244,8 @@ static int converge(struct pgmp_model *m, int attempt, int in_part, const struct
         int fresh = attempt != EXTRAPOLATED || number % REFRESH_EVERY == 0;
         int limited = 0, unsettled = 0;
 #if N_CARRIED > 0
-        find_carried(m, now, t->q, t->v, t->a, t->carried);
-        for (int k = 0; k < N_CARRIED && !careful; k++) {
-            double change = fabs(t->carried[k] - m->laws[carried_actions[k]][0]);
-            unsettled |= change > SETTLED_IN_STEP * fabs(t->carried[k]);
-        }
+        find_carried(m, now, t->forces, t->q, t->v, t->a, found);
+        unsettled = follow_carried(number, found, followed, t->carried) && !careful;
         load_friction(m, t->carried);
 #endif
         correct(m, now, t->q, t->v, t->a, t->forces, gain_v, gain_a, fresh, kept, &t->response, &matrix, r);
@@ -241,7 +274,7 @@ static int converge(struct pgmp_model *m, int attempt, int in_part, const struct
         last = size;
     }
 #if N_CARRIED > 0
-    find_carried(m, now, t->q, t->v, t->a, t->carried);
+    find_carried(m, now, t->forces, t->q, t->v, t->a, t->carried);
 #endif
     return !active && isfinite(t->left);
 }

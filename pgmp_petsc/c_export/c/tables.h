@@ -120,8 +120,10 @@ double evaluate_statement(const struct statement *s, const double z[2 * N_FRAME]
                           double (*hessian)[2 * N_FRAME]);
 void attach(const struct side *side, const struct frame nodes[], struct frame *frame);
 double of_term(const struct term *term, double s, double *slope, double *bend);
-/* Forces in joints, and behind them what motions take, of the state with its accelerations. */
-void find_forces(struct pgmp_model *m, const struct acting *now, const struct frame nodes[], double found[][3]);
+/* Forces in joints, and behind them what motions take, of the state with its accelerations: of a tree with those of a step
+   and multipliers that belong to them, or where these are 0 with those by which constraints are obeyed. */
+void find_forces(struct pgmp_model *m, const struct acting *now, const double *own, const struct frame nodes[],
+                 double found[][3]);
 double read_force(const struct force *f, const struct frame nodes[], const double multipliers[]);
 /* What acts over time at an instant. */
 void act(const struct pgmp_model *m, double time, double since, struct acting *now);

@@ -609,10 +609,12 @@ void project_motion(struct pgmp_model *m, const struct acting *now, double h, co
     accelerate(m, now, q, v, a, left);
 }
 
-void find_residual(struct pgmp_model *m, const struct acting *now, struct chain nodes[N_NODES], double on_frames[N_NODES][N_FRAME],
-                   double left[], double r[N_ALL]) {
+void find_residual(struct pgmp_model *m, const struct acting *now, const double *own, struct chain nodes[N_NODES],
+                   double on_frames[N_NODES][N_FRAME], double left[], double r[N_ALL]) {
     double a[N];
-    accelerate(m, now, m->q, m->v, a, left);
+    memcpy(a, m->a, sizeof a);
+    for (int k = 0; own && k < N_LEFT; k++) left[k] = own[k];
+    if (!own) accelerate(m, now, m->q, m->v, a, left);
     memset(on_frames, 0, N_NODES * sizeof *on_frames);
     evaluate(m, now, m->q, m->v, a, left, 0.0, 1.0, 0, 0, 0, 0, r, nodes, on_frames);
 }

@@ -73,10 +73,10 @@ struct pgmp_model;
 double place(const double q[N], const double v[N], const double a[N], struct chain nodes[N_NODES]);
 /* A column of the frame of a point: see `chain`. */
 void attach_column(const struct side *side, const struct chain nodes[N_NODES], int column, double z[N_FRAME]);
-/* The residual r at the accelerations with which constraints are obeyed, the forces on frames that it has of all but local
-   effects, and the multipliers of the constraints that are left. */
-void find_residual(struct pgmp_model *m, const struct acting *now, struct chain nodes[N_NODES], double on_frames[N_NODES][N_FRAME],
-                   double left[], double r[N_ALL]);
+/* The residual r at accelerations as of `find_forces`, the forces on frames that it has of all but local effects, and the
+   multipliers of the constraints that are left. */
+void find_residual(struct pgmp_model *m, const struct acting *now, const double *own, struct chain nodes[N_NODES],
+                   double on_frames[N_NODES][N_FRAME], double left[], double r[N_ALL]);
 
 #endif
 

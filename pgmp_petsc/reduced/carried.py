@@ -1,0 +1,269 @@
+"""Forces that joints carry in the steps of reduced samples, LANES at a time, compiled: friction hangs on them.
+
+The multiplier of a constraint is minus the row of a gap (`reduced.gap_forces`), whose entries are here polynomials in
+cells, as all tables of the equations; derivatives with theta are those of the polynomials. With the directions n_c that
+a joint's constraints pull in, which turn together, and what its springs and contacts pull, the force is the size of
+
+    sum_c n_c (-lambda_c)  +  sum_t n_t f_t'(s_t) F_t.
+
+Between two corrections forces are found at the iterate, under friction by those that were found before, and taken on by
+`controllers.running.follow_carried`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from pgmp_petsc.controllers.running import N_FOLLOWED, SETTLED_IN_STEP, follow_carried
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import aligned, square_root
+from pgmp_petsc.lanes.vectors import (
+    LANES,
+    differing,
+    equal,
+    first_lane,
+    load,
+    load_rows,
+    polynomial,
+    spread,
+    store,
+)
+from pgmp_petsc.mechanism.node_statements import is_itself
+from pgmp_petsc.reduced.action_kernel import FORCE, LocalEffects, load_nodes, measure_term
+from pgmp_petsc.reduced.cells import Cells, locate_all, place_of, refill
+
+GAP, ACTION, TERM, JOINT = range(4)  # of what pulls: its gap, or -1 and its action with the term; and its joint
+
+
+class Carried(NamedTuple):
+    """Joints of a batch whose forces friction hangs on, as compiled functions take them."""
+
+    actions: np.ndarray  # numbers of the actions whose laws take the force as first parameter, (n,)
+    pulls: np.ndarray  # of all that pulls, joint after joint, `GAP`, ..., (n_pulls, 4)
+    directions: np.ndarray  # of each, (n_pulls, d)
+    #: terms, loads: entries of mass, stiffness, damping and local effects of all gaps, and those of load terms
+    terms: Cells
+    loads: Cells
+    together: np.ndarray  # as many zeros as there are terms
+    sizes: tuple[int, int, int, bool, int]  # gaps, rigid and flexible coordinates, second order, prescribed coordinates
+    parts: tuple[int, int, int, int, int]  # entries of a gap: of mass, stiffness, damping, local effects, and of a load
+    mass_damping: float
+    quadratic: bool
+
+
+class KeptGaps(NamedTuple):
+    """What is kept of every block: cells, weights of the terms, polynomials (see `arrays.Memory`), and what is known of
+    actions besides what an iteration keeps of them, as of `action_kernel.act`."""
+
+    cells: np.ndarray
+    weights: np.ndarray
+    terms: np.ndarray
+    loads: np.ndarray
+    known: np.ndarray
+
+
+class CarriedRoom(NamedTuple):
+    """Room for a block: vectors of factors, those of derivatives, rows of gaps, places in the cells, forces on nodes
+    (n_nodes, n_dofs), and forces that joints carry; and of each lane these forces, as they are given and found, (LANES,
+    n), and what `follow_carried` keeps."""
+
+    factors: np.ndarray
+    slopes: np.ndarray
+    rows: np.ndarray
+    place: np.ndarray
+    loads: np.ndarray
+    forces: np.ndarray
+    given: np.ndarray
+    found: np.ndarray
+    followed: np.ndarray
+
+    @classmethod
+    def of(cls, carried: Carried, local: LocalEffects) -> Self:
+        """Return room for joints of a batch."""
+        (g, r, m, second, _), n, d = carried.sizes, carried.actions.size, local.actions.statements.axes.shape[2]
+        n_changing = m * (1 + r if second else 1)
+        sizes = (sum(carried.parts[:4]),), (r * n_changing,), (g,), (r,), (local.places.n_nodes, d * (d + 1) // 2), (n,)
+        lanes = (np.zeros((LANES, *shape)) for shape in ((n,), (n,), (N_FOLLOWED + n, n)))
+        return cls(*(aligned((*shape, LANES)) for shape in sizes), *lanes)
+
+
+@njit(cache=True, apart=True, error_model="numpy", fastmath={"contract"}, counted=False)
+def find_carried(equations, memory, room, block, places, strengths, samples, lanes):
+    """Fill ``room.carried.forces`` with those that joints carry at the iterate in ``room.work``, in some lanes;
+    `places` are those of its local effects."""
+    carried, kept, own, work = equations.carried, memory.carried, room.carried, room.work
+    _come_to_cells(equations, kept, block, strengths.loads.size > 0, own, work)
+    load_nodes(
+        equations.local, equations.grid, strengths.actions, work.q, work.rate, samples, lanes, room.rates,
+        places, kept.known, memory.depths, own.loads,
+    )  # fmt: skip
+    g, r, m, second, driven = carried.sizes
+    _fill_factors(carried, work, own)
+    place, n = load_rows(own.place, 0, 1, equations.layout.rigid), own.factors.shape[0]
+    terms, n_load = kept.terms[block], carried.parts[4]
+    inertial = r + m + r * (r + 1) // 2 * (1 + (m if second else 0))
+    n_changing = m + (r * m if second else 0)
+    for gap in range(g):
+        total = spread(0.0)
+        for e in range(n):
+            value, slopes = polynomial(terms, gap * n + e, place)
+            total += value * load(own.factors, e)
+            c = -1
+            if r <= e < r + m:
+                c = e - r
+            elif second and inertial <= e < inertial + r * m:
+                c = m + e - inertial
+            if c >= 0:
+                for k in range(len(place)):
+                    total += slopes[k] * load(own.slopes, k * n_changing + c)
+        for effect in range(strengths.loads.shape[0]):
+            worked, first = spread(0.0), (effect * g + gap) * n_load
+            for e in range(n_load):
+                value, _ = polynomial(kept.loads[block], first + e, place)
+                worked += value * (load(work.q, r + e - 1) if e > 0 else spread(1.0))
+            total += -load(strengths.loads, effect) * worked
+        store(own.rows, gap, total)
+    _sum_up(equations, kept, room, samples, lanes)
+
+
+@njit(error_model="numpy", forceinline=True, counted=False)
+def _come_to_cells(equations, kept, block, loaded, own, work):
+    """Bring the polynomials of a block to the cells of its samples, and fill the places in them."""
+    carried, weights = equations.carried, equations.weights
+    cells = locate_all(work.q, equations.grid, own.place)
+    moved = differing(cells, load(kept.cells, block))
+    store(kept.cells, block, cells)
+    while moved != 0:
+        number = kept.cells[block, first_lane(moved)]
+        entering, cell = moved & equal(cells, spread(number)), int(number)
+        moved &= ~entering
+        table = carried.terms.polynomials
+        place = place_of(carried.terms, cell)
+        refill(table, place, kept.weights[block], carried.together, 0, table.shape[2], entering, kept.terms[block])
+        if loaded:
+            table, place = carried.loads.polynomials, place_of(carried.loads, cell)
+            refill(
+                table, place, weights.loads[block], weights.effects, 0, table.shape[2], entering, kept.loads[block]
+            )  # fmt: skip
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _fill_factors(carried, work, own):
+    """Fill the factors of a gap's entries, and those of their derivatives; see `gap_forces`."""
+    _, r, m, second, driven = carried.sizes
+    n, moving, q, v = r + m, 1.0 if carried.quadratic else 0.0, work.q, work.rate
+    factors, n_changing = own.factors, m + (r * m if second else 0)
+    for x in range(n):
+        store(factors, x, load(work.acceleration, x) + carried.mass_damping * load(v, x))
+    for k in range(r):
+        speed, a = moving * load(v, k), load(factors, k)
+        for i in range(m):
+            d = load(q, r + i)
+            store(own.slopes, k * n_changing + i, speed * (moving * load(v, r + i)) + 0.5 * a * d)
+            for h in range(r if second else 0):
+                store(own.slopes, k * n_changing + m + h * m + i, -speed * (moving * load(v, h)) * d)
+    e = n
+    for k in range(r):
+        for j in range(k + 1):
+            store(factors, e, moving * (1.0 if k == j else 2.0) * load(v, k) * load(v, j))
+            e += 1
+    for pair in range(n, e if second else n):
+        for i in range(m):
+            store(factors, e, load(factors, pair) * load(q, r + i))
+            e += 1
+    for h in range(r if second else 0):
+        for i in range(m):
+            swing = -2.0 * (moving * load(v, h)) * (moving * load(v, r + i))
+            store(factors, e, swing - load(factors, h) * load(q, r + i))
+            e += 1
+    for h in range(driven if second else 0):
+        for i in range(m):
+            store(factors, e, load(factors, h) * load(q, r + i))
+            e += 1
+    for i in range(m if carried.parts[1] > 0 else 0):
+        store(factors, e, load(q, r + i))
+        e += 1
+    for i in range(m if second and carried.parts[1] > 0 else 0):
+        for j in range(i + 1):
+            store(factors, e, (0.5 if i == j else 1.0) * load(q, r + i) * load(q, r + j))
+            e += 1
+    for x in range(carried.parts[2]):
+        store(factors, e, load(v, x))
+        e += 1
+    n_loads = own.loads.shape[0] * own.loads.shape[1]
+    for f in range(n_loads if carried.parts[3] > 0 else 0):
+        pull = -load(own.loads, f)
+        store(factors, e, pull)
+        e += 1
+        for i in range(m if second else 0):
+            store(factors, e, pull * load(q, r + i))
+            e += 1
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _sum_up(equations, kept, room, samples, lanes):
+    """Fill the sizes of the forces, of rows of gaps and of forces of actions, whose nodes are placed."""
+    carried, own, work = equations.carried, room.carried, room.rates
+    n, d, pull = carried.actions.size, carried.directions.shape[1], 0
+    statements = equations.local.actions.statements
+    for joint in range(n):
+        begin = pull
+        total = spread(0.0)
+        for c in range(d):
+            component, pull = spread(0.0), begin
+            while pull < carried.pulls.shape[0] and carried.pulls[pull, JOINT] == joint:
+                gap, action, term = carried.pulls[pull, GAP], carried.pulls[pull, ACTION], carried.pulls[pull, TERM]
+                direction = carried.directions[pull, c]
+                pull += 1
+                if gap >= 0:
+                    component += direction * load(own.rows, gap)
+                    continue
+                measure_term(equations.local, term, len(equations.grid), room.work.q, False, False, work)
+                slope = spread(1.0) if is_itself(statements, term) else load(work.function, 1)
+                for lane in range(LANES):
+                    work.measured[0, lane] = 0.0
+                    if lanes & (1 << lane):
+                        work.measured[0, lane] = kept.known[samples[lane], FORCE, action]
+                component += direction * slope * load(work.measured, 0)
+            total += component * component
+        store(own.forces, joint, square_root(total))
+
+
+@njit(error_model="numpy", counted=False)
+def begin_carried(equations, room, beside, samples, lanes):
+    """Let friction in some lanes act by the forces at the beginning of their steps, vectors `beside`."""
+    carried, parameters = equations.carried, equations.local.actions.parameters
+    for k in range(carried.actions.size):
+        for lane in range(LANES):
+            if lanes & (1 << lane):
+                room.carried.given[lane, k] = beside[k, lane]
+                parameters[carried.actions[k], samples[lane], 0] = beside[k, lane]
+
+
+@njit(error_model="numpy", counted=False)
+def take_carried(equations, room, number, samples, lanes):
+    """Let friction in some lanes act by forces from those that were found in correction `number`; return the lanes in
+    which they are not settled."""
+    carried, own, parameters, unsettled = equations.carried, room.carried, equations.local.actions.parameters, 0
+    for lane in range(LANES):
+        if not lanes & (1 << lane):
+            continue
+        given, found = own.given[lane], own.found[lane]
+        for k in range(carried.actions.size):
+            found[k] = own.forces[k, lane]
+        follow_carried(number, found, own.followed[lane], given)
+        for k in range(carried.actions.size):
+            unsettled |= np.int64(abs(own.followed[lane, 1, k]) > SETTLED_IN_STEP * abs(given[k])) << lane
+            parameters[carried.actions[k], samples[lane], 0] = given[k]
+    return unsettled
+
+
+@njit(error_model="numpy", counted=False)
+def keep_carried(equations, room, beside, lanes):
+    """Keep the forces that were found last as those at the ends of steps of some lanes."""
+    for k in range(equations.carried.actions.size):
+        for lane in range(LANES):
+            if lanes & (1 << lane):
+                beside[k, lane] = room.carried.forces[k, lane]
