@@ -2,6 +2,7 @@
 
     python -m benchmarks.joint_forces scenes/*.toml
     python -m benchmarks.joint_forces scenes/four_bar.toml --doubt 4
+    python -m benchmarks.joint_forces scenes/slider_crank.toml --cost
 
 Every joint of a scene gets outputs of its force and moment in the ground's axes, and every prescribed motion one of its
 drive; what redundant constraints leave open is left out. Printed is, for each joint, the largest error over the run as
@@ -9,12 +10,17 @@ a share of the largest size of force or moment in it, at the scene's own setting
 run with a part of the step. The start itself is left out: of loads that set in at once on undeformed bodies the mesh
 has ``(C M^-1 C^T)^-1 C M^-1 f`` there, what the masses of the nodes at the joint carry: it goes to zero with the
 elements.
+
+With ``--cost``, in place of that, what reading takes of a step of the reduced model, by processor time in batches of
+512 samples: of the scene's own outputs, and of a joint's force in the ground's axes besides; at the instants of the
+bands, as by default, and at every step, as extremes and events "ever" ask for.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
+import time
 from collections import defaultdict
 from functools import partial
 from pathlib import Path
@@ -24,6 +30,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.reference import component_model
+from pgmp_petsc.ensemble.watchers import Begun, OverTimeWatcher
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.ranks.ending import end, guarded
@@ -34,10 +41,13 @@ from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.joints import CouplingEntry
+from pgmp_petsc.scene.numerics import count_steps
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate
 
 MOST = 0.99  # of instants, the largest errors of which are those at jumps of loads
+BATCH, REPEATED = 512, 5  # samples, and runs whose median counts
 QUIET = ("simulation.error_indicator=false", "simulation.frames=0")
 
 
@@ -132,6 +142,43 @@ def compare(path: Path, given: argparse.Namespace) -> None:
         print("  " + " | ".join([name, f"{largest:.3g}", *cells]), flush=True)
 
 
+def time_of(model: ReducedModel, read: bool) -> float:
+    """Return what a step of a sample takes, s of a processor, with its outputs read as the scene asks for or not."""
+    simulation, rng = model.scene.simulation, np.random.default_rng(1)
+    values = {
+        name: value
+        * (1.0 + 0.02 * rng.standard_normal(BATCH) * (model.scene.parameters[name].distribution is not None))
+        for name, value in model.scene.values.items()
+    }
+    begin = time.process_time()
+    system = model.batch(values, BATCH)
+    if read:
+        watch = OverTimeWatcher(model, True).watch(Begun(system, values, np.arange(BATCH), simulation))
+        watch.found(integrate(system, simulation, observer=watch.observer).status)
+    else:
+        integrate(system, simulation)
+    return (time.process_time() - begin) / (BATCH * count_steps(simulation.duration, simulation.step))
+
+
+def cost(path: Path, given: argparse.Namespace) -> None:
+    """Print what reading takes of a step."""
+    print(f"{path}", flush=True)
+    kind, forces = next((name, one) for name, one in determined(path, given.override).items() if "joint_force" in name)
+    for instants, more in (("bands", ()), ("every step", ("ensemble.extremes=true",))):
+        models = []
+        for asked in ((), forces):
+            scene, meshes = read_scene(path, [*given.override, *QUIET, *more, *asked], (), MPI.COMM_SELF, Purpose.BUILD)
+            with RankGroup.split(MPI.COMM_SELF, 1) as group:
+                models.append(ReducedModel(scene, build_rom(scene, meshes, group)))
+        rows = [[time_of(models[0], False), *(time_of(model, True) for model in models)] for _ in range(1 + REPEATED)]
+        step, own, both = np.median(rows[1:], axis=0)  # the first one compiles
+        print(
+            f"  read at {instants}: step {1e6 * step:.3g} us, own outputs {(own - step) / step:.2f} of it, "
+            f"{kind} {(both - own) / step:.2f} more",
+            flush=True,
+        )
+
+
 def main() -> None:
     """Compare what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -140,13 +187,14 @@ def main() -> None:
     parser.add_argument("--doubt", type=int, default=1, help="part of the step of a second full-order run")
     parser.add_argument("--models", nargs="+", choices=("components", "reduced"), default=["reduced"])
     parser.add_argument("--against", choices=("full", "components"), default="full")
+    parser.add_argument("--cost", action="store_true", help="what reading them takes of a step, instead")
     given = parser.parse_args()
     start_petsc()
 
     def every() -> None:
         for path in given.scenes:
             try:
-                compare(path, given)
+                (cost if given.cost else compare)(path, given)
             except Exception as error:
                 print(f"  {type(error).__name__}: {error}"[:300], flush=True)
 
