@@ -28,7 +28,7 @@ from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, PgmpError, missing_extra, nearest_name, plain_reason, visible
 from pgmp_petsc.base.progress import beating
 from pgmp_petsc.base.surroundings import Comm, check_variables
-from pgmp_petsc.cli.session import Session, at_terminal, complain, painter
+from pgmp_petsc.cli.declared import Session, at_terminal, complain, painter
 from pgmp_petsc.ranks.ending import LastingOutput, descriptor_of, ending_on_signals, release_petsc, what_is_kept
 from pgmp_petsc.ranks.petsc import start_mpi, unused_options, unused_remark
 

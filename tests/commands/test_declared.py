@@ -18,9 +18,8 @@ from pgmp_petsc.api import found
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import SHARED, Argument, Command, command, found_command, interface
 from pgmp_petsc.api.ranks import tell
-from pgmp_petsc.cli.declared import Declared
+from pgmp_petsc.cli.declared import Declared, Session
 from pgmp_petsc.cli.main import COMMANDS
-from pgmp_petsc.cli.session import Session
 
 HEADS = {one.name: one for one in found() if one.name}
 FUNCTIONS = [name for name in pgmp.__all__ if inspect.isfunction(getattr(pgmp, name))]

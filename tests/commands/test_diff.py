@@ -12,8 +12,8 @@ from mpi4py import MPI
 from refusals import refusal
 
 import pgmp_petsc as pgmp
+from pgmp_petsc.cli.declared import Session
 from pgmp_petsc.cli.main import COMMANDS
-from pgmp_petsc.cli.session import Session
 
 
 def diff(*words: object) -> tuple[int, str]:

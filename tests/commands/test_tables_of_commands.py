@@ -15,8 +15,8 @@ from conftest import ROOT, TIMEOUT_SECONDS
 from runs import SMALL, paper_scene, rom_of, said
 
 import pgmp_petsc as pgmp
+from pgmp_petsc.cli.declared import painter
 from pgmp_petsc.cli.main import main
-from pgmp_petsc.cli.session import painter
 from pgmp_petsc.results.summary import columns_of
 
 TEMPLATE = ROOT / "pgmp_petsc" / "scene" / "templates" / "slider_crank.toml"

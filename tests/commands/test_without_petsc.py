@@ -13,8 +13,8 @@ from mpi4py import MPI
 from result_files import KINDS, assert_same, in_turn, statuses, written_by_commands
 from runs import besides_progress
 
+from pgmp_petsc.cli.declared import Session
 from pgmp_petsc.cli.main import pgmp
-from pgmp_petsc.cli.session import Session
 
 LAUNCHER = ROOT / "tests" / "without_petsc.py"
 SOLIDS = str(ROOT / "scenes" / "slider_crank_solid2d.toml")

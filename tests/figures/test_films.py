@@ -18,8 +18,8 @@ from PIL import Image
 from runs import rom_of
 
 from pgmp_petsc.base.errors import InputError, Remark
+from pgmp_petsc.cli.declared import Session
 from pgmp_petsc.cli.main import COMMANDS
-from pgmp_petsc.cli.session import Session
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.motion import motion_of, scale_of
 from pgmp_petsc.figures.solids import Pace, Stage, drawing, solids, view_of

@@ -19,8 +19,8 @@ from pgmp_petsc.api.ranks import tell
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.cli import main as frame
+from pgmp_petsc.cli.declared import say
 from pgmp_petsc.cli.main import LazyCommand
-from pgmp_petsc.cli.session import say
 from pgmp_petsc.files.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.petsc import petsc_solver

@@ -7,8 +7,8 @@ from click.testing import CliRunner
 from mpi4py import MPI
 from runs import in_turn, rom_of
 
+from pgmp_petsc.cli.declared import Session
 from pgmp_petsc.cli.main import COMMANDS
-from pgmp_petsc.cli.session import Session
 from scenes import slider_crank
 
 
