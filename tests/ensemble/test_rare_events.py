@@ -301,6 +301,16 @@ def test_the_curve_of_the_levels_falls_along_the_true_one() -> None:
     assert np.all(np.abs(np.log(probabilities[::50] / exact)) < 1.0)
 
 
+def test_densities_have_mass_one_and_draw_what_they_say() -> None:
+    density = importance.KernelDensity(np.array([[-2.0], [3.0]]), np.array([0.3, 0.7]), np.array([0.8, 1.0]))
+    x = np.linspace(-12.0, 12.0, 4001)
+    values = np.exp(density.log(x[:, None]))
+    assert trapezoid(values, x) == pytest.approx(1.0, abs=1e-9)
+    drawn = density.draw(20_000, np.random.default_rng(1))[:, 0]
+    # four standard errors of the mean
+    assert drawn.mean() == pytest.approx(trapezoid(values * x, x), abs=4 * drawn.std() / np.sqrt(20_000))
+
+
 def test_kernels_with_covariances_have_their_density_and_draw_by_it() -> None:
     root = np.array([[1.5, 0.4], [0.4, 0.9]])
     density = importance.KernelDensity(
@@ -394,6 +404,27 @@ def test_two_sides_in_20_variables_are_known_and_their_variation_too() -> None:
     assert 0.01 < np.median([one.variation for one in found]) < 0.12
 
 
+def test_families_are_not_torn_apart_and_both_halves_have_some() -> None:
+    random = np.random.default_rng(7)
+    for families in (np.repeat(np.arange(9), 5), np.repeat([3, 8], [90, 4]), np.arange(7), np.full(6, 4)):
+        (make, test), (other, back) = importance._halves(families, random)
+        np.testing.assert_array_equal(np.sort([*make, *test]), np.arange(families.size))
+        np.testing.assert_array_equal(make, back)
+        np.testing.assert_array_equal(test, other)
+        assert make.size and test.size
+        assert np.unique(families).size == 1 or not set(families[make]) & set(families[test])
+
+
+def test_means_are_shrunk_by_what_their_families_leave_open() -> None:
+    points = np.tile([4.0, 0.2, -0.3], (10, 1))
+    # of five families of two each the squared error is 1 / 5
+    unknown = np.zeros(10)
+    found = importance._shrunk_mean(points, np.ones(10), np.repeat(np.arange(5), 2), unknown)
+    np.testing.assert_allclose(found, [4.0 * (1.0 - 2.0 / 5.0 / 16.0), 0.0, 0.0], rtol=1e-12)
+    alone = importance._shrunk_mean(points, np.ones(10), np.zeros(10, dtype=int), unknown)
+    np.testing.assert_allclose(alone, [4.0 * (1.0 - 2.0 / 16.0), 0.0, 0.0], rtol=1e-12)
+
+
 def test_of_a_plane_border_the_slope_tells_the_mean_and_of_a_round_one_it_does_not() -> None:
     random, d = np.random.default_rng(9), 20
     normal = np.full(d, 1.0 / np.sqrt(d))
@@ -438,6 +469,27 @@ def test_rays_enter_an_event_near_its_border_or_not_at_all() -> None:
     assert rare_events.entrances(limit_state, np.zeros((0, 2)), 1e-4).shape == (0, 2) and len(evaluated) == 6
 
 
+def test_rays_alike_are_followed_once_and_no_more_than_samples_allow() -> None:
+    angles = np.radians([0.0, 20.0, 90.0, 100.0, 180.0])
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    assert rare_events.unlike(directions) == [0, 2, 4] and rare_events.unlike(directions[:0]) == []
+    assert rare_events.unlike(directions, 0.95) == [0, 1, 2, 4]
+    np.testing.assert_array_equal(rare_events.apart(2.0 * directions, 5.0 * directions[1:2]), 2.0 * directions[2:])
+
+
+def test_directions_are_those_of_the_parts_of_an_event() -> None:
+    random = np.random.default_rng(10)
+    points = random.standard_normal((600, 10))
+    points[np.arange(600), np.arange(600) % 4] = 3.0 + random.exponential(0.3, 600)
+    found = rare_events.directions_of(points, np.arange(600), 3.0 - points[:, :4].max(axis=1), random)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0, rtol=1e-12)
+    assert np.all(found[:, :4].max(axis=0) > 0.8)
+    # the mean of points all around is shrunk to nothing
+    assert rare_events.directions_of(
+        np.array([[1.0, 0.0], [-1.0, 0.0]] * 4), np.arange(8), np.zeros(8), random
+    ).shape == (0, 2)
+
+
 def test_all_parts_of_a_series_in_10_variables_have_their_shares() -> None:
     """Chains alone lost one of the four in a quarter of the runs, and left another to a few heavy samples."""
     for seed in range(2):
@@ -446,6 +498,30 @@ def test_all_parts_of_a_series_in_10_variables_have_their_shares() -> None:
         shares = np.bincount(part, weights=found.contributions, minlength=4) / found.contributions.sum()
         # a quarter each, known to about a fifth of that
         assert shares.min() > 0.1 and found.limit_state.size <= 5000
+
+
+def test_a_small_cluster_counts_as_much_as_others() -> None:
+    random = np.random.default_rng(8)
+    points = random.standard_normal((400, 6))
+    points[:, 0] += np.where(np.arange(400) < 8, -20.0, 4.0)
+    weights = importance.levelled(points, np.ones(400), random)
+    assert weights.sum() == pytest.approx(importance.CLUSTERS[-1])  # of each cluster 1
+    assert weights[:8].sum() >= 1.0 - 1e-9
+    np.testing.assert_array_equal(importance.levelled(points[:9], np.full(9, 2.0), random), np.full(9, 1.0 / 9.0))
+
+
+def test_parts_that_lie_apart_are_told_from_one_that_does_not() -> None:
+    random = np.random.default_rng(3)
+    for d in (4, 20):
+        part = random.standard_normal((600, d))
+        part[:, 0] = 4.0 + random.exponential(0.25, 600)
+        assert not importance.lie_apart(part, np.ones(600), random)
+        two, four = part.copy(), part.copy()
+        two[::5, 0] *= -1.0
+        for k in range(1, 4):
+            four[k::4, [0, k]] = four[k::4, [k, 0]]
+        assert importance.lie_apart(two, np.ones(600), random) and importance.lie_apart(four, np.ones(600), random)
+    assert not importance.lie_apart(part[:19], np.ones(19), random)
 
 
 def test_events_in_parts_that_nothing_has_looked_for_are_warned_of() -> None:
