@@ -16,10 +16,6 @@ body that are those of the first as the bodies are placed: the sine of a rotatio
 the rotation itself.
 
 A spring-damper: ``-k (s - rest) - c s'`` on a joint's rotation or displacement, or on the distance of two points.
-
-A torsional spring with free play: a coupling or gear whose teeth touch on one side or on the other.
-
-Within the play there is no force; beyond it that of a spring, with Hunt and Crossley's damping, which begins at zero.
 """
 
 from __future__ import annotations
@@ -36,8 +32,7 @@ from pgmp_petsc.base.errors import Remark, gathered, note
 from pgmp_petsc.bodies.affine import AffineSum, Quantity
 from pgmp_petsc.effects.action import SPRING_DAMPER, Action
 from pgmp_petsc.effects.effect import ActionEffect, Effect
-from pgmp_petsc.effects.joint_effects import joint_measure, place_of
-from pgmp_petsc.effects.law import Law
+from pgmp_petsc.effects.joint_effects import place_of
 from pgmp_petsc.mechanism.composition import sines
 from pgmp_petsc.mechanism.joints import Coupling, triad
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -50,7 +45,6 @@ from pgmp_petsc.scene.fields import (
     Direction,
     NotNegativeOrParameter,
     NumberOrParameter,
-    PositiveOrParameter,
     Unit,
     exactly_one,
     refusal,
@@ -329,47 +323,3 @@ def elastic_joint(name: str, scene: Scene, mechanism: Mechanism) -> ActionEffect
             for statement, parameters in _springs([part.statement], *own, part.rest)
         ]
     return ActionEffect(name, actions, mechanism)
-
-
-FREE_PLAY = Law(
-    "free_play",
-    ("k", "c", "lower", "upper"),
-    potential="k * (max(0, s - upper)**2 + max(0, lower - s)**2) / 2",
-    force="elastic * max(0, 1 + c * (rate if s > upper else -rate))",
-    edges=("s - upper", "lower - s"),
-    left_out="it has free play, not linear",
-)
-
-
-class FreePlay(OnJoint):
-    """A spring in a joint with free play: no force between lower and upper, elastic beyond, with the instants of
-    contact found exactly."""
-
-    type: Literal["free_play"]
-    acts = "forces"
-    joints = ("turning", "sliding")
-    changeable = ("stiffness", "damping", "lower", "upper")
-    local = edged = True
-    stiff_by = "stiffness"
-    sets_in = {"lower": -1.0, "upper": 1.0}
-    ordered = (("lower", "upper"),)
-    lower: Annotated[NumberOrParameter, Unit("rad", "m")] = Field(
-        description="where the play ends below (rad or m), a number or a parameter's name"
-    )
-    upper: Annotated[NumberOrParameter, Unit("rad", "m")] = Field(
-        description="where the play ends above (rad or m), a number or a parameter's name"
-    )
-    stiffness: Annotated[PositiveOrParameter, Unit("N m/rad", "N/m")] = Field(
-        description="Nm/rad or N/m, a number or a parameter's name"
-    )
-    damping: Annotated[NotNegativeOrParameter, Unit("s/rad", "s/m")] = Field(
-        0.0,
-        description="of Hunt and Crossley (s/rad or s/m): force of stiffness times depth (1 + damping depth'), a "
-        "number or a parameter's name",
-    )
-
-    def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
-        """Return the spring."""
-        parameters = tuple(map(Quantity.of, (self.stiffness, self.damping, self.lower, self.upper)))
-        action = Action(name, law=FREE_PLAY, parameters=parameters, **joint_measure(mechanism, self))
-        return ActionEffect(name, [action], mechanism)

@@ -14,8 +14,8 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects import action
 from pgmp_petsc.effects.action import CARRIED_FRICTION, FRICTION, SOURCE, SPRING_DAMPER, STOP, Action
+from pgmp_petsc.effects.free_play import FREE_PLAY
 from pgmp_petsc.effects.law import Law, differentiate, obey
-from pgmp_petsc.effects.springs import FREE_PLAY
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.statements import distance

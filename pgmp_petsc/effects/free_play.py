@@ -1,0 +1,62 @@
+"""A torsional spring with free play: a coupling or gear whose teeth touch on one side or on the other.
+
+Within the play there is no force; beyond it that of a spring, with Hunt and Crossley's damping, which begins at zero.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.effect import ActionEffect
+from pgmp_petsc.effects.joint_effects import joint_measure
+from pgmp_petsc.effects.law import Law
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.scene.effects import OnJoint
+from pgmp_petsc.scene.fields import NotNegativeOrParameter, NumberOrParameter, PositiveOrParameter, Unit
+
+FREE_PLAY = Law(
+    "free_play",
+    ("k", "c", "lower", "upper"),
+    potential="k * (max(0, s - upper)**2 + max(0, lower - s)**2) / 2",
+    force="elastic * max(0, 1 + c * (rate if s > upper else -rate))",
+    edges=("s - upper", "lower - s"),
+    left_out="it has free play, not linear",
+)
+
+
+class FreePlay(OnJoint):
+    """A spring in a joint with free play: no force between lower and upper, elastic beyond, with the instants of
+    contact found exactly."""
+
+    type: Literal["free_play"]
+    acts = "forces"
+    joints = ("turning", "sliding")
+    changeable = ("stiffness", "damping", "lower", "upper")
+    local = edged = True
+    stiff_by = "stiffness"
+    sets_in = {"lower": -1.0, "upper": 1.0}
+    ordered = (("lower", "upper"),)
+    lower: Annotated[NumberOrParameter, Unit("rad", "m")] = Field(
+        description="where the play ends below (rad or m), a number or a parameter's name"
+    )
+    upper: Annotated[NumberOrParameter, Unit("rad", "m")] = Field(
+        description="where the play ends above (rad or m), a number or a parameter's name"
+    )
+    stiffness: Annotated[PositiveOrParameter, Unit("N m/rad", "N/m")] = Field(
+        description="Nm/rad or N/m, a number or a parameter's name"
+    )
+    damping: Annotated[NotNegativeOrParameter, Unit("s/rad", "s/m")] = Field(
+        0.0,
+        description="of Hunt and Crossley (s/rad or s/m): force of stiffness times depth (1 + damping depth'), a "
+        "number or a parameter's name",
+    )
+
+    def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
+        """Return the spring."""
+        parameters = tuple(map(Quantity.of, (self.stiffness, self.damping, self.lower, self.upper)))
+        action = Action(name, law=FREE_PLAY, parameters=parameters, **joint_measure(mechanism, self))
+        return ActionEffect(name, [action], mechanism)
