@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from pgmp_petsc.base import __version__  # noqa: F401 (a name of the interface)
 
 if TYPE_CHECKING:  # the names that `__getattr__` gives, for editors and checkers of types
+    from pgmp_petsc.api.checks import check as check
     from pgmp_petsc.api.designs import Robust as Robust
     from pgmp_petsc.api.designs import fit as fit
     from pgmp_petsc.api.designs import optimize as optimize
@@ -38,7 +39,6 @@ if TYPE_CHECKING:  # the names that `__getattr__` gives, for editors and checker
     from pgmp_petsc.api.runs import histories as histories
     from pgmp_petsc.api.runs import sensitivities as sensitivities
     from pgmp_petsc.api.runs import simulate as simulate
-    from pgmp_petsc.api.scenes import check as check
     from pgmp_petsc.api.scenes import compose as compose
     from pgmp_petsc.api.scenes import load as load
     from pgmp_petsc.api.scenes import new as new

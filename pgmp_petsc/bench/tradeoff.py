@@ -23,7 +23,7 @@ from pgmp_petsc.base.progress import progress, without_progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bench import candidates
-from pgmp_petsc.bench.advice import Sizes, advise
+from pgmp_petsc.bench.advice import Sizes, advise, amplitudes, reduced_step
 from pgmp_petsc.bench.bench import TIMED, Bench, Measured
 from pgmp_petsc.bench.cases import Setting, Training, held_out, own_steps
 from pgmp_petsc.bench.finished import Arrays, Finished, component_step, step_seconds
@@ -36,7 +36,6 @@ from pgmp_petsc.bench.reference import (
     choose_reference,
     distance_from_mesh,
 )
-from pgmp_petsc.bench.which import amplitudes, reduced_step
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import why_no_grid

@@ -13,7 +13,7 @@ from runs import full_model, reduced_model
 
 from pgmp_petsc.api.jobs import _Job
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bench import reference, which
+from pgmp_petsc.bench import advice, reference
 from pgmp_petsc.bench.finished import Price, duration_text, step_seconds
 from pgmp_petsc.bench.history import errors_between, floors_of, run_history
 from pgmp_petsc.bench.reference import (
@@ -196,7 +196,7 @@ def test_stresses_of_bodies_of_cells_are_in_what_a_step_is_predicted_to_take() -
     for place in ("", ", at=[0.35, 0.0]"):
         scene, meshes = read_scene(of_scene, (output.replace("PLACE", place),), (), SELF, Purpose.CHECK)
         mechanism = Mechanism.from_scene(scene, meshes)
-        found.append(which.n_strains(scene, mechanism))
-        _, components, reduced = which.prospects(scene, meshes, mechanism, 6, 0)
-        assert min(components.step, reduced.step) > which.STRAIN * found[-1]
+        found.append(advice.n_strains(scene, mechanism))
+        _, components, reduced = advice.prospects(scene, meshes, mechanism, 6, 0)
+        assert min(components.step, reduced.step) > advice.STRAIN * found[-1]
     assert found == [3 * meshes["rod"].n_nodes, 3]
