@@ -393,10 +393,7 @@ class FullModel:
 
     def fields(self) -> FullFields:
         """Return what makes the fields of bodies from unknowns: of those that frames are kept of."""
-        from pgmp_petsc.models.body_fields import (
-            FieldSet,
-            FullFields,  # of single runs
-        )
+        from pgmp_petsc.models.body_fields import FieldSet, FullFields  # of single runs
 
         unknowns = Unknowns(self.kinematics.mechanism)
         seen = FieldSet.of(self.scene, unknowns.bodies, self.scene.simulation.frames)

@@ -196,10 +196,7 @@ class ReducedModel:
     def fields(self, n_frames: int | None = None) -> ReducedFields:
         """Return what makes the fields of bodies from reduced coordinates, for so many frames; for those that the scene
         asks for by default."""
-        from pgmp_petsc.models.body_fields import (
-            FieldSet,
-            ReducedFields,  # of single runs
-        )
+        from pgmp_petsc.models.body_fields import FieldSet, ReducedFields  # of single runs
 
         frames = self.scene.simulation.frames if n_frames is None else n_frames
         seen = FieldSet.of(self.scene, self.kinematics.mechanism.bodies, frames)

@@ -150,45 +150,68 @@ def _come_to_cells(equations, kept, block, loaded, own, work):
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def _fill_factors(carried, work, own):
-    """Fill the factors of a gap's entries, and those of their derivatives; see `gap_forces`."""
-    _, r, m, second, driven = carried.sizes
-    n, moving, q, v = r + m, 1.0 if carried.quadratic else 0.0, work.q, work.rate
-    factors, n_changing = own.factors, m + (r * m if second else 0)
+def fill_inertia(sizes, mass_damping, quadratic, q, rate, acceleration, factors, slopes, n_slopes):
+    """Fill the factors F of mass terms, from the first one on, and those of their derivatives, G, n_slopes a rigid
+    coordinate, as of `gap_forces`; return where F ends."""
+    r, m, second, driven = sizes
+    n, moving = r + m, 1.0 if quadratic else 0.0
     for x in range(n):
-        store(factors, x, load(work.acceleration, x) + carried.mass_damping * load(v, x))
+        store(factors, x, load(acceleration, x) + mass_damping * load(rate, x))
     for k in range(r):
-        speed, a = moving * load(v, k), load(factors, k)
+        v, a = moving * load(rate, k), load(factors, k)
         for i in range(m):
-            d = load(q, r + i)
-            store(own.slopes, k * n_changing + i, speed * (moving * load(v, r + i)) + 0.5 * a * d)
+            d, vi = load(q, r + i), moving * load(rate, r + i)
+            store(slopes, k * n_slopes + i, v * vi + 0.5 * a * d)
             for h in range(r if second else 0):
-                store(own.slopes, k * n_changing + m + h * m + i, -speed * (moving * load(v, h)) * d)
+                store(slopes, k * n_slopes + m + h * m + i, -v * (moving * load(rate, h)) * d)
     e = n
     for k in range(r):
         for j in range(k + 1):
-            store(factors, e, moving * (1.0 if k == j else 2.0) * load(v, k) * load(v, j))
+            store(factors, e, moving * (1.0 if k == j else 2.0) * load(rate, k) * load(rate, j))
             e += 1
-    for pair in range(n, e if second else n):
-        for i in range(m):
-            store(factors, e, load(factors, pair) * load(q, r + i))
-            e += 1
-    for h in range(r if second else 0):
-        for i in range(m):
-            swing = -2.0 * (moving * load(v, h)) * (moving * load(v, r + i))
-            store(factors, e, swing - load(factors, h) * load(q, r + i))
-            e += 1
-    for h in range(driven if second else 0):
-        for i in range(m):
-            store(factors, e, load(factors, h) * load(q, r + i))
-            e += 1
-    for i in range(m if carried.parts[1] > 0 else 0):
+    if second:
+        for pair in range(n, e):
+            for i in range(m):
+                store(factors, e, load(factors, pair) * load(q, r + i))
+                e += 1
+        for h in range(r):
+            v, a = moving * load(rate, h), load(factors, h)
+            for i in range(m):
+                store(factors, e, -2.0 * v * (moving * load(rate, r + i)) - a * load(q, r + i))
+                e += 1
+        for h in range(driven):
+            for i in range(m):
+                store(factors, e, load(factors, h) * load(q, r + i))
+                e += 1
+    return e
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def fill_elasticity(sizes, q, factors, first):
+    """Fill the factors F of stiffness terms from `first` on, as of `gap_forces`; return where they end."""
+    r, m, second, _ = sizes
+    e = first
+    for i in range(m):
         store(factors, e, load(q, r + i))
         e += 1
-    for i in range(m if second and carried.parts[1] > 0 else 0):
+    for i in range(m if second else 0):
         for j in range(i + 1):
             store(factors, e, (0.5 if i == j else 1.0) * load(q, r + i) * load(q, r + j))
             e += 1
+    return e
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _fill_factors(carried, work, own):
+    """Fill the factors of a gap's entries, and those of their derivatives; see `gap_forces`."""
+    _, r, m, second, driven = carried.sizes
+    q, v, factors, n_changing = work.q, work.rate, own.factors, m + (r * m if second else 0)
+    e = fill_inertia(
+        (r, m, second, driven), carried.mass_damping, carried.quadratic, q, v, work.acceleration, factors, own.slopes,
+        n_changing,
+    )  # fmt: skip
+    if carried.parts[1] > 0:
+        e = fill_elasticity((r, m, second, driven), q, factors, e)
     for x in range(carried.parts[2]):
         store(factors, e, load(v, x))
         e += 1

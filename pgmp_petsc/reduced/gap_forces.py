@@ -42,6 +42,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.effects import Effect
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, load, number_at, spread, store
+from pgmp_petsc.reduced.carried import fill_elasticity, fill_inertia
 from pgmp_petsc.reduced.terms import ReducedDamping
 from pgmp_petsc.reduction.cell_products import N_ROWS, cells_of, fill_lane_weights, stencil_room, tensor_stencil
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
@@ -240,45 +241,11 @@ def _weigh(table, rows, kinds, weights, sample, found):
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def _fill_factors(sizes, kinds, mass_damping, quadratic, amplitudes, loads, together, q, rate, own, factors, slopes):
     """Fill the factors F of `_fill` and, coordinate after coordinate, G; `own` has the accelerations."""
-    r, m, second, driven = sizes
-    n, moving = r + m, 1.0 if quadratic else 0.0
-    n_slopes = slopes.shape[0] // r
-    for x in range(n):
-        store(factors, x, load(own, x) + mass_damping * load(rate, x))
-    for k in range(r):
-        v, a = moving * load(rate, k), load(factors, k)
-        for i in range(m):
-            d, vi = load(q, r + i), moving * load(rate, r + i)
-            store(slopes, k * n_slopes + i, v * vi + 0.5 * a * d)
-            for h in range(r if second else 0):
-                store(slopes, k * n_slopes + m + h * m + i, -v * (moving * load(rate, h)) * d)
-    e = n
-    for k in range(r):
-        for j in range(k + 1):
-            store(factors, e, moving * (1.0 if k == j else 2.0) * load(rate, k) * load(rate, j))
-            e += 1
-    if second:
-        for pair in range(n, e):
-            for i in range(m):
-                store(factors, e, load(factors, pair) * load(q, r + i))
-                e += 1
-        for h in range(r):
-            v, a = moving * load(rate, h), load(factors, h)
-            for i in range(m):
-                store(factors, e, -2.0 * v * (moving * load(rate, r + i)) - a * load(q, r + i))
-                e += 1
-        for h in range(driven):
-            for i in range(m):
-                store(factors, e, load(factors, h) * load(q, r + i))
-                e += 1
-    e = begin = LANES * kinds[0][0]
-    for i in range(m if kinds[1][2] else 0):
-        store(factors, e, load(q, r + i))
-        e += 1
-    for i in range(m if second and kinds[1][2] else 0):
-        for j in range(i + 1):
-            store(factors, e, (0.5 if i == j else 1.0) * load(q, r + i) * load(q, r + j))
-            e += 1
+    r, m, second, _ = sizes
+    fill_inertia(sizes, mass_damping, quadratic, q, rate, own, factors, slopes, slopes.shape[0] // r)
+    begin = LANES * kinds[0][0]
+    if kinds[1][2]:
+        fill_elasticity(sizes, q, factors, begin)
     begin += LANES * kinds[1][0] * kinds[1][2]
     for number in range(amplitudes.shape[0]):
         for lane in range(together.size):
@@ -286,7 +253,7 @@ def _fill_factors(sizes, kinds, mass_damping, quadratic, amplitudes, loads, toge
         for i in range(m if second else 0):
             store(factors, begin + 1 + i, load(factors, begin) * load(q, r + i))
         begin += LANES * kinds[2][0]
-    for x in range(n if kinds[3][2] else 0):
+    for x in range(r + m if kinds[3][2] else 0):
         store(factors, begin + x, load(rate, x))
     begin += LANES * kinds[3][0] * kinds[3][2]
     for f in range(loads.shape[1] if kinds[4][2] else 0):
