@@ -236,7 +236,7 @@ def history(
     def record(step: int, time: float, state: State) -> None:
         if step % every == 0:
             times.append(time)
-            if reduced and model.outputs.beside:
+            if reduced and model.outputs.takes_beside:
                 state.forces = system.forces_beside(np.array([time]))[0]
             kept.append(state if reduced or alone else model.observed(system, state, time))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
 
@@ -28,7 +29,7 @@ from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.files.checkpoint_folder import LEDGER, Steps
 from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.files.seal import identity
-from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model, why_no_grid
+from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model, why_no_grid, why_refused
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh, refined
@@ -169,9 +170,19 @@ class _Job:
     @property
     def model(self) -> str:
         """The model that runs and samples are of."""
+        if not self.why_not_reduced:
+            return "reduced"
+        refused = not self.flexible or why_refused(self.scene, Purpose.COMPONENTS, self.meshes)
+        return "full" if refused else "components"
+
+    @cached_property
+    def why_not_reduced(self) -> str:
+        """Why there is no reduced model; empty where there is one."""
         if not self.flexible:
-            return "full"
-        return "components" if why_no_grid(self.scene, self.kinematics.mechanism) else "reduced"
+            return "all bodies are rigid"
+        if why_no_grid(self.scene, self.kinematics.mechanism):
+            return f"{len(self.scene.coordinates)} coordinates"
+        return why_refused(self.scene, Purpose.BUILD, self.meshes)
 
     @property
     def n_steps(self) -> float:
@@ -181,9 +192,8 @@ class _Job:
     def build(self) -> None:
         """Build the reduced model."""
         if self.model != "reduced":
-            why = "all bodies are rigid" if not self.flexible else f"{len(self.scene.coordinates)} coordinates"
             instead = "full-order" if self.model == "full" else "component"
-            self._say("build", f"left out: no reduced model ({why}); runs are of the {instead} model")
+            self._say("build", f"left out: no reduced model ({self.why_not_reduced}); runs are of the {instead} model")
             return
 
         def make(target: Path, resume: bool) -> str:

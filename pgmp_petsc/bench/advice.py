@@ -24,11 +24,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.finished import component_step, duration_text, step_seconds
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.full.joint_tree import count_of
-from pgmp_petsc.mechanism.capabilities import SECONDS, SECONDS_PER_UNKNOWN, Purpose, check_capabilities
+from pgmp_petsc.mechanism.capabilities import SECONDS, SECONDS_PER_UNKNOWN, Purpose, why_refused
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.outputs.stress import points_of
 from pgmp_petsc.results.numbers import share_text, with_unit
@@ -90,16 +89,17 @@ def prospects(
         share = "1 to 6 % of deformations, without static answers to loads (reduction.static_modes)"
     found = [
         Prospect(
-            "mesh", _refused(scene, Purpose.FULL, meshes), mechanism.n_dofs, 0.0, step_seconds(mechanism), 0.0,
+            "mesh", why_refused(scene, Purpose.FULL, meshes), mechanism.n_dofs, 0.0, step_seconds(mechanism), 0.0,
             "errors are those of the elements and of the step",
         ),
         Prospect(
-            "components", _refused(scene, Purpose.COMPONENTS, meshes), sum(fields.values()) + sum(count_of(mechanism)),
-            condensing(mechanism), component_step(mechanism, fields) + CARRIED_BESIDE * n_carried + besides,
+            "components", why_refused(scene, Purpose.COMPONENTS, meshes),
+            sum(fields.values()) + sum(count_of(mechanism)), condensing(mechanism),
+            component_step(mechanism, fields) + CARRIED_BESIDE * n_carried + besides,
             0.002, "0.002 to 0.8 % of deformations",
         ),
         Prospect(
-            "reduced", _refused(scene, Purpose.BUILD, meshes), n_flexible + n_rigid, build_seconds(scene, mechanism),
+            "reduced", why_refused(scene, Purpose.BUILD, meshes), n_flexible + n_rigid, build_seconds(scene, mechanism),
             reduced_step(n_flexible + n_rigid, n_rigid, n_local) + CARRIED_IN_LANES * n_carried + besides,
             0.005 if answered else 0.03, share,
         ),
@@ -111,18 +111,10 @@ def _microseconds(seconds: float) -> str:
     return f"{float(f'{1e6 * seconds:.2g}'):g}"
 
 
-def _refused(scene: Scene, purpose: Purpose, meshes: Mapping[str, BodyShape]) -> str:
-    try:
-        check_capabilities(scene, purpose, meshes)
-    except InputError as error:
-        return str(error)
-    return ""
-
-
 def choice(scene: Scene, meshes: Mapping[str, BodyShape], found: Sequence[Prospect], n_steps: int) -> str:
     """Return which model to take for how many samples of so many steps, in words; among those whose error is small."""
     good = [one for one in found if not one.refused and one.error <= GOOD]
-    compared = not _refused(scene, Purpose.TRADEOFF, meshes)
+    compared = not why_refused(scene, Purpose.TRADEOFF, meshes)
     if not good:
         return "no model is predicted to be good enough" + ("; pgmp tradeoff measures them" if compared else "")
     offline, online = (np.array([getattr(one, name) for one in good]) for name in ("build", "step"))

@@ -131,7 +131,7 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, values
         times.append(time)
         if reduced:  # what is observed of reduced samples is cheap only for many at once
             kept.append(np.array([state.q, state.v, state.a]))
-            if model.outputs.beside:
+            if model.outputs.takes_beside:
                 forces.append(system.forces_beside(np.array([time]))[0])
             return
         frames = system.frames(state)

@@ -16,7 +16,8 @@ acts on its director d_k with the force ``1/2 m x d_k``.
 
 Elastic modes of a free body in its own frame: ``(K - omega^2 M) phi = 0`` beyond its rigid motions.
 
-The frames of a body on a mesh have neither mass nor stiffness of their own: its modes are those of its mesh.
+They are those of the material alone, in every model: without the point masses that a body carries, whose values may
+differ from sample to sample. The frames of a body on a mesh have neither mass nor stiffness of their own.
 
 Damping within the bodies.
 
@@ -36,7 +37,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -89,7 +90,7 @@ class StructuralDamping(EffectEntry):
         0.0, description="braking of all motion, as in a viscous medium, by its momentum (1/s)"
     )
     ratios: Annotated[tuple[Annotated[Number, Field(ge=0.0, lt=1.0)], ...], _OF_DAMPING] = Field(
-        (), description="damping ratios of the first elastic modes of each free body"
+        (), description="damping ratios of the first elastic modes of each free body, without masses that it carries"
     )
 
     @model_validator(mode="after")
@@ -262,7 +263,7 @@ def free_modes(
 
     Raises `InputError`, with the scene entry that asks for them, if the mesh has fewer modes.
     """
-    alone = body.alone()
+    alone = replace(body.alone(), lumps={})
     own = alone.own_dofs
     n_dofs, n_rigid = own.size, alone.node_dofs  # as many rigid motions as a node has unknowns
     if n_modes > n_dofs - n_rigid:

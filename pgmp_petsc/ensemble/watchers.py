@@ -291,8 +291,8 @@ class _OverTimeWatch(Observer):
             system = self._begun.system
             forces = (
                 system.forces_beside(times[some])
-                if self._model.outputs.beside
-                else np.zeros((some.size, system.n_samples, 0))
+                if self._model.outputs.takes_beside
+                else np.zeros((some.size, system.n_samples, 2, 0))
             )
             self._waiting.append((numbers[some], times[some], trail[some], forces))
             if self._n_waiting >= together:
@@ -315,7 +315,7 @@ class _OverTimeWatch(Observer):
         q, v, a = (np.concatenate([trail[:, part] for trail in trails]).reshape(-1, n_eta) for part in range(3))
         values = {name: np.tile(value, numbers.size) for name, value in self._begun.system.values.items()}
         with np.errstate(all="ignore"):  # as above
-            state = State(q, v, a, np.zeros(0), forces=forces.reshape(numbers.size * n, forces.shape[2]))
+            state = State(q, v, a, np.zeros(0), forces=forces.reshape(numbers.size * n, *forces.shape[2:]))
             found = self._model.outputs.evaluate(self._model.observed_of(np.repeat(times, n), state, values))
         self._take(numbers, times, {name: column.reshape(numbers.size, n) for name, column in found.items()})
 

@@ -43,6 +43,8 @@ class Purpose(Enum):
 
 #: What prepares or uses a reduced model; ``check`` foretells it.
 OF_THE_REDUCTION = frozenset({Purpose.CHECK, Purpose.SIZES, Purpose.BUILD, Purpose.REDUCED, Purpose.TRADEOFF})
+#: The same of what a mechanism has, whatever is asked of its reduction: other models take it, and ``run`` takes these.
+OF_REDUCED_MODELS = OF_THE_REDUCTION - {Purpose.CHECK}
 EVERYWHERE = frozenset(Purpose) - {Purpose.EXPORT}  # where models in Python run
 #: What goes over all configurations of the coordinates.
 OVER_CONFIGURATIONS = EVERYWHERE - {Purpose.CHECK, Purpose.FULL, Purpose.COMPONENTS, Purpose.TRADEOFF}
@@ -218,42 +220,35 @@ FEATURES = (
     Feature(
         "lengths, places and ratios with elastic joints",
         _with(_elastic, _lengths),
-        OF_THE_REDUCTION,
+        OF_REDUCED_MODELS,
         why_not="models at several lengths do not part what joints release from what bends",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
         "forces in joints with lengths, places and ratios",
         _with(_lengths, _forces),
-        OF_THE_REDUCTION,
+        OF_REDUCED_MODELS,
         why_not="models at several lengths have no forces in joints",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
         "controllers with lengths, places and ratios",
         _with(_lengths, _controllers),
-        OF_THE_REDUCTION,
+        OF_REDUCED_MODELS,
         why_not="models at several lengths have no controllers",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
     Feature(
         "friction by the force carried along beams with lengths, places and ratios",
         _with(_lengths, _carried_on_beams),
-        OF_THE_REDUCTION,
+        OF_REDUCED_MODELS,
         why_not="models at several lengths do not know the force on a beam that bends",
         cure="give friction a limit, or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "controllers beside forces in joints",
-        _with(_forces, _controllers),
-        OF_THE_REDUCTION,
-        why_not="forces in joints of reduced models do not know those of controllers",
-        cure="leave the output out, or take pgmp simulate SCENE --full",
-    ),
-    Feature(
         "friction by the force carried beside controllers",
         _with(_carried, _controllers),
-        OF_THE_REDUCTION,
+        OF_REDUCED_MODELS,
         why_not="forces in joints of reduced models do not know those of controllers",
         cure="give friction a limit, or take pgmp simulate SCENE --full",
     ),
@@ -359,6 +354,15 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
                     _check_elements(scene, entry, feature.cure)
                 if feature.third_derivative:
                     _check_third_derivative(scene, entry, feature.cure)
+
+
+def why_refused(scene: Scene, purpose: Purpose, meshes: Mapping[str, BodyShape]) -> str:
+    """Return why a command refuses a scene, as `check_capabilities`; empty where it takes it."""
+    try:
+        check_capabilities(scene, purpose, meshes)
+    except InputError as error:
+        return str(error)
+    return ""
 
 
 def foretold(scene: Scene) -> Iterator[str]:

@@ -1,12 +1,13 @@
 """Multipliers of joints in a reduced model: rows of unit gaps in its equations (`reduced.gap_forces`).
 
 Friction that hangs on the force that a joint carries is in these equations, and that force of them: at given
-accelerations the two are found in turn, which contracts by about the coefficient times a lever over a length.
+accelerations the two are found in turn, which contracts by about the coefficient times a lever over a length. Forces of
+controllers are known with the states; where they jump, accelerations are those before.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import Self
@@ -14,6 +15,8 @@ from typing import Self
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.controllers.running import BEFORE
+from pgmp_petsc.controllers.running import rows_of as rows_of_beside
 from pgmp_petsc.effects import Effect, Motion, actions_of
 from pgmp_petsc.effects.action import CARRIED_FRICTION
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -66,6 +69,7 @@ class ReducedMultipliers:
         self._drives = any((force.rows >= n_held).any() for force in forces)
         self.gaps, (self._terms, self._actions) = None, own
         self._carried, scheme = carried, scene.interpolation
+        self._rows_of_control = rows_of_beside(scene)[len(carried) :]
         self._nodes = sorted({node for one in carried for node in one.nodes})
         self._frames = Reconstruction(kinematics, rom, scheme, self._nodes) if self._nodes else None
         self._kept: dict[int, tuple[ReducedSystem, Mapping[str, np.ndarray]]] = {}  # by numbers of samples
@@ -86,10 +90,11 @@ class ReducedMultipliers:
 
     def of(self, times: np.ndarray | float, states: State, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
         """Return the multipliers, shape (n_held + n_driven, n), NaN where they are not known, in states (n, n_eta);
-        times (s) and parameter values are numbers or of shape (n,)."""
+        times (s) and parameter values are numbers or of shape (n,). Under control they take ``states.forces``, as of
+        `ReducedModel.observed_of`."""
         n = len(states.q)
         times, values = np.broadcast_to(times, n), {name: np.broadcast_to(one, n) for name, one in values.items()}
-        if self._carried or not n:
+        if self._carried or self._rows_of_control or not n:
             return self._turn_by_turn(times, states, values)
         n_samples, found = _side_by_side(times, values), self._nothing(n)
         if self.rows.size:
@@ -107,15 +112,18 @@ class ReducedMultipliers:
         return found
 
     def _turn_by_turn(self, times: np.ndarray, states: State, values: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Return the multipliers where forces that joints carry are in the equations."""
+        """Return the multipliers where forces that joints carry, or of controllers, are in the equations."""
         found = self._nothing(times.size)
         for first in range(0, times.size, AT_ONCE):
             some = slice(first, min(first + AT_ONCE, times.size))
             own, state = {name: one[some] for name, one in values.items()}, _part(states, some)
             system = self._system_of(some.stop - first, own)
             loads = np.zeros((len(self._carried), some.stop - first))
+            acting = [np.zeros((rows, some.stop - first, 3)) for rows in self._rows_of_control]
+            for part, force in zip(acting, states.forces[some, BEFORE, len(loads) :].T if acting else ()):
+                part[0, :, 0] = force
             for _ in range(MOST_TURNS):
-                found[:, some], before = self._with(system, loads, times[some], state, own), loads
+                found[:, some], before = self._with(system, loads, times[some], state, own, acting), loads
                 loads = self._loads(state, found[:, some], own)
                 if not np.any(np.abs(loads - before) > SETTLED * np.abs(loads)):
                     break
@@ -150,11 +158,11 @@ class ReducedMultipliers:
 
     def _with(
         self, system: ReducedSystem, loads: np.ndarray, times: np.ndarray, state: State,
-        values: Mapping[str, np.ndarray],
+        values: Mapping[str, np.ndarray], acting: Iterable[np.ndarray] = (),
     ) -> np.ndarray:  # fmt: skip
-        """Return the multipliers where joints carry forces (n_carried, n)."""
+        """Return the multipliers where joints carry forces (n_carried, n), and controllers act, as of `Controls`."""
         found = self._nothing(times.size)
-        system.put_forces(list(loads[..., None]))
+        system.put_forces([*loads[..., None], *(row for part in acting for row in part)])
         if self._drives:
             found[self._n_held :] = self._of_drives(system, times, state)
         if self.rows.size:

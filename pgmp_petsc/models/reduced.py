@@ -163,8 +163,8 @@ class ReducedModel:
 
     def observed(self, system: ReducedSystem, state: State, time: float = 0.0) -> np.ndarray:
         """Return what the outputs are made of at a time (s), shape (n_observed, n_samples)."""
-        if self.outputs.beside:
-            state = replace(state, forces=system.beside.forces(np.array([time]), AFTER)[0])
+        if self.outputs.takes_beside:
+            state = replace(state, forces=system.forces_beside(np.array([time]))[0])
         return self.observed_of(time, state, system.values)
 
     def observed_of(
@@ -173,7 +173,8 @@ class ReducedModel:
     ) -> np.ndarray:  # fmt: skip
         """Return what the outputs are made of, shape (n_observed, n), in states of reduced coordinates (n, n_eta).
 
-        Outputs of controllers take ``states.forces`` of all that is beside, (n, n_names), as of `Controls.forces`.
+        Outputs of controllers, and multipliers under control, take ``states.forces`` of all that is beside, (n, 2,
+        n_names), as of `ReducedSystem.forces_beside`.
         Times (s) and parameter values are numbers, or of shape (n,). Where `cells_of` are other reduced coordinates
         (n, n_eta), next to these, tables are continued from their cells.
         """
@@ -190,7 +191,7 @@ class ReducedModel:
             multipliers = self.multipliers.of(time, states, values)
             stresses = np.concatenate([stresses, self.outputs.forces_of(frames, multipliers, values)])
         if self.outputs.beside:
-            stresses = np.concatenate([stresses, states.forces.T[list(self.outputs.beside.values())]])
+            stresses = np.concatenate([stresses, states.forces[:, AFTER].T[list(self.outputs.beside.values())]])
         return self.outputs.observed(frames, stresses, time, values)
 
     def fields(self, n_frames: int | None = None) -> ReducedFields:

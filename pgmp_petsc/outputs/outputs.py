@@ -54,6 +54,7 @@ class OutputSet:
     counted: tuple[str, ...] = ()  # outputs that are counted over a run
     #: outputs of forces of controllers, and their numbers among all that is beside, which follow forces in this order
     beside: Mapping[str, int] = field(default_factory=dict)
+    takes_beside: bool = False  # whether reduced models need what is beside: for these, or multipliers under control
 
     @property
     def n_forces(self) -> int:
@@ -200,6 +201,7 @@ class OutputSet:
             reached, rigid, order, needs.time, tuple(sorted(needs.parameters | of_bases)), bases,
             tuple(name for name, entry in scene.outputs.items() if "history" in entry.reads),
             {name: numbers[controller] for name, controller in beside},
+            bool(beside) or bool(forces and scene.controllers),
         )  # fmt: skip
 
 

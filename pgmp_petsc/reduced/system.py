@@ -13,7 +13,7 @@ import numpy as np
 
 from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.controllers.acting import NOTED, given_to
-from pgmp_petsc.controllers.running import AFTER, MOST_STARTS, Controls
+from pgmp_petsc.controllers.running import AFTER, BEFORE, MOST_STARTS, Controls
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
 from pgmp_petsc.full.part_reference import Reference
@@ -137,9 +137,8 @@ class ReducedSystem(SecondOrderSystem):
             self._equations.local.actions.parameters[column, :, : given.shape[1]] = given
 
     def forces_beside(self, times: np.ndarray) -> np.ndarray:
-        """Return what is given at times that are seen, of controllers what they hold from there on, (n_t, n_samples,
-        n_names)."""
-        return self.beside.forces(times, AFTER)
+        """Return what is given at times that are seen, before and after it jumps, (n_t, n_samples, 2, n_names)."""
+        return np.stack([self.beside.forces(times, part) for part in (BEFORE, AFTER)], axis=2)
 
     def measured(self, state: State) -> np.ndarray:
         """Return the motions that forces of controllers are of, or are led by, and their rates, a row for each part of

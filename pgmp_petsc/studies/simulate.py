@@ -268,7 +268,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
             done = integrate(system, simulation, observer=Together([*watches, record]))
         times, history = record.states()
         with timings.phase("projection"), np.errstate(all="ignore"):
-            if model.outputs.beside:
+            if model.outputs.takes_beside:
                 history.forces = system.forces_beside(times)[:, 0]
             outputs = model.observed_of(times, history, model.scene.values)
             energies = system.energies_of_run(times, history)
