@@ -138,7 +138,7 @@ def test_forces_are_those_of_lagrange(make, effects: tuple[str, ...]) -> None:
     floating, n, n_pose = problem.floating, system.n_dofs, 3 if d == 2 else 12
     rng, dofs = np.random.default_rng(1), floating.dofs
     bodies = [floating.dofs[first:last] for first, last in zip(floating.firsts[:-1, 0], floating.firsts[1:, 0])]
-    q, v, a = system._equations.start()[0], np.zeros(n), np.zeros(n)
+    q, v, a = system._equations.start[0], np.zeros(n), np.zeros(n)
     for own in bodies:
         q[own[n_pose:]] += 1e-3 * rng.standard_normal(own.size - n_pose)
         v[own], a[own] = rng.standard_normal((2, own.size))
