@@ -109,30 +109,3 @@ def test_the_third_derivative_at_rest_is_the_slope_of_the_tangent(alpha: float) 
     expected = np.array([slopes[i][:, j] for i, j in zip(*pairs)]).T
     # fourth order, as above
     np.testing.assert_allclose(third, expected, rtol=0, atol=1e-10 * np.abs(third).max())
-
-
-def test_a_state_of_pure_strain_has_the_energy_of_a_rod() -> None:
-    stretched = at_rest(0.0) + [0.0, 0.0, 0.0, 0.01 * LENGTH, 0.0, 0.0]
-    force, _ = kernel(stretched[:, None], 0.0)
-    np.testing.assert_allclose(force[:, 0], [-0.03, 0, 0, 0.03, 0, 0], rtol=0, atol=1e-15)
-
-
-def test_the_mass_matrix_holds_total_mass_and_rotary_inertia() -> None:
-    lengths = np.array([0.5, 2.0])
-    mass = beam2d.consistent_mass(lengths, 3.0, 0.25)
-    for direction, density in ((0, 3.0), (1, 3.0), (2, 0.25)):
-        field = np.tile(np.eye(3)[direction], 2)
-        np.testing.assert_allclose(field @ mass @ field, density * lengths, rtol=1e-14)
-    np.testing.assert_array_equal(mass, np.swapaxes(mass, 1, 2))
-    assert np.linalg.eigvalsh(mass).min() > 0.0
-
-
-@pytest.mark.parametrize("alpha", [0.0, 1.1])
-def test_the_kinetic_energy_of_a_turning_rod_is_exact(alpha: float) -> None:
-    # shape functions are linear and so is the velocity of a rigid motion: T = 1/2 (rho A L^3 / 3 + rho I L) omega^2
-    rho_area, rho_inertia, omega = 3.0, 0.25, 2.0
-    mass = beam2d.consistent_mass(np.array([LENGTH]), rho_area, rho_inertia)[0]
-    tip = LENGTH * np.array([np.cos(alpha), np.sin(alpha)])
-    velocity = omega * np.array([0.0, 0.0, 1.0, -tip[1], tip[0], 1.0])
-    expected = 0.5 * omega**2 * (rho_area * LENGTH**3 / 3 + rho_inertia * LENGTH)
-    assert 0.5 * velocity @ mass @ velocity == pytest.approx(expected, rel=1e-14)
