@@ -33,15 +33,19 @@ def history(values: np.ndarray, n_steps: int | None = None, status: tuple[int, .
     return History(n_steps, spacing(n_steps), outputs, states, inside, never)
 
 
-def test_errors_are_shares_of_a_samples_own_largest_value() -> None:
-    exact = np.array([[0.0, 0.0], [2.0, -200.0], [1.0, 100.0]])
-    found = exact + np.array([[0.0, 0.0], [0.1, 1.0], [-0.2, 0.0]])
-    np.testing.assert_allclose(errors_between(history(found), history(exact), FLOORS), [[0.1, 0.005]])
-
-
-def test_what_is_zero_is_measured_by_its_floor() -> None:
-    exact, found = np.zeros((3, 1)), np.full((3, 1), 1e-13)
-    np.testing.assert_allclose(errors_between(history(found), history(exact), FLOORS), [[1e-3]])
+@pytest.mark.parametrize(
+    ("exact", "off", "expected"),
+    [
+        # shares of a sample's own largest value, or of the floor; instants without a number do not count
+        ([[0.0, 0.0], [2.0, -200.0], [1.0, 100.0]], [[0.0, 0.0], [0.1, 1.0], [-0.2, 0.0]], [[0.1, 0.005]]),
+        ([[0.0]] * 3, [[1e-13]] * 3, [[1e-3]]),
+        ([[1.0], [np.nan], [2.0]], [[0.0], [7.0], [0.2]], [[0.1]]),
+    ],
+)
+def test_errors_between_histories(exact: list, off: list, expected: list) -> None:
+    exact = np.array(exact)
+    found = np.nan_to_num(exact) + off
+    np.testing.assert_allclose(errors_between(history(found), history(exact), FLOORS), expected)
 
 
 @pytest.mark.parametrize(
@@ -52,11 +56,6 @@ def test_failures(of_found: int, of_exact: int, expected: float) -> None:
     values = np.ones((3, 1))
     errors = errors_between(history(values, status=(of_found,)), history(values, status=(of_exact,)), FLOORS)
     np.testing.assert_array_equal(errors, [[expected]])
-
-
-def test_instants_without_a_number_do_not_count() -> None:
-    exact, found = np.array([[1.0], [np.nan], [2.0]]), np.array([[1.0], [7.0], [2.2]])
-    np.testing.assert_allclose(errors_between(history(found), history(exact), FLOORS), [[0.1]])
 
 
 @pytest.mark.parametrize(("coarse", "fine"), [(64, 128), (257, 2056), (1000, 2000), (1500, 12000), (1595, 6380)])

@@ -132,15 +132,6 @@ def test_a_failed_run_is_no_reason_to_stop() -> None:
     assert search.chosen == 512
 
 
-def test_all_outputs_count() -> None:
-    def compare(n: int, m: int) -> np.ndarray:
-        return np.array([np.max(np.abs(motion(n) - motion(m))) for motion in (smooth, vibrating)])
-
-    search = StepSearch(compare, 32, 5e-4, 32)
-    search.advance(2**17)
-    assert search.chosen == searched(vibrating, 5e-4, 2**17).chosen
-
-
 @pytest.mark.parametrize("duration", [1.0, 0.3, 7.0, 1e-6])
 @pytest.mark.parametrize("n_steps", [1, 64, 257, 1028, 72173])
 def test_a_step_has_three_digits_and_makes_hardly_more_steps(duration: float, n_steps: int) -> None:

@@ -18,16 +18,16 @@ def test_a_star_to_three_standard_deviations() -> None:
     assert n == 5
     expected = 5.6e-3 + 0.56e-3 * np.array([0.0, -3.0, -1.5, 1.5, 3.0])
     np.testing.assert_allclose(values["r1"], expected, rtol=1e-4)
+    wide = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5e-3}}'
+    assert spanning_values(slider_crank(wide))[0]["r1"].min() > 0.0
+    values, n = spanning_values(slider_crank("parameters.r1={nominal=5.6e-3, value=5.0e-3}"))
+    np.testing.assert_array_equal(values["r1"], [5.6e-3, 5.0e-3])  # the value of a run is tried too
+    assert n == 2
 
 
 def test_bounds_cut_the_distribution_as_an_ensemble_does() -> None:
     values, _ = spanning_values(slider_crank(NORMAL % ", bounds=[5.0e-3, 6.0e-3]"))
     assert 5.0e-3 < values["r1"].min() < 5.01e-3 and 5.99e-3 < values["r1"].max() < 6.0e-3
-
-
-def test_a_radius_stays_positive() -> None:
-    wide = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5e-3}}'
-    assert spanning_values(slider_crank(wide))[0]["r1"].min() > 0.0
 
 
 def test_two_parameters_have_corners() -> None:
@@ -46,12 +46,6 @@ def test_of_many_parameters_only_two_corners() -> None:
     np.testing.assert_array_equal(values["r1"], 5.6e-3)
 
 
-def test_the_value_of_a_run_is_tried_too() -> None:
-    values, n = spanning_values(slider_crank("parameters.r1={nominal=5.6e-3, value=5.0e-3}"))
-    np.testing.assert_array_equal(values["r1"], [5.6e-3, 5.0e-3])
-    assert n == 2
-
-
 def test_bounds_span_a_parameter_without_a_distribution_where_asked_for() -> None:
     bounded = slider_crank("parameters.r1={nominal=5e-3, bounds=[4e-3, 7e-3]}")
     np.testing.assert_array_equal(spanning_values(bounded)[0]["r1"], [5e-3])
@@ -67,12 +61,10 @@ def test_without_parameters_or_torques_nothing_is_varied_and_that_is_said() -> N
     assert any("no parameter" in remark for remark in training.remarks)
     assert any("no torque" in remark for remark in training.remarks)
     assert training.sample_text(0) == ""
-
-
-def test_the_scenes_own_loads_alone_where_that_is_asked_for() -> None:
     training = Training.of(slider_crank(NORMAL % "", 'reference.loads="own"'))
     assert [load.name for load in training.loads] == ["own"] and training.n_samples == 5
     assert any("holds for the scene's own loads alone" in remark for remark in training.remarks)
+    assert training.sample_text(1) == "r1 = 0.00392"
 
 
 def table(scene: Scene) -> np.ndarray:
@@ -111,11 +103,6 @@ def test_a_constant_torque_has_no_quicker_one() -> None:
     assert [load.name for load in training_loads(scene)] == ["own", "pulse"]
     none = slider_crank("effects.motor.table=[[0.0, 0.0], [1.0, 0.0]]")
     assert [load.name for load in training_loads(none)] == ["own"]
-
-
-def test_a_sample_in_words() -> None:
-    training = Training.of(slider_crank(NORMAL % ""))
-    assert training.sample_text(1) == "r1 = 0.00392"
 
 
 def test_end_stops_are_made_softer_where_their_stiffness_is_a_number() -> None:

@@ -8,9 +8,7 @@ from frames import to_inertial
 from pgmp_petsc.bodies.body import element_dofs
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian, linear_motion, rigid_velocities, to_body
-from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Unknowns
 from scenes import RADIUS, four_bar, kinematics_of, slider_crank, trammel
 
 
@@ -49,18 +47,6 @@ def test_rigid_velocities_satisfy_the_constraints_and_strain_nothing(kinematics:
     terms = assemble(mechanism.bodies, range(mechanism.n_dofs)).stiffness
     stiffness = weighted_sum(terms, {"r1": RADIUS})
     np.testing.assert_allclose(stiffness @ rigid, 0.0, rtol=0, atol=1e-13 * np.abs(stiffness.data).max())
-
-
-def test_the_constraint_jacobian_is_that_of_the_nodes(kinematics: RigidKinematics) -> None:
-    mechanism = kinematics.mechanism
-    poses = kinematics.poses(np.array([2.3]))[..., 0]
-    q, constraints, step = mechanism.place(poses), ConstraintSet(Unknowns(mechanism)), 1e-6
-    jacobian = constraint_jacobian(mechanism, poses).toarray()
-    for column, body_unit in zip(jacobian.T, np.eye(mechanism.n_dofs)):
-        moved = step * to_inertial(mechanism, poses, body_unit)
-        slope = (constraints.residual(q + moved) - constraints.residual(q - moved)) / (2 * step)
-        # round-off of numbers of order 1 over the step, 1e-10, and its square
-        np.testing.assert_allclose(column, slope, rtol=0, atol=1e-9)
 
 
 def test_the_tangent_of_the_placed_bodies_is_the_constant_stiffness_in_body_frames(kinematics: RigidKinematics) -> None:

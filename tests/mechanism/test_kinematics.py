@@ -129,19 +129,6 @@ def test_a_slotted_lever_follows_its_closed_form() -> None:
     np.testing.assert_allclose(poses, [[zero, zero, THETA], [zero - 1.0, zero, lever]], rtol=0, atol=1e-11)
 
 
-def test_a_range_that_is_not_periodic() -> None:
-    kinematics = kinematics_of(slider_crank(NOT_PERIODIC, "coordinates.theta.range=[-1.0,2.0]"))
-    theta = np.linspace(-1.0, 2.0, 31)
-    np.testing.assert_allclose(kinematics.poses(theta), slider_crank_poses(theta), rtol=0, atol=1e-11)
-
-
-def test_bodies_are_placed_wherever_their_meshes_begin() -> None:
-    kinematics = kinematics_of(slider_crank('bodies.rod.mesh="0.0:0.7:5"'))
-    slider = kinematics.positions(kinematics.mechanism.node("rod:tip", "test"), THETA)
-    expected = CRANK * np.cos(THETA) + np.sqrt(ROD**2 - (CRANK * np.sin(THETA)) ** 2)
-    np.testing.assert_allclose(slider[0], expected, rtol=0, atol=1e-11)
-
-
 def test_the_placement_chooses_the_assembly_branch() -> None:
     mirrored = kinematics_of(
         four_bar(
@@ -277,7 +264,7 @@ def test_a_configuration_in_which_the_coordinate_loses_control() -> None:
     assert "choose another joint or a range without this configuration" in message
 
 
-@pytest.mark.parametrize("upper", [2.0, 3.0, 2 * np.pi])
+@pytest.mark.parametrize("upper", [2.0, 2 * np.pi])
 def test_a_loss_of_control_between_two_steps_of_the_continuation(upper: float) -> None:
     # the same, with steps that fall beside pi/2: the determinant of the closure changes its sign between them
     message = refusal(kinematics_of, equal_lengths(upper))
