@@ -92,20 +92,3 @@ def third_derivative(
     strains = rows @ vectors
     third = beam2d.third_derivative(strains[..., pairs[0]], strains[..., pairs[1]], SECTION)
     return lengths[:, None, None] * (np.swapaxes(rows, 1, 2) @ third)
-
-
-@pytest.mark.parametrize("alpha", [0.0, 0.4, np.pi / 2, -2.8])
-def test_the_third_derivative_at_rest_is_the_slope_of_the_tangent(alpha: float) -> None:
-    vectors, step = np.random.default_rng(2).normal(size=(6, 4)), 1e-3
-    pairs = np.tril_indices(4)
-    third = third_derivative(np.array([LENGTH]), np.array([alpha]), vectors[None], pairs)[0]
-    slopes = []
-    for vector in vectors.T:
-        near, far = (
-            np.subtract(*(kernel((at_rest(alpha) + s * size * vector)[:, None], alpha)[1][..., 0] for s in (1, -1)))
-            for size in (step, 2 * step)
-        )
-        slopes.append((8 * near - far) / (12 * step) @ vectors)
-    expected = np.array([slopes[i][:, j] for i, j in zip(*pairs)]).T
-    # fourth order, as above
-    np.testing.assert_allclose(third, expected, rtol=0, atol=1e-10 * np.abs(third).max())

@@ -106,24 +106,6 @@ def test_the_condensed_matrices_are_those_of_the_mesh_for_the_recovered_displace
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_rigid_motions_have_no_internal_coordinates_and_no_strain_energy(kind: str) -> None:
-    both = Both(kind)
-    rigid, n_frame = both.rigid(), both.component.n_frame_dofs
-    # round-off 1e-16 times the condition of the change of coordinates, some hundreds
-    np.testing.assert_allclose(rigid[n_frame:], 0.0, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(
-        both.small_stiffness @ rigid, 0.0, rtol=0, atol=1e-14 * np.abs(both.small_stiffness).max()
-    )
-    # the frames move as points of a rigid body: translations, then turns about the origin
-    np.testing.assert_allclose(rigid[:n_frame], both.means @ both.recovery @ rigid, rtol=0, atol=1e-12)
-    d, n_turns = both.d, 3 if both.d == 3 else 1
-    frames = rigid[:n_frame].reshape(2, d + n_turns, -1)
-    np.testing.assert_allclose(frames[:, :d, :d], np.broadcast_to(np.eye(d), (2, d, d)), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(frames[:, d:, :d], 0.0, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(np.abs(frames[:, d:, d:]).sum(axis=1), 1.0, rtol=0, atol=1e-11)
-
-
-@pytest.mark.parametrize("kind", KINDS)
 def test_linear_fields_have_the_mass_and_the_energy_of_a_box(kind: str) -> None:
     both = Both(kind)
     d, fields = both.d, both.component.fields

@@ -156,21 +156,6 @@ def test_the_third_derivative_at_parameter_values_is_the_weighted_sum(scene: Sce
     assert all(term.shape == (mechanism.n_dofs, 0) for term in none.values())
 
 
-@every_scene
-@pytest.mark.parametrize("size", [2, 3, 17])
-def test_rows_of_all_ranks_make_the_whole_third_derivative(scene: Scene, size: int) -> None:
-    mechanism = kinematics_of(scene).mechanism
-    vectors = vectors_of(mechanism.n_dofs)
-    whole = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)).times(vectors, PAIRS)
-    shares = [
-        ThirdDerivative(mechanism.bodies, owned_rows(mechanism.n_dofs, rank, size)).times(vectors, PAIRS)
-        for rank in range(size)
-    ]
-    for weight, expected in whole.items():
-        stacked = np.concatenate([share[weight] for share in shares])
-        np.testing.assert_allclose(stacked, expected, rtol=0, atol=1e-15 * np.abs(expected).max())
-
-
 @pytest.mark.parametrize("kind", ["mixture", "beam and solid in space"])
 @pytest.mark.parametrize("size", [2, 3])
 def test_rows_of_all_ranks_make_the_whole_third_derivative_of_condensed_bodies(kind: str, size: int) -> None:

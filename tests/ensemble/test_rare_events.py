@@ -406,9 +406,105 @@ def test_events_in_parts_that_nothing_has_looked_for_are_warned_of() -> None:
     # in two variables samples from farther out have looked; of one part there is no sign that there are more
     assert not rare_events.find(both_sides, 2, 2000, 1).may_have_lost_parts
     assert not rare_events.find(plane(12, ONE_IN_TEN_THOUSAND), 12, 3000, 1).may_have_lost_parts
+    random = np.random.default_rng(3)
+    part = random.standard_normal((600, 4))
+    part[:, 0] = 4.0 + random.exponential(0.25, 600)
+    assert not importance.lie_apart(part, np.ones(600), random)
+    assert not importance.lie_apart(part[:19], np.ones(19), random)
     nothing = rare_events.RareSamples((), np.zeros((2, 1)), np.array([1.0, 2.0]), np.array([0.1, 0.1]), (2,))
     assert nothing.probability == nothing.n_effective == 0.0 and np.isnan(nothing.variation)
     assert not nothing.may_have_lost_parts
+
+
+def test_spread_is_believed_as_far_as_it_is_no_noise() -> None:
+    random = np.random.default_rng(3)
+    steps = random.standard_normal((400, 5))
+    # of normal points nothing is left of the noise but round the target
+    variances = np.linalg.eigvalsh(importance._root(steps, np.ones(400), np.arange(400))) ** 2
+    assert np.all(np.abs(variances - 1.0) < 0.2)  # deviations of 400 points: sqrt(2 / 400) = 0.07
+    steps[:, 1:] *= 2.0
+    variances = np.linalg.eigvalsh(importance._root(steps, np.ones(400), np.arange(400))) ** 2
+    np.testing.assert_allclose(variances, [1.0, 4.0, 4.0, 4.0, 4.0], rtol=0.3)
+    # 400 points of 10 families know next to nothing of 5 variables
+    families = np.repeat(np.arange(10), 40)
+    alike = np.repeat(random.standard_normal((10, 5)) * [4.0, 1.0, 1.0, 1.0, 1.0], 40, axis=0)
+    spread = np.ptp(np.linalg.eigvalsh(importance._root(alike, np.ones(400), families)))
+    assert spread < np.ptp(np.linalg.eigvalsh(importance._root(alike, np.ones(400), np.arange(400))))
+    np.testing.assert_array_equal(importance._root(steps[:0], np.ones(0), np.arange(0)), np.eye(5))
+
+
+def test_families_are_not_torn_apart_and_both_halves_have_some() -> None:
+    random = np.random.default_rng(7)
+    for families in (np.repeat(np.arange(9), 5), np.repeat([3, 8], [90, 4]), np.arange(7), np.full(6, 4)):
+        (make, test), (other, back) = importance._halves(families, random)
+        np.testing.assert_array_equal(np.sort([*make, *test]), np.arange(families.size))
+        np.testing.assert_array_equal(make, back)
+        np.testing.assert_array_equal(test, other)
+        assert make.size and test.size
+        assert np.unique(families).size == 1 or not set(families[make]) & set(families[test])
+
+
+def test_means_are_shrunk_by_what_their_families_leave_open() -> None:
+    points = np.tile([4.0, 0.2, -0.3], (10, 1))
+    # of five families of two each the squared error is 1 / 5
+    unknown = np.zeros(10)
+    found = importance._shrunk_mean(points, np.ones(10), np.repeat(np.arange(5), 2), unknown)
+    np.testing.assert_allclose(found, [4.0 * (1.0 - 2.0 / 5.0 / 16.0), 0.0, 0.0], rtol=1e-12)
+    alone = importance._shrunk_mean(points, np.ones(10), np.zeros(10, dtype=int), unknown)
+    np.testing.assert_allclose(alone, [4.0 * (1.0 - 2.0 / 16.0), 0.0, 0.0], rtol=1e-12)
+
+
+def test_of_a_plane_border_the_slope_tells_the_mean_and_of_a_round_one_it_does_not() -> None:
+    random, d = np.random.default_rng(9), 20
+    normal = np.full(d, 1.0 / np.sqrt(d))
+    points = random.standard_normal((70, d))
+    points += np.outer(4.0 + random.exponential(0.25, 70) - points @ normal, normal)
+    found = importance._shrunk_mean(points, np.ones(70), np.arange(70), 4.0 - points @ normal)
+    # without the slope the mean is off by sqrt(d / 70) = 0.5; what passes for signal beside it is 0.2 to 0.3 of that
+    along = found @ normal
+    assert along == pytest.approx(np.mean(points @ normal), rel=1e-6)
+    unknown = importance._shrunk_mean(points, np.ones(70), np.arange(70), np.zeros(70))
+    assert np.linalg.norm(found - along * normal) < 0.8 * np.linalg.norm(unknown - unknown @ normal * normal)
+    np.testing.assert_allclose(importance._slope(points, 4.0 - points @ normal), -normal, atol=1e-6)
+    around = random.standard_normal((200, 2))
+    for some, values in (
+        (around, 3.0 - np.hypot(*around.T)),  # bent, not straight
+        (points[:62], points[:62] @ normal),  # fewer than three a variable and one
+        (np.ones((70, d)), np.arange(70.0)),  # one point
+        (points, np.ones(70)),  # level
+    ):
+        np.testing.assert_array_equal(importance._slope(some, values), np.zeros(some.shape[1]))
+
+
+def test_rays_alike_are_followed_once_and_no_more_than_samples_allow() -> None:
+    angles = np.radians([0.0, 20.0, 90.0, 100.0, 180.0])
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    assert rare_events.unlike(directions) == [0, 2, 4] and rare_events.unlike(directions[:0]) == []
+    assert rare_events.unlike(directions, 0.95) == [0, 1, 2, 4]
+    np.testing.assert_array_equal(rare_events.apart(2.0 * directions, 5.0 * directions[1:2]), 2.0 * directions[2:])
+
+
+def test_directions_are_those_of_the_parts_of_an_event() -> None:
+    random = np.random.default_rng(10)
+    points = random.standard_normal((600, 10))
+    points[np.arange(600), np.arange(600) % 4] = 3.0 + random.exponential(0.3, 600)
+    found = rare_events.directions_of(points, np.arange(600), 3.0 - points[:, :4].max(axis=1), random)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0, rtol=1e-12)
+    assert np.all(found[:, :4].max(axis=0) > 0.8)
+    # the mean of points all around is shrunk to nothing
+    assert rare_events.directions_of(
+        np.array([[1.0, 0.0], [-1.0, 0.0]] * 4), np.arange(8), np.zeros(8), random
+    ).shape == (0, 2)
+
+
+def test_a_small_cluster_counts_as_much_as_others() -> None:
+    random = np.random.default_rng(8)
+    points = random.standard_normal((400, 6))
+    points[:, 0] += np.where(np.arange(400) < 8, -20.0, 4.0)
+    weights = importance.levelled(points, np.ones(400), random)
+    assert weights.sum() == pytest.approx(importance.CLUSTERS[-1])  # of each cluster 1
+    assert weights[:8].sum() >= 1.0 - 1e-9
+    np.testing.assert_array_equal(importance.levelled(points[:9], np.full(9, 2.0), random), np.full(9, 1.0 / 9.0))
 
 
 def test_mixtures_have_mass_one_and_draw_what_they_say() -> None:

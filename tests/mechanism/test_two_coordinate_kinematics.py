@@ -272,24 +272,6 @@ def test_an_isolated_singular_configuration_is_found_between_the_points_of_the_g
     assert "they do not control the mechanism at theta1 = " in message or "cannot close at theta1 = " in message
 
 
-def test_a_singular_configuration_around_which_the_branch_turns() -> None:
-    # cranks that reach each other: where their elbows meet, the pin may be anywhere
-    equal = (
-        'bodies.left.mesh="0.0:0.3:2"',
-        'bodies.right.mesh="0.0:0.3:2"',
-        *limited("theta1", -0.43, 0.41),
-        *limited("theta2", 2.71, 3.55),
-        "bodies.left.placement.angle=0.3",
-        "bodies.right.placement.angle=2.8",
-        "bodies.first.placement={origin=[0.29,0.09],angle=1.5}",
-        "bodies.second.placement={origin=[0.31,0.1],angle=1.6}",
-    )
-    message = refusal(kinematics_of, five_bar(*equal))
-    # two steps of the grid, over which the linear prediction fails
-    np.testing.assert_allclose(configuration(message), [0.0, np.pi], rtol=0, atol=0.2)
-    assert message.startswith("coordinates.theta1, theta2: they do not control the mechanism at theta1 = ")
-
-
 def test_a_third_coordinate() -> None:
     """An open chain in the plane: every angle adds to those before it."""
     third = (
