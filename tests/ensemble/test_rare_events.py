@@ -406,11 +406,6 @@ def test_events_in_parts_that_nothing_has_looked_for_are_warned_of() -> None:
     # in two variables samples from farther out have looked; of one part there is no sign that there are more
     assert not rare_events.find(both_sides, 2, 2000, 1).may_have_lost_parts
     assert not rare_events.find(plane(12, ONE_IN_TEN_THOUSAND), 12, 3000, 1).may_have_lost_parts
-    random = np.random.default_rng(3)
-    part = random.standard_normal((600, 4))
-    part[:, 0] = 4.0 + random.exponential(0.25, 600)
-    assert not importance.lie_apart(part, np.ones(600), random)
-    assert not importance.lie_apart(part[:19], np.ones(19), random)
     nothing = rare_events.RareSamples((), np.zeros((2, 1)), np.array([1.0, 2.0]), np.array([0.1, 0.1]), (2,))
     assert nothing.probability == nothing.n_effective == 0.0 and np.isnan(nothing.variation)
     assert not nothing.may_have_lost_parts
@@ -505,6 +500,30 @@ def test_a_small_cluster_counts_as_much_as_others() -> None:
     assert weights.sum() == pytest.approx(importance.CLUSTERS[-1])  # of each cluster 1
     assert weights[:8].sum() >= 1.0 - 1e-9
     np.testing.assert_array_equal(importance.levelled(points[:9], np.full(9, 2.0), random), np.full(9, 1.0 / 9.0))
+
+
+def test_densities_have_mass_one_and_draw_what_they_say() -> None:
+    density = importance.KernelDensity(np.array([[-2.0], [3.0]]), np.array([0.3, 0.7]), np.array([0.8, 1.0]))
+    x = np.linspace(-12.0, 12.0, 4001)
+    values = np.exp(density.log(x[:, None]))
+    assert trapezoid(values, x) == pytest.approx(1.0, abs=1e-9)
+    drawn = density.draw(20_000, np.random.default_rng(1))[:, 0]
+    # four standard errors of the mean
+    assert drawn.mean() == pytest.approx(trapezoid(values * x, x), abs=4 * drawn.std() / np.sqrt(20_000))
+
+
+def test_parts_that_lie_apart_are_told_from_one_that_does_not() -> None:
+    random = np.random.default_rng(3)
+    for d in (4, 20):
+        part = random.standard_normal((600, d))
+        part[:, 0] = 4.0 + random.exponential(0.25, 600)
+        assert not importance.lie_apart(part, np.ones(600), random)
+        two, four = part.copy(), part.copy()
+        two[::5, 0] *= -1.0
+        for k in range(1, 4):
+            four[k::4, [0, k]] = four[k::4, [k, 0]]
+        assert importance.lie_apart(two, np.ones(600), random) and importance.lie_apart(four, np.ones(600), random)
+    assert not importance.lie_apart(part[:19], np.ones(19), random)
 
 
 def test_mixtures_have_mass_one_and_draw_what_they_say() -> None:
