@@ -1,4 +1,4 @@
-"""Pictures of what mechanisms of any kind add: balances of energy, two coordinates, rigid bodies, the gallery."""
+"""Pictures of what mechanisms of any kind add: balances of energy, two coordinates, rigid bodies, the portraits."""
 
 from dataclasses import replace
 
@@ -9,13 +9,13 @@ from conftest import ROOT
 from pictures import assert_inside, legend_texts, visible, written
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.figures import gallery
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.frequencies import coordinate_path, frequency_maps
 from pgmp_petsc.figures.mechanism import Shapes, mechanism
 from pgmp_petsc.figures.trajectories import DECADES, energies
 from pgmp_petsc.results import Balance, Frames
 from scenes import tables
+from scripts import portraits
 
 # what numpy and matplotlib warn of is a picture that is not right
 pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
@@ -97,10 +97,10 @@ REFUSED = [
     (lambda: frequency_maps(synthetic.modes_table()), "two coordinates, the table has 1"),
     (lambda: coordinate_path(synthetic.trajectory()), "two coordinates, the run has 1"),
     (
-        lambda: gallery.portrait(synthetic.trajectory(n_frames=0), gallery.Portrait("", "crank_angle")),
+        lambda: portraits.portrait(synthetic.trajectory(n_frames=0), portraits.Portrait("", "crank_angle")),
         "no frames or no",
     ),
-    (lambda: gallery.portrait(half_rigid(), gallery.Portrait("", "no_such")), "no frames or no output"),
+    (lambda: portraits.portrait(half_rigid(), portraits.Portrait("", "no_such")), "no frames or no output"),
 ]
 
 
@@ -169,8 +169,8 @@ def test_the_first_run_that_has_them_gives_the_pictures(tmp_path):
 
 
 def test_a_portrait_shows_shapes_and_curve():
-    run, shown = half_rigid(), gallery.Portrait("Half rigid", "slider_deformation", 10.0, until=0.8, n_instants=5)
-    figure = gallery.portrait(run, shown)
+    run, shown = half_rigid(), portraits.Portrait("Half rigid", "slider_deformation", 10.0, until=0.8, n_instants=5)
+    figure = portraits.portrait(run, shown)
     left, right = visible(figure)
     assert right.get_title(loc="left") == "slider_deformation (mm)"
     assert len(right.lines) == 1 + 5 and len(left.collections) == 5 * 3
@@ -180,27 +180,27 @@ def test_a_portrait_shows_shapes_and_curve():
 
 def test_shapes_are_spaced_by_the_motion():
     run = synthetic.trajectory(n_frames=1001)
-    chosen = gallery.spaced_by_motion(run, 6, None)
+    chosen = portraits.spaced_by_motion(run, 6, None)
     turned = np.abs(np.diff(run.coordinates[chosen, 0]))
     assert len(chosen) == 6 and chosen[0] == 0 and chosen[-1] == 1000
     np.testing.assert_allclose(turned, turned.mean(), rtol=0.05)
 
 
 def test_the_gallery_is_small_and_complete(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(gallery, "PORTRAITS", {"half_rigid": gallery.Portrait("Half rigid", "crank_angle")})
+    monkeypatch.setattr(portraits, "PORTRAITS", {"half_rigid": portraits.Portrait("Half rigid", "crank_angle")})
     half_rigid().write(tmp_path / "half_rigid.h5")
     monkeypatch.setattr("sys.argv", ["gallery", str(tmp_path), str(tmp_path / "images")])
-    assert gallery.main() == 0
+    assert portraits.main() == 0
     assert (tmp_path / "images" / "gallery_half_rigid.png").stat().st_size < 60_000
     monkeypatch.setattr("sys.argv", ["gallery", str(tmp_path / "images"), str(tmp_path)])
-    assert gallery.main() == 2 and "does not exist" in capsys.readouterr().err
+    assert portraits.main() == 2 and "does not exist" in capsys.readouterr().err
     monkeypatch.setattr("sys.argv", ["gallery"])
-    assert gallery.main() == 2
+    assert portraits.main() == 2
 
 
 def test_the_readme_shows_what_the_gallery_draws():
     readme, script = (ROOT / "README.md").read_text(), (ROOT / "scripts" / "gallery").read_text()
-    for scene in gallery.PORTRAITS:
+    for scene in portraits.PORTRAITS:
         assert f"docs/images/gallery_{scene}.png" in readme and scene in script
         assert (ROOT / "scenes" / f"{scene}.toml").exists()
         assert (ROOT / "docs" / "images" / f"gallery_{scene}.png").stat().st_size < 60_000
