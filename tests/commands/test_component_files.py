@@ -62,9 +62,7 @@ def test_a_run_is_that_of_the_scene(case: str, tmp_path: Path) -> None:
     assert found["file"] == found["scene"]
 
 
-def test_ensembles_of_file_and_scene_are_the_same_on_any_number_of_ranks(
-    arm: Path, tmp_path: Path, mpirun: Callable
-) -> None:
+def test_ensembles_of_file_and_scene_are_the_same_on_any_ranks(arm: Path, tmp_path: Path, mpirun: Callable) -> None:
     words = ("-n", 6, *overridden("ensemble.batch=2"), "-o")
     scene = ("montecarlo", SCENES / "six_joint_arm.toml", "--components", *overridden(SHORT), *words)
     pgmp(*scene, tmp_path / "one.h5")
