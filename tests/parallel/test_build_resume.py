@@ -112,7 +112,7 @@ def test_a_killed_build_is_resumed(
     for said, other in OTHERS.items() if name == "beams" else ():
         refused = pgmp("build", *other, "-o", path, "--resume", status=2).stderr
         assert "--resume:" in refused and said in refused
-    assert {file.name: file.stat().st_mtime_ns for file in partial.glob("*.npz")} == stored
+        assert {file.name: file.stat().st_mtime_ns for file in partial.glob("*.npz")} == stored
     mpirun(after, "-c", slowly(), "build", *SCENES[name], "-o", path, "--resume")
     assert len(stored) >= n_pieces
     assert_same(path, whole[name])
