@@ -33,11 +33,9 @@ SMALL = (
 SHARES = np.array([0.7, 0.76, 0.88, 1.0, 1.12, 1.24, 1.3])
 HALF_SINE = str([[float(t), float(0.8 * np.sin(np.pi * t))] for t in np.linspace(0.0, 1.0, 201)])
 TORQUES = {
-    "ramp": "[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]",
-    "half sine": HALF_SINE,
-    "sudden step": "[[0.0, 0.5], [1.0, 0.5]]",
+    "ramp": "[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]", "half sine": HALF_SINE, "sudden step": "[[0.0, 0.5], [1.0, 0.5]]",
     "reversed ramp": "[[0.0, 0.5], [0.75, 0.5], [1.0, 0.0]]",
-}
+}  # fmt: skip
 
 
 def static_loads(problem: ModalProblem, scene: Scene) -> StaticLoads:
@@ -173,11 +171,9 @@ def test_a_run_is_the_same_in_every_basis_of_the_space(monkeypatch, settings: tu
         basis = of(*arguments)
         turns = np.array([scipy.linalg.expm(np.sin(theta) * generator) for theta in basis.tables.samples.theta[:, 0]])
         return replace(
-            basis,
-            tables=basis.tables.turned(turns),
-            projection=basis.projection @ turns,
+            basis, tables=basis.tables.turned(turns), projection=basis.projection @ turns,
             combinations=basis.combinations @ turns,
-        )
+        )  # fmt: skip
 
     _, own = history(reduced_model(scene), {"r1": np.array([RADIUS])}, 1)
     monkeypatch.setattr(build, "ContinuousBasis", SimpleNamespace(of=turned))
@@ -256,18 +252,11 @@ def test_a_basis_over_two_turns_is_extended_too() -> None:
 
 
 @pytest.mark.parametrize(
-    ("torque", "stretching", "deformation", "crank"),
-    [
-        ("ramp", "dynamic", 2e-3, 6e-5),
-        ("half sine", "dynamic", 1e-2, 1e-4),
-        ("sudden step", "dynamic", 3e-2, 1e-4),
-        ("reversed ramp", "dynamic", 3e-2, 1e-4),
-        ("ramp", "static", 2e-3, 6e-5),
-        ("half sine", "static", 2e-3, 1e-4),
-        ("sudden step", "static", 6e-2, 1e-4),
-        ("reversed ramp", "static", 6e-2, 1e-4),
-    ],
-)
+    ("torque", "stretching", "deformation", "crank"), [("ramp", "dynamic", 2e-3, 6e-5), ("half sine", "dynamic", 1e-2,
+    1e-4), ("sudden step", "dynamic", 3e-2, 1e-4), ("reversed ramp", "dynamic", 3e-2, 1e-4), ("ramp", "static", 2e-3,
+    6e-5), ("half sine", "static", 2e-3, 1e-4), ("sudden step", "static", 6e-2, 1e-4), ("reversed ramp", "static", 6e-2,
+    1e-4)],
+)  # fmt: skip
 def test_seven_coordinates_from_0_7_to_1_3_of_the_radius(
     torque: str, stretching: str, deformation: float, crank: float
 ) -> None:

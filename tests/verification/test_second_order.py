@@ -35,12 +35,10 @@ GRAVITY = 'effects.weight={type="gravity"}'
 TORQUE = 'effects.motor={type="torque", joint="crank_hinge", table=[[0.0, 1.0]]}'
 SECOND, STATIC = "reduction.second_order=true", "reduction.static_modes=true"
 SCENES = {
-    "slider-crank": lambda: slider_crank(STATIC),
-    "slider-crank with weight": lambda: slider_crank(GRAVITY, STATIC),
-    "four-bar": lambda: four_bar(TORQUE, STATIC),
-    "quick return": lambda: quick_return(),
+    "slider-crank": lambda: slider_crank(STATIC), "slider-crank with weight": lambda: slider_crank(GRAVITY, STATIC),
+    "four-bar": lambda: four_bar(TORQUE, STATIC), "quick return": lambda: quick_return(),
     "quick return with static modes": lambda: quick_return(STATIC),
-}
+}  # fmt: skip
 every_scene = pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 HALVINGS = 5
 
