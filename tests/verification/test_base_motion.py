@@ -67,7 +67,7 @@ SHAKE = 'effects.shake={{type="{}",harmonic={{amplitude=0.005,frequency_hz=23.7}
 SHAKEN = {
     "slide": (SHAKE.format('prescribed_motion",coordinate="x'),),
     "base": (SHAKE.format('base_motion",direction=[1.0,0.0],of="displacement'),
-    'effects.held={type="prescribed_motion",coordinate="x",table=[[0.0,0.0],[1.0,0.0]]}'),
+             'effects.held={type="prescribed_motion",coordinate="x",table=[[0.0,0.0],[1.0,0.0]]}'),
 }  # fmt: skip
 
 

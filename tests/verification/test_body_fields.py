@@ -205,8 +205,7 @@ def test_a_mode_is_the_derivative_of_the_motion(kind: str) -> None:
 
 
 @pytest.mark.parametrize(("number", "at", "message"), [
-    (0, {}, "--mode 0: the reduced model has modes 1 to"),
-    (99, {}, "--mode 99: the reduced model has modes 1 to"),
+    (0, {}, "--mode 0: the reduced model has modes 1 to"), (99, {}, "--mode 99: the reduced model has modes 1 to"),
     (1, {"phi": 0.0}, "--at phi: no such coordinate; those of this model are theta"),
 ])  # fmt: skip
 def test_modes_that_are_not_there(number: int, at: dict, message: str) -> None:

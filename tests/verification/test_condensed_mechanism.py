@@ -77,9 +77,9 @@ def tables_of(small: bool, theta: float) -> dict[str, np.ndarray]:
         (mass,), (stiffness,) = sample.mass, sample.stiffness
         signs = np.sign(np.concatenate([[1.0], sample.load[0, 1:]]))
         return {
-            "eigenvalues": sample.eigenvalues, "mass": signs[:, None] * mass * signs, "stiffness": signs[1:,
-            None] * stiffness * signs[1:], "inertia": sample.inertia.ravel() * signs[1:], "load": sample.load * signs,
-            "answer to the motor": mechanism.by_node(answers)[..., 0],
+            "eigenvalues": sample.eigenvalues, "mass": signs[:, None] * mass * signs,
+            "stiffness": signs[1:, None] * stiffness * signs[1:], "inertia": sample.inertia.ravel() * signs[1:],
+            "load": sample.load * signs, "answer to the motor": mechanism.by_node(answers)[..., 0],
             "answer to the weight": mechanism.by_node(answers)[..., 1],
         }  # fmt: skip
 

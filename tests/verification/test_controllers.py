@@ -398,9 +398,10 @@ def test_a_formula_of_outputs_is_measured_without_slopes() -> None:
 
 
 @pytest.mark.parametrize(
-    "servo", ['measures="angle",joint="crank_hinge",reference={table=[[0.0,0.0],[0.1,8.0]]},gains={p=100.0,d=2.0}',
-    'measures="speed",joint="crank_hinge",reference=80.0,gains={p=0.5,i=10.0}',
-    'measures="angle",joint="elbow",reference=0.3,gains={p=-2.0,d=-0.02}'],
+    "servo",
+    ['measures="angle",joint="crank_hinge",reference={table=[[0.0,0.0],[0.1,8.0]]},gains={p=100.0,d=2.0}',
+     'measures="speed",joint="crank_hinge",reference=80.0,gains={p=0.5,i=10.0}',
+     'measures="angle",joint="elbow",reference=0.3,gains={p=-2.0,d=-0.02}'],
 )  # fmt: skip
 def test_motions_in_joints_are_what_outputs_of_them_are(servo: str) -> None:
     """Forces of controllers know the motion in their joint, and outputs are not read for it: over more than a turn, of
@@ -493,11 +494,11 @@ def measured(asked: str) -> str:
     return FORMULA + ("" if "measures" in asked else 'measures="angle",') + asked
 
 
-@pytest.mark.parametrize(
-    ("entries", "said"), [([SERVO, *ALSO, *(f"controllers.servo.{one}" for one in asked.split(";"))], said) for asked,
-    said in cases(REFUSED)] + [([measured(asked)], said) for asked, said in cases(NO_FORMULAS)] + [([SERVO,
-    *asked.split("&")], said) for asked, said in cases(BESIDE)],
-)  # fmt: skip
+@pytest.mark.parametrize(("entries", "said"), [
+    *(([SERVO, *ALSO, *(f"controllers.servo.{x}" for x in asked.split(";"))], said) for asked, said in cases(REFUSED)),
+    *(([measured(asked)], said) for asked, said in cases(NO_FORMULAS)),
+    *(([SERVO, *asked.split("&")], said) for asked, said in cases(BESIDE)),
+])  # fmt: skip
 def test_what_is_no_controller_is_explained(entries: list[str], said: str) -> None:
     check_said(refusal(scene_from_toml, WHEEL, ".", entries), said, entries[-1])
 

@@ -51,8 +51,10 @@ def test_two_rotors_on_an_elastic_mesh_vibrate_as_their_closed_form(text: str, m
 
 def test_samples_have_their_own_stiffness_and_many_turns() -> None:
     """Over several turns in space, from a start that is a turn away."""
-    own = ("joints.mesh.elastic={stiffness='k'}", "parameters.k={nominal=200.0, unit='N m/rad'}",
-           "simulation.initial={phi={position=7.0}}", "simulation.duration=1.5")  # fmt: skip
+    own = (
+        "joints.mesh.elastic={stiffness='k'}", "parameters.k={nominal=200.0, unit='N m/rad'}",
+        "simulation.initial={phi={position=7.0}}", "simulation.duration=1.5",
+    )  # fmt: skip
     scene = scene_from_toml(ROTORS_IN_SPACE, ".", own)
     times, found = history(MODELS["full"](scene), samples(scene, 2, k=[100.0, 400.0]), 2)
     for number, stiffness in enumerate((100.0, 400.0)):

@@ -167,31 +167,26 @@ DAMPED = 'effects.damping={type="structural_damping", stiffness=1e-4, mass=0.3}'
 #: What is compared as it is: every way in which forces in joints come about, friction that sticks, which Newton's method
 #: jumps over zero with in every other step, and tables in three directions with deformations beside closed poses.
 IN_C = {
-    "plane": lambda: exported.scene_of(
-        "slider_crank", *forces_in("crank_hinge", joint_force=("x", "y")), *forces_in("slider", joint_force=("y",)),
-        'outputs.twice={type="formula", formula="2 * joint_force_slider_y", unit="N"}',
-    ),
-    "two coordinates": lambda: exported.scene_of(
-        "double_pendulum", "reduction.angles=8", "simulation.duration=0.05",
-        *forces_in("shoulder", joint_force=("magnitude",)), *forces_in("elbow", joint_force=("x",)),
-    ),
-    "space": lambda: slider_crank_of_beams(
-        "reduction.modes=4", "reduction.angles=24", 'reduction.interpolation="spline"', "simulation.duration=0.1",
-        "simulation.step=1e-3", DAMPED, *forces_in("crank_hinge", **IN_JOINTS),
-    ),
-    "given motion and friction": lambda: exported.scene_of(
-        "quick_return", "simulation.duration=0.1", *DRIVE, *forces_in("rocker_hinge", joint_force=("x", "magnitude")),
-    ),
+    "plane": lambda: exported.scene_of("slider_crank", *forces_in("crank_hinge", joint_force=("x", "y")),
+                                       *forces_in("slider", joint_force=("y",)),
+                                       'outputs.twice={type="formula", formula="2 * joint_force_slider_y", unit="N"}'),
+    "two coordinates": lambda: exported.scene_of("double_pendulum", "reduction.angles=8", "simulation.duration=0.05",
+                                                 *forces_in("shoulder", joint_force=("magnitude",)),
+                                                 *forces_in("elbow", joint_force=("x",))),
+    "space": lambda: slider_crank_of_beams("reduction.modes=4", "reduction.angles=24",
+                                           'reduction.interpolation="spline"', "simulation.duration=0.1",
+                                           "simulation.step=1e-3", DAMPED, *forces_in("crank_hinge", **IN_JOINTS)),
+    "given motion and friction": lambda: exported.scene_of("quick_return", "simulation.duration=0.1", *DRIVE,
+                                                           *forces_in("rocker_hinge", joint_force=("x", "magnitude"))),
     "elastic mounts beside damping": lambda: exported.scene_of(
         "machine_on_mounts", "simulation.duration=0.05", *forces_in("left_mount", joint_force=("y",)),
-        *forces_in("crank_pin", joint_force=("x",)),
+        *forces_in("crank_pin", joint_force=("x",))
     ),
     "friction that sticks": lambda: scene_from_toml(
         KINDS, ".", ("effects.rubbing.limit=30.0", "effects.rubbing.speed=1e-4", "simulation.step=2.5e-4")
     ),
-    "three coordinates": lambda: exported.scene_of(
-        "platform_3rrr", "reduction.angles=6", "simulation.duration=0.1", *forces_in("first_elbow", joint_force=("x",)),
-    ),
+    "three coordinates": lambda: exported.scene_of("platform_3rrr", "reduction.angles=6", "simulation.duration=0.1",
+                                                   *forces_in("first_elbow", joint_force=("x",))),
 }  # fmt: skip
 
 

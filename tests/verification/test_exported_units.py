@@ -206,20 +206,23 @@ def test_a_parameter_that_is_tuned_within_a_run(loaded) -> None:
     assert loaded.get("Real", OUTPUTS) > before
 
 
-@pytest.mark.parametrize(
-    ("act", "said"), [(lambda u: u.step(0.0, 7e-4), "must be a whole number of steps"), (lambda u: u.step(0.1, 5e-4),
-    "but the model is at 0 s"), (lambda u: u.set("Real", 77, 1.0), "no real number with value reference 77 can be set"),
-    (lambda u: u.set("Real", 0, float("nan")), "is no finite number"), (lambda u: u.set("Boolean", 0, 1),
-    "no Boolean with value reference 0 can be set"), (lambda u: u.set("Whole", 0, 1), "can be set"),
+@pytest.mark.parametrize(("act", "said"), [
+    (lambda u: u.step(0.0, 7e-4), "must be a whole number of steps"),
+    (lambda u: u.step(0.1, 5e-4), "but the model is at 0 s"),
+    (lambda u: u.set("Real", 77, 1.0), "no real number with value reference 77 can be set"),
+    (lambda u: u.set("Real", 0, float("nan")), "is no finite number"),
+    (lambda u: u.set("Boolean", 0, 1), "no Boolean with value reference 0 can be set"),
+    (lambda u: u.set("Whole", 0, 1), "can be set"),
     (lambda u: u.get("Real", 77) is None and 3, "there is no real number with value reference 77"),
     (lambda u: u.get("Whole", 77) is None and 3, "there is no whole number with value reference 77"),
     (lambda u: u.get("Boolean", 77) is None and 3, "there is no Boolean with value reference 77"),
     (lambda u: u.instantiate(token="other") is None and 3, "modelDescription.xml is of another model"),
     (lambda u: u.call("GetFMUstate" if u.version == 2 else "GetFMUState", None), "states are not kept"),
-    (lambda u: u.begin(1.0), "the start time is 1 s"), (lambda u: u.call("GetContinuousStates", None, 3),
-    "3 states; this model has"), (lambda u: u.call("GetEventIndicators", None, 1), "there are no event indicators"),
-    (lambda u: u.call("GetString", None, 1, None, 1), "there are no")],
-)  # fmt: skip
+    (lambda u: u.begin(1.0), "the start time is 1 s"),
+    (lambda u: u.call("GetContinuousStates", None, 3), "3 states; this model has"),
+    (lambda u: u.call("GetEventIndicators", None, 1), "there are no event indicators"),
+    (lambda u: u.call("GetString", None, 1, None, 1), "there are no"),
+])  # fmt: skip
 def test_what_is_refused_is_said(loaded, act, said) -> None:
     assert loaded.begin() == 0
     assert act(loaded) == 3

@@ -89,9 +89,14 @@ def test_second_order_on_a_flexible_mechanism_with_a_turning_line(radius: float)
     kept = 3 if radius < 1.0 else 2  # undamped multipliers: see test_generalised_alpha
     found = [at_end(n_steps, radius) for n_steps in (200, 400, 800)]
     errors = np.array(
-        [[np.abs(np.abs(one) - np.abs(two)).max() if k == 2 else np.abs(one - two).max() for k, (one,
-        two) in enumerate(zip(state, expected))][:kept] for state in found]
-    )  # fmt: skip
+        [
+            [
+                np.abs(np.abs(one) - np.abs(two)).max() if k == 2 else np.abs(one - two).max()
+                for k, (one, two) in enumerate(zip(state, expected))
+            ][:kept]
+            for state in found
+        ]
+    )
     orders = np.log2(errors[:-1] / errors[1:])
     assert np.all(np.abs(orders[-1] - 2.0) < 0.2), (errors, orders)
     # extrapolated, both formulations meet: what is left is of fourth order

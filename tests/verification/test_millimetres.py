@@ -219,12 +219,13 @@ OF_CHOICE = ("tolerance", "run with tolerance")
 CASES = {
     "four bar": Case(FOUR_BAR, "thick", "minimise max(abs(stress))", ("code", "unit", "trade-off", *OF_CHOICE)),
     "four bar, chosen": Case(FOUR_BAR, "thick", "minimise max(abs(stress))", ("code", "unit", "trade-off")),
-    "cart": Case(CART, "drag", "minimise max(abs(x))", (*OF_CHOICE, "trade-off")), "laws": Case(CART + LAWS, "drag",
-    without=tuple({*STEPS} - {"check", "full", "build", "run", "code"})), "rotor": Case(ROTOR, "k",
-    "minimise max(abs(sag))", ("effects", *OF_CHOICE, "trade-off")), "solid": Case(SOLID, "thick",
-    "minimise max(abs(bent))", ("code", "unit", *OF_CHOICE, "trade-off")), "geared": Case(TEETH, without=(*OF_ROM,
-    "effects", "trade-off")), "off": Case(CLAMPED_OFF,
-    without=(*"effects modes pictures code unit sensitivities design fit trade-off".split(), *OF_CHOICE)),
+    "cart": Case(CART, "drag", "minimise max(abs(x))", (*OF_CHOICE, "trade-off")),
+    "laws": Case(CART + LAWS, "drag", without=tuple({*STEPS} - {"check", "full", "build", "run", "code"})),
+    "rotor": Case(ROTOR, "k", "minimise max(abs(sag))", ("effects", *OF_CHOICE, "trade-off")),
+    "solid": Case(SOLID, "thick", "minimise max(abs(bent))", ("code", "unit", *OF_CHOICE, "trade-off")),
+    "geared": Case(TEETH, without=(*OF_ROM, "effects", "trade-off")),
+    "off": Case(CLAMPED_OFF,
+                without=(*"effects modes pictures code unit sensitivities design fit trade-off".split(), *OF_CHOICE)),
 }  # fmt: skip
 THOROUGH = ("four bar, chosen", "solid", "geared", "off")
 ROWS = [

@@ -336,7 +336,7 @@ DENSE = {
     "too few": ([1.0, 1.0, 0.0], [1.0, 2.0, 3.0], 3, 0.0, r": 2 of 3 eigenvalues are finite; the other unknowns have"),
     "below": ([1.0, 1.0, 1.0], [-1.0, 2.0, 3.0], 2, 0.0, " with the shift -0.5: the matrix is not positive"),
     "residual": ([1.0, 1.0, 1.0], [1.0, 2.0, 3.0], 2, 0.1, ": eigenvalue .* residual .*, above 1e-06; the mesh"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", DENSE)

@@ -188,9 +188,9 @@ def of_all(time: float, theta: np.ndarray) -> np.ndarray:
 
 # what acts, the generalised force of it, and where the run begins: position (rad) and velocity (rad/s)
 LOADS = {
-    "nothing": ((), nothing, 0.3, 6.0), "torque": ((MOTOR,), of_motor, 0.0, 0.0), "gravity": ((WEIGHT,), of_weight, 0.3,
-    0.0), "force on the slider": ((PUSH,), of_push, 0.2, 1.0), "force on the crank": ((PULL,), of_pull, 0.0, 0.0),
-    "all": ((MOTOR, WEIGHT, PUSH), of_all, 0.4, 3.0),
+    "nothing": ((), nothing, 0.3, 6.0), "torque": ((MOTOR,), of_motor, 0.0, 0.0),
+    "gravity": ((WEIGHT,), of_weight, 0.3, 0.0), "force on the slider": ((PUSH,), of_push, 0.2, 1.0),
+    "force on the crank": ((PULL,), of_pull, 0.0, 0.0), "all": ((MOTOR, WEIGHT, PUSH), of_all, 0.4, 3.0),
 }  # fmt: skip
 # of the time step, second order: 6e-6 at 0.5 ms at most, a quarter of it at half the step
 RIGID = 1e-5

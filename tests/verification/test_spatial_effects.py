@@ -27,11 +27,12 @@ def bar(duration: float, step: float, *more: str, **initial: float) -> Scene:
     rotation = Rotation.from_matrix(TURN).as_rotvec()
     return assembled(
         f'[bodies.bar]\nmesh = "0.0:{LENGTH}:1"\nelement = "solid3d"\nmaterial = "steel"\nflexible = false\n',
-        table("bodies.bar.placement", origin=(0.0, 0.0, 0.0), rotation=rotation), table("ground.points", anchor=(0.3,
-        0.4, -0.2)), table("joints.drive", type="revolute", connect=["ground:origin", "bar:hinge"], axis=AXIS),
-        table("simulation", duration=duration, step=step, spectral_radius=1.0), table("simulation.initial.theta",
-        **initial), table("outputs.angle", type="angle", joint="drive"), table("outputs.length", type="distance",
-        points=["ground:anchor", "bar:tip"]), *more,
+        table("bodies.bar.placement", origin=(0.0, 0.0, 0.0), rotation=rotation),
+        table("ground.points", anchor=(0.3, 0.4, -0.2)),
+        table("joints.drive", type="revolute", connect=["ground:origin", "bar:hinge"], axis=AXIS),
+        table("simulation", duration=duration, step=step, spectral_radius=1.0),
+        table("simulation.initial.theta", **initial), table("outputs.angle", type="angle", joint="drive"),
+        table("outputs.length", type="distance", points=["ground:anchor", "bar:tip"]), *more,
     )  # fmt: skip
 
 

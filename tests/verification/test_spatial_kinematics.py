@@ -348,9 +348,9 @@ def spindle(kind: str, **entries: object) -> RigidKinematics:
 
 # every joint that lets the bar turn says nothing that the hinge does not: as many redundant constraints as it has
 HARMLESS = {
-    "spherical": (3, {}), "revolute": (5, {"axis": SPINDLE}), "universal": (4, {"axis": SPINDLE,
-    "second_axis": ACROSS}), "cylindrical": (4, {"axis": SPINDLE}), "point_on_line": (2, {"direction": SPINDLE}),
-    "point_on_plane": (1, {"normal": SPINDLE}),
+    "spherical": (3, {}), "revolute": (5, {"axis": SPINDLE}),
+    "universal": (4, {"axis": SPINDLE, "second_axis": ACROSS}), "cylindrical": (4, {"axis": SPINDLE}),
+    "point_on_line": (2, {"direction": SPINDLE}), "point_on_plane": (1, {"normal": SPINDLE}),
 }  # fmt: skip
 
 
@@ -422,13 +422,15 @@ def test_a_range_that_does_not_begin_at_zero() -> None:
 
 # a rod with its ends on the x and the y axis, of two halves, and a crank from the origin to its middle
 TRAMMEL = (
-    solid("crank", 0.5), solid("near", 0.5, [1.0, 0.0, 0.0], [0.0, 0.0, np.pi]), solid("far", 0.5, [0.5, 0.0, 0.0],
-    [0.0, 0.0, np.pi]), table("joints.drive", type="revolute", connect=["ground:origin", "crank:hinge"], axis=[0.0, 0.0,
-    1.0]), table("joints.middle", type="revolute", connect=["near:tip", "crank:tip"], axis=[0.0, 0.0, 1.0]),
-    table("joints.weld", type="fixed", connect=["near:tip", "far:hinge"]), table("joints.along_x", type="point_on_line",
-    connect=["ground:origin", "near:hinge"], direction=[1.0, 0.0, 0.0]), table("joints.along_y", type="point_on_line",
-    connect=["ground:origin", "far:tip"], direction=[0.0, 1.0, 0.0]),
-)  # fmt: skip
+    solid("crank", 0.5),
+    solid("near", 0.5, [1.0, 0.0, 0.0], [0.0, 0.0, np.pi]),
+    solid("far", 0.5, [0.5, 0.0, 0.0], [0.0, 0.0, np.pi]),
+    table("joints.drive", type="revolute", connect=["ground:origin", "crank:hinge"], axis=[0.0, 0.0, 1.0]),
+    table("joints.middle", type="revolute", connect=["near:tip", "crank:tip"], axis=[0.0, 0.0, 1.0]),
+    table("joints.weld", type="fixed", connect=["near:tip", "far:hinge"]),
+    table("joints.along_x", type="point_on_line", connect=["ground:origin", "near:hinge"], direction=[1.0, 0.0, 0.0]),
+    table("joints.along_y", type="point_on_line", connect=["ground:origin", "far:tip"], direction=[0.0, 1.0, 0.0]),
+)
 
 
 def test_a_trammel() -> None:

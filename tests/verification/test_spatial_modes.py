@@ -236,8 +236,10 @@ WEIGHT = (
     "reduction.static_modes=false", "reduction.inertia_modes=false",
 )  # fmt: skip
 # an arc around the crossing with angles so close that both modes form a cluster at many of them
-ARC = ("coordinates.theta.range=[1.5,1.9]", "coordinates.theta.periodic=false", "reduction.angles=21",
-       "simulation.initial.theta={position=1.55,velocity=3.0}")  # fmt: skip
+ARC = (
+    "coordinates.theta.range=[1.5,1.9]", "coordinates.theta.periodic=false", "reduction.angles=21",
+    "simulation.initial.theta={position=1.55,velocity=3.0}",
+)  # fmt: skip
 
 
 #: Eigenvalues within such a share of each other are taken together, as the build itself does.

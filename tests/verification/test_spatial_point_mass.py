@@ -45,10 +45,12 @@ def test_a_pendulum_with_a_bob_swings_with_the_period_of_a_compound_one() -> Non
     torque = (0.5 * BAR_MASS + MASS) * LENGTH * 9.80665
     period = 2 * np.pi * np.sqrt(about_the_hinge() / torque) * (1 + swing**2 / 16)
     scene = pendulum(
-        (0.0, 0.0, 0.0), table("effects.weight", type="gravity", direction=(0.0, -1.0, 0.0)), table("simulation",
-        duration=period, step=period / 400, spectral_radius=1.0), table("simulation.initial.theta",
-        position=-0.5 * np.pi + swing), table("outputs.angle", type="angle", joint="drive"),
-    )  # fmt: skip
+        (0.0, 0.0, 0.0),
+        table("effects.weight", type="gravity", direction=(0.0, -1.0, 0.0)),
+        table("simulation", duration=period, step=period / 400, spectral_radius=1.0),
+        table("simulation.initial.theta", position=-0.5 * np.pi + swing),
+        table("outputs.angle", type="angle", joint="drive"),
+    )
     trajectory = motion("full", scene)
     angle = trajectory.outputs["angle"] + 0.5 * np.pi
     # the trapezoidal rule lengthens the period by (2 pi / 400)^2 / 12 = 2e-5: it is back to 1 - (1e-4)^2

@@ -157,9 +157,11 @@ def test_the_frequencies_of_a_rotating_beam_in_space(stretching: str) -> None:
 def test_the_frequencies_of_a_rotating_bar_of_solids(stretching: str) -> None:
     mesh = cantilevers.bar_mesh()
     model = built(
-        cantilevers.cantilever(cantilevers.BAR, MODELS[stretching] + REDUCTION, cantilevers.IN_SPACE,
-        "reduction.modes=8"), {"beam": mesh},
-    )  # fmt: skip
+        cantilevers.cantilever(
+            cantilevers.BAR, MODELS[stretching] + REDUCTION, cantilevers.IN_SPACE, "reduction.modes=8"
+        ),
+        {"beam": mesh},
+    )
     for spin, published in SPINS:
         # found within 4e-3 at the last spin, 1e-3 at others; with cells twice as long it is 5e-3 more
         assert frequencies(model, spin)[0] == pytest.approx(published, rel=6e-3)

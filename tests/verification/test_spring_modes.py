@@ -176,9 +176,10 @@ def test_a_beam_on_springs_at_both_ends(stiffness: float) -> None:
         c, s, ch, sh = np.cos(beta), np.sin(beta), np.cosh(beta), np.sinh(beta)
         # w = A cos + B sin + C cosh + D sinh of beta x: w(0) = 0, EI w'' = c w' at 0, w'' = 0 and EI w''' = k w at 1
         rows = [
-            [1.0, 0.0, 1.0, 0.0], [-bending * beta**2, -couple * beta, bending * beta**2, -couple * beta], [-c, -s, ch,
-            sh], [bending * beta**3 * s - stiffness * c, -bending * beta**3 * c - stiffness * s,
-            bending * beta**3 * sh - stiffness * ch, bending * beta**3 * ch - stiffness * sh],
+            [1.0, 0.0, 1.0, 0.0], [-bending * beta**2, -couple * beta, bending * beta**2, -couple * beta],
+            [-c, -s, ch, sh],
+            [bending * beta**3 * s - stiffness * c, -bending * beta**3 * c - stiffness * s,
+             bending * beta**3 * sh - stiffness * ch, bending * beta**3 * ch - stiffness * sh],
         ]  # fmt: skip
         sizes = np.array([1.0, bending * beta, ch, bending * beta**3 * ch])
         return float(np.linalg.det(np.array(rows) / sizes[:, None]))

@@ -81,8 +81,10 @@ def bar(kind: str) -> SolidMesh:
 def test_a_cantilever_of_cells_has_the_stresses_of_beam_theory(element: str, kind: str) -> None:
     """Bending F (L - x) y / I: at the root and half-way; all models, with the mesh's own error."""
     middle = [0.5 * LENGTH, 0.5 * HEIGHT] + [0.0] * (element == "solid3d")
-    outputs = (asked("root", "von_mises", 'group="left"'), asked("pulled", "principal_max"),
-               asked("pressed", "principal_min"), asked("middle", "principal_max", f"at={middle}"))  # fmt: skip
+    outputs = (
+        asked("root", "von_mises", 'group="left"'), asked("pulled", "principal_max"), asked("pressed", "principal_min"),
+        asked("middle", "principal_max", f"at={middle}"),
+    )  # fmt: skip
     root = 6.0 * FORCE * LENGTH / (WIDTH * HEIGHT**2)
     expected = {"root": root, "pulled": root, "pressed": -root, "middle": 0.5 * root}
     for name, found in runs(held(element, *outputs), {"bar": bar(kind)}).items():
@@ -219,9 +221,10 @@ def largest(found: Trajectory, name: str) -> float:
 
 def test_largest_stresses_over_a_run_are_those_of_the_mesh() -> None:
     """Slider-crank of plane-stress elements under its torque: the whole bodies, a group, over the whole run."""
-    outputs = (asked("crank_mises", "von_mises", body="crank"), asked("rod_mises", "von_mises", body="rod"),
-               asked("rod_pressed", "principal_min", body="rod"),
-               asked("hinge", "von_mises", 'group="left"', body="crank"))  # fmt: skip
+    outputs = (
+        asked("crank_mises", "von_mises", body="crank"), asked("rod_mises", "von_mises", body="rod"),
+        asked("rod_pressed", "principal_min", body="rod"), asked("hinge", "von_mises", 'group="left"', body="crank"),
+    )  # fmt: skip
     scene = solid_slider_crank(*OVER_A_RUN, *outputs)
     found = runs(scene, solid_meshes(), trajectory)
     for name in ("crank_mises", "rod_mises", "rod_pressed", "hinge"):

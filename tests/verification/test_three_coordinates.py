@@ -73,10 +73,11 @@ def test_a_chain_over_whole_turns_is_as_its_mesh_by_default() -> None:
 def test_interpolation_over_three_coordinates_is_of_order_four() -> None:
     """A chain that swings; the error falls with the fourth power of the distances of samples, until that of the modes
     is left."""
-    ranges = [entry for k, start in enumerate((-0.6, 0.3, 0.2)) for entry in (
-        f"coordinates.theta{k}.range=[-1.6,1.6]", f"coordinates.theta{k}.periodic=false",
-        f"simulation.initial.theta{k}.position={start}",
-    )]  # fmt: skip
+    ranges = [
+        entry for k, start in enumerate((-0.6, 0.3, 0.2))
+        for entry in (f"coordinates.theta{k}.range=[-1.6,1.6]", f"coordinates.theta{k}.periodic=false",
+                      f"simulation.initial.theta{k}.position={start}")
+    ]  # fmt: skip
     common = (*ranges, "reduction.modes=6", "simulation.duration=0.2", "simulation.step=5e-4")
     scene = chain(True, *common)
     _, exact = history(full_model(scene), samples(scene, 1), 1)

@@ -28,8 +28,8 @@ OWN = ((0.0, 0.0), (0.25, 0.5), (1.0, 0.5))
 # none rises faster, or turns more sharply, than the scene's own, by 2 N m/s
 LOADS = {
     "own": OWN, "half sine": tuple((DURATION * x, 0.31 * float(np.sin(np.pi * x))) for x in np.linspace(0.0, 1.0, 101)),
-    "two ramps": ((0.0, 0.0), (0.15, 0.3), (0.3, 0.3), (0.4, 0.5), (0.5, 0.5)), "reversed": ((0.0, 0.0), (0.2, 0.24),
-    (0.5, 0.0)), "larger": ((0.0, 0.0), (0.35, 0.7), (0.5, 0.7)),
+    "two ramps": ((0.0, 0.0), (0.15, 0.3), (0.3, 0.3), (0.4, 0.5), (0.5, 0.5)),
+    "reversed": ((0.0, 0.0), (0.2, 0.24), (0.5, 0.0)), "larger": ((0.0, 0.0), (0.35, 0.7), (0.5, 0.7)),
 }  # fmt: skip
 QUICK = ((0.0, 0.0), (0.1, 0.5), (1.0, 0.5))
 
