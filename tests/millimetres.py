@@ -19,7 +19,7 @@ from pydantic import BaseModel
 from pgmp_petsc.base.units import MM, QUANTITY, UNITS, measure, times
 from pgmp_petsc.joints.coupled import Cam
 from pgmp_petsc.results.numbers import _PREFIXED_UNITS, _PREFIXES
-from pgmp_petsc.scene.fields import Unit, _notes
+from pgmp_petsc.scene.fields import Unit, notes_on
 from pgmp_petsc.scene.loading import load_scene
 from pgmp_petsc.scene.uses import measured_uses, uses_of
 
@@ -95,7 +95,7 @@ def _converted(table: BaseModel, entry: str, units: dict[str, str]) -> dict[str,
     found = {}
     for name, field in type(table).model_fields.items():
         value, own = getattr(table, name), f"{entry}.{name}".removeprefix(".")
-        notes = [note for note in (*field.metadata, *_notes(field.annotation)) if isinstance(note, Unit)]
+        notes = notes_on(field, Unit)
         if value is not None and name in table.model_fields_set:
             found[name] = _value(value, own, notes[-1].on_turning if notes else "1", units)
     return found | dict(table.__pydantic_extra__ or {})

@@ -9,6 +9,7 @@ multipliers: theirs are those that balance what the bodies behind a joint ask of
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -25,7 +26,6 @@ from pgmp_petsc.full.node_constraints import ConstraintParts
 from pgmp_petsc.full.part_reference import Reference
 from pgmp_petsc.full.parts import contiguous
 from pgmp_petsc.full.problem import FullEquations
-from pgmp_petsc.full.rank_solver import Layout
 from pgmp_petsc.full.systems import FullBatch, Gains
 from pgmp_petsc.lanes.lane_items import SampleBlocks, aligned
 from pgmp_petsc.lanes.vectors import aligned_zeros
@@ -36,18 +36,6 @@ from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.stepping.second_order_system import Energies, State
 
 ROUND_OFF = 1e-9  # of the slopes of constraints, over the largest of a row
-
-
-class _Slopes(Layout):
-    """Every slope of a constraint in a place of its own."""
-
-    def unknowns(self, dofs: np.ndarray) -> np.ndarray:
-        """Return the unknowns as they are."""
-        return dofs
-
-    def positions(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Return the places of entries."""
-        return np.arange(len(rows))
 
 
 class Held(NamedTuple):
@@ -85,12 +73,12 @@ class JointEquations:
         unknowns = self._unknowns = equations.unknowns
         self.equations, self._blocks = equations, blocks
         problem, d = equations.problem, unknowns.dimension
-        q = equations.start()[0]
+        q = equations.start[0]
         self.motions = motions_of(unknowns)
         dofs = problem.masses.dofs[:, 0] // 12 if d == 3 else problem.lumps.dofs // 3
         self._tree = tree_of(unknowns, self.motions, q, dofs)
         self.n = int(self._tree.firsts[:, 4].max())
-        self._set = equations.every_constraint
+        self._set = equations.constraints
         directors = self._directors() if d == 3 else np.zeros(0, dtype=int)
         self._in_tree = held_by(unknowns.mechanism, self.motions)
         held = np.flatnonzero(~self._in_tree)
@@ -105,10 +93,10 @@ class JointEquations:
                 self._take(kept)
         self.n_statements = self._chosen.size
         self.n_left = self.n_statements + len(self._driven)
-        self.held = self._by_tree()
 
-    def _by_tree(self) -> Held:
-        """Return what the tree's joints hold, and its driven coordinates."""
+    @cached_property
+    def held(self) -> Held:
+        """What the tree's joints hold, and its driven coordinates."""
         unknowns, order = self._unknowns, {motion.number: k for k, motion in enumerate(self.motions)}
         mechanism = unknowns.mechanism
         parts = [(i, part) for i, holder in enumerate(mechanism.holders) for part in holder.holding(moving=True)]
@@ -173,7 +161,7 @@ class JointEquations:
         equations, tree, d = self.equations, self._tree, self._unknowns.dimension
         problem, n_dofs, lanes = equations.problem, equations.n_dofs, self._blocks.n_lanes
         parts = ConstraintParts(self._set, chosen, equations.size)
-        bound = parts.placed(_Slopes(), np.ones(chosen.size, dtype=bool))
+        bound = parts.placed(equations.layout, np.ones(chosen.size, dtype=bool))
         curved, pairs = bound.rows.curved, bound.pairs
         bound = bound._replace(
             rows=bound.rows._replace(curved=(np.zeros_like(curved[0]), *curved[1:])),
@@ -261,11 +249,11 @@ class JointEquations:
         driven coordinates have (n_driven, n)."""
         return np.concatenate([rows[self._chosen], driven_rows])
 
-    def driven_rows(self, n_constraints: int) -> np.ndarray:
-        """Return the rows of `drives` among those of as many constraints."""
+    @property
+    def driven_rows(self) -> np.ndarray:
+        """The numbers of the motions of `drives`."""
         n_own = self._set.n_constraints - self._set.n_driven
-        of_statements = self._chosen[self._chosen >= n_own] - n_own
-        return n_constraints - self._set.n_driven + np.concatenate([of_statements, self._driven[:, 1]])
+        return np.concatenate([self._chosen[self._chosen >= n_own] - n_own, self._driven[:, 1]])
 
     @property
     def drives(self) -> np.ndarray:
@@ -347,9 +335,9 @@ class JointBatch(FullBatch):
 
     def _in_unknowns(self, state: State) -> State:
         """Return a state of the same samples in their unknowns, with the multipliers of driven angles alone."""
-        own, full = self.own, self.full
-        forces = np.zeros((*state.q.shape[:-2], full.n_constraints, state.q.shape[-1]))
-        forces[..., own.driven_rows(full.n_constraints), :] = state.multipliers[..., own.drives, :]
+        own = self.own
+        forces = np.zeros((*state.q.shape[:-2], own.set.n_driven, state.q.shape[-1]))
+        forces[..., own.driven_rows, :] = state.multipliers[..., own.drives, :]
         return State(*own.mapped(state.q, state.v, state.a), forces, state.turns, state.beside)
 
     def multipliers_of_joints(self, time: float, state: State) -> np.ndarray:

@@ -138,9 +138,8 @@ class FullSystem(SecondOrderSystem):
     @cached_property
     def _begun(self) -> State:
         """The start: two runs of a system begin with it, the second for the error of the first one's step."""
-        theta, rates = self._equations.initial
         if self.settled is None:
-            return self.consistent(*(self.built_in or self._equations.place(theta, rates)), theta)
+            return self.consistent(*(self.built_in or self._equations.start), self._equations.initial[0])
         q = self.settled.unknowns
         state = self.consistent(q, np.zeros_like(q), self.settled.theta.T)
         return self.settled.at_rest(state, len(self._sources.motions))
@@ -249,7 +248,8 @@ class FullBatch(FullSystem):
 
     Arrays have shape (n_blocks, n, n_lanes); see `SampleBlocks`. Parameter values of the samples have shape
     (n_samples,), `initial` positions (rad) and velocities (rad/s) of the rigid coordinates shape (n_theta,) each, and
-    `motions` are prescribed ones by the number of their coordinate; for `settled` and `built_in` see `FullSystem`.
+    `motions` are prescribed ones by the number of their coordinate; for `settled` and `built_in` see `FullSystem`. What
+    is to be stepped `in_joints`, by a `JointBatch`, has no matrix of its own.
     """
 
     instants_at_once = 256
@@ -265,9 +265,10 @@ class FullBatch(FullSystem):
         motions: Mapping[int, Motion] = MappingProxyType({}),
         settled: Settled | None = None,
         built_in: tuple[np.ndarray, np.ndarray] | None = None,
+        in_joints: bool = False,
     ) -> None:
         blocks = self._blocks = SampleBlocks.of(n_samples)
-        equations = FullEquations(kinematics, effects, values, blocks, initial)
+        equations = FullEquations(kinematics, effects, values, blocks, initial, in_joints=in_joints)
         sources = equations.sources(effects, tuple(motions.values()))
         super().__init__(equations, alone(), n_samples, sources, settled, built_in)
         self.n_events = len(equations.edges)

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from pgmp_petsc.base.units import SI, UNITS, dimension_of, times
-from pgmp_petsc.scene.fields import AnyScene, Unit, _notes, is_number
+from pgmp_petsc.scene.fields import AnyScene, Unit, is_number, notes_on
 from pgmp_petsc.scene.units import label_of
 from pgmp_petsc.scene.uses import measured_uses, uses_of
 
@@ -150,7 +150,7 @@ def _converted(
         value, own = getattr(table, name), f"{entry}.{name}".removeprefix(".")
         if value is None or own == "parameters" or not (every or name in table.model_fields_set):
             continue
-        notes = [note for note in (*field.metadata, *_notes(field.annotation)) if isinstance(note, Unit)]
+        notes = notes_on(field, Unit)
         unit = notes[-1].on_turning if notes else "1"
 
         def of(value: Any, own: str, unit: str) -> Any:

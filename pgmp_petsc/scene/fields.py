@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Annotated, Any, Literal, TypeGuard, get_args
+from typing import Annotated, Any, Literal, TypeGuard, TypeVar, get_args
 
 from pydantic import (
     AfterValidator,
@@ -26,6 +26,7 @@ from pydantic import (
     ValidationInfo,
     WithJsonSchema,
 )
+from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from pgmp_petsc.base.errors import visible
@@ -114,8 +115,18 @@ class Quantified:
     sign: Sign
 
 
-def _notes(hint: Any) -> list[Any]:
-    return [*getattr(hint, "__metadata__", ()), *(note for part in get_args(hint) for note in _notes(part))]
+Note = TypeVar("Note")
+
+
+def notes_on(field: FieldInfo, kind: type[Note]) -> list[Note]:
+    """Return the notes of a kind on a field of a table and on its types, from the outside inwards."""
+
+    def within(hint: Any) -> Iterator[Any]:
+        yield from getattr(hint, "__metadata__", ())
+        for part in get_args(hint):
+            yield from within(part)
+
+    return [note for note in (*field.metadata, *within(field.annotation)) if isinstance(note, kind)]
 
 
 @cache
@@ -126,8 +137,7 @@ def quantities_of(table: type[Table]) -> dict[str, tuple[Sign, Unit]]:
     """
     found = {}
     for name, field in table.model_fields.items():
-        notes = [*field.metadata, *_notes(field.annotation)]
-        signs, units = ([note for note in notes if isinstance(note, kind)] for kind in (Quantified, Unit))
+        signs, units = notes_on(field, Quantified), notes_on(field, Unit)
         if signs and not units:
             raise ValueError(f'{name} may name a parameter, and has no unit: write Annotated[..., Unit("N m")]')
         if signs:

@@ -63,6 +63,9 @@ class Header(Table):
     )
 
 
+OF_RUNS = ("simulation", "reference", "ensemble")  # tables that no mechanism is made of
+
+
 class Scene(Table):
     """A validated scene. Names that entries refer to exist and are of the right kind; see `load_scene`."""
 
@@ -119,6 +122,11 @@ class Scene(Table):
         rows = [(name, one.current, one.unit, drawn[name], one.description) for name, one in self.parameters.items()]
         head = ("parameter", "value", "unit", "distribution", "")
         return card(f"pgmp scene '{self.name}'", about, [Grid(head, rows)], self.remarks)
+
+    def moves_as(self, other: Scene) -> bool:
+        """Return whether another scene differs in what runs are asked for alone: its mechanism moves as this one's."""
+        tables = (name for name in Scene.model_fields if name not in OF_RUNS)
+        return self is other or all(getattr(self, name) == getattr(other, name) for name in tables)
 
     def with_remarks(self, remarks: tuple[Remark, ...]) -> Self:
         """Return the scene with what is doubtful about it."""

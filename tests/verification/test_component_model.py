@@ -127,14 +127,15 @@ def test_frames_are_mean_axes(make) -> None:
 
 @pytest.mark.parametrize("effects", [(), STIFFENING], ids=["linear", "stiffened"])
 @pytest.mark.parametrize("make", [beams, space])
-def test_forces_are_those_of_lagrange(make, effects: tuple[str, ...]) -> None:
+def test_forces_are_those_of_lagrange(make, effects: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     """d/dt dT/dv - dT/dq + dU/dq by differences of the energies, in a deformed state with all velocities."""
-    system = (model := models(make, *effects)[1]).batch(samples(model.scene, 1), 1).full
+    monkeypatch.setattr(ComponentModel, "in_joints", False)
+    system = (model := models(make, *effects)[1]).batch(samples(model.scene, 1), 1)
     problem, d = system._equations.problem, system._equations.problem.dimension
     floating, n, n_pose = problem.floating, system.n_dofs, 3 if d == 2 else 12
     rng, dofs = np.random.default_rng(1), floating.dofs
     bodies = [floating.dofs[first:last] for first, last in zip(floating.firsts[:-1, 0], floating.firsts[1:, 0])]
-    q, v, a = system._equations.start()[0], np.zeros(n), np.zeros(n)
+    q, v, a = system._equations.start[0], np.zeros(n), np.zeros(n)
     for own in bodies:
         q[own[n_pose:]] += 1e-3 * rng.standard_normal(own.size - n_pose)
         v[own], a[own] = rng.standard_normal((2, own.size))
@@ -205,10 +206,11 @@ def test_a_sample_is_the_same_alone_and_in_a_batch() -> None:
 
 
 @every_kind
-def test_modal_damping_takes_what_a_ratio_says(make) -> None:
+def test_modal_damping_takes_what_a_ratio_says(make, monkeypatch: pytest.MonkeyPatch) -> None:
     """Power of the first amplitude alone, ``2 zeta omega m x'^2``, and none where the frame alone moves."""
     model = models(make, 'effects.inner={type="structural_damping", bodies=["rod"], ratios=[0.03]}')[1]
-    system = model.batch(samples(model.scene, 1), 1).full  # whose states are those of all frames
+    monkeypatch.setattr(ComponentModel, "in_joints", False)  # states are those of all frames
+    system = model.batch(samples(model.scene, 1), 1)
     state, unknowns = system.start(), system._equations.unknowns
     body = next(body for body in unknowns.bodies if body.name == "rod")
     mass, stiffness = body.blocks("floating")[0].modal(model.scene.nominal)

@@ -2,7 +2,7 @@
 
 Solids are shown by their surfaces, with von Mises' stress in colour.
 
-    python -m pgmp_petsc.figures.gallery RUNS IMAGES
+    python -m scripts.portraits RUNS IMAGES
 
 Read from the directory RUNS: ``<scene>.h5``, trajectories with frames, which `scripts/gallery` leaves there. Written to
 IMAGES: ``gallery_<scene>.png``.
@@ -190,7 +190,7 @@ def _draw_curve(axes: Axes, run: Trajectory, output: str, instants: np.ndarray, 
 def main() -> int:
     """Draw the gallery on the command line."""
     if len(sys.argv) != 3:
-        print("usage: python -m pgmp_petsc.figures.gallery RUNS IMAGES", file=sys.stderr)
+        print("usage: python -m scripts.portraits RUNS IMAGES", file=sys.stderr)
         return 2
     return guarded(lambda: print(*draw(*map(Path, sys.argv[1:])), sep="\n"))
 
