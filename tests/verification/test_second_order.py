@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import scipy.linalg
+from alike import orders
 from frames import pair_products, to_inertial
 from mpi4py import MPI
 from runs import quick_return, rom_of
@@ -76,11 +77,6 @@ def curved(scene: Scene, theta: float, n_modes: int) -> Curved:
         chi = curvature.solve(modes, shape, curvature.answered_loads(modes, static, patterns)).chi
     nonlinear = StaticEquilibrium(kinematics, scene.nominal, theta)
     return Curved(nonlinear, modes, shape, chi, patterns)
-
-
-def orders(errors: list[float]) -> np.ndarray:
-    """Return the observed orders of errors at sizes that are halved each time."""
-    return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
 
 
 @every_scene

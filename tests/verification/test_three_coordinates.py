@@ -82,7 +82,7 @@ def test_interpolation_over_three_coordinates_is_of_order_four() -> None:
     scene = chain(True, *common)
     _, exact = history(full_model(scene), samples(scene, 1), 1)
     errors = []
-    for angles in (5, 9):
+    for angles in (6, 11):
         _, found = history(reduced_model(chain(True, *common, f"reduction.angles={angles}")), samples(scene, 1), 1)
         errors.append(np.abs(found["theta2"] - exact["theta2"]).max())
     assert errors[1] < 1e-4
