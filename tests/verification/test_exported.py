@@ -164,8 +164,8 @@ def forces_in(joint: str, **components: tuple[str, ...]) -> list[str]:
 
 DRIVE = [f'outputs.{kind}={{type="{kind}", coordinate="theta"}}' for kind in ("drive_torque", "power")]
 DAMPED = 'effects.damping={type="structural_damping", stiffness=1e-4, mass=0.3}'
-#: What is compared as it is: every way in which forces in joints come about, friction that sticks, which Newton's method
-#: jumps over zero with in every other step, and tables in three directions with deformations beside closed poses.
+#: What is compared as it is: every way in which forces in joints come about, friction that sticks, with which Newton's
+#: method jumps over zero in every other step, and tables in three directions with deformations beside closed poses.
 IN_C = {
     "plane": lambda: exported.scene_of("slider_crank", *forces_in("crank_hinge", joint_force=("x", "y")),
                                        *forces_in("slider", joint_force=("y",)),
