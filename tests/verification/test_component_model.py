@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from alike import assert_samples_are_those_alone
 from runs import (
     assert_close,
     components_model,
@@ -15,7 +16,7 @@ from runs import (
     paper_scene,
     samples,
     trajectory,
-)  # fmt: skip
+)
 from solid_scenes import GRAVITY, solid_meshes, solid_slider_crank
 from spatial_beams import slider_crank_of_beams
 
@@ -103,12 +104,7 @@ def test_stresses_beside_a_random_field_take_few_fields() -> None:
 
 def test_it_converges_with_the_modes() -> None:
     """From a sudden start a vibration that modes alone have; the frames' static answers do for slow loads."""
-    sudden = (
-        "effects={}",
-        "simulation.initial={theta={velocity=2.0}}",
-        "simulation.duration=0.01",
-        "simulation.step=1e-5",
-    )
+    sudden = ("effects={}", "simulation={initial={theta={velocity=2.0}},duration=0.01,step=1e-5}")
     runs = (outputs_of(beams, *sudden, f"reduction.modes={n}") for n in (1, 2, 4, 9))
     errors = [largest_errors(*both)["slider_deformation"] for both in runs]
     # what four modes lack is the vibration along the bars, which the steps resolve
@@ -231,12 +227,7 @@ def test_energy_is_kept_over_a_hundred_turns() -> None:
 
 def test_a_sample_is_the_same_alone_and_in_a_batch() -> None:
     model = models(beams, "simulation.duration=0.02")[1]
-    radii = np.linspace(4.5e-3, 6.5e-3, 5)
-    _, together = history(model, samples(model.scene, 5, r1=radii), 5)
-    for k in (0, 3):
-        _, alone = history(model, samples(model.scene, 1, r1=radii[k]), 1)
-        for name, values in alone.items():
-            np.testing.assert_array_equal(together[name][:, k], values[:, 0])
+    assert_samples_are_those_alone(model, (0, 3), r1=np.linspace(4.5e-3, 6.5e-3, 5))
 
 
 @every_kind

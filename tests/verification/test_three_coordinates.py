@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from alike import assert_samples_are_those_alone
 from conftest import ROOT
 from runs import assert_close, full_model, history, largest_errors, reduced_model, samples, trajectory
 from test_many_coordinates import chain
@@ -29,13 +30,8 @@ def test_a_closed_loop_moves_as_its_mesh(robot: ReducedModel) -> None:
 
 def test_samples_of_a_batch_are_those_alone(robot: ReducedModel) -> None:
     """Bit for bit, whatever cells the others are in."""
-    scene = platform("simulation.duration=0.05")
-    model, values = ReducedModel(scene, robot.rom, robot.kinematics), {"radius": np.linspace(2.5e-3, 3.5e-3, 11)}
-    _, together = history(model, values, 11)
-    for k in (0, 4, 10):
-        _, alone = history(model, {"radius": values["radius"][[k]]}, 1)
-        for name, one in alone.items():
-            np.testing.assert_array_equal(one[:, 0], together[name][:, k])
+    model = ReducedModel(platform("simulation.duration=0.05"), robot.rom, robot.kinematics)
+    assert_samples_are_those_alone(model, (0, 4, 10), radius=np.linspace(2.5e-3, 3.5e-3, 11))
 
 
 @pytest.mark.parametrize(("name", "share"), [("scara", 5e-3), ("delta_robot", 1e-3)])
@@ -103,12 +99,9 @@ def test_interpolation_over_three_coordinates_is_of_order_four() -> None:
     """A chain that swings; the error falls with the fourth power of the distances of samples, until that of the modes
     is left."""
     ranges = [
-        entry
-        for k, start in enumerate((-0.6, 0.3, 0.2))
-        for entry in (
-            f"coordinates.theta{k}.range=[-1.6,1.6]", f"coordinates.theta{k}.periodic=false",
-            f"simulation.initial.theta{k}.position={start}",
-        )
+        entry for k, start in enumerate((-0.6, 0.3, 0.2))
+        for entry in (f"coordinates.theta{k}.range=[-1.6,1.6]", f"coordinates.theta{k}.periodic=false",
+                      f"simulation.initial.theta{k}.position={start}")
     ]  # fmt: skip
     common = (*ranges, "reduction.modes=6", "simulation.duration=0.2", "simulation.step=5e-4")
     scene = chain(True, *common)
