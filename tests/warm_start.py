@@ -10,6 +10,7 @@ command does is left for the next. Under mpirun a small stand-in waits for it an
 
 import array
 import atexit
+import ctypes
 import gc
 import json
 import os
@@ -198,7 +199,8 @@ def _leave() -> None:
 
 
 def _preload() -> None:
-    """Import the package's modules, which start neither MPI nor PETSc when they are imported, and what is slow to."""
+    """Import the package's modules, which start neither MPI nor PETSc when they are imported, and what is slow to; load
+    the libraries of MPI and PETSc, which a process starts."""
     import importlib
     import pkgutil
 
@@ -208,6 +210,10 @@ def _preload() -> None:
     modules = (module.name for module in pkgutil.walk_packages(pgmp_petsc.__path__, "pgmp_petsc."))
     for name in (*slow, "scipy.stats", *modules):
         importlib.import_module(name)
+    for package, name in (("mpi4py", "MPI"), ("petsc4py", "PETSc"), ("slepc4py", "SLEPc")):
+        found = list(Path(importlib.import_module(package).__file__).parent.rglob(f"{name}.*.so"))
+        if len(found) == 1:  # of several a process chooses
+            ctypes.CDLL(str(found[0]))
     assert not {"mpi4py.MPI", "petsc4py.PETSc"} & set(sys.modules), "a module starts MPI or PETSc when it is imported"
 
 
@@ -217,10 +223,8 @@ def _server() -> tuple[str, Mapping[str, str]]:
     from conftest import MPI_ENVIRONMENT, ROOT
 
     folder = Path(tempfile.mkdtemp(prefix="pgmp_warm_"))
-    path, environment = (
-        str(folder / "socket"),
-        (BEFORE_TESTS or os.environ) | MPI_ENVIRONMENT | {"PYTHONPATH": str(ROOT)},
-    )
+    path = str(folder / "socket")
+    environment = dict(BEFORE_TESTS or os.environ) | MPI_ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
     words = [sys.executable, __file__, path]
     process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
     assert process.stdout.readline(), "the server of warm starts did not start"
