@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.full.batched_ldl import Pattern
-from pgmp_petsc.full.joint_kernel import Joints, carry_in_joints, correct_in_joints, unknowns_of
+from pgmp_petsc.full.joint_kernel import Joints, carry_in_joints, correct_in_joints, count_turns_in_joints, unknowns_of
 from pgmp_petsc.full.joint_map import N_TURNED, Room
 from pgmp_petsc.full.joint_matrix import N_SPARE, column_size
 from pgmp_petsc.full.joint_tree import BALL, BY_AXES, FREE, coordinates_of, held_by, motions_of, tree_of
@@ -32,7 +32,7 @@ from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet, null_space
 from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.statement_rows import StatementRows
-from pgmp_petsc.mechanism.statements import Statement
+from pgmp_petsc.mechanism.statements import ANGLE, Statement
 from pgmp_petsc.stepping.second_order_system import Energies, State
 
 ROUND_OFF = 1e-9  # of the slopes of constraints, over the largest of a row
@@ -83,6 +83,7 @@ class JointEquations:
         self._in_tree = held_by(unknowns.mechanism, self.motions)
         held = np.flatnonzero(~self._in_tree)
         n_own = self._set.n_constraints - self._set.n_driven
+        self._of_tree = self._coordinates_of_tree()
         self._driven = self._driven_coordinates()
         drives = [n_own + k for k in range(self._set.n_driven) if k not in self._driven[:, 1]]
         every = np.sort(np.concatenate([held, directors, drives]).astype(int))
@@ -144,16 +145,30 @@ class JointEquations:
                  for k, motion in enumerate(self.motions) if motion.kind in (BALL, FREE)]  # fmt: skip
         return np.array([first + 6 * node + k for node in nodes for k in range(6)], dtype=int)
 
-    def _driven_coordinates(self) -> np.ndarray:
-        """Return the driven coordinates of the tree's own joints, their motions, and how they grow, shape (n, 3)."""
-        mechanism, found = self._unknowns.mechanism, []
-        prescribed = [coordinate for coordinate in mechanism.coordinates if coordinate.prescribed]
-        for number, coordinate in enumerate(prescribed):
+    def _coordinates_of_tree(self) -> dict[Statement, tuple[int, int]]:
+        """Return which of its own coordinates the tree has for those of the mechanism, and 1 or -1 as both grow, by
+        their statements."""
+        mechanism, found = self._unknowns.mechanism, {}
+        for coordinate in mechanism.coordinates:
             for k, motion in enumerate(self.motions):
                 own = self._tree.firsts[k, 0 if coordinate.turns else 1]
-                if own >= 0 and coordinate.connection is mechanism.connections[motion.number]:
-                    found.append((own, number, -1 if motion.backwards else 1))
-        return np.array(found, dtype=int).reshape(-1, 3)
+                if own >= 0 and motion.axis == 0 and coordinate.connection is mechanism.connections[motion.number]:
+                    found[coordinate.statement] = own, -1 if motion.backwards else 1
+        return found
+
+    def _driven_coordinates(self) -> np.ndarray:
+        """Return the driven coordinates of the tree's own joints, their motions, and how they grow, shape (n, 3)."""
+        prescribed = [one.statement for one in self._unknowns.mechanism.coordinates if one.prescribed]
+        chosen = [(number, self._of_tree[one]) for number, one in enumerate(prescribed) if one in self._of_tree]
+        return np.array([(own, number, sign) for number, (own, sign) in chosen], dtype=int).reshape(-1, 3)
+
+    def _counted(self) -> np.ndarray:
+        """Return `Joints.counted`, in the order of turns: coordinates of the mechanism, and terms of actions."""
+        mechanism, actions = self._unknowns.mechanism, self.equations.actions
+        every = [coordinate.statement for coordinate in mechanism.coordinates]
+        every += [part for action in actions for part, _ in action.statement.terms]
+        found = [self._of_tree.get(part, (-1, 0)) if part.kind == ANGLE else (-2, 0) for part in every]
+        return np.array(found[: self.equations.n_turns], dtype=int).reshape(-1, 2)
 
     def _take(self, chosen: np.ndarray) -> None:
         """Make the equations, and what is beside them, with chosen constraints."""
@@ -198,7 +213,8 @@ class JointEquations:
             constraints=bound, actions=actions, floating=floating,
             pattern=Pattern(turn, nothing, nothing, problem.pattern.products),
         )  # fmt: skip
-        joints = Joints(tree, room, self._units(), turn, row_starts, unknowns, n_packed, weights, self._driven)
+        joints = Joints(tree, room, self._units(), turn, row_starts, unknowns, n_packed, weights, self._driven,
+                        self._counted())  # fmt: skip
         self.problem, self.joints = contiguous(changed), contiguous(joints)
         self.references = Reference(self.problem), Reference(self.joints)
 
@@ -298,6 +314,7 @@ class JointBatch(FullBatch):
         self.own, (self._reference, self._joints) = own, own.references
         self.n_dofs, self.n_constraints = own.n, own.n_left
         self.moving_constraints = own.n_left > 0 and full.moving_constraints
+        self._bound_calls()
         n = own.n + own.n_left
         self._factors = Factors(
             aligned_zeros((blocks.n_blocks, n * (n + 1) // 2, blocks.n_lanes)), aligned_zeros((1, blocks.n_lanes))
@@ -364,7 +381,8 @@ class JointBatch(FullBatch):
 
     def count_turns(self, state: State) -> None:
         """Take note of the angles at an instant that is kept."""
-        self.full.count_turns(self._in_unknowns(state))
+        for q, turns in zip(state.q, state.turns):
+            count_turns_in_joints(self._reference, self._joints, q, turns)
 
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""

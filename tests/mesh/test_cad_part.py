@@ -137,13 +137,6 @@ def scene_of(parts: Path, name: str = "rod", point: str = "bore1") -> Path:
     return path
 
 
-def test_faces_have_names_of_ones_own(parts: Path) -> None:
-    scene = load_scene(scene_of(parts, point="eye"), ('bodies.rod.faces={eye="bore1", ends=["face2", "face3"]}',))
-    mesh = with_meshes(scene, Purpose.CHECK)[1]["rod"]
-    np.testing.assert_array_equal(mesh.groups["eye"], mesh.groups["bore1"])
-    assert len(mesh.groups["ends"]) == len(mesh.groups["face2"]) + len(mesh.groups["face3"])
-
-
 OTHERS = cases("""
 bodies.rod.mesh_size=0.0 -> = 0.0: must be greater than 0
 bodies.rod.mesh_size=0.01 -> bodies.rod.mesh = | mesh_size = 0.01 mm would take about | a larger mesh_size is needed
@@ -164,7 +157,11 @@ def test_entries_that_do_not_fit_a_part(entry: str, message: str, parts: Path) -
     check_said(refusal(reading), message, entry.replace("={eye", ".eye"))
 
 
-def test_a_size_is_for_parts_of_cad_alone(parts: Path) -> None:
+def test_faces_have_names_of_ones_own_and_a_size_is_for_parts_of_cad_alone(parts: Path) -> None:
+    scene = load_scene(scene_of(parts, point="eye"), ('bodies.rod.faces={eye="bore1", ends=["face2", "face3"]}',))
+    mesh = with_meshes(scene, Purpose.CHECK)[1]["rod"]
+    np.testing.assert_array_equal(mesh.groups["eye"], mesh.groups["bore1"])
+    assert len(mesh.groups["ends"]) == len(mesh.groups["face2"]) + len(mesh.groups["face3"])
     entries = ('bodies.rod.mesh="rod.msh"', "bodies.rod.mesh_size=3.0")
     assert 'for a part of CAD, mesh = "PART.step"' in refusal(load_scene, scene_of(parts), entries)
 
