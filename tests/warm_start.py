@@ -201,7 +201,7 @@ def _leave() -> None:
 def _preload() -> None:
     """Import the package's modules, which start neither MPI nor PETSc when they are imported, and what is slow to; load
     the libraries of MPI and PETSc, which a process starts."""
-    import importlib
+    import importlib.util
     import pkgutil
 
     import pgmp_petsc
@@ -211,7 +211,7 @@ def _preload() -> None:
     for name in (*slow, "scipy.stats", *modules):
         importlib.import_module(name)
     for package, name in (("mpi4py", "MPI"), ("petsc4py", "PETSc"), ("slepc4py", "SLEPc")):
-        found = list(Path(importlib.import_module(package).__file__).parent.rglob(f"{name}.*.so"))
+        found = list(Path(importlib.util.find_spec(package).origin).parent.rglob(f"{name}.*.so"))
         if len(found) == 1:  # of several a process chooses
             ctypes.CDLL(str(found[0]))
     assert not {"mpi4py.MPI", "petsc4py.PETSc"} & set(sys.modules), "a module starts MPI or PETSc when it is imported"
