@@ -74,9 +74,7 @@ def test_what_a_file_keeps_from_call_to_call_changes_no_number(arm: Path) -> Non
     assert len(pickle.dumps(kept)) == len(pickle.dumps(interface.read(arm)))  # what was made stays here
 
 
-def test_ensembles_of_file_and_scene_are_the_same_on_any_number_of_ranks(
-    arm: Path, tmp_path: Path, mpirun: Callable
-) -> None:
+def test_ensembles_of_file_and_scene_are_the_same_on_any_ranks(arm: Path, tmp_path: Path, mpirun: Callable) -> None:
     words = ("-n", 6, *overridden("ensemble.batch=2"), "-o")
     scene = ("montecarlo", SCENES / "six_joint_arm.toml", "--components", *overridden(SHORT), *words)
     pgmp(*scene, tmp_path / "one.h5")

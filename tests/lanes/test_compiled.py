@@ -282,14 +282,6 @@ def test_a_folder_is_looked_for_when_it_is_wanted(monkeypatch: pytest.MonkeyPatc
     assert len(looked_for) == 1 and "no locator" in compiled.cache_problem()
 
 
-def test_processes_that_compile_at_once(module: Path) -> None:
-    started = [run(module, k) for k in range(3)]
-    for k, process in enumerate(started):
-        out, err = process.communicate(timeout=TIMEOUT_SECONDS)
-        assert (process.returncode, out.split()[:2]) == (0, [str(2 * k), "1.0"]), err
-    assert printed(module).startswith("6 1.0 ")
-
-
 ONCE = """
 import atexit
 from pgmp_petsc.lanes.compiled import njit
