@@ -201,11 +201,10 @@ class Scene(Table):
     def interpolation(self) -> str:
         """The interpolation of reduced tables between samples. Where joints are elastic, splines take the place of
         Overhauser's tangents: rigid motion and what these joints carry along share inertia, whose slopes are forces.
-        So they do over three coordinates, where samples are far apart, unless a scene asks for these tangents."""
+        """
         scheme = self.reduction.interpolation
         elastic = any(joint.elastic is not None for joint in self.joints.values())
-        few = len(self.coordinates) > 2 and "interpolation" not in self.reduction.model_fields_set
-        return "spline" if (elastic or few) and scheme == "overhauser" else scheme
+        return "spline" if elastic and scheme == "overhauser" else scheme
 
     @property
     def gyroscopic(self) -> bool:
@@ -275,7 +274,8 @@ class Scene(Table):
     @model_validator(mode="before")
     @classmethod
     def _defaults_of_the_reduction(cls, data: Any) -> Any:
-        """Take ``effects = "auto"`` for a choice without loads, and fewer angles along each of several coordinates."""
+        """Take ``effects = "auto"`` for a choice without loads, fewer angles along each of several coordinates, and
+        splines over three, whose samples are far apart."""
         if not isinstance(data, dict) or not isinstance(data.get("reduction", {}), dict):
             return data
         reduction = dict(data.get("reduction", {}))
@@ -283,7 +283,9 @@ class Scene(Table):
         if automatic:
             reduction["effects"] = "auto"
         n = len(data["coordinates"]) if isinstance(data.get("coordinates"), dict) else 1
-        if n > 1 and reduction.get("tolerance") is None:  # which leaves angles that are not given to the choice
+        if n > 1 and reduction.get("tolerance") is None:  # which leaves to the choice what is not given
+            if n == 3:
+                reduction.setdefault("interpolation", "spline")
             few = ANGLES_OF_SEVERAL[min(n, max(ANGLES_OF_SEVERAL))]
             reduction.setdefault("angles", max(few, *map(_along, data["coordinates"].values())) if n == 3 else few)
         changed = {**data, "reduction": reduction} if reduction else data
