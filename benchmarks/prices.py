@@ -1,35 +1,35 @@
 """What steps of the models take: measured, beside what `bench.finished` predicts from sizes.
 
-python -m benchmarks.prices SCENE ...
+python -m benchmarks.prices SCENE ... [-n 512]
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 from contextlib import closing
 from pathlib import Path
 from time import process_time
 
-import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.finished import step_seconds
 from pgmp_petsc.bench.reference import component_model
+from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.inputs import read_scene
 
-N_SAMPLES = 8
+N_SAMPLES = 8  # as many as fill the lanes
 SECONDS = 3.0  # of a measurement
 
 
-def measured(model: FullModel) -> float:
-    """Return the processor time of a step of a sample, in a batch that fills the lanes, s."""
-    scene, n = model.scene, min(N_SAMPLES, model.largest_batch)
-    values = {name: np.full(n, value) for name, value in scene.values.items()}
+def measured(model: FullModel, n_samples: int) -> float:
+    """Return the processor time of a step of a sample, in a batch of as many, s."""
+    scene, n = model.scene, min(n_samples, model.largest_batch)
+    values = draw(scene, 0, 0, n)
     step = scene.simulation.step
     # no longer than the scene's own run: beyond, it may go faster than its step can follow
     most = count_steps(scene.simulation.duration, step)
@@ -45,9 +45,13 @@ def measured(model: FullModel) -> float:
 
 def main() -> None:
     """Print a line for every model of every scene."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.prices", description=__doc__.splitlines()[0])
+    parser.add_argument("scenes", type=Path, nargs="+")
+    parser.add_argument("-n", type=int, default=N_SAMPLES, help="number of samples in the batch")
+    given = parser.parse_args()
     print(f"{'scene':24s}{'model':12s}{'unknowns':>9s}{'predicted us':>14s}{'measured us':>14s}")
-    for path in sys.argv[1:]:
-        scene, meshes = read_scene(Path(path), (), (), MPI.COMM_SELF, Purpose.FULL)
+    for path in given.scenes:
+        scene, meshes = read_scene(path, (), (), MPI.COMM_SELF, Purpose.FULL)
         for make in (FullModel, lambda scene, meshes: component_model(scene, meshes, MPI.COMM_SELF)):
             try:
                 model = make(scene, meshes)
@@ -55,7 +59,7 @@ def main() -> None:
                 print(f"{scene.name:24s}{error}")
                 continue
             mechanism = model.kinematics.mechanism
-            times = 1e6 * step_seconds(mechanism), 1e6 * measured(model)
+            times = 1e6 * step_seconds(mechanism), 1e6 * measured(model, given.n)
             print(f"{scene.name:24s}{model.name:12s}{mechanism.n_dofs:9d}{times[0]:14.3g}{times[1]:14.3g}", flush=True)
 
 

@@ -139,6 +139,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("thorough")
 
 
+def pytest_collection_finish() -> None:
+    """Keep the environment that warm starts begin with."""
+    warm_start.BEFORE_TESTS.update(os.environ)
+
+
 @pytest.fixture(scope="session")
 def mpirun() -> Callable[..., subprocess.CompletedProcess[str]]:
     """Return :func:`run_mpi`."""

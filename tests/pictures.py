@@ -1,6 +1,17 @@
 """What tests ask of pictures."""
 
+from pathlib import Path
+
 from matplotlib.colors import to_hex
+
+
+def written(folder: Path, *results: object) -> list[Path]:
+    """Return the files of some results in a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{number}.h5" for number in range(len(results))]
+    for path, result in zip(paths, results):
+        result.write(path)
+    return paths
 
 
 def visible(figure):

@@ -34,6 +34,9 @@ PASSED_ON = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGUSR1, signa
 # variables that are read when an interpreter or a library starts: with others than the server's, a process starts cold
 READ_AT_START = ("PYTHON", "NUMBA", "LD_", "OMP_NUM", "OPENBLAS", "MPL")
 NUMBER = 8  # bytes of a number on the connection
+#: The environment before a test changed it: a server that started in that of a test would serve no other one.
+BEFORE_TESTS: dict[str, str] = {}
+_ended_with: list[int] = []  # the status of a process that somebody wanted
 
 
 def python(environment: Mapping[str, str] | None = None) -> list[str]:
@@ -73,11 +76,8 @@ def stand_in(path: str, arguments: Sequence[str]) -> NoReturn:
 
 def serve(path: str) -> None:
     """Fork a process for every connection to a socket, until stdin is closed."""
-    before = set(sys.modules)
-    atexit.register(_leave_libraries, libraries := [])  # before what libraries register, so that it runs after that
+    atexit.register(_leave)  # before what libraries register, so that it runs after that
     _preload()
-    own = {name for name in sys.modules if name.startswith("pgmp_petsc")}
-    libraries += set(sys.modules) - before - own
     gc.freeze()  # Python looks through what it will collect when a process ends, and would copy all of it for that
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     listener.bind(path)
@@ -137,8 +137,6 @@ def _forked(connection: socket.socket, others: Sequence[socket.socket]) -> int:
 
 def _become(wanted: Mapping, files: Sequence[int]) -> NoReturn:
     """Be the process that somebody wants, from here to its end."""
-    import runpy
-
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     for place, file in zip(STANDARD_FILES, files, strict=True):
@@ -147,13 +145,28 @@ def _become(wanted: Mapping, files: Sequence[int]) -> NoReturn:
     os.environ.clear()
     os.environ.update(wanted["environment"])
     os.chdir(wanted["folder"])
-    first, *others = wanted["arguments"]
     own = {os.path.dirname(os.path.abspath(__file__)), os.path.dirname(os.path.dirname(os.path.abspath(__file__)))}
     given = wanted["environment"].get("PYTHONPATH", "").split(os.pathsep)
     sys.path[:] = ["", *filter(None, given), *(path for path in sys.path if path not in own)]
+    try:
+        _run(*wanted["arguments"])
+    except SystemExit as end:
+        _ended_with.append(end.code & 255 if isinstance(end.code, int) else int(end.code is not None))
+        raise
+    except Exception:
+        _ended_with.append(1)
+        raise
+    _ended_with.append(0)
+    sys.exit(0)
+
+
+def _run(first: str, *others: str) -> None:
+    """Run what Python runs with such arguments."""
+    import runpy
+
     if first == "-m":
         sys.modules.pop(others[0], None)
-        sys.path[0], sys.argv = os.getcwd(), others
+        sys.path[0], sys.argv = os.getcwd(), list(others)
         runpy.run_module(others[0], run_name="__main__", alter_sys=True)
     elif first == "-c":
         sys.path[0], sys.argv = "", ["-c", *others[1:]]
@@ -162,22 +175,33 @@ def _become(wanted: Mapping, files: Sequence[int]) -> NoReturn:
     else:
         sys.path[0], sys.argv = os.path.dirname(os.path.abspath(first)), [first, *others]
         runpy.run_path(first, run_name="__main__")
-    sys.exit(0)
 
 
-def _leave_libraries(names: Sequence[str]) -> None:
-    """Leave modules to the system, which frees a process's memory at once: an interpreter that ends empties them first.
+def _leave() -> None:
+    """Destroy what a command left behind, end PETSc and MPI, and leave memory to the system, which frees it at once.
 
-    That takes most of the processor time of a command that does little. What the package and a command brought is
-    emptied as ever, so that objects of PETSc that ranks left behind are destroyed as they are with users.
+    An interpreter that ends does the same, but empties all modules, one by one. That takes a tenth of a second of
+    processor time, most of that of a command that does little.
     """
-    left = [sys.modules.pop(name) for name in names if name in sys.modules]
-    ctypes.pythonapi.Py_IncRef(ctypes.py_object(left))
+    if _ended_with:
+        sys.modules.pop("__main__")
+        gc.collect()
+        if "petsc4py.PETSc" in sys.modules:
+            sys.modules["petsc4py.PETSc"]._finalize()
+        if "mpi4py.MPI" in sys.modules:
+            mpi = sys.modules["mpi4py.MPI"]
+            if mpi.Is_initialized() and not mpi.Is_finalized():
+                mpi.Finalize()
+        with suppress(OSError, ValueError):  # what cannot be written is told by the interpreter
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(_ended_with[0])
 
 
 def _preload() -> None:
-    """Import the package's modules, which start neither MPI nor PETSc when they are imported, and what is slow to."""
-    import importlib
+    """Import the package's modules, which start neither MPI nor PETSc when they are imported, and what is slow to; load
+    the libraries of MPI and PETSc, which a process starts."""
+    import importlib.util
     import pkgutil
 
     import pgmp_petsc
@@ -186,6 +210,10 @@ def _preload() -> None:
     modules = (module.name for module in pkgutil.walk_packages(pgmp_petsc.__path__, "pgmp_petsc."))
     for name in (*slow, "scipy.stats", *modules):
         importlib.import_module(name)
+    for package, name in (("mpi4py", "MPI"), ("petsc4py", "PETSc"), ("slepc4py", "SLEPc")):
+        found = list(Path(importlib.util.find_spec(package).origin).parent.rglob(f"{name}.*.so"))
+        if len(found) == 1:  # of several a process chooses
+            ctypes.CDLL(str(found[0]))
     assert not {"mpi4py.MPI", "petsc4py.PETSc"} & set(sys.modules), "a module starts MPI or PETSc when it is imported"
 
 
@@ -195,7 +223,8 @@ def _server() -> tuple[str, Mapping[str, str]]:
     from conftest import MPI_ENVIRONMENT, ROOT
 
     folder = Path(tempfile.mkdtemp(prefix="pgmp_warm_"))
-    path, environment = str(folder / "socket"), os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
+    path = str(folder / "socket")
+    environment = dict(BEFORE_TESTS or os.environ) | MPI_ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
     words = [sys.executable, __file__, path]
     process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
     assert process.stdout.readline(), "the server of warm starts did not start"

@@ -9,6 +9,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from copy import deepcopy
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -28,7 +29,8 @@ from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
 from pgmp_petsc.models.component_file import ComponentsFile
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.reduction.rom import ReducedOrderModel, check_served, served_ranges
-from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.loading import scene_from_tables
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.plausibility import plausibility
@@ -173,10 +175,11 @@ def scene_of_built(
     Paths are relative to `directory`; `name` is what messages call the model. Raises as `read_rom`.
     """
     of_components = isinstance(made, ComponentsFile)
-    built = made.scene(directory) if of_components else scene_from_toml(made.record.scene_toml, directory)
+    tables = made.record.tables
+    built = made.scene(directory) if of_components else scene_from_tables(deepcopy(tables), directory)
     scene = built
     if overrides or settings:
-        scene = scene_from_toml(made.record.scene_toml, directory, overrides, settings)
+        scene = scene_from_tables(deepcopy(tables), directory, overrides, settings)
     _check_tables_hold(built, scene, name)
     if of_components:
         check_capabilities(scene, Purpose.COMPONENTS)

@@ -8,8 +8,8 @@ Times are taken by the wall and by the processor, of this process alone. *Offlin
 sample: condensing bodies of cells, the build of a reduced model and its preparation, the preparation of another model,
 the runs at a response surface's nodes and the interpolation. *Online* is what a sample costs after that, as an ensemble
 does it: integration to the end time and the outputs there; of a response surface the outputs over time. A sample alone
-is a batch of one. A run that is predicted to take longer than `TIMED` is timed with fewer samples, and then by its
-first steps: a step costs what the others do.
+is a batch of one. A run that is predicted to take longer than `TIMED`, by its sizes or by what the runs at the test
+values took, is timed with fewer samples, and then by its first steps: a step costs what the others do.
 
 Reduced models: the latest stay in memory, as many as fit; an earlier one is built again when it is wanted. Few are:
 histories of what has run are kept, and are small.
@@ -69,7 +69,7 @@ MOST_TIMED_TOGETHER = 128
 TIMED = 2.0  # s of processor time of one run that is timed, predicted
 FEWEST_STEPS = 8  # that a longer run is timed by
 OF_BUDGET = 0.1  # of reference.budget, for runs of the mesh where it is not the reference
-LONG_BUILD = 2.0  # s; a build that takes longer is timed once
+LONG = 2.0  # s; a build that takes longer, or a run that did, is timed once
 WARM_UP_STEPS, WARM_UP_ANGLES = 2, 6
 #: Of all models on the shelf together; tables of second order grow with the third power of the flexible coordinates.
 MOST_BYTES = 2**29
@@ -143,6 +143,7 @@ class Bench:
         self._models: dict[tuple, tuple[AnyModel | ResponseSurface, int, float]] = {}
         self._offline: dict[tuple, list[np.ndarray]] = {}
         self._online: dict[tuple[Setting, int], np.ndarray] = {}
+        self._steps: dict[Setting, float] = {}  # s of a step of a sample, of the runs at the test values
         self.spent_on: dict[Setting, np.ndarray] = {}  # wall and processor time of timed runs, shape (2,), s
 
     # models of settings
@@ -413,17 +414,20 @@ class Bench:
                     times = (*times, min(float(self.seconds(model, n_steps, BATCH)[1]) for _ in range(2)))
         return self.comm.bcast(times)
 
-    def seconds(self, model: AnyModel | ResponseSurface, n_steps: int, n_samples: int) -> np.ndarray:
+    def seconds(
+        self, model: AnyModel | ResponseSurface, n_steps: int, n_samples: int, known: float = 0.0
+    ) -> np.ndarray:
         """Return wall and processor time of a sample in a batch of n, shape (2,), s; by this rank.
 
-        The samples of the training are repeated until there are n, and their outputs evaluated at the end.
+        The samples of the training are repeated until there are n, and their outputs evaluated at the end. Of a step of
+        a sample a processor time may be known, s.
         """
         n = n_samples
         if isinstance(model, ResponseSurface):
             points, start = self._points, _now()
             model.evaluate(np.resize(points, (n, points.shape[1])))
             return (_now() - start) / n
-        step, taken = step_price(model), n_steps
+        step, taken = max(step_price(model), known), n_steps
         n = min(n, model.largest_batch)
         if n * n_steps * step > TIMED:
             n = min(n, max(LANES, int(TIMED / (n_steps * step))))
@@ -486,7 +490,9 @@ class Bench:
             if isinstance(model, ResponseSurface):
                 history = self._on_surface(model, setting.n_steps)
             elif not reason:
+                begin = process_time()
                 history = history_of(case, setting, model).require_fine(case.scene, case.values)
+                self._steps[setting] = (process_time() - begin) / (case.n_samples * setting.n_steps)
         except FAILURES as error:
             reason = str(error) if isinstance(error, PgmpError) else f"{type(error).__name__}: {error}"
             return Measured(None, reason=" ".join(reason.split()))
@@ -534,15 +540,17 @@ class Bench:
     def take_times(self, setting: Setting, turn: int, few_repeats: int) -> None:
         """Take the times of a setting that is ready, for the `turn`-th time; the least of all turns counts.
 
-        Single samples are timed, and builds unless they are long, in the first `few_repeats` turns alone.
+        Single samples are timed, and builds, in the first `few_repeats` turns alone; what is long once.
         """
         model = self._ready(setting)[0]
         for n in (self.batch, 1) if turn <= few_repeats else (self.batch,):
-            seconds = self.seconds(model, setting.n_steps, n)
+            if n * self._online.get((setting, n), np.zeros(2))[1] >= LONG:
+                continue
+            seconds = self.seconds(model, setting.n_steps, n, self._steps.get(setting, 0.0))
             self.spent_on[setting] = self.spent_on[setting] + n * seconds
             self._online[setting, n] = np.minimum(seconds, self._online.get((setting, n), np.inf))
         taken = self._offline[setting.build]
-        if len(taken) < min(turn, few_repeats) and taken[0][0] < LONG_BUILD:
+        if len(taken) < min(turn, few_repeats) and taken[0][0] < LONG:
             taken.append(self._prepared(setting)[1])
 
     def times(self, setting: Setting) -> np.ndarray:

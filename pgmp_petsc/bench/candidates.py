@@ -319,7 +319,7 @@ class Sweep:
     finer: int  # halvings of the scene's step, of the reduced and the full-order model
     coarser: int  # doublings
     tensor_modes: tuple[int, ...]  # with and without static modes, with the scene's step and the one twice as long
-    tensor_angles: int
+    tensor_angles: int  # at most, and no more than the scene's own
     refinements: tuple[int, ...]  # parts of every cell that both models are run with
     finest: int  # parts of every cell of the mesh that tells the others' discretisation errors
     component_modes: tuple[int, ...]  # that the component model's bodies serve; the last one's steps are varied
@@ -383,7 +383,7 @@ def _reduced_settings(own: Setting, sweep: Sweep, limits: Limits) -> list[Settin
     settings += [replace(own, n_steps=steps) for steps in _steps(n, sweep.finer - 1, 1)]
     few = own  # with a tolerance angles are added until it holds, which splines alone can do
     if own.reduction.sampling_tolerance is None:
-        few = own.with_reduction(angles=sweep.tensor_angles, interpolation="spline")
+        few = own.with_reduction(angles=min(sweep.tensor_angles, own.reduction.angles), interpolation="spline")
     coarse = _steps(n, 0, 1)
     for modes, value, steps in product(_within(sweep.tensor_modes, limits), static, coarse):
         plain = {"inertia_modes": False, "parameter_modes": 0}

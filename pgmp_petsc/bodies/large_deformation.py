@@ -104,7 +104,7 @@ class FieldsOnCells:
         found: dict[Monomial, np.ndarray] = {}
         for region, cells, geometry, gradients, _ in self._shares(axes[0].size * n_pairs):
             strains = np.empty((geometry.volumes.size, axes[0].size, n_pairs))
-            _fill_strains(gradients, strains)
+            _fill_strains(np.ascontiguousarray(gradients), strains)
             stresses = _on_pairs(_stresses(region, gradients), axes, geometry.volumes.ravel())
             by_cell = {region.modulus.monomial: region.modulus.coefficient * stresses.reshape(cells.size, -1, n)}
             for weight, own in self._solid.profiles.stiffness.over(by_cell, cells).items():
@@ -127,7 +127,7 @@ class FieldsOnCells:
             weight = sum(float(monomial.evaluate(values)) * part for monomial, part in parts.items()).ravel()
             own = gradients @ vectors
             strains = np.empty((weight.size, axes[0].size, n_pairs))
-            _fill_strains(own, strains)
+            _fill_strains(np.ascontiguousarray(own), strains)
             # E''[v_i, v_j] : C : E'[u]
             packed += strains.reshape(-1, n_pairs).T @ _on_pairs(_stresses(region, gradients), axes, weight)
             # E''[u, v_i] : C : E'[v_j], with the symmetric stress of v_j

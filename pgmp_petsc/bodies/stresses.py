@@ -52,7 +52,8 @@ class SolidLaw:
         stresses = np.empty(strains.shape)
         of_each = [np.broadcast_to(modulus.at(parameters), strains.shape[2]) for modulus, _ in self.materials]
         lame = np.array([(lame.first, lame.shear) for _, lame in self.materials])
-        _fill_stresses(np.ascontiguousarray(strains), points.material, lame, np.array(of_each, dtype=float), stresses)
+        strains, material = np.ascontiguousarray(strains), np.ascontiguousarray(points.material)
+        _fill_stresses(strains, material, lame, np.array(of_each, dtype=float), stresses)
         if self.profile:
             stresses *= np.expand_dims(self.profile.at(parameters, points.of_cells), 1)
         return {

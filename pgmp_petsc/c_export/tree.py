@@ -291,7 +291,7 @@ def _base_nodes(equations: FullEquations) -> list[int]:
 def _centres(model: ComponentModel, equations: FullEquations) -> np.ndarray:
     """Return where the nodes of the frames of all bodies are in them, shape (n_bodies, d), m."""
     space, theta = model.kinematics.mechanism.space, equations.initial[0]
-    poses, frames = model.kinematics.poses(theta)[..., 0], equations.unknowns.frames(equations.start()[0])
+    poses, frames = model.kinematics.poses(theta)[..., 0], equations.unknowns.frames(equations.start[0])
     d, nodes = space.dimension, _base_nodes(equations)
     return np.array(
         [space.to_body(pose[:, None], (frames[node] - pose)[:d, None])[:, 0] for node, pose in zip(nodes, poses)]

@@ -155,7 +155,7 @@ class Law(Printed):
     ) -> np.ndarray:
         """Return the forces (n,) at measures (n,) and rates, for parameters (n, n_parameters)."""
         found = np.zeros(s.shape)
-        state = (np.ascontiguousarray(np.broadcast_to(part, s.shape)) for part in (s, rates, amplitudes))
+        state = (np.array(np.broadcast_to(part, s.shape), order="C") for part in (s, rates, amplitudes))
         _fill(self.address, np.ascontiguousarray(p), *state, np.zeros(len(self.edges)), found)
         return found
 

@@ -194,7 +194,7 @@ class ReferenceMotion:
         bent = (TURN / BEND) ** 2 * np.maximum(bending**2, BEND * changing)
         tau = TURN / np.sqrt(np.maximum(np.maximum(pace, bent), (TURN / self._longest) ** 2))
         eta = np.empty((1 + len(AT), *tau.shape, states.shape[3]))
-        fill_path(states, tau, eta)
+        fill_path(np.ascontiguousarray(states), tau, eta)
         found = self._unknowns(eta.reshape(len(eta), -1, eta.shape[-1]))
         fill_motion(found.reshape(-1, *eta.shape[:-1]), tau, *kept)
 

@@ -71,7 +71,7 @@ class Weights(NamedTuple):
     @classmethod
     def of(cls, mass: np.ndarray, loads: np.ndarray, stiffness: np.ndarray) -> Self:
         """Pack weights, each (n, n_terms)."""
-        return cls(_side_by_side(mass), _side_by_side(loads), np.ascontiguousarray(stiffness))
+        return cls(_side_by_side(mass), _side_by_side(loads), np.array(stiffness, order="C"))
 
 
 class Kept(NamedTuple):

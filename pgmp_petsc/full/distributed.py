@@ -113,7 +113,7 @@ class FullDistributed(FullSystem):
 
     def kinetic_energy(self, v: np.ndarray) -> float:
         """Return the kinetic energy for velocities of shape (n_dofs,), the same on all ranks. Collective on `comm`."""
-        q, theta = self._equations.start()[0], self._equations.initial[0]
+        q, theta = self._equations.start[0], self._equations.initial[0]
         state = self._state(q[:, None], v[:, None], self._equations.turns(theta[:, None]))
         return float(self.energies(0.0, state).kinetic[0])
 
@@ -235,7 +235,7 @@ class FullDistributed(FullSystem):
 
     def _find_typical_stiffness(self) -> float:
         """Return the mean size on the diagonal of the stiffness at rest. Collective on `comm`."""
-        q = self._equations.start()[0][self._equations.layout.needed[: self._n], None]
+        q = self._equations.start[0][self._equations.layout.needed[: self._n], None]
         rest, bound = np.zeros_like(q), np.zeros((self._x.size - self._n, 1))
         state = (q, rest, rest, bound, np.zeros((self._equations.n_turns, 1)))
         amplitudes = tuple(np.zeros(len(sources)) for sources in (self._sources.loads, self._sources.actions))

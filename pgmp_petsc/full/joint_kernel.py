@@ -23,7 +23,7 @@ from pgmp_petsc.full.joint_tree import Tree
 from pgmp_petsc.full.kernel import add_lumps, count_turns, take_correction
 from pgmp_petsc.full.node_constraints import add_constraints
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import borrowed, fill, items, keep, lanes_of
+from pgmp_petsc.lanes.lane_items import borrowed, fill, items, keep, lanes_of, nearest_whole
 
 
 class Joints(NamedTuple):
@@ -40,6 +40,9 @@ class Joints(NamedTuple):
     weights: np.ndarray
     #: of each driven coordinate its number, that of its motion and 1 or -1 as it grows with it, shape (n, 3)
     driven: np.ndarray
+    #: of each statement whose turns are counted the coordinate that it is, and 1 or -1 as it grows with it; -1 where an
+    #: angle is none, -2 where it is no angle, shape (n_turns, 2)
+    counted: np.ndarray
 
 
 @njit(cache=True, apart=True, error_model="numpy")
@@ -184,8 +187,16 @@ def correct_joints(
 
 @njit(cache=True, apart=True, error_model="numpy")
 def count_turns_in_joints(problem, joints, y, turns):
-    """Put the angles that unknowns do not count to those nearest to them; see `kernel.count_turns`."""
-    if turns.shape[0]:
+    """Put the angles that unknowns do not count to those at coordinates y nearest to them: the tree's own to what these
+    are, where there are others all as `kernel.count_turns` does."""
+    others, known, of_y = False, items(turns, problem.width), items(y, problem.width)
+    for k in range(turns.shape[0]):
+        number = joints.counted[k, 0]
+        others |= number == -1
+        if number >= 0:
+            angle = joints.counted[k, 1] * of_y[number]
+            known[k] = angle + 2.0 * np.pi * nearest_whole((known[k] - angle) / (2.0 * np.pi))
+    if others:
         place(joints.tree, problem.width, y, y, y, joints.room)
         count_turns(problem, joints.room.q, turns)
 

@@ -9,6 +9,7 @@ multipliers: theirs are those that balance what the bodies behind a joint ask of
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -16,7 +17,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.full.batched_ldl import Pattern
-from pgmp_petsc.full.joint_kernel import Joints, carry_in_joints, correct_in_joints, unknowns_of
+from pgmp_petsc.full.joint_kernel import Joints, carry_in_joints, correct_in_joints, count_turns_in_joints, unknowns_of
 from pgmp_petsc.full.joint_map import N_TURNED, Room
 from pgmp_petsc.full.joint_matrix import N_SPARE, column_size
 from pgmp_petsc.full.joint_tree import BALL, BY_AXES, FREE, coordinates_of, held_by, motions_of, tree_of
@@ -25,29 +26,16 @@ from pgmp_petsc.full.node_constraints import ConstraintParts
 from pgmp_petsc.full.part_reference import Reference
 from pgmp_petsc.full.parts import contiguous
 from pgmp_petsc.full.problem import FullEquations
-from pgmp_petsc.full.rank_solver import Layout
 from pgmp_petsc.full.systems import FullBatch, Gains
 from pgmp_petsc.lanes.lane_items import SampleBlocks, aligned
 from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet, null_space
 from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.statement_rows import StatementRows
-from pgmp_petsc.mechanism.statements import Statement
+from pgmp_petsc.mechanism.statements import ANGLE, Statement
 from pgmp_petsc.stepping.second_order_system import Energies, State
 
 ROUND_OFF = 1e-9  # of the slopes of constraints, over the largest of a row
-
-
-class _Slopes(Layout):
-    """Every slope of a constraint in a place of its own."""
-
-    def unknowns(self, dofs: np.ndarray) -> np.ndarray:
-        """Return the unknowns as they are."""
-        return dofs
-
-    def positions(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Return the places of entries."""
-        return np.arange(len(rows))
 
 
 class Held(NamedTuple):
@@ -85,16 +73,17 @@ class JointEquations:
         unknowns = self._unknowns = equations.unknowns
         self.equations, self._blocks = equations, blocks
         problem, d = equations.problem, unknowns.dimension
-        q = equations.start()[0]
+        q = equations.start[0]
         self.motions = motions_of(unknowns)
         dofs = problem.masses.dofs[:, 0] // 12 if d == 3 else problem.lumps.dofs // 3
         self._tree = tree_of(unknowns, self.motions, q, dofs)
         self.n = int(self._tree.firsts[:, 4].max())
-        self._set = equations.every_constraint
+        self._set = equations.constraints
         directors = self._directors() if d == 3 else np.zeros(0, dtype=int)
         self._in_tree = held_by(unknowns.mechanism, self.motions)
         held = np.flatnonzero(~self._in_tree)
         n_own = self._set.n_constraints - self._set.n_driven
+        self._of_tree = self._coordinates_of_tree()
         self._driven = self._driven_coordinates()
         drives = [n_own + k for k in range(self._set.n_driven) if k not in self._driven[:, 1]]
         every = np.sort(np.concatenate([held, directors, drives]).astype(int))
@@ -105,10 +94,10 @@ class JointEquations:
                 self._take(kept)
         self.n_statements = self._chosen.size
         self.n_left = self.n_statements + len(self._driven)
-        self.held = self._by_tree()
 
-    def _by_tree(self) -> Held:
-        """Return what the tree's joints hold, and its driven coordinates."""
+    @cached_property
+    def held(self) -> Held:
+        """What the tree's joints hold, and its driven coordinates."""
         unknowns, order = self._unknowns, {motion.number: k for k, motion in enumerate(self.motions)}
         mechanism = unknowns.mechanism
         parts = [(i, part) for i, holder in enumerate(mechanism.holders) for part in holder.holding(moving=True)]
@@ -156,16 +145,30 @@ class JointEquations:
                  for k, motion in enumerate(self.motions) if motion.kind in (BALL, FREE)]  # fmt: skip
         return np.array([first + 6 * node + k for node in nodes for k in range(6)], dtype=int)
 
-    def _driven_coordinates(self) -> np.ndarray:
-        """Return the driven coordinates of the tree's own joints, their motions, and how they grow, shape (n, 3)."""
-        mechanism, found = self._unknowns.mechanism, []
-        prescribed = [coordinate for coordinate in mechanism.coordinates if coordinate.prescribed]
-        for number, coordinate in enumerate(prescribed):
+    def _coordinates_of_tree(self) -> dict[Statement, tuple[int, int]]:
+        """Return which of its own coordinates the tree has for those of the mechanism, and 1 or -1 as both grow, by
+        their statements."""
+        mechanism, found = self._unknowns.mechanism, {}
+        for coordinate in mechanism.coordinates:
             for k, motion in enumerate(self.motions):
                 own = self._tree.firsts[k, 0 if coordinate.turns else 1]
-                if own >= 0 and coordinate.connection is mechanism.connections[motion.number]:
-                    found.append((own, number, -1 if motion.backwards else 1))
-        return np.array(found, dtype=int).reshape(-1, 3)
+                if own >= 0 and motion.axis == 0 and coordinate.connection is mechanism.connections[motion.number]:
+                    found[coordinate.statement] = own, -1 if motion.backwards else 1
+        return found
+
+    def _driven_coordinates(self) -> np.ndarray:
+        """Return the driven coordinates of the tree's own joints, their motions, and how they grow, shape (n, 3)."""
+        prescribed = [one.statement for one in self._unknowns.mechanism.coordinates if one.prescribed]
+        chosen = [(number, self._of_tree[one]) for number, one in enumerate(prescribed) if one in self._of_tree]
+        return np.array([(own, number, sign) for number, (own, sign) in chosen], dtype=int).reshape(-1, 3)
+
+    def _counted(self) -> np.ndarray:
+        """Return `Joints.counted`, in the order of turns: coordinates of the mechanism, and terms of actions."""
+        mechanism, actions = self._unknowns.mechanism, self.equations.actions
+        every = [coordinate.statement for coordinate in mechanism.coordinates]
+        every += [part for action in actions for part, _ in action.statement.terms]
+        found = [self._of_tree.get(part, (-1, 0)) if part.kind == ANGLE else (-2, 0) for part in every]
+        return np.array(found[: self.equations.n_turns], dtype=int).reshape(-1, 2)
 
     def _take(self, chosen: np.ndarray) -> None:
         """Make the equations, and what is beside them, with chosen constraints."""
@@ -173,7 +176,7 @@ class JointEquations:
         equations, tree, d = self.equations, self._tree, self._unknowns.dimension
         problem, n_dofs, lanes = equations.problem, equations.n_dofs, self._blocks.n_lanes
         parts = ConstraintParts(self._set, chosen, equations.size)
-        bound = parts.placed(_Slopes(), np.ones(chosen.size, dtype=bool))
+        bound = parts.placed(equations.layout, np.ones(chosen.size, dtype=bool))
         curved, pairs = bound.rows.curved, bound.pairs
         bound = bound._replace(
             rows=bound.rows._replace(curved=(np.zeros_like(curved[0]), *curved[1:])),
@@ -210,7 +213,8 @@ class JointEquations:
             constraints=bound, actions=actions, floating=floating,
             pattern=Pattern(turn, nothing, nothing, problem.pattern.products),
         )  # fmt: skip
-        joints = Joints(tree, room, self._units(), turn, row_starts, unknowns, n_packed, weights, self._driven)
+        joints = Joints(tree, room, self._units(), turn, row_starts, unknowns, n_packed, weights, self._driven,
+                        self._counted())  # fmt: skip
         self.problem, self.joints = contiguous(changed), contiguous(joints)
         self.references = Reference(self.problem), Reference(self.joints)
 
@@ -261,11 +265,11 @@ class JointEquations:
         driven coordinates have (n_driven, n)."""
         return np.concatenate([rows[self._chosen], driven_rows])
 
-    def driven_rows(self, n_constraints: int) -> np.ndarray:
-        """Return the rows of `drives` among those of as many constraints."""
+    @property
+    def driven_rows(self) -> np.ndarray:
+        """The numbers of the motions of `drives`."""
         n_own = self._set.n_constraints - self._set.n_driven
-        of_statements = self._chosen[self._chosen >= n_own] - n_own
-        return n_constraints - self._set.n_driven + np.concatenate([of_statements, self._driven[:, 1]])
+        return np.concatenate([self._chosen[self._chosen >= n_own] - n_own, self._driven[:, 1]])
 
     @property
     def drives(self) -> np.ndarray:
@@ -310,6 +314,7 @@ class JointBatch(FullBatch):
         self.own, (self._reference, self._joints) = own, own.references
         self.n_dofs, self.n_constraints = own.n, own.n_left
         self.moving_constraints = own.n_left > 0 and full.moving_constraints
+        self._bound_calls()
         n = own.n + own.n_left
         self._factors = Factors(
             aligned_zeros((blocks.n_blocks, n * (n + 1) // 2, blocks.n_lanes)), aligned_zeros((1, blocks.n_lanes))
@@ -347,9 +352,9 @@ class JointBatch(FullBatch):
 
     def _in_unknowns(self, state: State) -> State:
         """Return a state of the same samples in their unknowns, with the multipliers of driven angles alone."""
-        own, full = self.own, self.full
-        forces = np.zeros((*state.q.shape[:-2], full.n_constraints, state.q.shape[-1]))
-        forces[..., own.driven_rows(full.n_constraints), :] = state.multipliers[..., own.drives, :]
+        own = self.own
+        forces = np.zeros((*state.q.shape[:-2], own.set.n_driven, state.q.shape[-1]))
+        forces[..., own.driven_rows, :] = state.multipliers[..., own.drives, :]
         return State(*own.mapped(state.q, state.v, state.a), forces, state.turns, state.beside)
 
     def multipliers_of_joints(self, time: float, state: State) -> np.ndarray:
@@ -376,7 +381,8 @@ class JointBatch(FullBatch):
 
     def count_turns(self, state: State) -> None:
         """Take note of the angles at an instant that is kept."""
-        self.full.count_turns(self._in_unknowns(state))
+        for q, turns in zip(state.q, state.turns):
+            count_turns_in_joints(self._reference, self._joints, q, turns)
 
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""

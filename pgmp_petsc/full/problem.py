@@ -37,7 +37,7 @@ from pgmp_petsc.full.parts import (
     spatial_beams,
     spatial_masses,
 )
-from pgmp_petsc.full.rank_solver import RankLayout, WholeLayout
+from pgmp_petsc.full.rank_solver import NoMatrix, RankLayout, WholeLayout
 from pgmp_petsc.lanes.lane_items import SampleBlocks, width_of
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -104,6 +104,9 @@ class FullEquations:
         Positions (rad) and velocities (rad/s) of the coordinates at the start, each of shape (n_theta,).
     owned
         The unknowns that this rank owns where ranks share one sample.
+    in_joints
+        Whether the matrix is made in joint coordinates: then there is none here, and of the constraints driven angles
+        alone, for the power of their motions.
 
     Attributes
     ----------
@@ -112,7 +115,7 @@ class FullEquations:
     unknowns
         The numbering.
     constraints
-        All constraints, without those that follow from others.
+        All constraints; but in joint coordinates without those that follow from others.
     chosen, owned_constraints
         Numbers of the constraints here, and which of them have their multiplier on this rank.
     layout
@@ -135,13 +138,15 @@ class FullEquations:
         blocks: SampleBlocks,
         initial: tuple[np.ndarray, np.ndarray],
         owned: range | None = None,
+        in_joints: bool = False,
     ) -> None:
         mechanism = kinematics.mechanism
         unknowns = self.unknowns = Unknowns(mechanism)
         self._kinematics, self.initial, self.values = kinematics, initial, dict(values)
         self.size = kinematics.size
-        self.every_constraint = ConstraintSet(unknowns)
-        self.constraints = self.every_constraint.independent(self._place(initial[0])[1])
+        self.constraints = kinematics.constraints
+        if not in_joints:
+            self.constraints = self.constraints.independent(self._place(initial[0])[1])
         self.n_dofs, n_all = unknowns.n_dofs, unknowns.n_dofs + self.constraints.n_constraints
         rows = self.rows = range(self.n_dofs) if owned is None else owned
         self.damping = BodyDampings.of(effects, mechanism, unknowns.bodies)
@@ -149,7 +154,8 @@ class FullEquations:
         share = Share(unknowns.bodies, rows, values, blocks, self.damping)
         d = unknowns.dimension
         self.owners = _first_unknowns(self.constraints)
-        self.chosen = _touching(self.constraints, share)
+        n, n_driven = self.constraints.n_constraints, self.constraints.n_driven
+        self.chosen = np.arange(n - n_driven, n) if in_joints else _touching(self.constraints, share)
         self.owned_constraints = share.owns(self.owners[self.chosen])
         loads = self._loads_of(effects)
         falling = [e for e in effects if isinstance(e, Weights) and any(body.n_amplitudes for body in unknowns.bodies)]
@@ -171,7 +177,10 @@ class FullEquations:
         patterns = [pattern for _, pattern in parts] + [bound.pattern, of_actions]
         needed = [np.arange(rows.start, rows.stop), angles.dofs[angles.dofs >= 0], *(one.dofs for one in modal)]
         pattern = tuple(np.concatenate([*(part[k].ravel() for part in patterns), *needed]) for k in range(2))
-        self.layout = self._whole(pattern, n_all) if owned is None else RankLayout(self.n_dofs, n_all, pattern)
+        if in_joints:
+            self.layout = NoMatrix(self.n_dofs, n_all)
+        else:
+            self.layout = self._whole(pattern, n_all) if owned is None else RankLayout(self.n_dofs, n_all, pattern)
         placed_parts = [placed(part, pattern, self.layout) for part, pattern in parts]
         filled = {name: blocks.fill(value) for name, value in values.items()}
         compiled = compile_actions(acting, filled, blocks.n_places, d)
@@ -196,8 +205,9 @@ class FullEquations:
         self._coordinates = angles
         self.n_turns = angles.n + len(dofs) if d == 3 else 0
 
+    @cached_property
     def start(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return unknowns and velocities (n_dofs,) of the undeformed mechanism at the start."""
+        """Unknowns and velocities (n_dofs,) of the undeformed mechanism at the start."""
         return self.place(*self.initial)
 
     def place(self, theta: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -58,6 +58,24 @@ class WholeLayout(Layout):
         return dofs
 
 
+class NoMatrix(Layout):
+    """All unknowns as they are, of equations whose matrix is made elsewhere: every entry is in a place of its own."""
+
+    n_lower = 0
+
+    def __init__(self, n_unknowns: int, n_all: int) -> None:
+        self.needed, self.n_unknowns = np.arange(n_all), n_unknowns
+        self.pattern = unfactorised(n_all)
+
+    def unknowns(self, dofs: np.ndarray) -> np.ndarray:
+        """See `Layout`."""
+        return dofs
+
+    def positions(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """See `Layout`."""
+        return np.arange(rows.size).reshape(rows.shape)
+
+
 class RankLayout(Layout):
     """Unknowns and multipliers that one rank needs, in their order.
 
@@ -72,9 +90,8 @@ class RankLayout(Layout):
         self._n_all = n_all
         off = rows != columns
         self._stored = np.unique(np.maximum(rows, columns)[off] * n_all + np.minimum(rows, columns)[off])
-        self.n_lower, nothing = self._stored.size, np.zeros((3, 0), dtype=np.int64)
-        factors = nothing[2], *np.zeros((3, 0), dtype=np.uint32)
-        self.pattern = Pattern(np.arange(self.needed.size), *nothing[:2], factors)
+        self.n_lower = self._stored.size
+        self.pattern = unfactorised(self.needed.size)
 
     def unknowns(self, dofs: np.ndarray) -> np.ndarray:
         """See `Layout`."""
@@ -89,6 +106,12 @@ class RankLayout(Layout):
     def lower(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of the entries below the diagonal among the needed, each (n_lower,)."""
         return tuple(np.searchsorted(self.needed, part) for part in np.divmod(self._stored, self._n_all))
+
+
+def unfactorised(n: int) -> Pattern:
+    """Return the pattern of n rows that the kernel factorises nothing of."""
+    nothing = np.zeros((3, 0), dtype=np.int64)
+    return Pattern(np.arange(n), *nothing[:2], (nothing[2], *np.zeros((3, 0), dtype=np.uint32)))
 
 
 class RankSolver:

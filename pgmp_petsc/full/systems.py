@@ -138,9 +138,8 @@ class FullSystem(SecondOrderSystem):
     @cached_property
     def _begun(self) -> State:
         """The start: two runs of a system begin with it, the second for the error of the first one's step."""
-        theta, rates = self._equations.initial
         if self.settled is None:
-            return self.consistent(*(self.built_in or self._equations.place(theta, rates)), theta)
+            return self.consistent(*(self.built_in or self._equations.start), self._equations.initial[0])
         q = self.settled.unknowns
         state = self.consistent(q, np.zeros_like(q), self.settled.theta.T)
         return self.settled.at_rest(state, len(self._sources.motions))
@@ -249,7 +248,8 @@ class FullBatch(FullSystem):
 
     Arrays have shape (n_blocks, n, n_lanes); see `SampleBlocks`. Parameter values of the samples have shape
     (n_samples,), `initial` positions (rad) and velocities (rad/s) of the rigid coordinates shape (n_theta,) each, and
-    `motions` are prescribed ones by the number of their coordinate; for `settled` and `built_in` see `FullSystem`.
+    `motions` are prescribed ones by the number of their coordinate; for `settled` and `built_in` see `FullSystem`. What
+    is to be stepped `in_joints`, by a `JointBatch`, has no matrix of its own.
     """
 
     instants_at_once = 256
@@ -265,15 +265,14 @@ class FullBatch(FullSystem):
         motions: Mapping[int, Motion] = MappingProxyType({}),
         settled: Settled | None = None,
         built_in: tuple[np.ndarray, np.ndarray] | None = None,
+        in_joints: bool = False,
     ) -> None:
         blocks = self._blocks = SampleBlocks.of(n_samples)
-        equations = FullEquations(kinematics, effects, values, blocks, initial)
+        equations = FullEquations(kinematics, effects, values, blocks, initial, in_joints=in_joints)
         sources = equations.sources(effects, tuple(motions.values()))
         super().__init__(equations, alone(), n_samples, sources, settled, built_in)
         self.n_events = len(equations.edges)
-        #: see `SecondOrderSystem`, for steps that no edge ends
-        self.edgeless_at_once = max(1, min(STEPS_AT_ONCE, LARGEST // (self.n_dofs * n_samples)))
-        self.steps_at_once = min(BEFORE_EDGES, self.edgeless_at_once) if equations.edges else self.edgeless_at_once
+        self._bound_calls()
         n = self.n_dofs + self.n_constraints
         self._factors = Factors(
             aligned_zeros((blocks.n_blocks, n + equations.layout.n_lower, blocks.n_lanes)),
@@ -281,6 +280,12 @@ class FullBatch(FullSystem):
         )
         self._size = np.empty((blocks.n_blocks, blocks.n_lanes))
         self._typical_mass = mass_on_diagonal(equations.problem, equations.size) / self.n_dofs
+
+    def _bound_calls(self) -> None:
+        """Find how many steps are taken in a call, with and without edges that may end them."""
+        #: see `SecondOrderSystem`, for steps that no edge ends
+        self.edgeless_at_once = max(1, min(STEPS_AT_ONCE, LARGEST // (self.n_dofs * self.n_samples)))
+        self.steps_at_once = min(BEFORE_EDGES, self.edgeless_at_once) if self.n_events else self.edgeless_at_once
 
     @property
     def typical_mass(self) -> np.ndarray:

@@ -263,8 +263,10 @@ class ConstraintSet:
         """Return the joints' and the driven statements among constraints with given numbers, increasing, shape (n,)."""
         own, parts, wanted, motions = self.statements_among(chosen)
         n_joints = self._joints.n
-        if own.size == n_joints and not self.n_driven:
+        if own.size == n_joints and (motions < 0).all():
             rows = self._joints
+        elif own.size == self.n_driven and (motions >= 0).all():
+            rows = self._drives
         else:
             rows = StatementRows(*(list(zip(*parts)) or ([], [])), self._unknowns.frame, self._unknowns.dimension)
         of, first = rows.row_of, np.diff(rows.row_of, prepend=-1) > 0

@@ -28,9 +28,10 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, note
 from pgmp_petsc.mechanism.closure import SINGULAR_TOLERANCE, LoopClosure, ReleasedClosure, size_of
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.continuation import Continuation, PoseBranch, Walk
 from pgmp_petsc.mechanism.joints import Connection, triad
-from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, words_of
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, Unknowns, words_of
 from pgmp_petsc.mechanism.pose_patches import PosePatches
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.scene.joints import MEASURED
@@ -127,6 +128,7 @@ class RigidKinematics:
         other = copy(self)
         coordinates = tuple(replace(coordinate, prescribed=True) for coordinate in self.coordinates)
         other.mechanism = replace(self.mechanism, coordinates=coordinates)
+        other.__dict__.pop("constraints", None)
         return other
 
     def of_bodies(self, mechanism: Mechanism) -> RigidKinematics:
@@ -136,8 +138,8 @@ class RigidKinematics:
         other = copy(self)
         other.mechanism, other.coordinates = mechanism, mechanism.coordinates
         other.coordinate = mechanism.coordinates[0]
-        other.__dict__.pop("_closure", None)
-        other.__dict__.pop("_released", None)
+        for made in ("_closure", "_released", "constraints"):
+            other.__dict__.pop(made, None)
         return other
 
     @cached_property
@@ -147,6 +149,11 @@ class RigidKinematics:
         missed = self._closure.missed(poses, theta)
         said = f"{missed}: redundant constraints do not agree, and loops are closed in least squares"
         return (note(said),) if missed else ()
+
+    @cached_property
+    def constraints(self) -> ConstraintSet:
+        """All constraints of the mechanism in its unknowns."""
+        return ConstraintSet(Unknowns(self.mechanism))
 
     @cached_property
     def _closure(self) -> LoopClosure:

@@ -36,7 +36,7 @@ class PosePatches:
         ends = np.array([(axis[0], axis[-1]) for axis in branch.axes])
         self._shape = tuple(-(-(axis.size - 1) // WIDEST) for axis in branch.axes)
         half = 0.5 * (ends[:, 1] - ends[:, 0]) / self._shape
-        numbers = np.indices(self._shape).reshape(2, -1).T
+        numbers = np.ascontiguousarray(np.indices(self._shape).reshape(2, -1).T)
         self._widest = ends[:, 0] + (2 * numbers + 1) * half, np.tile(half, (len(numbers), 1))
         turns = np.pi * (np.arange(POINTS) + 0.5) / POINTS
         self._points = _pairs(np.cos(turns))

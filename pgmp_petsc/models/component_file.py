@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -216,9 +216,17 @@ class ComponentsFile(Result):
         """Return the figures of the model as plain data."""
         return {"kind": self.kind, "amplitudes": self.n_amplitudes}
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled: all but what was made of it."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
+
     @cached_property
     def _scenes(self) -> dict[Path, Scene]:
         return {}
+
+    @cached_property
+    def _models(self) -> dict[Path, ComponentModel]:
+        return {}  # the last ones
 
     def scene(self, directory: Path) -> Scene:
         """Return the scene that the bodies were condensed for, with paths relative to a folder."""
@@ -227,8 +235,13 @@ class ComponentsFile(Result):
         return self._scenes[directory]
 
     def model(self, scene: Scene) -> ComponentModel:
-        """Return the model with a scene that differs from that of the build where `check_bodies` allows it."""
-        return model_of(scene, self.bodies, built=self.scene(scene.directory))
+        """Return the model with a scene that differs from that of the build where `check_bodies` allows it; one that
+        moves as that of the call before has its mechanism."""
+        last = self._models.get(scene.directory)
+        if last is not None and last.scene.moves_as(scene):
+            return last.in_scene(scene)
+        made = self._models[scene.directory] = model_of(scene, self.bodies, built=self.scene(scene.directory))
+        return made
 
     def check_bodies(self, built: Scene, scene: Scene, name: object) -> tuple[Remark, ...]:
         """Refuse changes of a scene that would have its bodies condensed otherwise than those of the one they were

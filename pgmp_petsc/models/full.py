@@ -26,7 +26,6 @@ from pgmp_petsc.full.rank_solver import PREFIX
 from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.lanes.lane_items import SampleBlocks
 from pgmp_petsc.mechanism.closure import LARGEST_GAP
-from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -79,6 +78,13 @@ class FullModel:
 
     def in_scene(self, scene: Scene) -> Self:
         """Return the model of a scene that differs in what is no part of its bodies."""
+        if not self.scene.moves_as(scene):
+            return self._anew(scene)
+        other = copy(self)
+        other.scene = scene
+        return other
+
+    def _anew(self, scene: Scene) -> Self:
         return type(self)(scene, self.meshes, self.kinematics)
 
     def at_lengths(self, scene: Scene) -> Self:
@@ -115,8 +121,9 @@ class FullModel:
         start = sized.start_of_samples(values, n_samples)
         built_in = sized.built_in(values, start, n_samples) if settled is None else None
         system = FullBatch(
-            sized.kinematics, sized._effects, values, start, n_samples, sized._motions, settled, built_in
-        )
+            sized.kinematics, sized._effects, values, start, n_samples, sized._motions, settled, built_in,
+            self.in_joints,
+        )  # fmt: skip
         return sized._controlled(JointBatch(system) if self.in_joints else system, values)
 
     def _controlled(self, system: SomeSystem, values: Mapping[str, np.ndarray]) -> SomeSystem:
@@ -228,7 +235,7 @@ class FullModel:
             def deformed(at: np.ndarray) -> np.ndarray:
                 _, lost = statics.hold(at[None], np.ones(1, dtype=bool))
                 if lost[0]:
-                    residual = self._residual(equations.start()[0][:, None])
+                    residual = self._residual(equations.start[0][:, None])
                     if self._furthest(residual)[2] == 0.0:
                         raise InputError(UNBALANCED.format(statics.cause(0)))
                     self._refuse(residual, theta)
@@ -246,8 +253,8 @@ class FullModel:
         theta, held = self._start[0], self.kinematics.held()
         if not self.scene.initial.equilibrium:
             require_balance(self.scene, self.kinematics, theta, self.scene.values)
-        q = self._equations(held, self.scene.values, (theta, np.zeros_like(theta)), alone()).start()[0][:, None]
-        constraints = ConstraintSet(Unknowns(held.mechanism))
+        q = self._equations(held, self.scene.values, (theta, np.zeros_like(theta)), alone()).start[0][:, None]
+        constraints = held.constraints
         residual = constraints.residual(q, theta)[:, 0]
         values, at = constraints.jacobian_values(q)[:, 0], constraints.jacobian_pattern
         jacobian = sp.csr_matrix((values, at), shape=(residual.size, q.size))
@@ -270,7 +277,7 @@ class FullModel:
 
     def _residual(self, q: np.ndarray) -> np.ndarray:
         """Return what the constraints are off at unknowns (n_dofs, 1), those of joints first."""
-        constraints = ConstraintSet(Unknowns(self.kinematics.mechanism))
+        constraints = self.kinematics.constraints
         return constraints.residual(q, np.zeros(constraints.n_driven))[:, 0]
 
     def _furthest(self, residual: np.ndarray) -> tuple[str, str, float]:
@@ -423,7 +430,7 @@ class ComponentModel(FullModel):
         super().__init__(scene, shapes, kinematics)
         self.n_ranks, self.served = n_ranks, served or {}
 
-    def in_scene(self, scene: Scene) -> Self:
+    def _anew(self, scene: Scene) -> Self:
         return type(self)(scene, self.meshes, self.kinematics, self.n_ranks, self.served)
 
     def single(self, values: Mapping[str, float], comm: Comm) -> FullBatch | FullDistributed:

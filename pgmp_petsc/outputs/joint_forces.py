@@ -35,7 +35,6 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import SI
 from pgmp_petsc.effects import springs_of_joints
 from pgmp_petsc.effects.action import SPRING_DAMPER, Action
-from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.joints import Attachment, Connection, Coupling
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, Unknowns
@@ -560,8 +559,7 @@ def _refuse_undetermined(
     mechanism = kinematics.mechanism
     unknowns = Unknowns(mechanism)
     q = unknowns.place(kinematics.poses(start)[..., 0])
-    constraints = ConstraintSet(unknowns)
-    shares = constraints.undetermined(q)
+    shares = kinematics.constraints.undetermined(q)
     if not shares.shape[1]:
         return
     shares = shares[: mechanism.n_held]

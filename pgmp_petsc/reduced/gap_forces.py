@@ -140,11 +140,12 @@ class GapForces:
         sizes = (N_ROWS**r, N_ROWS, n, n, n, n_factors, r * n_slopes, g)
         work = tuple(aligned_zeros((size, LANES)) for size in sizes)
         ours = aligned_zeros((N_ROWS**r, g, n_factors)), aligned_zeros((N_ROWS**r, g, n_slopes))
-        theta, found = np.ascontiguousarray(states.q[:, :r]), np.empty((g, len(states.q)))
+        # one layout, one compiled function
+        theta, *moving = map(np.ascontiguousarray, (states.q[:, :r], states.q, states.v, states.a))
+        found = np.empty((g, len(theta)))
         _fill(
-            self.sizes, kinds, self.mass_damping, self.quadratic, weights, amplitudes, loads,
-            (theta, states.q, states.v, states.a), self.table.axes, *self.tables, cells_of(theta, self.table.axes),
-            work, ours, found,
+            self.sizes, kinds, self.mass_damping, self.quadratic, weights, amplitudes, np.ascontiguousarray(loads),
+            (theta, *moving), self.table.axes, *self.tables, cells_of(theta, self.table.axes), work, ours, found,
         )  # fmt: skip
         return found
 

@@ -319,7 +319,8 @@ class ReducedSystem(SecondOrderSystem):
         everyone, strengths = np.ones(self.n_samples, dtype=bool), self._strengths.over(times)
         self._known(times[:1], np.array([[state.q, state.v]]), everyone, amplitudes=strengths.actions[None])
         result = np.empty_like(state.q)
-        evaluate_residual(*self._passed, self._lanes.packed(strengths.loads.T), _parts(state), result)
+        parts = tuple(np.ascontiguousarray(part) for part in _parts(state))  # one layout, one compiled function
+        evaluate_residual(*self._passed, self._lanes.packed(strengths.loads.T), parts, result)
         return result
 
     def node_loads(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:

@@ -204,6 +204,7 @@ def products_of(
     (_, n_in, n_out), (cells, order) = table.shape, by_cells(theta, axes)
     result = np.empty((len(theta), n_out))
     work = tuple(aligned_zeros((n, LANES)) for n in (N_ROWS ** len(axes), N_ROWS, n_in, n_out))
+    vectors = np.require(vectors, requirements="CW")  # one kind of array, one compiled function
     _fill_products(theta, axes, table, vectors, derivative, cells, order, work, result)
     return result
 

@@ -63,6 +63,9 @@ class Header(Table):
     )
 
 
+OF_RUNS = ("simulation", "reference", "ensemble")  # tables that no mechanism is made of
+
+
 class Scene(Table):
     """A validated scene. Names that entries refer to exist and are of the right kind; see `load_scene`."""
 
@@ -119,6 +122,11 @@ class Scene(Table):
         rows = [(name, one.current, one.unit, drawn[name], one.description) for name, one in self.parameters.items()]
         head = ("parameter", "value", "unit", "distribution", "")
         return card(f"pgmp scene '{self.name}'", about, [Grid(head, rows)], self.remarks)
+
+    def moves_as(self, other: Scene) -> bool:
+        """Return whether another scene differs in what runs are asked for alone: its mechanism moves as this one's."""
+        tables = (name for name in Scene.model_fields if name not in OF_RUNS)
+        return self is other or all(getattr(self, name) == getattr(other, name) for name in tables)
 
     def with_remarks(self, remarks: tuple[Remark, ...]) -> Self:
         """Return the scene with what is doubtful about it."""
@@ -193,11 +201,10 @@ class Scene(Table):
     def interpolation(self) -> str:
         """The interpolation of reduced tables between samples. Where joints are elastic, splines take the place of
         Overhauser's tangents: rigid motion and what these joints carry along share inertia, whose slopes are forces.
-        So they do over three coordinates, where samples are far apart, unless a scene asks for these tangents."""
+        """
         scheme = self.reduction.interpolation
         elastic = any(joint.elastic is not None for joint in self.joints.values())
-        few = len(self.coordinates) > 2 and "interpolation" not in self.reduction.model_fields_set
-        return "spline" if (elastic or few) and scheme == "overhauser" else scheme
+        return "spline" if elastic and scheme == "overhauser" else scheme
 
     @property
     def gyroscopic(self) -> bool:
@@ -267,7 +274,8 @@ class Scene(Table):
     @model_validator(mode="before")
     @classmethod
     def _defaults_of_the_reduction(cls, data: Any) -> Any:
-        """Take ``effects = "auto"`` for a choice without loads, and fewer angles along each of several coordinates."""
+        """Take ``effects = "auto"`` for a choice without loads, fewer angles along each of several coordinates, and
+        splines over three, whose samples are far apart."""
         if not isinstance(data, dict) or not isinstance(data.get("reduction", {}), dict):
             return data
         reduction = dict(data.get("reduction", {}))
@@ -275,7 +283,9 @@ class Scene(Table):
         if automatic:
             reduction["effects"] = "auto"
         n = len(data["coordinates"]) if isinstance(data.get("coordinates"), dict) else 1
-        if n > 1 and reduction.get("tolerance") is None:  # which leaves angles that are not given to the choice
+        if n > 1 and reduction.get("tolerance") is None:  # which leaves to the choice what is not given
+            if n == 3:
+                reduction.setdefault("interpolation", "spline")
             few = ANGLES_OF_SEVERAL[min(n, max(ANGLES_OF_SEVERAL))]
             reduction.setdefault("angles", max(few, *map(_along, data["coordinates"].values())) if n == 3 else few)
         changed = {**data, "reduction": reduction} if reduction else data

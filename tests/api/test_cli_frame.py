@@ -213,12 +213,18 @@ def test_info_describes_a_file(mpirun, tmp_path):
     assert any(line.split()[:5] == ["/state/coordinates", "1001", "x", "1", "rad"] for line in lines)
 
 
+@pytest.fixture
+def cold(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let processes end as an interpreter does; warm starts leave memory to the system (`warm_start`)."""
+    monkeypatch.setenv("PYTHONHASHSEED", "1")  # is read at a start, so that the server serves no such process
+
+
 @pytest.mark.parametrize("n", RANKS)
-def test_what_petsc_still_holds_is_let_go_while_python_lives(mpirun, parallel_scripts, n):
+def test_what_petsc_still_holds_is_let_go_while_python_lives(cold, mpirun, parallel_scripts, n):
     mpirun(n, parallel_scripts / "left_behind.py", "closed")
 
 
 @pytest.mark.skipif(not metadata.version("petsc4py").startswith("3.18."), reason="3.26 was seen to do it itself")
-def test_without_that_the_end_of_petsc_may_crash(mpirun, parallel_scripts):
+def test_without_that_the_end_of_petsc_may_crash(cold, mpirun, parallel_scripts):
     """Once this is skipped with Debian's PETSc too, `release_petsc` has no use any more."""
     assert mpirun(1, parallel_scripts / "left_behind.py", "open", check_status=None).returncode != 0

@@ -32,12 +32,15 @@ def bare(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_here_everything_is_there() -> None:
     assert missing() == () and has_petsc() and has_mpi() and alone() == MPI.COMM_SELF
     needs_petsc("tests")
+    assert not surroundings._is_there("no_such_package") and surroundings._is_there("petsc4py")
     assert is_communicator(MPI.COMM_SELF) and not is_communicator(MPI.COMM_NULL) and not is_communicator(OneRank())
 
 
 def test_without_them_one_rank_takes_their_place(bare: None) -> None:
     assert missing() == ("petsc4py", "slepc4py", "mpi4py") and not has_petsc() and not has_mpi()
     assert isinstance(alone(), OneRank) and is_communicator(alone()) and not is_communicator(3)
+    with pytest.raises(SystemExit, match="3"):
+        OneRank().Abort(3)
 
 
 @pytest.mark.parametrize("absent", ["petsc4py", "slepc4py", "mpi4py"])
@@ -47,10 +50,6 @@ def test_one_that_is_missing_is_named(absent: str, monkeypatch: pytest.MonkeyPat
     assert not has_petsc() and has_mpi() is (absent != "mpi4py")
     with pytest.raises(InputError, match=f"^models need PETSc and SLEPc, and .* has no {absent}; .*docs/without_petsc"):
         needs_petsc("models")
-
-
-def test_packages_are_found_without_importing_them() -> None:
-    assert not surroundings._is_there("no_such_package") and surroundings._is_there("petsc4py")
 
 
 def test_processes_that_were_started_together_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -89,11 +88,6 @@ ASKED: dict[str, Callable] = {
 @pytest.mark.parametrize("what", ASKED)
 def test_one_rank_answers_as_mpi_does(what: str) -> None:
     assert ASKED[what](OneRank()) == ASKED[what](MPI.COMM_SELF)
-
-
-def test_the_end_of_one_rank_is_that_of_the_process() -> None:
-    with pytest.raises(SystemExit, match="3"):
-        OneRank().Abort(3)
 
 
 def _message(comm: OneRank) -> str:

@@ -76,14 +76,15 @@ def test_a_bar_is_shown_on_rank_0_where_a_person_is_watching(monkeypatch: pytest
     with progress(3, "samples", Rank(0), initial=1) as bar:
         bar.update(2)
     assert not isinstance(bar, (Lines, Silent)) and "samples" in sys.stderr.getvalue()
-
-
-def test_other_ranks_are_silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert isinstance(progress(3, "samples", Rank(1)), Silent)
+    with progress(10, "samples", Rank(0)) as bar:  # samples under way count, and it never goes back
+        for within, done, n in ((5.7, 0, 5), (0.0, 2, 5), (0.0, 8, 10)):
+            bar.within(within)
+            bar.update(done)
+            assert bar._bar.n == n
     monkeypatch.setattr(sys, "stderr", Terminal())
     with progress(3, "samples", Rank(1)) as bar:
         bar.update(3)
-    assert isinstance(bar, Silent) and sys.stderr.getvalue() == ""
+    assert isinstance(bar, Silent) and sys.stderr.getvalue() == "", "other ranks are silent"
 
 
 def test_parts_of_what_is_counted_say_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,15 +95,6 @@ def test_parts_of_what_is_counted_say_nothing(monkeypatch: pytest.MonkeyPatch) -
             bar.update()
         with progress(3, "samples", Rank(0)) as after:
             assert not isinstance(after, Silent), "it ends with the block"
-
-
-def test_short_work_says_nothing() -> None:
-    clock = Clock()
-    with Lines(10, "samples", clock.stream, clock=clock) as bar:
-        for _ in range(10):
-            clock.now += 0.49
-            bar.update()
-    assert clock.lines() == []
 
 
 def test_long_work_says_how_far_it_is() -> None:
@@ -117,6 +109,15 @@ def test_long_work_says_how_far_it_is() -> None:
         "full samples: 150 of 1000, 15 s, about 85 s to go",
     ]
     assert clock.lines()[-1] == "full samples: 1000 of 1000, 100 s", "the log says that it came to its end"
+    with Lines(10, "samples", (short := Clock()).stream, clock=short) as bar:
+        for _ in range(10):
+            short.now += 0.49
+            bar.update()
+    assert short.lines() == [], "short work says nothing"
+    bar = Lines(1000, "samples", (resumed := Clock()).stream, initial=900, clock=resumed)
+    resumed.now += 10.0
+    bar.update(10)
+    assert resumed.lines() == ["samples: 910 of 1000, 10 s, about 90 s to go"], "what was done before is no speed"
 
 
 def test_a_rate_of_less_than_a_moment_says_nothing_about_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,14 +150,6 @@ def test_there_is_a_line_every_five_seconds_however_long_work_takes() -> None:
     assert "min" in said[len(said) // 2]
 
 
-def test_what_was_done_before_does_not_count_as_speed() -> None:
-    clock = Clock()
-    bar = Lines(1000, "samples", clock.stream, initial=900, clock=clock)
-    clock.now += 10.0
-    bar.update(10)
-    assert clock.lines() == ["samples: 910 of 1000, 10 s, about 90 s to go"]
-
-
 def test_work_that_fails_does_not_say_that_it_is_done() -> None:
     clock = Clock()
     with pytest.raises(ZeroDivisionError), Lines(2, "samples", clock.stream, clock=clock) as bar:
@@ -164,11 +157,7 @@ def test_work_that_fails_does_not_say_that_it_is_done() -> None:
         bar.update()
         raise ZeroDivisionError
     assert clock.lines() == ["samples: 1 of 2, 6 s, about 6 s to go"]
-
-
-def test_a_stream_that_fails_does_not_end_the_work() -> None:
-    clock = Clock()
-    bar = Lines(2, "samples", Full(), clock=clock)
+    bar = Lines(2, "samples", Full(), clock=clock)  # and a stream that fails does not end the work
     clock.now += 6.0
     bar.update(2)
 
@@ -267,18 +256,6 @@ def test_samples_under_way_count_by_their_steps() -> None:
         bar.update(512)
     lines = clock.lines()
     assert lines[0] == "samples: 66 of 512, 5 s, about 35 s to go" and lines[-1] == "samples: 512 of 512, 40 s"
-
-
-def test_a_bar_counts_samples_under_way_and_never_goes_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stderr", Terminal())
-    with progress(10, "samples", Rank(0)) as bar:
-        bar.within(5.7)
-        assert bar._bar.n == 5
-        bar.within(0.0)
-        bar.update(2)
-        assert bar._bar.n == 5
-        bar.update(8)
-        assert bar._bar.n == 10
 
 
 def test_a_command_shows_what_it_does_where_nothing_is_counted() -> None:

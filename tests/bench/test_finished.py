@@ -1,29 +1,22 @@
 """Results of finished tasks: kept by their description, taken up again, and refused for another run."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
-from tradeoffs import LEAST, small_scene
+from tradeoffs import small_scene
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.choice import choose
 from pgmp_petsc.bench.finished import Finished
-from pgmp_petsc.bench.tradeoff import measure_tradeoff
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.results import Tradeoff
 from pgmp_petsc.scene import Scene
 from scenes import meshes_of
 
-SHORT = (
-    'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}', "simulation.duration=0.01", "reduction.angles=8",
-)  # fmt: skip
 RIGID = 'outputs={crank_angle={type="angle", joint="crank_hinge"}}'
-SWEEP = replace(LEAST, component_modes=(3,))
 
 
 def finished(path: Path, scene: Scene, resume: bool, **kind: object) -> Finished:
@@ -56,39 +49,6 @@ def test_another_run_is_refused(tmp_path: Path, other: str) -> None:
     kind = {"quick": True} if other == "kind" else {}
     with pytest.raises(InputError, match=f"belongs to another run: its {'scene' if other == 'scene' else 'quick'}"):
         finished(tmp_path, scene, True, **kind)
-
-
-def study(path: Path, scene: Scene, resume: bool) -> Tradeoff:
-    kept = finished(path, scene, resume)
-    return measure_tradeoff(scene, meshes_of(scene), SWEEP, 1000, True, MPI.COMM_SELF, kept)
-
-
-def test_a_study_that_was_killed_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Killed while it took times, then after they were taken: the same settings, errors and advice for both."""
-    scene = small_scene(*SHORT)
-
-    def killed(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Bench, "take_times", killed)
-        with pytest.raises(KeyboardInterrupt):
-            study(tmp_path, scene, False)
-    with monkeypatch.context() as patch:
-        patch.setattr(Bench, "_measured", killed)
-        resumed = study(tmp_path, scene, True)
-        patch.setattr(Bench, "take_times", killed)
-        again = study(tmp_path, scene, True)
-    whole = measure_tradeoff(scene, meshes_of(scene), SWEEP, 1000, True, MPI.COMM_SELF)
-    assert resumed.families == whole.families and resumed.flags == whole.flags and resumed.reasons == whole.reasons
-    # the eigensolver's random start changes the last digits
-    np.testing.assert_allclose(resumed.errors, whole.errors, rtol=1e-6, atol=1e-12)
-    np.testing.assert_array_equal(again.errors, resumed.errors)
-    for clock in ("wall", "processor"):
-        for name, times in vars(getattr(resumed, clock)).items():
-            np.testing.assert_array_equal(getattr(getattr(again, clock), name), times)
-            assert np.isfinite(times).all()
-    assert again.advice == resumed.advice
 
 
 GIVEN = (

@@ -1,11 +1,19 @@
-"""Histories of both models, and errors between two: shares of the largest value, what failed, instants in common."""
+"""The bench: models that stay or are built again, histories of runs, and errors between two."""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from runs import full_model, reduced_model, samples
-from tradeoffs import OUTPUTS
+from tradeoffs import OUTPUTS, small_scene
 
 from pgmp_petsc.base.errors import RunError
+from pgmp_petsc.bench import bench
+from pgmp_petsc.bench.bench import FEWEST_STEPS, Bench, Shelf, bytes_of
+from pgmp_petsc.bench.cases import Training, held_out
+from pgmp_petsc.bench.finished import Price
 from pgmp_petsc.bench.history import (
     MOST_INSTANTS,
     History,
@@ -15,9 +23,13 @@ from pgmp_petsc.bench.history import (
     run_history,
     spacing,
 )
+from pgmp_petsc.bench.reference import Reference
+from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.scene.numerics import Reduction
+from pgmp_petsc.stepping.alpha_step import LENGTHS
 from pgmp_petsc.stepping.status import Status
-from scenes import SLIDER_CRANK
+from scenes import SLIDER_CRANK, meshes_of, slider_crank
 
 FLOORS = np.array([1e-10])
 
@@ -33,15 +45,19 @@ def history(values: np.ndarray, n_steps: int | None = None, status: tuple[int, .
     return History(n_steps, spacing(n_steps), outputs, states, inside, never)
 
 
-def test_errors_are_shares_of_a_samples_own_largest_value() -> None:
-    exact = np.array([[0.0, 0.0], [2.0, -200.0], [1.0, 100.0]])
-    found = exact + np.array([[0.0, 0.0], [0.1, 1.0], [-0.2, 0.0]])
-    np.testing.assert_allclose(errors_between(history(found), history(exact), FLOORS), [[0.1, 0.005]])
-
-
-def test_what_is_zero_is_measured_by_its_floor() -> None:
-    exact, found = np.zeros((3, 1)), np.full((3, 1), 1e-13)
-    np.testing.assert_allclose(errors_between(history(found), history(exact), FLOORS), [[1e-3]])
+@pytest.mark.parametrize(
+    ("exact", "off", "expected"),
+    [
+        # shares of a sample's own largest value, or of the floor; instants without a number do not count
+        ([[0.0, 0.0], [2.0, -200.0], [1.0, 100.0]], [[0.0, 0.0], [0.1, 1.0], [-0.2, 0.0]], [[0.1, 0.005]]),
+        ([[0.0]] * 3, [[1e-13]] * 3, [[1e-3]]),
+        ([[1.0], [np.nan], [2.0]], [[0.0], [7.0], [0.2]], [[0.1]]),
+    ],
+)
+def test_errors_between_histories(exact: list, off: list, expected: list) -> None:
+    exact = np.array(exact)
+    found = np.nan_to_num(exact) + off
+    np.testing.assert_allclose(errors_between(history(found), history(exact), FLOORS), expected)
 
 
 @pytest.mark.parametrize(
@@ -52,11 +68,6 @@ def test_failures(of_found: int, of_exact: int, expected: float) -> None:
     values = np.ones((3, 1))
     errors = errors_between(history(values, status=(of_found,)), history(values, status=(of_exact,)), FLOORS)
     np.testing.assert_array_equal(errors, [[expected]])
-
-
-def test_instants_without_a_number_do_not_count() -> None:
-    exact, found = np.array([[1.0], [np.nan], [2.0]]), np.array([[1.0], [7.0], [2.2]])
-    np.testing.assert_allclose(errors_between(history(found), history(exact), FLOORS), [[0.1]])
 
 
 @pytest.mark.parametrize(("coarse", "fine"), [(64, 128), (257, 2056), (1000, 2000), (1500, 12000), (1595, 6380)])
@@ -129,3 +140,82 @@ def test_what_is_zero_to_round_off_in_both_has_no_error() -> None:
         found = history(np.array([[1.0, 0.0], [1.0, least * FLOORS[0]]]))
         assert largest_errors(found, exact, FLOORS) == pytest.approx([expected], abs=1e-12)
     assert errors_between(found, exact, FLOORS)[0, 1] == pytest.approx(2.6)
+
+
+@dataclass
+class Model:
+    modes: int
+    table: np.ndarray
+
+
+def reduction(modes: int) -> Reduction:
+    return Reduction(modes=modes)
+
+
+class Builder:
+    def __init__(self, n_bytes: int) -> None:
+        self.n_bytes, self.built = n_bytes, []
+
+    def __call__(self, asked: Reduction) -> Model:
+        self.built.append(asked.modes)
+        return Model(asked.modes, np.zeros(self.n_bytes // 8))
+
+
+def filled(n_bytes: int, most: int, n: int) -> tuple[Builder, Shelf]:
+    builder = Builder(n_bytes)
+    shelf = Shelf(builder, most)
+    for modes in range(1, n + 1):
+        shelf.take(reduction(modes))
+    return builder, shelf
+
+
+def test_the_oldest_goes_and_is_built_again() -> None:
+    builder, shelf = filled(400, 1000, 3)
+    assert shelf.take(reduction(3)).modes == 3 and shelf.take(reduction(2)).modes == 2
+    assert builder.built == [1, 2, 3], "the last two fit"
+    assert shelf.take(reduction(1)).modes == 1 and builder.built == [1, 2, 3, 1]
+    shelf.take(reduction(2))
+    assert builder.built == [1, 2, 3, 1], "what was wanted last stayed"
+    shelf.take(reduction(3))
+    assert builder.built == [1, 2, 3, 1, 3]
+
+
+@pytest.mark.parametrize("most", [0, 100])
+def test_the_latest_stays_however_large(most: int) -> None:
+    builder, shelf = filled(400, most, 2)
+    assert shelf.take(reduction(2)).modes == 2 and builder.built == [1, 2]
+
+
+def test_bytes_of_all_arrays_within() -> None:
+    item = {"a": (np.zeros(3), [np.zeros(2, dtype=np.int8)]), "b": Model(1, np.zeros((2, 2))), "c": "text", "d": None}
+    assert bytes_of(item) == 24 + 2 + 32
+
+
+def test_steps_to_begin_with_count_once_and_not_as_often_as_those_that_are_timed(monkeypatch) -> None:
+    scene = slider_crank("simulation.duration=0.1", "simulation.step=1e-3")
+    clock, taken = [0.0], []
+
+    def a_second_each(system: object, simulation: object) -> SimpleNamespace:
+        taken.append(round(simulation.duration / simulation.step))
+        clock[0] += len(LENGTHS) + taken[-1]
+        return SimpleNamespace(state=system.start())
+
+    monkeypatch.setattr(bench, "TIMED", 0.0)
+    monkeypatch.setattr(bench, "_now", lambda: np.full(2, clock[0]))
+    monkeypatch.setattr(bench, "integrate", a_second_each)
+    timed = SimpleNamespace(training=SimpleNamespace(values={"r1": np.array([5e-3])}))
+    seconds = Bench.seconds(timed, FullModel(scene, meshes_of(scene)), 100, 1)
+    np.testing.assert_allclose(seconds, len(LENGTHS) + 100.0)
+    assert taken == [FEWEST_STEPS]
+
+
+def test_runs_of_one_model_count_also_beyond_the_range_and_are_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    limited = 'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}'
+    scene = small_scene(limited, "simulation.initial.theta.velocity=100.0")
+    reference = Reference(FullModel(scene, meshes_of(scene)), Price(0.0, 0.0), "", {})
+    runs = Bench(reference, Training.of_own_loads(scene, *held_out(scene)), MPI.COMM_SELF)
+    assert runs.most_steps == np.inf
+    moved = runs.moved(20, 40)
+    assert moved.by_output[0] > 0.0 and moved.values.shape == (1, 2, 8)
+    monkeypatch.setattr(bench, "run_history", None)
+    np.testing.assert_array_equal(runs.moved(20, 40).values, moved.values)

@@ -14,7 +14,7 @@ from runs import full_model, reduced_model
 from pgmp_petsc.api.jobs import _Job
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench import advice, reference
-from pgmp_petsc.bench.finished import Price, duration_text, step_seconds
+from pgmp_petsc.bench.finished import duration_text, step_seconds
 from pgmp_petsc.bench.history import errors_between, floors_of, run_history
 from pgmp_petsc.bench.reference import (
     CHECK_SHARE,
@@ -87,6 +87,10 @@ def test_the_mesh_where_it_is_within_the_budget() -> None:
     assert found.is_mesh and found.model.name == "full" and found.from_mesh == {}
     assert found.price.seconds == pytest.approx(prices()[0])
     assert "reference: the mesh" in found.why and "within reference.budget = 600 s" in found.why
+    assert replace(found, from_mesh={"x": 1.0}).about["from_mesh"] == {"x": 1.0}
+    scene = cells()  # it has no distance from itself
+    assert distance_from_mesh(found, meshes_for(scene), points(scene, 1), 1, 20, SELF) is found
+    assert [duration_text(s) for s in (0.5, 600.0, 7200.0 * 3, 86400.0 * 10)] == ["0.5 s", "10 min", "6 h", "10 days"]
 
 
 def test_the_component_model_where_the_mesh_is_too_dear() -> None:
@@ -155,17 +159,6 @@ def test_a_dear_mesh_is_compared_over_a_part_of_the_run_or_not_at_all() -> None:
         assert bool(told.from_mesh) == (steps >= FEWEST_STEPS)
 
 
-def test_the_mesh_is_no_distance_from_itself() -> None:
-    scene = cells()
-    found = chosen(scene)
-    assert distance_from_mesh(found, meshes_for(scene), points(scene, 1), 1, 20, SELF) is found
-
-
-def test_prices_are_proportional_and_readable() -> None:
-    assert Price(2e-3, 1e3).seconds == 2.0 and str(Price(1.0, 100.0)) == "1e+02 s"
-    assert [duration_text(s) for s in (0.5, 600.0, 7200.0 * 3, 86400.0 * 10)] == ["0.5 s", "10 min", "6 h", "10 days"]
-
-
 @pytest.mark.parametrize("kind", ["beams", "cells in the plane"])
 def test_models_agree_on_the_first_period(kind: str) -> None:
     """By the eigenproblem of modes, from bodies in floating frames, and from a reduced model's tables."""
@@ -176,16 +169,9 @@ def test_models_agree_on_the_first_period(kind: str) -> None:
     assert components == pytest.approx(expected, rel=1e-4)
     if kind == "beams":
         assert period_of(FullModel(scene, meshes), SELF) == expected
-
-
-def test_tables_know_the_first_period() -> None:
-    scene = slider_crank("reduction.angles=24", "reduction.modes=4")
-    assert period_of(reduced_model(scene), SELF) == pytest.approx(period_of(full_model(scene), SELF), rel=1e-8)
-
-
-def test_a_reference_keeps_what_it_was_asked_for() -> None:
-    found = chosen(cells())
-    assert replace(found, from_mesh={"x": 1.0}).about["from_mesh"] == {"x": 1.0}
+        of_tables = slider_crank("reduction.angles=24", "reduction.modes=4")
+        found, expected = (period_of(make(of_tables), SELF) for make in (reduced_model, full_model))
+        assert found == pytest.approx(expected, rel=1e-8)
 
 
 def test_stresses_of_bodies_of_cells_are_in_what_a_step_is_predicted_to_take() -> None:

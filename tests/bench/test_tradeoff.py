@@ -38,13 +38,16 @@ def test_every_setting_has_errors_and_times() -> None:
     assert (result.batch, result.samples, result.quick) == (16, 1000, True)
     np.testing.assert_array_equal(result.test_values["r1"], held_out(small_scene())[0]["r1"])
     assert result.advice
-
-
-def test_the_first_setting_is_the_scenes_own() -> None:
-    result = small()
-    assert result.flags[0] == "" and result.families[0] == "reduced"
+    # the first setting is the scene's own
+    assert result.flags[0] == "" and result.families[0] == "reduced" and result.columns["cosine"][0] < 1.0
     assert [result.columns[name][0] for name in ("modes", "angles", "step", "coordinates")] == [4, 24, 1e-3, 5]
-    assert result.columns["cosine"][0] < 1.0
+    at, mesh = result.references, result.mesh
+    np.testing.assert_array_equal(at.refinement, [1, 2])
+    assert at.step[0] <= 1e-3 / 16 and (at.moved < 0.05).all() and all(at.reason)
+    np.testing.assert_array_equal([mesh.refinement, mesh.cells], [[1, 2, 4], [4, 8, 16]])
+    assert (mesh.errors[0] > mesh.errors[1]).all() and (mesh.errors[2] == 0.0).all()
+    with pytest.raises(InputError, match="outputs: the scene has none"):
+        study(small_scene(outputs=""))
 
 
 def test_errors_are_those_of_the_models_against_a_fine_full_order_run() -> None:
@@ -72,19 +75,6 @@ def test_flags_make_the_setting(tmp_path) -> None:
         assert getattr(changed.reduction, name) == result.columns[name][row]
     assert changed.simulation.step == result.columns["step"][row]
     assert changed.reduction != scene.reduction
-
-
-def test_references_say_how_good_they_are() -> None:
-    at = small().references
-    np.testing.assert_array_equal(at.refinement, [1, 2])
-    assert at.step[0] <= 1e-3 / 16 and (at.moved < 0.05).all() and all(at.reason)
-
-
-def test_mesh_errors_fall_with_the_mesh() -> None:
-    mesh = small().mesh
-    np.testing.assert_array_equal(mesh.refinement, [1, 2, 4])
-    np.testing.assert_array_equal(mesh.cells, [4, 8, 16])
-    assert (mesh.errors[0] > mesh.errors[1]).all() and (mesh.errors[2] == 0.0).all()
 
 
 def test_a_setting_that_fails_is_recorded_and_the_others_go_on() -> None:
@@ -138,11 +128,6 @@ def test_a_length_is_held_and_its_study_is_that_of_the_number() -> None:
     (said,) = [remark.text for remark in one.record.remarks if "settings are compared at" in remark.text]
     assert "rod_length = 0.68, other values with --set; over all lengths a build is 4 of those" in said
     assert not [remark for remark in other.record.remarks if "compared at" in remark.text]
-
-
-def test_a_scene_without_outputs_is_refused() -> None:
-    with pytest.raises(InputError, match="outputs: the scene has none"):
-        study(small_scene(outputs=""))
 
 
 def test_a_reference_that_fails_ends_the_study() -> None:

@@ -25,7 +25,7 @@ from pgmp_petsc.components.component_modes import condense, weighted_sum_dense  
 from pgmp_petsc.mesh.solid_mesh import reference_element  # noqa: E402
 
 KINDS, LENGTHS, DENSITY, N_MODES = ("quad8", "hexahedron20"), (0.6, 0.06, 0.04), 7800.0, 6
-OTHER = (1.3e11, 1.85e11, 2.1e11, 2.65e11)  # Pa, where the subspace of two materials was not made
+OTHER = (1.3e11, 2.65e11)  # Pa, where the subspace of two materials was not made
 
 
 @lru_cache
@@ -94,6 +94,7 @@ def test_the_condensed_matrices_are_those_of_the_mesh_for_the_recovered_displace
     assert (component.n, component.n_internal) == (recovery.shape[1], recovery.shape[1] - n_frame)
     assert component.n < 0.3 * component.n_mesh_dofs
     assert 0.0 < component.error < component_modes.TOLERANCE
+    assert component.extent == pytest.approx(LENGTHS[0], rel=1e-12)  # of a bar with the same radius of gyration
     np.testing.assert_array_equal(list(component.frames.items()), [("left", 0), ("right", 1)])
     middle = np.array(LENGTHS[1 : both.d]) / 2
     np.testing.assert_allclose(component.centres, [[0.0, *middle], [LENGTHS[0], *middle]], rtol=0, atol=1e-15)
@@ -102,24 +103,6 @@ def test_the_condensed_matrices_are_those_of_the_mesh_for_the_recovered_displace
         np.testing.assert_allclose(recovery.T @ (matrix @ recovery), small, rtol=0, atol=1e-12 * np.abs(small).max())
     # the first unknowns are the frames' own displacements, and internal coordinates do not move frames
     np.testing.assert_allclose(both.means @ recovery, np.eye(n_frame, component.n), rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_rigid_motions_have_no_internal_coordinates_and_no_strain_energy(kind: str) -> None:
-    both = Both(kind)
-    rigid, n_frame = both.rigid(), both.component.n_frame_dofs
-    # round-off 1e-16 times the condition of the change of coordinates, some hundreds
-    np.testing.assert_allclose(rigid[n_frame:], 0.0, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(
-        both.small_stiffness @ rigid, 0.0, rtol=0, atol=1e-14 * np.abs(both.small_stiffness).max()
-    )
-    # the frames move as points of a rigid body: translations, then turns about the origin
-    np.testing.assert_allclose(rigid[:n_frame], both.means @ both.recovery @ rigid, rtol=0, atol=1e-12)
-    d, n_turns = both.d, 3 if both.d == 3 else 1
-    frames = rigid[:n_frame].reshape(2, d + n_turns, -1)
-    np.testing.assert_allclose(frames[:, :d, :d], np.broadcast_to(np.eye(d), (2, d, d)), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(frames[:, d:, :d], 0.0, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(np.abs(frames[:, d:, d:]).sum(axis=1), 1.0, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -156,19 +139,6 @@ def test_the_interface_answers_as_the_mesh_does_at_any_frequency(kind: str) -> N
     assert max(both.missed_compliance(0.98 * value) for value in elastic) < 1e-8
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_probes_are_the_same_fields_for_whatever_coordinates(kind: str) -> None:
-    both = Both(kind)
-    probes = both.component.probes
-    waves = np.random.default_rng(1).normal(size=both.component.n)
-    # T^T M w: their products with a displacement are those of fixed fields, here the translations
-    rows = np.arange(both.places.size)[:, None]
-    n, numbers = both.places.size, np.arange(1, component_modes.N_PROBES + 1)
-    fixed = np.cos((1.0 + rows * (np.sqrt(5.0) / n)) * (1.0 + np.sqrt(2.0) * numbers))
-    expected = (both.recovery @ waves) @ (both.mass @ fixed)
-    np.testing.assert_allclose(waves @ probes, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
-
-
 @pytest.mark.parametrize("modulus", OTHER)
 @pytest.mark.parametrize("kind", KINDS)
 def test_two_materials_at_parameter_values_between_those_served(kind: str, modulus: float) -> None:
@@ -201,36 +171,21 @@ def test_modes_that_no_frame_feels_are_kept(kind: str) -> None:
     assert np.abs(moved).max() < 1e-6 * np.abs(recovery @ modes[:, along]).max()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_length_of_a_condensed_body(kind: str) -> None:
-    # of a bar with the same radius of gyration along its longest side
-    assert Both(kind).component.extent == pytest.approx(LENGTHS[0], rel=1e-12)
-
-
-def test_a_mesh_with_fewer_modes_than_asked_for_is_kept_whole() -> None:
-    mesh = mesh_of("quad8", (1, 1), (0.3, 0.05))
-    frames = {name: FaceFrame.of(mesh.nodes, mesh.groups[name], "line3") for name in ("left", "right")}
-    solid = body_of(mesh, 210e9, DENSITY)
-    component, *_ = condense(solid, frames, [{}], 50, MPI.COMM_SELF)
-    assert component.n == component.n_mesh_dofs == 16
-    stiffness, mass = matrices_of(solid)
-    full = eigh(stiffness.toarray(), mass.toarray(), eigvals_only=True)
-    found = eigh(component.stiffness[Monomial()], component.mass[Monomial()], eigvals_only=True)
-    # round-off of the highest ones, which are 1e2 times the first
-    np.testing.assert_allclose(found[3:], full[3:], rtol=1e-9)
-
-
-def test_a_square_plate_with_many_modes_settles() -> None:
-    """Its highest eigenvalues are close: several values of lambda take rounds, together more than one of them may."""
-    mesh, n_modes = mesh_of("quad8", (6, 6), (0.1, 0.1)), 25
+@pytest.mark.parametrize(("counts", "lengths", "n_modes"), [((1, 1), (0.3, 0.05), 50), ((6, 6), (0.1, 0.1), 25)])
+def test_many_modes_settle_and_a_mesh_with_fewer_is_kept_whole(
+    counts: tuple[int, int], lengths: tuple[float, float], n_modes: int
+) -> None:
+    """A square plate's highest eigenvalues are close: several values of lambda take rounds, together more than one of
+    them may."""
+    mesh = mesh_of("quad8", counts, lengths)
     frames = {name: FaceFrame.of(mesh.nodes, mesh.groups[name], "line3") for name in ("left", "right")}
     solid = body_of(mesh, 210e9, DENSITY)
     component, *_ = condense(solid, frames, [{}], n_modes, MPI.COMM_SELF)
-    assert component.n < component.n_mesh_dofs
+    assert component.n == component.n_mesh_dofs == 16 if counts == (1, 1) else component.n < component.n_mesh_dofs
     stiffness, mass = matrices_of(solid)
     full = eigh(stiffness.toarray(), mass.toarray(), eigvals_only=True)[3 : 3 + n_modes]
     found = eigh(component.stiffness[Monomial()], component.mass[Monomial()], eigvals_only=True)[3 : 3 + n_modes]
-    np.testing.assert_allclose(found, full, rtol=1e-8)
+    np.testing.assert_allclose(found, full, rtol=1e-8 if n_modes == 25 else 1e-9)
 
 
 def test_answers_that_do_not_settle_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

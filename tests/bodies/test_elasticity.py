@@ -103,32 +103,6 @@ def square(tensor: np.ndarray) -> np.ndarray:
     return tensor.reshape(-1, m, m)
 
 
-def test_lame_constants_give_young_s_modulus_and_poisson_s_ratio() -> None:
-    """A stress along x alone: 1 per strain, and -nu across; in plane stress the same with the plane's constants."""
-    for d, plane_stress in ((3, False), (2, True)):
-        lame = Lame.of(NU, plane_stress)
-        strain = np.diag([1.0, -NU, -NU][:d])
-        stress = lame.first * np.trace(strain) * np.eye(d) + 2 * lame.shear * strain
-        np.testing.assert_allclose(stress, np.diag([1.0, 0.0, 0.0][:d]), rtol=0, atol=1e-15)
-    solid, plane = Lame.of(NU, False), Lame.of(NU, True)
-    # plane stress is what remains when the strain across the plane is left free
-    assert plane.first == pytest.approx(2 * solid.first * solid.shear / (solid.first + 2 * solid.shear), rel=1e-15)
-    assert plane.shear == solid.shear
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_energy_of_a_uniform_deformation(kind: str) -> None:
-    d, lame, places = dimension_of(kind), lame_of(kind), distorted(kind)
-    rule = reference_element(kind).stiffness
-    geometry = Geometry.of(places, rule)
-    stretch = np.eye(d) + np.random.default_rng(6).normal(0.0, 0.3, (d, d))
-    strain = np.broadcast_to(0.5 * (stretch.T @ stretch - np.eye(d)), (*geometry.volumes.shape, d, d))
-    found = compiled_elements.strain_energy(places @ stretch.T - 1.0, geometry, lame)
-    # round-off: a few dozen sums of terms of order 1
-    np.testing.assert_allclose(found, energy_of(strain, geometry.volumes, lame), rtol=1e-13)
-    np.testing.assert_allclose(geometry.volumes, elasticity.volumes_of(places, rule), rtol=1e-15)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_force_is_the_gradient_of_the_energy(kind: str) -> None:
     lame, places = lame_of(kind), distorted(kind)
@@ -169,10 +143,9 @@ def test_the_stiffness_is_the_tangent_at_rest_and_only_rigid_motions_escape_it(k
     assert values[:, n_rigid].min() > 1e-4 * size
 
 
-@pytest.mark.parametrize("angle", [0.5, 3.0])
 @pytest.mark.parametrize("kind", KINDS)
-def test_large_rigid_motion_gives_no_force_and_turns_what_there_is(kind: str, angle: float) -> None:
-    lame, places = lame_of(kind), distorted(kind)
+def test_large_rigid_motion_gives_no_force_and_turns_what_there_is(kind: str) -> None:
+    angle, lame, places = 3.0, lame_of(kind), distorted(kind)
     geometry = Geometry.of(places, reference_element(kind).stiffness)
     stiff = np.abs(elasticity.stiffness(geometry, lame)).max()
     still = turned(places, angle)
@@ -279,5 +252,7 @@ def test_the_volume_of_curved_elements(kind: str) -> None:
         normals = np.cross(tangents[..., 0, :], tangents[..., 1, :])
     flux = np.einsum("efqi,efqi,q->e", points, normals, fine.weights)
     volumes = elasticity.volumes_of(places, element.mass).sum(axis=1)
+    stiff = element.stiffness
+    np.testing.assert_allclose(Geometry.of(places, stiff).volumes, elasticity.volumes_of(places, stiff), rtol=1e-15)
     # the rule of the mass is exact for the Jacobian's determinant; the flux is a polynomial within the finer rule
     np.testing.assert_allclose(volumes, flux / element.dimension, rtol=1e-13)

@@ -70,24 +70,13 @@ def test_a_flat_side_has_the_centre_and_the_inertia_of_a_rectangle(kind: str) ->
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_weights_and_arms_of_bent_faces(kind: str) -> None:
-    places, _, frame = crooked(kind)
-    assert frame.weights.sum() == pytest.approx(1.0, rel=1e-14)
-    np.testing.assert_allclose(frame.weights @ places[frame.nodes], frame.centre, rtol=1e-14)
-    # round-off of sums over a few dozen nodes with places of order 1
-    np.testing.assert_allclose(frame.arms.sum(axis=0), 0.0, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(frame.inertia, frame.inertia.T, rtol=0, atol=1e-14)
-    second = frame.arms.T @ (places[frame.nodes] - frame.centre)
-    np.testing.assert_allclose(second, second.T, rtol=0, atol=1e-14)
-
-
-@pytest.mark.parametrize("kind", KINDS)
 def test_rigid_motions_move_the_frame_exactly(kind: str) -> None:
     """Also that of bent faces, whatever the quadrature makes of their area."""
-    places, _, frame = crooked(kind)
+    places, faces, frame = crooked(kind)
     d = places.shape[1]
     functionals = frame.functionals(len(places))
     assert functionals.shape == (3 * (d - 1), d * len(places))
+    np.testing.assert_array_equal(np.unique(functionals.indices // d), np.unique(faces))
     for i in range(d):
         moved = np.broadcast_to(np.eye(d)[i], places.shape)
         expected = np.concatenate([np.eye(d)[i], np.zeros(len(turns(d)))])
@@ -96,14 +85,6 @@ def test_rigid_motions_move_the_frame_exactly(kind: str) -> None:
     for k, turn in enumerate(turns(d)):
         expected = np.concatenate([turn @ frame.centre, np.eye(len(turns(d)))[k]])
         np.testing.assert_allclose(functionals @ (places @ turn.T).ravel(), expected, rtol=0, atol=1e-13)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_only_nodes_of_the_faces_are_felt(kind: str) -> None:
-    places, faces, frame = crooked(kind)
-    d = places.shape[1]
-    columns = np.unique(frame.functionals(len(places)).indices) // d
-    np.testing.assert_array_equal(np.unique(columns), np.unique(faces))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -149,9 +130,6 @@ def test_the_frame_of_a_bore(kind: str) -> None:
     np.testing.assert_allclose(frame.centre, [3.0, -1.0, 0.5 * length][: len(frame.centre)], rtol=0, atol=1e-14)
     tolerance = half**4 / 25 * radius**2 if kind in QUADRATIC else 1e-14
     np.testing.assert_allclose(frame.inertia, expected, rtol=0, atol=tolerance)
-
-
-@pytest.mark.parametrize("kind", QUADRATIC)
-def test_curved_faces_approach_the_arc_with_fourth_order(kind: str) -> None:
-    errors = [abs(circle(kind, n, 0.4, 0.7).inertia[-1, -1] / 0.4**2 - 1) for n in (8, 16)]
-    assert math.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.1)
+    if kind in QUADRATIC:
+        errors = [abs(circle(kind, n, radius, length).inertia[-1, -1] / radius**2 - 1) for n in (8, 16)]
+        assert math.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.1)

@@ -1,14 +1,20 @@
-"""Affine matrices of all bodies: rows of ranks, one pattern, rigid motions, masses."""
+"""Affine matrices of all bodies and third derivatives of their energy: monomials, rows of ranks, patterns, masses."""
 
+import combinations
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from mpi4py import MPI
+from static_equilibrium import StaticEquilibrium
 
-from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.affine import Monomial, Quantity, evaluate_weights
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
-from pgmp_petsc.bodies.matrices import AffineMatrices, assemble, owned_rows, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, ThirdDerivative, assemble, owned_rows, weighted_sum
+from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from scenes import CRANK, RADIUS, ROD, STEEL, mechanism_of, slider_crank
+from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.scene import Scene
+from scenes import CRANK, RADIUS, ROD, STEEL, four_bar, kinematics_of, mechanism_of, slider_crank
 
 ONE, R2, R4 = Monomial(), Monomial((("r1", 2),)), Monomial((("r1", 4),))
 VALUES = {"r1": RADIUS}
@@ -24,15 +30,8 @@ def matrices(mechanism: Mechanism) -> AffineMatrices:
     return assemble(mechanism.bodies, range(mechanism.n_dofs))
 
 
-def test_all_terms_share_one_pattern(matrices: AffineMatrices) -> None:
-    first = matrices.mass[ONE]
-    for term in (*matrices.mass.values(), *matrices.stiffness.values()):
-        np.testing.assert_array_equal(term.indptr, first.indptr)
-        np.testing.assert_array_equal(term.indices, first.indices)
-    assert weighted_sum(matrices.stiffness, VALUES).nnz == first.nnz
-
-
 def test_matrices_are_the_sums_of_element_matrices(mechanism: Mechanism, matrices: AffineMatrices) -> None:
+    first = matrices.mass[ONE]
     for terms, kind in ((matrices.mass, "mass"), (matrices.stiffness, "stiffness")):
         dense = {monomial: np.zeros((mechanism.n_dofs,) * 2) for monomial in terms}
         for body in mechanism.bodies:
@@ -42,6 +41,9 @@ def test_matrices_are_the_sums_of_element_matrices(mechanism: Mechanism, matrice
                     dense[monomial][np.ix_(dofs, dofs)] += element
         for monomial, matrix in terms.items():
             np.testing.assert_allclose(matrix.toarray(), dense[monomial], rtol=1e-14)
+            np.testing.assert_array_equal(matrix.indptr, first.indptr)
+            np.testing.assert_array_equal(matrix.indices, first.indices)
+    assert weighted_sum(matrices.stiffness, VALUES).nnz == first.nnz
 
 
 def test_the_weighted_sum_is_the_matrix_of_a_scene_of_numbers(matrices: AffineMatrices) -> None:
@@ -77,3 +79,111 @@ def test_total_mass_and_moment_of_inertia(mechanism: Mechanism, matrices: Affine
         fields = fields.reshape(-1, 2)
         expected = STEEL["rho"] * np.array([area * length, area * length**3 / 12 + inertia * length])
         np.testing.assert_allclose(np.diagonal(fields.T @ mass @ fields), expected, rtol=1e-13)
+
+
+R1, E = Monomial((("r1", 1),)), Monomial((("E", 1),))
+
+
+def test_products_are_sorted_and_cancel() -> None:
+    assert R1 * E == E * R1 == Monomial((("E", 1), ("r1", 1)))
+    assert R1**2 * R1 == R1**3 and Monomial() * R1 == R1
+    assert R1 * R1**-1 == R1**0 == Monomial() and Quantity(3.0, R1) ** 0 == Quantity(1.0)
+
+
+@pytest.mark.parametrize("monomial", [Monomial(), R1, R1**4, E * R1**2, E**-1 * R1**3])
+def test_text_is_read_back(monomial: Monomial) -> None:
+    assert Monomial.parse(str(monomial)) == monomial
+    assert [str(m) for m in (Monomial(), E * R1**2, R1**-1)] == ["1", "E r1^2", "r1^-1"]
+
+
+def test_quantities_multiply_coefficients_and_monomials() -> None:
+    area = np.pi * Quantity.of("r1") ** 2
+    assert area.monomial == R1**2 and area.coefficient == np.pi
+    product = Quantity.of("E") * area * 0.5
+    assert product == Quantity(0.5 * np.pi, E * R1**2)
+    assert Quantity.of(3) == Quantity(3.0)
+
+
+def test_evaluation_takes_scalars_and_samples() -> None:
+    monomial, many = E * R1**2, {"r1": np.array([1.0, 2.0])}
+    assert monomial.evaluate({"E": 2.0, "r1": 3.0, "unused": 9.0}) == 18.0
+    np.testing.assert_array_equal(monomial.evaluate({"E": 2.0, "r1": np.array([1.0, 3.0])}), [2.0, 18.0])
+    # weights have a row a term
+    weights = evaluate_weights([Monomial(), R1**2, R1**4], many)
+    np.testing.assert_array_equal(weights, [[1.0, 1.0], [1.0, 4.0], [1.0, 16.0]])
+    np.testing.assert_array_equal(evaluate_weights([Monomial(), R1**2], {"r1": 2.0}), [1.0, 4.0])
+    np.testing.assert_array_equal(evaluate_weights([Monomial()], {}), [1.0])
+
+
+SCENES = {"slider_crank": slider_crank(), "four_bar": four_bar()}
+# a section other than the nominal one: every weight counts
+OTHER = {"r1": 7.0e-3}
+PAIRS = np.tril_indices(3)
+every_scene = pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+
+
+def vectors_of(n_dofs: int) -> np.ndarray:
+    """Return three vectors that bend and stretch everything, shape (n_dofs, 3)."""
+    return np.random.default_rng(5).normal(size=(n_dofs, 3))
+
+
+@every_scene
+def test_the_third_derivative_is_the_slope_of_the_tangent_at_rest(scene: Scene) -> None:
+    kinematics = kinematics_of(scene)
+    mechanism = kinematics.mechanism
+    energy = StaticEquilibrium(kinematics, OTHER, 0.7)
+    vectors, step = vectors_of(mechanism.n_dofs), 1e-4
+    terms = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)).times(vectors, PAIRS)
+    assert set(terms) == set(mechanism.stiffness_weights)
+    found = sum(weight.evaluate(OTHER) * term for weight, term in terms.items())
+    slopes = [
+        (energy.forces(step * vector)[1] - energy.forces(-step * vector)[1]) / (2 * step) @ vectors
+        for vector in vectors.T
+    ]
+    expected = np.array([slopes[i][:, j] for i, j in zip(*PAIRS)]).T
+    # central differences: the square of the step times the ratio of vectors to elements' lengths
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5 * np.abs(found).max())
+
+
+@every_scene
+def test_the_third_derivative_at_parameter_values_is_the_weighted_sum(scene: Scene) -> None:
+    mechanism = kinematics_of(scene).mechanism
+    third, vectors = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)), vectors_of(mechanism.n_dofs)
+    expected = sum(weight.evaluate(OTHER) * term for weight, term in third.times(vectors, PAIRS).items())
+    found = third.weighted(vectors, PAIRS, OTHER)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.abs(expected).max())
+    none = third.times(np.empty((mechanism.n_dofs, 0)), np.tril_indices(0))
+    assert all(term.shape == (mechanism.n_dofs, 0) for term in none.values())
+
+
+@pytest.mark.parametrize("kind", ["mixture", "beam and solid in space"])
+@pytest.mark.parametrize("size", [2, 3])
+def test_rows_of_all_ranks_make_the_whole_third_derivative_of_condensed_bodies(kind: str, size: int) -> None:
+    """Ranks may share the rows of a condensed body."""
+    scene = combinations.scene_of(kind, "nothing")
+    with RankGroup.split(MPI.COMM_SELF, 1) as alone:
+        shapes = condensed(scene, combinations.meshes_for(scene), alone, large=True)
+    mechanism = Mechanism.from_scene(scene, shapes)
+    vectors, values = vectors_of(mechanism.n_dofs), scene.nominal
+    whole = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)).weighted(vectors, PAIRS, values)
+    edges = [mechanism.n_dofs * k // size for k in range(size + 1)]
+    shares = [
+        ThirdDerivative(mechanism.bodies, range(first, last)).weighted(vectors, PAIRS, values)
+        for first, last in zip(edges, edges[1:])
+    ]
+    np.testing.assert_allclose(np.concatenate(shares), whole, rtol=0, atol=1e-14 * np.abs(whole).max())
+    # symmetric in all three vectors
+    i, j = PAIRS
+    third = np.empty((3, 3, 3))
+    third[:, i, j] = third[:, j, i] = vectors.T @ whole
+    np.testing.assert_allclose(third.transpose(1, 0, 2), third, rtol=0, atol=1e-12 * np.abs(third).max())
+
+
+def test_bodies_without_terms_of_second_order_are_named() -> None:
+    scene = combinations.scene_of("mixture", "nothing")
+    with RankGroup.split(MPI.COMM_SELF, 1) as alone:
+        shapes = condensed(scene, combinations.meshes_for(scene), alone)
+    mechanism = Mechanism.from_scene(scene, shapes)
+    assert [body.third_derivative_known for body in mechanism.bodies] == [True, False]
+    with pytest.raises(ValueError, match="the third derivative of the strain energy of rod is not known"):
+        ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs))

@@ -13,10 +13,10 @@ from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.elasticity import Lame
 from pgmp_petsc.bodies.kinds.beam import Beam
 from pgmp_petsc.bodies.sections.solid_shapes import Circle, Rectangle
-from pgmp_petsc.bodies.solid_strains import COMPONENTS, SolidStrains, continuation, sampling_points
+from pgmp_petsc.bodies.solid_strains import COMPONENTS, SolidStrains
 from pgmp_petsc.bodies.stresses import BeamLaw, SolidLaw, principal, von_mises
 from pgmp_petsc.mesh.line_mesh import straight_beam
-from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, SOLID_KINDS, shape_values
+from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, SOLID_KINDS
 from pgmp_petsc.outputs.stress import FURTHEST, LARGEST, SMALLEST
 from pgmp_petsc.scene.bodies import Material
 
@@ -95,13 +95,6 @@ def test_strains_jump_between_materials_and_nowhere_else() -> None:
     np.testing.assert_allclose(found, np.where(points.material == 0, 1.0, 3.0), rtol=0, atol=1e-12)
     one = points.within(materials, materials[1])
     assert (one.material == 1).all() and one.n_points == np.sum(points.material == 1)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_continuation_keeps_the_values_at_the_sampling_points(kind: str) -> None:
-    points = sampling_points(kind)
-    back = shape_values(kind, points) @ continuation(kind)
-    np.testing.assert_allclose(back, np.eye(len(points)), rtol=0, atol=1e-12)
 
 
 def test_von_mises_and_principal_stresses_of_known_tensors() -> None:

@@ -198,25 +198,18 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("spoilt")
     rom = folder / "rom.h5"
     rom_of(paper_scene(*SMALL)).write(rom)
-    rom_of(
-        paper_scene(
-            *SMALL,
-            "coordinates.theta.range=[-0.2, 0.45]",
-            "coordinates.theta.periodic=false",
-            "simulation.duration=0.335",
-        )
-    ).write(folder / "limited.h5")
+    limited = ("coordinates.theta.range=[-0.2, 0.45]", "coordinates.theta.periodic=false", "simulation.duration=0.335")
+    rom_of(paper_scene(*SMALL, *limited)).write(folder / "limited.h5")
     whole = rom.read_bytes()
     (folder / "cut.h5").write_bytes(whole[: len(whole) // 2])
-    for name in ("future", "older", "kind", "empty", "nan"):
+    changes = {"future": {"format": 99}, "older": {"format": 2}, "kind": {"kind": "trajectory"}, "empty": {}, "nan": {}}
+    for name, change in changes.items():
         (folder / f"{name}.h5").write_bytes(whole)
-    with resealed(folder / "nan.h5") as file:
-        file["tables/stiffness"][0] = np.nan
-    for name, change in (("future", {"format": 99}), ("older", {"format": 2}), ("kind", {"kind": "trajectory"})):
-        with resealed(folder / f"{name}.h5", **change):
-            pass
-    with resealed(folder / "empty.h5") as file:
-        del file["tables"]
+        with resealed(folder / f"{name}.h5", **change) as file:
+            if name == "nan":
+                file["tables/stiffness"][0] = np.nan
+            elif name == "empty":
+                del file["tables"]
     corners = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.1, 0.0]])
     meshio.Mesh(corners, [("triangle", np.array([[0, 1, 2]]))]).write(folder / "triangle.vtu")
     line = np.array([[0.3, 0.0, 0.0], [0.4, 0.0, 0.0], [0.5, 0.0, 0.0]])
@@ -259,9 +252,8 @@ def test_a_run_that_leaves_the_range_ends_with_its_reason(mpirun: Callable, fold
     assert done.stderr.count(Status.LEFT_RANGE.meaning) == 1
     assert "Traceback" not in done.stderr
     part = Trajectory.read(path)
-    assert part.status == Status.LEFT_RANGE and part.record.remarks[0].text.startswith(
-        "reduced simulation stopped at 0."
-    )
+    said = part.record.remarks[0].text
+    assert part.status == Status.LEFT_RANGE and said.startswith("reduced simulation stopped at 0.")
     assert part.time.size > 1 and all(np.isfinite(values).all() for values in part.outputs.values())
 
 

@@ -11,20 +11,13 @@ from conftest import ROOT
 from pgmp_petsc.mechanism.capabilities import Purpose
 
 PURPOSES = {
-    "check": Purpose.CHECK,
-    "check --effects": Purpose.SIZES,
-    "build": Purpose.BUILD,
-    "modes": Purpose.MODES,
-    "simulate": Purpose.REDUCED,
-    "simulate --full": Purpose.FULL,
-    "simulate --components": Purpose.COMPONENTS,
-    "montecarlo": Purpose.REDUCED,
-    "montecarlo --full": Purpose.FULL,
-    "montecarlo --components": Purpose.COMPONENTS,
-}
+    "check": Purpose.CHECK, "check --effects": Purpose.SIZES, "build": Purpose.BUILD, "modes": Purpose.MODES,
+    "simulate": Purpose.REDUCED, "simulate --full": Purpose.FULL, "simulate --components": Purpose.COMPONENTS,
+    "montecarlo": Purpose.REDUCED, "montecarlo --full": Purpose.FULL, "montecarlo --components": Purpose.COMPONENTS,
+}  # fmt: skip
 APART = 11  # features of one kind
 CHOSEN = [(kind, feature) for k, kind in enumerate(KINDS) for f, feature in enumerate(FEATURES) if (f + k) % APART == 0]
-CHOSEN += [(f"{count} coordinates", "sampling tolerance") for count in ("two", "three")]
+CHOSEN = list(dict.fromkeys(CHOSEN + [(f"{count} coordinates", "sampling tolerance") for count in ("two", "three")]))
 
 
 @pytest.mark.parametrize(("kind", "feature"), CHOSEN, ids=[", ".join(pair) for pair in CHOSEN])

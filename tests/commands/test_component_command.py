@@ -28,12 +28,8 @@ def test_a_run_and_its_picture(tmp_path: Path) -> None:
     assert (tmp_path / "pictures" / "trajectories.png").exists()
 
 
-LOOSE = (
-    'bodies.loose={line={length=0.1, elements=1}, element="beam2d", material="steel", '
-    'section={shape="circle", radius=5e-3}, placement={origin=[2.0, 0.0]}}'
-)
-
-
+LOOSE = """bodies.loose={line={length=0.1, elements=1}, element="beam2d", material="steel", \
+section={shape="circle", radius=5e-3}, placement={origin=[2.0, 0.0]}}"""
 PLATFORM, ARM, SOLID, PALLETIZER, DELTA = (
     ROOT / f"scenes/{name}.toml"
     for name in ("platform_3rrr", "six_joint_arm", "slider_crank_solid2d", "palletizer", "delta_robot")
@@ -114,20 +110,12 @@ def test_fewer_coordinates_than_degrees_of_freedom(tmp_path: Path) -> None:
 
 def test_what_ranks_did_not_share_is_said(tmp_path: Path, mpirun: Callable) -> None:
     said = mpirun(3, *PGMP, "simulate", PAPER_SCENE, "--components", *QUICK, "-o", tmp_path / "run.h5").stdout
-    assert (
-        "each of the 2 flexible bodies was condensed by one rank in its own memory, and 1 of 3 ranks had none" in said
-    )
+    told = "each of the 2 flexible bodies was condensed by one rank in its own memory, and 1 of 3 ranks had none"
+    assert told in said
 
 
-@pytest.mark.parametrize("name", ["platform_3rrr", "six_joint_arm", "payload_arm", "palletizer", "delta_robot"])
+@pytest.mark.parametrize("name", ["six_joint_arm", "payload_arm", "palletizer"])
 def test_the_scenes_run_as_they_are(name: str, tmp_path: Path) -> None:
     said = pgmp("simulate", ROOT / "scenes" / f"{name}.toml", "--components", "-o", tmp_path / "run.h5").stdout
     assert "warning" not in said
     assert Trajectory.read(tmp_path / "run.h5").status == 0
-
-
-def test_the_step_is_found_for_a_tolerance(tmp_path: Path) -> None:
-    step = overridden("simulation={duration=0.02, tolerance=0.05}", "reduction.modes=3")
-    only = overridden('outputs={crank_angle={type="angle", joint="crank_hinge"}}')
-    said = pgmp("simulate", PAPER_SCENE, "--components", *step, *only, "-o", tmp_path / "run.h5").stdout
-    assert "simulation.tolerance = 0.05: simulation.step =" in said

@@ -62,9 +62,19 @@ def test_a_run_is_that_of_the_scene(case: str, tmp_path: Path) -> None:
     assert found["file"] == found["scene"]
 
 
-def test_ensembles_of_file_and_scene_are_the_same_on_any_number_of_ranks(
-    arm: Path, tmp_path: Path, mpirun: Callable
-) -> None:
+def test_what_a_file_keeps_from_call_to_call_changes_no_number(arm: Path) -> None:
+    """A call with another run has the mechanism of the one before, one with other parameters or outputs its own."""
+    kept, calls = interface.read(arm), ({}, {"simulation.duration": 0.01}, {"outputs.deflection.axis": "y"}, {})
+    for overrides, radius in zip((*calls, *calls), (12e-3,) * 4 + (11e-3,) * 4):
+        runs = [
+            interface.simulate(model, {"radius": radius}, overrides=overrides) for model in (kept, interface.read(arm))
+        ]
+        for name, values in runs[0].outputs.items():
+            np.testing.assert_array_equal(values, runs[1].outputs[name])
+    assert len(pickle.dumps(kept)) == len(pickle.dumps(interface.read(arm)))  # what was made stays here
+
+
+def test_ensembles_of_file_and_scene_are_the_same_on_any_ranks(arm: Path, tmp_path: Path, mpirun: Callable) -> None:
     words = ("-n", 6, *overridden("ensemble.batch=2"), "-o")
     scene = ("montecarlo", SCENES / "six_joint_arm.toml", "--components", *overridden(SHORT), *words)
     pgmp(*scene, tmp_path / "one.h5")

@@ -22,6 +22,10 @@ def diff(*words: object) -> tuple[int, str]:
     return done.exit_code, f"{done.output}{'' if done.exception is None else done.exception}"
 
 
+def held(data: object, kind: str = "trajectory") -> pgmp.Result:
+    return pgmp.Result(kind, data, MPI.COMM_SELF, Path())
+
+
 def test_the_largest_difference_of_a_run_is_found_where_it_is(tmp_path: Path) -> None:
     """Beside a run with a bump of 4 cm in the middle of an output that goes from 1 to 2 m."""
     run = synthetic.trajectory("reduced", n_frames=4)
@@ -47,8 +51,7 @@ def test_the_largest_difference_of_a_run_is_found_where_it_is(tmp_path: Path) ->
 def test_runs_of_other_steps_are_compared_where_both_are() -> None:
     runs = [synthetic.trajectory("reduced", n_frames=4, n_times=n) for n in (1001, 335)]
     lines = (replace(run, outputs={one: 1.0 + run.time for one in run.outputs}) for run in runs)
-    a, b = (pgmp.Result("trajectory", run, MPI.COMM_SELF, Path()) for run in lines)
-    found = pgmp.diff(a, b)
+    found = pgmp.diff(*map(held, lines))
     # a straight line is interpolated to round-off of its values of 1 to 2
     assert found.compared == 335 and max(abs(one.largest) for one in found.outputs.values()) < 1e-14
 
@@ -63,11 +66,8 @@ def test_ensembles_are_compared_by_sample() -> None:
     moved[name][3] = np.nan
     failed = status.copy()
     failed[3] = 2
-    a, b = (
-        pgmp.Result("ensemble", replace(data, outputs=columns, status=codes), MPI.COMM_SELF, Path())
-        for columns, codes in ((outputs, status), (moved, failed))
-    )
-    found = pgmp.diff(a, b, tolerance=1e3)
+    both = (replace(data, outputs=columns, status=codes) for columns, codes in ((outputs, status), (moved, failed)))
+    found = pgmp.diff(*(held(one, "ensemble") for one in both), tolerance=1e3)
     assert found.outputs[name].place == 7.0 and found.outputs[name].largest == pytest.approx(1.0)
     # one sample failed in one of the two, whatever the others are
     assert (found.compared, found.lacking, found.is_within) == (19, ("1 sample failed in one of the two",), False)
@@ -76,8 +76,7 @@ def test_ensembles_are_compared_by_sample() -> None:
 def test_an_output_that_one_of_the_two_lacks_is_named() -> None:
     run = synthetic.trajectory("reduced", n_frames=4)
     few = replace(run, outputs={"crank_angle": run.outputs["crank_angle"]})
-    a, b = (pgmp.Result("trajectory", data, MPI.COMM_SELF, Path()) for data in (run, few))
-    found = pgmp.diff(a, b, tolerance=1.0)
+    found = pgmp.diff(held(run), held(few), tolerance=1.0)
     assert "output slider_deformation is in one of the two" in found.lacking
     assert not found.is_within and list(found.outputs) == ["crank_angle"]
 
@@ -104,10 +103,8 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
         ("twenty.h5", "ten.h5"): "ensembles of 20 and 10 samples: they are not of the same values",
     }.items():
         assert message in refusal(pgmp.diff, *(tmp_path / name for name in pair))
-    with pytest.raises(pgmp.InputError, match="have no output in common"):
-        pgmp.diff(run, pgmp.Result("trajectory", other, MPI.COMM_SELF, Path()))
+    later = replace(run.data, time=run.time + 1e3)
+    assert "have no output in common" in refusal(pgmp.diff, run, held(other))
+    assert "have no instant, or no fine sample, in common" in refusal(pgmp.diff, run, held(later))
     with pytest.raises(pgmp.InputError, match="tolerance = -1: allowed are numbers from 0"):
         pgmp.diff(run, run, tolerance=-1)
-    later = replace(run.data, time=run.time + 1e3)
-    with pytest.raises(pgmp.InputError, match="have no instant, or no fine sample, in common"):
-        pgmp.diff(run, pgmp.Result("trajectory", later, MPI.COMM_SELF, Path()))

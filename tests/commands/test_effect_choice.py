@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from cantilevers import BAR, BEAM_IN_SPACE, IN_SPACE, PLATE, bar_mesh, cantilever, ends, plate_mesh
 from conftest import ROOT
-from runs import PGMP, pgmp
+from mpi4py import MPI
+from runs import PGMP, overridden, pgmp
 from solids import rectangle_mesh
 
 from pgmp_petsc.components.condensing import condensed
@@ -18,28 +19,21 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.results import EffectSizes
-from pgmp_petsc.scene import load_scene, scene_to_toml
+from pgmp_petsc.scene import Scene, load_scene, scene_to_toml
 from pgmp_petsc.studies.effect_sizes import choose_effects, estimate_effects, remarks_on_sizes
 from pgmp_petsc.studies.inputs import read_scene
 
-FOUR_BAR = ROOT / "scenes" / "four_bar.toml"
-BEAM = ROOT / "scenes" / "spinning_beam.toml"
-QUICK = (
-    "--override",
-    "reduction.angles=12",
-    "--override",
-    "reduction.modes=2",
-    "--override",
-    "simulation.duration=0.2",
-)
+FOUR_BAR, BEAM, FIVE_BAR = (ROOT / "scenes" / f"{name}.toml" for name in ("four_bar", "spinning_beam", "five_bar"))
+QUICK = overridden("reduction.angles=12", "reduction.modes=2", "simulation.duration=0.2")
 TINY = 'effects.tiny={type="joint_damping",joint="elbow",coefficient=1e-9}'
 
 
-def sizes_of(path: Path, *overrides: str) -> EffectSizes:
-    """Estimate the effects of a scene."""
-    from mpi4py import MPI
+def read(path: Path, *overrides: str) -> tuple[Scene, dict]:
+    return read_scene(path, overrides, [], MPI.COMM_SELF, Purpose.BUILD)
 
-    return estimate_effects(*read_scene(path, overrides, [], MPI.COMM_SELF, Purpose.BUILD))
+
+def sizes_of(path: Path, *overrides: str) -> EffectSizes:
+    return estimate_effects(*read(path, *overrides))
 
 
 def shares(sizes: EffectSizes) -> dict[str, float]:
@@ -93,8 +87,6 @@ def test_the_shares_of_other_spinning_bodies_are_those_of_the_closed_form(body: 
 @pytest.mark.parametrize(("counts", "stretching"), [((12, 1), "static"), ((4, 2), "dynamic")])
 def test_the_choice_follows_stretching_as_the_bodies_can(counts: tuple[int, int], stretching: str) -> None:
     """What bends like a plate has no long axis, along which its stretching could be told from bending."""
-    from mpi4py import MPI
-
     driven = ("simulation.duration=0.5", "simulation.step=1e-2", f"effects.hold.constant_speed.speed={SPIN}")
     scene = cantilever(PLATE, "", *driven, "reduction.modes=3")
     height = 0.02 if stretching == "static" else 0.5
@@ -107,10 +99,7 @@ def test_the_choice_follows_stretching_as_the_bodies_can(counts: tuple[int, int]
 
 
 def test_the_choice_adds_terms_for_two_coordinates() -> None:
-    from mpi4py import MPI
-
-    quick = ("simulation.duration=0.2", "reduction.modes=2")
-    scene, meshes = read_scene(ROOT / "scenes" / "five_bar.toml", quick, [], MPI.COMM_SELF, Purpose.BUILD)
+    scene, meshes = read(FIVE_BAR, "simulation.duration=0.2", "reduction.modes=2")
     chosen, sizes = choose_effects(scene, meshes, meshes)
     assert shares(sizes)["mode_inertia"] > sizes.tolerance
     assert chosen.second_order and chosen.static_stretching
@@ -128,16 +117,12 @@ def test_what_is_no_part_of_the_change_of_stiffness_is_named() -> None:
 
 def test_what_goes_with_another_term_is_said_so() -> None:
     """A share below the tolerance is not said to exceed it, by the check or by a build."""
-    from mpi4py import MPI
-
-    path, short = ROOT / "scenes" / "five_bar.toml", "simulation.duration=0.2"
+    path, short = FIVE_BAR, "simulation.duration=0.2"
     sizes = sizes_of(path, short)
     assert shares(sizes)["geometric_stiffening"] < sizes.tolerance < shares(sizes)["mode_inertia"]
     (warned,) = (text for text in sizes.warnings if "geometric_stiffening" in text)
     assert warned.endswith("without which another term that it leaves out is not taken")
-    beyond, beside = (
-        remark.text for remark in remarks_on_sizes(*read_scene(path, [short], [], MPI.COMM_SELF, Purpose.BUILD))
-    )
+    beyond, beside = (remark.text for remark in remarks_on_sizes(*read(path, short)))
     assert "effects with shares beyond" in beyond and "mode_inertia" in beyond and "stiffening" not in beyond
     assert beside == warned
 
@@ -149,26 +134,24 @@ def test_several_ranks_condense_for_a_check(mpirun: Callable) -> None:
         assert re.sub(r"\S*e-\d\d+", "", line) in re.sub(r"\S*e-\d\d+", "", printed), line  # an angle of 1e-35 rad
 
 
-def test_the_work_of_a_damper_is_its_share_and_its_threshold() -> None:
-    """What would matter from c on has, with c, a share of just the tolerance."""
-    text = "\n".join(sizes_of(FOUR_BAR, 'effects.bearing={type="gravity",acceleration=1e-6}').lines())
-    threshold = float(re.search(r"\(joint_damping\).*from (\S+) N m s/rad", text)[1])
-    joint = re.search(r"\(joint_damping\).*on \((\w+)\)", text)[1]
+@pytest.mark.parametrize(
+    ("scene", "undamped", "threshold_of"),
+    [
+        ("four_bar", 'effects.bearing={type="gravity",acceleration=1e-6}', r"from (\S+) N m s/rad on \((\w+)\)"),
+        ("spatial_mixed", "simulation.duration=0.05", r"(\S+) N s/m on \((guide)\)"),
+    ],
+)
+def test_the_work_of_a_damper_is_its_share_and_its_threshold(scene: str, undamped: str, threshold_of: str) -> None:
+    """What would matter from c on has, with c, a share of just the tolerance. Joints that slide have theirs; those
+    about several axes have one, with the word that no effect can be on them."""
+    path = ROOT / "scenes" / f"{scene}.toml"
+    line = next(line for line in sizes_of(path, undamped).lines() if "(joint_damping)" in line)
+    threshold, joint = re.search(threshold_of, line).groups()
     damper = f'effects.bearing={{type="joint_damping",joint="{joint}",coefficient={threshold}}}'
-    found = {size.name: size for size in sizes_of(FOUR_BAR, damper).sizes}
+    found = {size.name: size for size in sizes_of(path, undamped, damper).sizes}
     assert found["bearing"].share == pytest.approx(1e-3, rel=0.1)
-
-
-def test_every_joint_that_moves_has_a_threshold() -> None:
-    """Sliding ones have theirs; those about several axes have one, with the word that no effect can be on them."""
-    scene, short = ROOT / "scenes" / "spatial_mixed.toml", "simulation.duration=0.05"
-    line = next(line for line in sizes_of(scene, short).lines() if "(joint_damping)" in line)
-    threshold = float(re.search(r"(\S+) N s/m on \(guide\)", line)[1])
-    assert "(ball, spherical)" in line or "(cross, universal)" in line
-    assert "none can be on joints that turn about several axes" in line
-    damper = f'effects.bearing={{type="joint_damping",joint="guide",coefficient={threshold}}}'
-    found = {size.name: size for size in sizes_of(scene, short, damper).sizes}
-    assert found["bearing"].share == pytest.approx(1e-3, rel=0.1)
+    several = "(ball, spherical)" in line or "(cross, universal)" in line
+    assert several is (scene != "four_bar") is ("none can be on joints that turn about several axes" in line)
 
 
 def test_a_cylindrical_joint_turns_and_slides() -> None:
@@ -181,39 +164,30 @@ def test_a_cylindrical_joint_turns_and_slides() -> None:
 
 
 def test_a_slow_motion_leaves_the_terms_of_second_order_out() -> None:
-    from mpi4py import MPI
-
     slow = "effects.motor.table=[[0.0,0.0],[1.0,1e-6]]"
-    scene, meshes = read_scene(FOUR_BAR, [slow, TINY, "simulation.step=2e-3"], [], MPI.COMM_SELF, Purpose.BUILD)
+    scene, meshes = read(FOUR_BAR, slow, TINY, "simulation.step=2e-3")
     chosen, sizes = choose_effects(scene, meshes, meshes)
     assert not chosen.second_order and not chosen.gyroscopic
-    assert "motor" in chosen.effects
-    scene, meshes = read_scene(FOUR_BAR, [TINY, "simulation.step=2e-3"], [], MPI.COMM_SELF, Purpose.BUILD)
+    assert "motor" in chosen.effects and tomllib.loads(scene_to_toml(chosen))["reduction"]["second_order"] is False
+    scene, meshes = read(FOUR_BAR, TINY, "simulation.step=2e-3")
     fast, _ = choose_effects(scene, meshes, meshes)
     assert fast.second_order and fast.gyroscopic
     assert list(fast.effects) == ["motor", "bearing", "material_damping", "stiffening", "shapes"]  # tiny is left out
 
 
-def test_a_choice_without_terms_of_second_order_is_written_as_a_scene() -> None:
-    from mpi4py import MPI
-
-    slow = ("effects.motor.table=[[0.0,0.0],[1.0,1e-6]]", "simulation.duration=0.01")
-    scene, meshes = read_scene(ROOT / "scenes" / "slider_crank.toml", slow, [], MPI.COMM_SELF, Purpose.BUILD)
-    chosen, _ = choose_effects(scene, meshes, meshes)
-    assert tomllib.loads(scene_to_toml(chosen))["reduction"]["second_order"] is False
-
-
-def test_check_prints_sizes_and_warns(tmp_path: Path) -> None:
-    done = pgmp("check", FOUR_BAR, "--effects", "--override", "simulation.duration=0.2")
+def test_check_prints_sizes_and_warns() -> None:
+    done = pgmp("check", FOUR_BAR, "--effects", *QUICK)
     assert re.search(r"motor \(torque\) +1  keep", done.stdout)
     assert "warning: the scene leaves out gravity" in done.stdout
     assert "sizes of effects" not in pgmp("check", FOUR_BAR).stdout
+    scene = load_scene(FOUR_BAR, ['effects="auto"'])
+    assert (scene.effects, scene.reduction.effects) == ({}, "auto")
 
 
 @pytest.mark.parametrize("n_ranks", [1, 3])
 def test_a_build_prints_the_choice_and_keeps_it(tmp_path: Path, n_ranks: int, mpirun: Callable) -> None:
     rom = tmp_path / "rom.h5"
-    options = (*QUICK, "--override", 'reduction.effects="auto"', "--override", TINY)
+    options = (*QUICK, *overridden('reduction.effects="auto"', TINY))
     done = mpirun(n_ranks, *PGMP, "build", FOUR_BAR, "-o", rom, *options)
     assert re.search(r"tiny \(joint_damping\) .* leave", done.stdout)
     with open_file(rom, "rom") as file:
@@ -221,8 +195,3 @@ def test_a_build_prints_the_choice_and_keeps_it(tmp_path: Path, n_ranks: int, mp
     assert {size.name for size in sizes.sizes if size.name and not size.keeps} == {"tiny"}
     assert list(scene["effects"]) == ["motor", "bearing", "material_damping", "stiffening", "shapes"]
     assert re.search(r"effects, chosen by their size\n.*rad/s", pgmp("info", rom).stdout)
-
-
-def test_automatic_effects_alone_are_the_terms_of_the_reduced_model() -> None:
-    scene = load_scene(FOUR_BAR, ['effects="auto"'])
-    assert (scene.effects, scene.reduction.effects) == ({}, "auto")

@@ -14,14 +14,10 @@ from pgmp_petsc.results import Derivatives, Design, Fit
 from pgmp_petsc.results.gradients import DEVIATION, PERCENT
 
 SCENE = paper_scene(
-    "reduction.modes=4",
-    "reduction.angles=24",
-    "simulation.duration=0.06",
-    "simulation.step=1e-3",
-    "parameters.push={nominal=1.0, bounds=[0.5, 2.0]}",
-    'effects.motor.scale="push"',
+    "reduction.modes=4", "reduction.angles=24", "simulation.duration=0.06", "simulation.step=1e-3",
+    "parameters.push={nominal=1.0, bounds=[0.5, 2.0]}", 'effects.motor.scale="push"',
     "effects.motor.table=[[0.0, 0.0], [0.02, 2.0], [1.0, 2.0]]",
-)
+)  # fmt: skip
 TRUE = {"r1": 6e-3, "push": 1.2}
 GOAL, KEPT = "minimise max(abs(slider_deformation))", "end(crank_angle) >= 0.01"
 ASKED = {
@@ -112,10 +108,8 @@ def test_sensitivities_are_in_file_terminal_and_picture(made: Callable) -> None:
         at = np.argmax(file["outputs/crank_angle"])
         assert largest.tolist() == [file[f"derivatives/crank_angle/{name}"][at] for name in found.parameters]
     assert sorted(path.name for path in (folder / "pictures").iterdir()) == [
-        "design.png",
-        "fit.png",
-        "sensitivities.png",
-    ]
+        "design.png", "fit.png", "sensitivities.png",
+    ]  # fmt: skip
 
 
 def test_a_fit_recovers_what_was_hidden(made: Callable) -> None:

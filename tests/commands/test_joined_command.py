@@ -1,7 +1,6 @@
 """Better models, rules, budgets and further tries of failed samples: through the command, and as it runs them."""
 
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from refusals import refusal
-from runs import IN_TURN, PAPER_SCENE, SMALL, full_model, overridden, paper_scene, pgmp, refused, rom_of
+from runs import PAPER_SCENE, SMALL, full_model, in_turn, overridden, paper_scene, pgmp, refused, rom_of
 
 from pgmp_petsc.api.ensembles import Correction, better_models, exit_status, in_order
 from pgmp_petsc.api.sources import Origin
@@ -62,6 +61,12 @@ def better(model: ReducedModel, *texts: str, n: int | None = N) -> list[Better]:
 
 def wanted(texts: Sequence[str], own: str, n: int | None) -> list[Correction]:
     return in_order([Correction.read(text) for text in texts], own, n)
+
+
+def bounded(scene: Scene, low: float) -> Scene:
+    """Return a scene whose radius is at least so large."""
+    radius = scene.parameters["r1"].model_copy(update={"bounds": (low, 12e-3)})
+    return scene.model_copy(update={"parameters": {"r1": radius}})
 
 
 def ran(model: ReducedModel, plan: Plan, **options: object) -> Ensemble:
@@ -135,19 +140,15 @@ def test_the_terminal_and_the_picture_say_so(together: tuple[Ensemble, str], fol
     assert len(picture_of_means(together[0]).axes) == 9  # three outputs at the end, largest and smallest
 
 
-def test_ranks_have_no_part_in_it(
-    mpirun: Callable, together: tuple[Ensemble, str], rom: Path, model: ReducedModel, folder: Path
-) -> None:
+def test_ranks_have_no_part_in_it(together: tuple[Ensemble, str], rom: Path, model: ReducedModel, folder: Path) -> None:
     paths = [folder / f"{name}_ranks.h5" for name in ("joined", "until", "budget")]
     options = [
         ["-n", str(N), "--correct", f"full/2={K}", "--correct", f"full={2 * K}"],
         ["-n", "100000", "--until", RULE],
         ["--correct", "full=auto", "--budget", "2s"],
     ]
-    fixed = ["montecarlo", str(rom), "--seed", str(SEED)]
-    commands = [[*fixed, *words, "-o", str(path)] for words, path in zip(options, paths)]
-    done = mpirun(2, "-c", IN_TURN, json.dumps(commands))
-    assert done.stdout.splitlines().count("[0, 0]") == len(commands)
+    commands = [["montecarlo", rom, "--seed", SEED, *words, "-o", path] for words, path in zip(options, paths)]
+    assert in_turn(2, commands)[0] == [[0, 0]] * len(commands)
     found, expected = Ensemble.read(paths[0]).joined, together[0].joined
     # the rigid closure of a whole batch stops at 1e-12; a bias is a difference of nearly equal values
     close = {"rtol": 1e-6, "atol": 1e-12}
@@ -183,9 +184,7 @@ def test_a_stopped_run_is_taken_up_bit_for_bit(model: ReducedModel, folder: Path
 
 def test_a_sample_that_fails_in_one_model_is_left_out(model: ReducedModel, folder: Path) -> None:
     one = better(model, "full=40")[0]
-    bounds = one.model.scene.parameters["r1"].model_copy(update={"bounds": (5.0e-3, 12e-3)})
-    parameters = one.model.scene.parameters | {"r1": bounds}
-    one.model.scene = one.model.scene.model_copy(update={"parameters": parameters})
+    one.model.scene = bounded(one.model.scene, 5.0e-3)
     found = ran(model, Plan(N, SEED, folder / "lost.h5"), better=[one])
     n_lost = int(np.sum(found.parameters["r1"][:40] < 5.0e-3))
     assert 0 < n_lost == found.joined.n_failed
@@ -210,30 +209,21 @@ def test_a_budget_allots_samples_and_a_resume_keeps_them(model: ReducedModel, fo
 
 
 BAD = [
-    ("full", "allowed are [SCENE:]MODEL[/D]=K with full, components or reduced"),
-    ("fast=20", "allowed are [SCENE:]MODEL"),
-    ("full=0.5", "allowed are [SCENE:]MODEL"),
-    ("full/0=20", "allowed are [SCENE:]MODEL"),
+    ("full", "--correct full: allowed are [SCENE:]MODEL[/D]=K with full, components or reduced"),
+    ("fast=20", "--correct fast=20: allowed are [SCENE:]MODEL"),
+    ("full=0.5", "--correct full=0.5: allowed are [SCENE:]MODEL"),
+    ("full/0=20", "--correct full/0=20: allowed are [SCENE:]MODEL"),
     ("full=7", "at least 8 samples"),
     ("reduced=20", "reduced is no better than the ensemble's own model, reduced"),
     ("full=301", "301 samples of full and 300 of reduced, which is worse"),
+    ("full=20 full=30", "full is there twice"),
+    ("components=20 full=50", "50 samples of full and 20 of components"),
 ]
 
 
-@pytest.mark.parametrize(("text", "said"), BAD)
-def test_what_is_no_better_model_is_refused(text: str, said: str) -> None:
-    message = refusal(wanted, [text], "reduced", N)
-    assert f"--correct {text}: " in message or text == "full=301"
-    assert said in message
-
-
-def test_models_in_a_row_are_refused_where_that_makes_no_sense() -> None:
-    with pytest.raises(InputError, match="full is there twice"):
-        wanted(["full=20", "full=30"], "reduced", N)
-    with pytest.raises(InputError, match="50 samples of full and 20 of components"):
-        wanted(["components=20", "full=50"], "reduced", N)
-    with pytest.raises(InputError, match="reduced/2 is no better than the ensemble's own model, components"):
-        wanted(["reduced/2=20"], "components", N)
+@pytest.mark.parametrize(("texts", "said"), BAD)
+def test_what_is_no_better_model_is_refused(texts: str, said: str) -> None:
+    assert said in refusal(wanted, texts.split(), "reduced", N)
 
 
 REFUSED = [
@@ -281,17 +271,12 @@ def test_a_rule_that_is_not_met_ends_with_status_one(model: ReducedModel, folder
     said = f'--until "{rule}" is not met: these are all samples (-n 100), and +- '
     assert said in report(found, folder / "unmet.h5") and len(found.status) == 100
     assert exit_status(found) == 1 and "--until" in found.record.remarks[-2].text
-
-
-def test_a_single_look_is_said_to_be_one(model: ReducedModel, folder: Path) -> None:
-    rule = read_rule("mean(crank_angle) < 90 %", model.scene)
-    found = ran(model, Plan(200, SEED, folder / "once.h5"), stop=Stop((rule,)))
+    # one look is said to be one; a budget alone needs no number
+    stop = Stop((read_rule("mean(crank_angle) < 90 %", model.scene),))
+    found = ran(model, Plan(200, SEED, folder / "once.h5"), stop=stop)
     assert len(found.status) == 64 and "samples were looked at once; each" in report(found, folder / "once.h5")
-
-
-def test_a_budget_alone_needs_no_number(model: ReducedModel, folder: Path) -> None:
-    found = ran(model, Plan(10**9, SEED, folder / "budget.h5", is_limited=False), stop=Stop((), 0.5))
-    assert "the budget of 0.5 s is spent" in report(found, folder / "budget.h5") and len(found.status) >= 8
+    found = ran(model, Plan(10**9, SEED, folder / "budget.h5", is_limited=False), stop=Stop((), 0.2))
+    assert "the budget of 0.2 s is spent" in report(found, folder / "budget.h5") and len(found.status) >= 8
     assert exit_status(found) == 0
 
 
@@ -348,18 +333,15 @@ def test_a_rule_that_is_not_met_is_gone_on_with(rom: Path, folder: Path) -> None
     assert not kept.exists() and len(Ensemble.read(path).status) == 64
 
 
-def test_the_command_tries_failed_samples_again(mpirun: Callable, rom: Path, folder: Path) -> None:
+def test_the_command_tries_failed_samples_again(rom: Path, folder: Path) -> None:
     """What no step helps fails again, with status 1."""
     table, one, other = folder / "table.csv", folder / "once.h5", folder / "twice.h5"
     table.write_text("r1\n" + "".join(f"{r1}\n" for r1 in (5e-3, 1.1e-3, 5.6e-3, 6e-3)))
     push = overridden("effects.motor.table=[[0.0, 1e9], [1.0, 1e9]]", "simulation.duration=5e-3")
-    commands = [
-        ["montecarlo", str(rom), "--samples", str(table), *push, "-o", str(one)],
-        ["montecarlo", str(rom), "--retry-failed", str(one), *push, "-o", str(other)],
-    ]
-    done = mpirun(1, "-c", IN_TURN, json.dumps(commands))
+    pgmp("montecarlo", rom, "--samples", table, *push, "-o", one, status=1)
+    done = pgmp("montecarlo", rom, "--retry-failed", one, *push, "-o", other, status=1)
     found = [Ensemble.read(path) for path in (one, other)]
-    assert done.stdout.count("[1]") == 2 and "samples that had failed in" in done.stdout
+    assert "samples that had failed in" in done.stdout
     assert np.all([one.status != 0 for one in found])
     assert found[0].steps_divided.max() <= 8 < found[1].steps_divided.max() <= 64
     assert not Path(f"{other}.partial").exists()
@@ -381,8 +363,7 @@ def test_what_cannot_be_tried_again_is_refused(model: ReducedModel, together: tu
     refused(plain, "written by another version, which kept less of its samples")
     refused(replace(plain, kept=kept, model="full"), "samples of the full model; here it is the reduced one")
     other = copy(model)
-    distribution = model.scene.parameters["r1"].model_copy(update={"bounds": (1e-3, 11e-3)})
-    other.scene = model.scene.model_copy(update={"parameters": {"r1": distribution}})
+    other.scene = bounded(model.scene, 2e-3)
     refused(replace(plain, kept=kept), "parameters.r1 is not that of the file", other)
     drawn = {"r1": np.where(np.arange(10) == 7, 1.000001, 1.0) * plain.parameters["r1"]}
     refused(replace(plain, kept=kept, parameters=drawn), "sample 7 has r1 = ")
@@ -396,11 +377,10 @@ def test_what_cannot_be_tried_again_is_refused(model: ReducedModel, together: tu
 
 def test_too_many_failures_leave_bounds_of_quantiles_alone(scene: Scene, folder: Path) -> None:
     """Half of the radii and a few are outside of the bounds of a model whose samples are from a table."""
-    narrow = scene.parameters["r1"].model_copy(update={"bounds": (5.6e-3, 12e-3)})
     bounds: list[np.ndarray] = []
     for share in (0.5, 1.0):
         asked = scene.ensemble.model_copy(update={"failed_share": share})
-        changed = scene.model_copy(update={"parameters": {"r1": narrow}, "ensemble": asked})
+        changed = bounded(scene, 5.6e-3).model_copy(update={"ensemble": asked})
         model = ReducedModel(changed, rom_of(scene))
         values = np.linspace(4e-3, 6.9e-3, 30)
         table = SampleFile(Path("table"), {"r1": values}, "")
@@ -425,8 +405,7 @@ def test_too_many_failures_leave_bounds_of_quantiles_alone(scene: Scene, folder:
 
 def test_few_fine_samples_correct_nothing(model: ReducedModel, folder: Path) -> None:
     one = better(model, "full=10")[0]
-    bounds = one.model.scene.parameters["r1"].model_copy(update={"bounds": (5.6e-3, 12e-3)})
-    one.model.scene = one.model.scene.model_copy(update={"parameters": {"r1": bounds}})
+    one.model.scene = bounded(one.model.scene, 5.6e-3)
     found = ran(model, Plan(40, SEED, folder / "few.h5"), better=[one])
     assert not found.joined.corrected and "too few for /corrected, which takes 8" in report(found, Path("few.h5"))
     found.write(folder / "few.h5")

@@ -45,28 +45,21 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     largest = stiffness.max()
     lopsided = sp.csr_matrix(([0.1 * largest], ([4], [8])), stiffness.shape)
     spoilt = {
-        "held": stiffness + 0.1 * largest * ground,
-        "prescribed": stiffness + 1e36 * ground,
-        "preloaded": stiffness - 1e9 * bar,
-        "unstable": without_a_mode(stiffness, mass),
-        "not symmetric": stiffness + lopsided,
-        "triangle": sp.tril(stiffness, format="csr"),
+        "held": stiffness + 0.1 * largest * ground, "prescribed": stiffness + 1e36 * ground,
+        "preloaded": stiffness - 1e9 * bar, "unstable": without_a_mode(stiffness, mass),
+        "not symmetric": stiffness + lopsided, "triangle": sp.tril(stiffness, format="csr"),
         "empty node": sp.diags((np.arange(stiffness.shape[0]) != 5).astype(float)) @ stiffness,
-        "pieces": cut(stiffness),
-        "hinged": hinged(),
-        "soft": stiffness / 1e12,
-    }
+        "pieces": cut(stiffness), "hinged": hinged(), "soft": stiffness / 1e12,
+    }  # fmt: skip
     for name, matrix in spoilt.items():
         write_npz(folder / f"{name}.npz", matrix, MESH)
     coupled = sp.csr_matrix(([0.3 * mass.max()] * 2, ([0, 1], [1, 0])), mass.shape)
     heavy = sp.diags(1.0 + 0.5 * (np.arange(mass.shape[0]) % 2 == 1))
     pair = sp.csr_matrix(([2.0, 2.0], ([0, 1], [1, 0])), (MESH.n_nodes,) * 2) * mass.max()
     masses = {
-        "coupled": mass + coupled,
-        "direction": heavy @ mass,
-        "negative": mass + sp.kron(pair, sp.eye(2)),
+        "coupled": mass + coupled, "direction": heavy @ mass, "negative": mass + sp.kron(pair, sp.eye(2)),
         "massless": mass - sp.diags(mass.diagonal() * (np.arange(mass.shape[0]) // 2 == 3)),
-    }
+    }  # fmt: skip
     for name, matrix in masses.items():
         write_npz(folder / f"mass_{name}.npz", (matrix + matrix.T) / 2, MESH)
     write_abaqus(folder / "other.mtx", *other_body())

@@ -20,38 +20,29 @@ from pgmp_petsc.results import Ensemble
 
 SCENE = ROOT / "scenes" / "slider_crank_paper.toml"
 SHORT = overridden("simulation.duration=0.005")
-KILLED = """
-import os, signal, sys
+# dies after two pieces of samples, or its disk is full when the third piece is stored
+PIECES = """
+import os, resource, signal, sys
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
-add, done = Checkpoint.add, []
-def add_and_die(self, piece, batch):
+add, done, disk = Checkpoint.add, [], resource.RLIMIT_FSIZE
+def die(self, piece, batch):
     add(self, piece, batch)
     done.append(piece)
     if len([piece for piece in done if not piece.is_checked]) == 2:
         os.kill(os.getpid(), signal.SIGKILL)
-Checkpoint.add = add_and_die
-from pgmp_petsc.cli.main import main
-main(sys.argv[1:])
-"""
-# the disk is full when the third piece is stored
-FULL = """
-import resource, sys
-from pgmp_petsc.ensemble.checkpoint import Checkpoint
-add, done = Checkpoint.add, []
-def add_on_a_full_disk(self, piece, batch):
+def fill(self, piece, batch):
     done.append(piece)
-    if len(done) < 3:
-        return add(self, piece, batch)
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (600, limits[1]))
+    limits = resource.getrlimit(disk)
+    resource.setrlimit(disk, (600 if len(done) >= 3 else limits[0], limits[1]))
     try:
         add(self, piece, batch)
     finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-Checkpoint.add = add_on_a_full_disk
+        resource.setrlimit(disk, limits)
+Checkpoint.add = globals()[sys.argv[1]]
 from pgmp_petsc.cli.main import main
-main(sys.argv[1:])
+main(sys.argv[2:])
 """
+FEW = overridden("simulation.duration=0.005", "ensemble.batch=4")
 # every rank works in a directory of its own
 APART = """
 import os, sys
@@ -127,12 +118,8 @@ def test_pictures_of_somebody_else_are_not_overwritten(folder: Path) -> None:
     assert "frequencies.png' exists and is not a picture of this program" in refused
     assert (folder / "frequencies.png").read_bytes() == b"a photograph"
     (folder / "frequencies.png").unlink()
-    for _ in range(2):  # ours may be drawn again
+    for _ in range(2):  # ours may be drawn, run and exported again
         pgmp("plot", folder / "modes.h5", "-o", folder)
-
-
-def test_results_are_replaced_by_the_same_kind(folder: Path) -> None:
-    for _ in range(2):
         pgmp("simulate", folder / "rom.h5", *SHORT, "-o", folder / "run.h5")
         pgmp("export", folder / "trajectory.h5", "-o", folder / "run.xdmf")
 
@@ -165,13 +152,16 @@ def test_a_second_job_is_refused_on_three_ranks(mpirun: Callable, folder: Path) 
     assert not (folder / "x.h5.partial").exists()
 
 
+def child(*words: object, **options: object) -> subprocess.CompletedProcess:
+    """Run Python in a process of its own."""
+    command = [*warm_start.python(), *map(str, words)]
+    return subprocess.run(command, text=True, env=os.environ | MPI_ENVIRONMENT, **options)
+
+
 def killed_ensemble(folder: Path) -> list[object]:
     """Kill an ensemble of 20 samples after two of its pieces; return the command that takes it up."""
-    few = overridden("simulation.duration=0.005", "ensemble.batch=4")
-    command = ["montecarlo", folder / "rom.h5", "-n", 20, *few, "-o", folder / "e.h5"]
-    environment = os.environ | MPI_ENVIRONMENT
-    killed = subprocess.run([*warm_start.python(), "-c", KILLED, *map(str, command)], cwd=ROOT, env=environment)
-    assert killed.returncode == -9 and not (folder / "e.h5").exists()
+    command = ["montecarlo", folder / "rom.h5", "-n", 20, *FEW, "-o", folder / "e.h5"]
+    assert child("-c", PIECES, "die", *command).returncode == -9 and not (folder / "e.h5").exists()
     return [*command, "--resume"]
 
 
@@ -216,40 +206,27 @@ def test_ranks_in_different_directories_build_and_resume(mpirun: Callable, tmp_p
 
 
 @pytest.mark.parametrize("command", ["info", "simulate"])
-def test_a_full_disk_under_standard_output_is_one_message(folder: Path, command: str) -> None:
+def test_a_full_disk_under_standard_output_is_one_message_and_a_reader_that_has_gone_no_error(
+    folder: Path, command: str
+) -> None:
+    """Neither Python's, nor PETSc's, which has started where something is computed."""
     options = () if command == "info" else (*SHORT, "-o", folder / "run.h5")
     with open("/dev/full", "w") as full:
-        arguments = [*warm_start.python(), *PGMP, command, folder / "rom.h5", *options]
-        done = subprocess.run(
-            [*map(str, arguments)], stdout=full, stderr=subprocess.PIPE, text=True, env=os.environ | MPI_ENVIRONMENT
-        )
-    assert done.returncode == 1
-    assert "standard output: No space left on device" in done.stderr
+        done = child(*PGMP, command, folder / "rom.h5", *options, stdout=full, stderr=subprocess.PIPE)
+    assert done.returncode == 1 and "standard output: No space left on device" in done.stderr
     assert "Traceback" not in done.stderr and "Exception ignored" not in done.stderr
     assert command == "info" or (folder / "run.h5").exists()
-
-
-@pytest.mark.parametrize("command", ["info", "simulate"])
-def test_a_reader_that_has_gone_is_no_error(folder: Path, tmp_path: Path, command: str) -> None:
-    """Neither Python's, nor PETSc's, which has started where something is computed."""
-    options = () if command == "info" else (*SHORT, "-o", tmp_path / "run.h5")
     read, write = os.pipe()
     os.close(read)
-    arguments = [*warm_start.python(), *PGMP, command, folder / "rom.h5", *options]
-    done = subprocess.run(
-        [*map(str, arguments)], stdout=write, stderr=subprocess.PIPE, text=True, env=os.environ | MPI_ENVIRONMENT
-    )
+    done = child(*PGMP, command, folder / "rom.h5", *options, stdout=write, stderr=subprocess.PIPE)
     os.close(write)
     assert (done.returncode, besides_progress(done.stderr)) == (0, "")
-    assert command == "info" or (tmp_path / "run.h5").exists()
 
 
 def test_a_run_on_a_full_disk_keeps_its_pieces(folder: Path) -> None:
     """A limit of the size of files stands for the disk."""
-    few = overridden("simulation.duration=0.005", "ensemble.batch=4")
-    command = ("montecarlo", folder / "rom.h5", "-n", 20, *few, "-o", folder / "e.h5")
-    words, environment = [*warm_start.python(), "-c", FULL, *map(str, command)], os.environ | MPI_ENVIRONMENT
-    done = subprocess.run(words, capture_output=True, text=True, env=environment)
+    command = ("montecarlo", folder / "rom.h5", "-n", 20, *FEW, "-o", folder / "e.h5")
+    done = child("-c", PIECES, "fill", *command, capture_output=True)
     assert done.returncode == 1 and "Traceback" not in done.stderr
     assert "could not be written: File too large" in done.stderr and "--resume takes it up" in done.stderr
     pgmp(*command, "--resume")

@@ -45,16 +45,12 @@ def run(rom: pgmp.Rom) -> pgmp.Result:
 
 
 @pytest.mark.parametrize("kind", [*KINDS, "full"])
-def test_files_are_those_of_the_commands(
-    kind: str, commands: Path, scene: Scene, rom: pgmp.Rom, run: pgmp.Result, tmp_path: Path
-) -> None:
+def test_files_are_those_of_the_commands(kind: str, commands: Path, scene: Scene, rom, run, tmp_path: Path) -> None:
     make = {
-        "rom": lambda: rom,
-        "run": lambda: run,
-        "ensemble": lambda: pgmp.montecarlo(rom, n=12, seed=7),
+        "rom": lambda: rom, "run": lambda: run, "ensemble": lambda: pgmp.montecarlo(rom, n=12, seed=7),
         "derivatives": lambda: pgmp.sensitivities(rom),
         "full": lambda: pgmp.simulate(scene, {"r1": 5e-3}, model="full"),
-    }
+    }  # fmt: skip
     written = make[kind]().write(tmp_path / f"{kind}.h5")
     assert_same(written, commands / f"{kind}.h5")
     # and so are those of a result that was read
@@ -73,23 +69,6 @@ def test_a_scene_is_checked_as_the_command_does(scene: Scene, tmp_path: Path, ca
         pgmp.check(scene, picture=tmp_path / "no.such" / "a.png")
 
 
-def test_shards_join_to_the_whole(commands: Path, tmp_path: Path) -> None:
-    """From the model's file, as the commands have it; what the first rank alone has is written all the same."""
-    paths = [tmp_path / f"part{k}.h5" for k in (1, 2)]
-    for k, path in enumerate(paths, 1):
-        part = pgmp.montecarlo(commands / "rom.h5", 12, 7, shard=pgmp.Shard(k, 2), output=path, on_all_ranks=False)
-        assert part.kind == "shard" and part.summary()["shard"] == f"{k}/2" and len(part.status) == 6
-    whole = pgmp.merge(paths, output=tmp_path / "whole.h5")
-    assert whole.path == tmp_path / "whole.h5" and isinstance(whole.outputs, dict)
-    assert_same(whole.path, commands / "ensemble.h5")
-
-
-def test_an_ensemble_ends_where_its_rule_is_met(rom: pgmp.Rom) -> None:
-    stopping = pgmp.Stopping(["std(crank_angle) < 30 %"])
-    found = pgmp.montecarlo(rom, 1000, 7, stopping=stopping, overrides={"ensemble.checked_share": 0.0})
-    assert len(found.status) < 1000 and found.stopping.is_met
-
-
 def test_an_ensemble_warns_of_errors_that_are_large_in_checked_samples(rom: pgmp.Rom) -> None:
     """Of those alone: shares are the largest error over the largest value of each sample."""
     overrides = {"ensemble.checked_share": 1.0, "ensemble.extremes": True}
@@ -103,31 +82,6 @@ def test_an_ensemble_warns_of_errors_that_are_large_in_checked_samples(rom: pgmp
         assert (told in warned) == (n > 0) and (n == 0 or f"in {n} of 8" in warned.split(told)[1])
 
 
-def test_better_models_correct_an_ensemble(rom: pgmp.Rom) -> None:
-    finer = pgmp.Correction("reduced", 20, divisor=2)
-    found = pgmp.montecarlo(rom, 40, 7, correct=[finer], overrides={"ensemble.checked_share": 0.0})
-    assert found.joined.models == ("reduced/2", "reduced") and finer.text == "reduced/2=20"
-    assert pgmp.Correction.read("reduced/2=20") == finer and pgmp.Correction.read("full=auto").n is None
-
-
-def test_failed_samples_are_tried_again(rom: pgmp.Rom, tmp_path: Path) -> None:
-    with pytest.raises(pgmp.InputError, match="all of its 3 samples are fine; nothing is left to do"):
-        pgmp.retry_failed(rom, pgmp.montecarlo(rom, 3).write(tmp_path / "fine.h5"))
-
-
-def test_designs_and_fits(rom: pgmp.Rom, run: pgmp.Result, tmp_path: Path) -> None:
-    """The parameter that a run was made with is found from it; a goal that is one of its ends, at that end."""
-    table, angle = tmp_path / "measured.csv", run.outputs["crank_angle"]
-    table.write_text(
-        "time,crank_angle\n" + "".join(f"{t!r},{x!r}\n" for t, x in zip(run.time.tolist(), angle.tolist()))
-    )
-    fitted = pgmp.fit(rom, table, ["r1"], noise={"crank_angle": 1e-6}, output=tmp_path / "fit.h5")
-    assert fitted.converged and fitted.parameters[0].estimate == pytest.approx(5e-3, rel=1e-4)
-    assert pgmp.read(tmp_path / "fit.h5").parameters[0].estimate == fitted.parameters[0].estimate
-    found = pgmp.optimize(rom, "minimise r1", ["r1"], subject_to=["r1 >= 5.2e-3"])
-    assert found.converged and found.parameters[0].value == pytest.approx(5.2e-3, rel=1e-6)
-
-
 def test_results_are_exported_and_filmed(run: pgmp.Result, rom: pgmp.Rom, commands: Path, tmp_path: Path) -> None:
     """As the commands do, which call these functions; of results that have a file."""
     for name in ("run.csv", "run.xdmf"):
@@ -139,17 +93,6 @@ def test_results_are_exported_and_filmed(run: pgmp.Result, rom: pgmp.Rom, comman
     assert pgmp.animate(short, tmp_path / "short.gif", field="none").stat().st_size > 0
 
 
-def test_a_job_is_what_the_command_does(commands: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """The lines of its steps, and nothing of the calls within them."""
-    few = {"reduction.modes": 3, "reduction.angles": 24, "simulation.duration": 0.02, "ensemble.bands": 0}
-    with caplog.at_level("INFO", logger="pgmp_petsc"):
-        done = pgmp.run(PAPER_SCENE, tmp_path / "job", n=4, overrides=few)
-    assert [path.name for path in done.files] == ["rom.h5", "run.h5", "better.h5", "finer.h5", "samples.h5"]
-    assert done.failures == () and done.page == tmp_path / "job" / "report.html" and done.page.is_file()
-    steps = [message.split()[0] for message in caplog.messages if not message.startswith(("warning", "note"))]
-    assert steps == ["check", "build", "simulate", "compare", "compare", "mesh", "ensemble", "report"]
-
-
 def test_what_the_first_rank_alone_has_is_said(run: pgmp.Result) -> None:
     absent = pgmp.Result("trajectory", None, MPI.COMM_SELF, Path())
     assert repr(absent) == "<pgmp trajectory on the first rank alone>"
@@ -158,9 +101,7 @@ def test_what_the_first_rank_alone_has_is_said(run: pgmp.Result) -> None:
 
 
 @pytest.mark.parametrize("others", ["later", "never"])
-def test_a_rank_that_runs_alone_waits_for_nobody(
-    others: str, commands: Path, mpirun: Callable, parallel_scripts: Path
-) -> None:
+def test_a_rank_that_runs_alone_waits_for_nobody(others: str, commands: Path, mpirun, parallel_scripts: Path) -> None:
     """PETSc starts on the ranks of a call; the other rank calls the interface later, or never, and the program ends."""
     done = mpirun(2, parallel_scripts / "interface_apart.py", commands / "rom.h5", others)
     assert done.stdout.splitlines()[-1] == ("same" if others == "later" else "alone")
@@ -203,28 +144,13 @@ def test_a_scene_survives_a_change(path: Path) -> None:
 
 
 def test_overrides_as_a_mapping_are_those_of_the_command() -> None:
-    values = {
-        "reduction.modes": np.int64(5),
-        "simulation.step": 1e-4,
-        "scene.name": 'a "b"',
-        "initial.equilibrium": False,
-    }
-    given = pgmp.load(
-        PAPER_SCENE, {**values, "effects.motor.table": np.array([[0.0, 0.0], [1.0, 0.5]])}, {"r1": 0.1 * 0.1 * 0.3}
-    )
-    texts = ["reduction.modes=5", "simulation.step=1e-4", 'scene.name="a \\"b\\""', "initial.equilibrium=false"]
-    wanted = load_scene(
-        PAPER_SCENE, [*texts, "effects.motor.table=[[0.0, 0.0], [1.0, 0.5]]"], ["r1=0.0030000000000000005"]
-    )
+    values = {"reduction.modes": np.int64(5), "scene.name": 'a "b"', "initial.equilibrium": False}
+    values["effects.motor.table"] = np.array([[0.0, 0.0], [1.0, 0.5]])
+    given = pgmp.load(PAPER_SCENE, values, {"r1": 0.1 * 0.1 * 0.3})
+    texts = ["reduction.modes=5", 'scene.name="a \\"b\\""', "initial.equilibrium=false"]
+    texts += ["effects.motor.table=[[0.0, 0.0], [1.0, 0.5]]"]
+    wanted = load_scene(PAPER_SCENE, texts, ["r1=0.0030000000000000005"])
     assert given == wanted and given.values == {"r1": 0.1 * 0.1 * 0.3}
-
-
-def test_a_scene_of_tables_is_that_of_its_file(scene: Scene) -> None:
-    tables = scene.model_dump(exclude_none=True)
-    tables["effects"]["motor"]["table"] = np.array(tables["effects"]["motor"]["table"])
-    before = repr(tables)
-    assert pgmp.compose(tables, PAPER_SCENE.parent) == scene
-    assert repr(tables) == before
 
 
 def test_datasets_have_the_arrays_and_their_units(rom: pgmp.Rom, run: pgmp.Result) -> None:
@@ -275,9 +201,8 @@ def test_groups_have_names_without_dots(rom: pgmp.Rom, run: pgmp.Result, monkeyp
                 assert "." not in name and np.array_equal(values, data[f"{kind}{name}"], equal_nan=True)
                 n += 1
         assert n == len(data.data_vars)
-    assert "theta" in table.to_groups()["frequency"].coords and run.to_groups()["output"]["crank_angle"].dims == (
-        "time",
-    )
+    assert "theta" in table.to_groups()["frequency"].coords
+    assert run.to_groups()["output"]["crank_angle"].dims == ("time",)
     xarray = pytest.importorskip("xarray")
     made = type("DataTree", (), {"from_dict": staticmethod(lambda groups, name: (name, sorted(groups)))})
     monkeypatch.setattr(xarray, "DataTree", made, raising=False)
@@ -354,13 +279,6 @@ def test_warnings_are_logged(rom: pgmp.Rom, caplog: pytest.LogCaptureFixture) ->
     logged = [record.message for record in caplog.records]
     assert logged == [str(remark) for remark in (*made.scene.remarks, *made.remarks)]
     assert {record.levelname for record in caplog.records} >= {"WARNING"}
-
-
-def test_a_tolerance_for_the_step_chooses_one(rom: pgmp.Rom, caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level(logging.INFO, "pgmp_petsc"):
-        made = pgmp.simulate(rom, overrides={"simulation.tolerance": 1e-2})
-    (chosen,) = (record.message for record in caplog.records if record.message.startswith("simulation.tolerance"))
-    assert f"simulation.step = {made.scene.simulation.step:g} was chosen" in chosen
 
 
 def test_results_are_copied_and_pickled(rom: pgmp.Rom, run: pgmp.Result, commands: Path, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import IN_TURN, PGMP, SMALL, paper_scene, pgmp, rom_of
+from runs import PGMP, SMALL, in_turn, paper_scene, pgmp, rom_of
 
 from pgmp_petsc.ensemble import rare_run
 from pgmp_petsc.ensemble.integration import run_batch
@@ -37,14 +37,8 @@ def model() -> ReducedModel:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory, model: ReducedModel) -> Path:
-    path = tmp_path_factory.mktemp("rare")
-    model.rom.write(path / "rom.h5")
-    return path
-
-
-@pytest.fixture(scope="module")
-def found(folder: Path) -> tuple[RareEvent, str]:
+def found(folder: Path, model: ReducedModel) -> tuple[RareEvent, str]:
+    model.rom.write(folder / "rom.h5")
     done = pgmp("montecarlo", folder / "rom.h5", "-n", 1000, "--rare", EVENT, "-o", folder / "rare.h5")
     return RareEvent.read(folder / "rare.h5"), done.stdout
 
@@ -92,38 +86,38 @@ def test_any_number_of_ranks_finds_the_same(mpirun: Callable, folder: Path, foun
         np.testing.assert_array_equal(getattr(other, name), getattr(one, name), err_msg=name)
 
 
+def event_of(model: ReducedModel, n: int, when: str = "end") -> RareEvent:
+    return run_rare_event(model, Event(output="crank_angle", above=2.4e-3, when=when), n, 1, MPI.COMM_SELF)
+
+
 def test_an_event_at_any_time_is_at_least_as_likely_as_at_the_end(model: ReducedModel) -> None:
-    ever = Event(output="crank_angle", above=2.4e-3, when="ever")
-    result = run_rare_event(model, ever, 500, 1, MPI.COMM_SELF)
+    result, at_end = event_of(model, 500, "ever"), event_of(model, 500)
     assert result.event == "crank_angle above 2.4 mrad at any time" and result.reached
     # the motor drives the angle up all the time: it is largest at the end
-    at_end = run_rare_event(model, Event(output="crank_angle", above=2.4e-3), 500, 1, MPI.COMM_SELF)
     assert result.estimate == pytest.approx(at_end.estimate, rel=1e-9)
 
 
 def test_what_a_file_holds_is_told_and_drawn_and_what_cannot_be_is_refused(
-    mpirun: Callable, folder: Path, found: tuple[RareEvent, str]
+    folder: Path, found: tuple[RareEvent, str]
 ) -> None:
-    rom, other = str(folder / "rom.h5"), str(folder / "other.h5")
+    rare, many, other = folder / "rare.h5", ["montecarlo", folder / "rom.h5", "-n"], folder / "other.h5"
     commands = [
-        ["info", str(folder / "rare.h5")],
-        ["plot", str(folder / "rare.h5"), "-o", str(folder / "pictures")],
-        ["report", str(folder / "rare.h5"), "-o", str(folder / "page.html")],
-        ["montecarlo", rom, "-n", "400", "--rare", EVENT, "-o", other],
-        ["montecarlo", rom, "-n", "1000", "--rare", "crank_angel > 1", "-o", other],
-        ["montecarlo", rom, "-n", "1000", "--rare", EVENT, "--resume", "-o", other],
-        ["montecarlo", rom, "-n", "1000", "--rare", "crank_angle > 9", "-o", other],
-        ["montecarlo", rom, "-n", "10", "--override", "fields.soft.terms=1", "-o", str(folder / "third.h5")],
+        ["info", rare],
+        ["plot", rare, "-o", folder / "pictures"],
+        ["report", rare, "-o", folder / "page.html"],
+        [*many, 400, "--rare", EVENT, "-o", other],
+        [*many, 1000, "--rare", "crank_angel > 1", "-o", other],
+        [*many, 1000, "--rare", EVENT, "--resume", "-o", other],
+        [*many, 500, "--rare", "crank_angle > 9", "-o", other],
+        [*many, 10, "--override", "fields.soft.terms=1", "-o", folder / "third.h5"],
     ]
-    done = mpirun(1, "-c", IN_TURN, json.dumps(commands))
-    statuses = [json.loads(line)[0] for line in done.stdout.splitlines() if line.startswith("[")]
-    assert [status or 0 for status in statuses] == [0, 0, 0, 2, 2, 2, 1, 2], (done.stdout, done.stderr)
+    statuses, done = in_turn(1, commands)
+    assert [status or 0 for (status,) in statuses] == [0, 0, 0, 2, 2, 2, 1, 2], (done.stdout, done.stderr)
     assert f"probability             {found[0].estimate:.4g}" in done.stdout
     assert (folder / "pictures" / "rare_event.png").exists()
     page = (folder / "page.html").read_text()
     asked = "-n 1000 --seed 0 --rare &#39;crank_angle &gt; 0.0024&#39;"
-    for shown in ("Rare events", "design point 1", asked, 'data-path="/most_likely/beta"'):
-        assert shown in page, shown
+    assert all(shown in page for shown in ("Rare events", "design point 1", asked, 'data-path="/most_likely/beta"'))
     assert "-n 400: with --rare at least 500 samples are needed" in done.stderr
     assert "there is no output crank_angel; did you mean 'crank_angle'?" in done.stderr
     assert "--resume with --rare: its samples are not kept on the way" in done.stderr
@@ -143,7 +137,7 @@ def test_one_bound_is_said_everywhere_where_failed_samples_hide_the_event(
         return batch
 
     monkeypatch.setattr(rare_run, "run_batch", failing)
-    result = run_rare_event(model, Event(output="crank_angle", above=2.4e-3), 500, 1, MPI.COMM_SELF)
+    result = event_of(model, 500)
     assert not result.reached and result.n_failed
     bound = f"at most {result.interval[1]:.3g} (95 %)"
     assert json.loads(json_text(summary_of(result)))["interval"] == [0.0, pytest.approx(result.interval[1])]
@@ -155,7 +149,7 @@ def test_parameters_that_step_have_no_design_point_and_that_is_said(model: Reduc
     law = '{name="discrete", values=[0.9, 1.0, 1.2], weights=[5, 80, 1]}'
     stepping = f"parameters.push={{nominal=1.0, distribution={law}}}"
     other = ReducedModel(paper_scene(*UNCERTAIN, stepping), model.rom)
-    result = run_rare_event(other, Event(output="crank_angle", above=2.4e-3), 1500, 1, MPI.COMM_SELF)
+    result = event_of(other, 1500)
     assert result.reached and result.most_likely is None
     assert set(result.parameters["push"]) == {0.9, 1.0, 1.2}
     texts = [remark.text for remark in result.record.remarks]
@@ -168,8 +162,8 @@ def test_parameters_that_step_have_no_design_point_and_that_is_said(model: Reduc
 
 def test_shares_of_correlated_parameters_add_to_one_and_the_slope_is_that_of_the_runs(model: ReducedModel) -> None:
     correlated = ReducedModel(paper_scene(*UNCERTAIN, "correlation.r1={push=-0.6}"), model.rom)
-    likely = run_rare_event(correlated, Event(output="crank_angle", above=2.4e-3), 1000, 1, MPI.COMM_SELF).most_likely
+    likely = event_of(correlated, 1000).most_likely
     assert likely.is_exact and likely.shares.sum(axis=1) == pytest.approx(1.0)
     # thin and pushed hard come together: the event is nearer than without
-    alone = run_rare_event(model, Event(output="crank_angle", above=2.4e-3), 1000, 1, MPI.COMM_SELF).most_likely
+    alone = event_of(model, 1000).most_likely
     assert likely.beta[0] < 0.95 * alone.beta[0]

@@ -12,12 +12,9 @@ from pgmp_petsc.results import Tradeoff
 
 # a part of the revolution in a fiftieth of the time: enough for everything but accuracy
 SMALL = overridden(
-    "reduction.modes=4",
-    "reduction.angles=24",
-    "simulation.duration=0.02",
-    "ensemble.batch=8",
+    "reduction.modes=4", "reduction.angles=24", "simulation.duration=0.02", "ensemble.batch=8",
     'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}',
-)
+)  # fmt: skip
 ATTRIBUTES = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
 OUTPUTS = ["crank_angle", "slider_position", "slider_deformation"]
 

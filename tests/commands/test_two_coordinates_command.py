@@ -5,20 +5,17 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from runs import pgmp
+from runs import overridden, pgmp
 from two_coordinates import DOUBLE_PENDULUM, LOWER, UPPER
 
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import ModesTable
 
-THIRD = (
-    "--override",
+THIRD = overridden(
     'bodies.hand={mesh="crank_5.msh",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
-    "--override",
     'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"]}',
-    "--override",
-    'coordinates.theta3={joint="wrist",range=[0.0,1.0]}',
-)
+    'coordinates.theta3={joint="wrist",range=[0.0,1.0]}', "reduction.angles=400",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +46,6 @@ def test_check_build_info_and_modes(scene: Path) -> None:
 
 @pytest.mark.parametrize("command", ["build", "modes"])
 def test_a_third_one_is_refused_where_its_grid_is_dear(scene: Path, command: str) -> None:
-    fine = "--override", "reduction.angles=400"
-    done = pgmp(command, scene, "-o", scene.parent / "none.h5", *THIRD, *fine, status=2)
+    done = pgmp(command, scene, "-o", scene.parent / "none.h5", *THIRD, status=2)
     assert "400 along each would make 400^3 = 6.4e+07 configurations" in done.stderr and "Traceback" not in done.stderr
     assert not (scene.parent / "none.h5").exists()

@@ -25,12 +25,10 @@ UNCERTAIN = (
 UNCHECKED = "ensemble.checked_share=0.0"
 LEVEL = 2e-3
 ASKED = overridden(
-    UNCHECKED,
-    "ensemble.extremes=true",
-    "ensemble.bands=11",
+    UNCHECKED, "ensemble.extremes=true", "ensemble.bands=11",
     f'ensemble.probabilities.begun={{output="crank_angle", above={LEVEL}, when="ever"}}',
     'ensemble.probabilities.behind={output="crank_angle", below=0.0}',
-)
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -94,16 +92,18 @@ def test_the_terminal_says_what_the_file_holds(sobol: tuple[Ensemble, str], fold
     assert found.mean_interval[0] < found.mean < found.mean_interval[1]
 
 
-@pytest.mark.parametrize("n_ranks", [2])
-def test_ranks_and_batches_have_no_part_in_it(
-    mpirun: Callable, folder: Path, rom: Path, sobol: tuple[Ensemble, str], n_ranks: int
+def test_ranks_batches_and_longer_runs_have_no_part_in_it(
+    mpirun: Callable, folder: Path, rom: Path, sobol: tuple[Ensemble, str]
 ) -> None:
     path = folder / "ranks.h5"
     asked = (*ASKED, *overridden("ensemble.batch=7"))
-    mpirun(n_ranks, *PGMP, "montecarlo", rom, "-n", 64, "--seed", 3, "--sampler", "sobol", *asked, "-o", path)
+    mpirun(2, *PGMP, "montecarlo", rom, "-n", 64, "--seed", 3, "--sampler", "sobol", *asked, "-o", path)
     found, (expected, _) = Ensemble.read(path), sobol
+    scene = scene_from_toml(expected.record.scene_toml, folder)
+    longer = Sampler(scene, Plan(1000, 3)).draw(0, 64)
     for name, values in expected.parameters.items():
         np.testing.assert_array_equal(found.parameters[name], values)
+        np.testing.assert_array_equal(longer[name], values)
     for kind in ("outputs", "extremes", "first_passages"):
         for name, values in getattr(expected, kind).items():
             # the rigid closure of a whole batch stops at 1e-12
@@ -111,14 +111,6 @@ def test_ranks_and_batches_have_no_part_in_it(
     for name, band in expected.bands.items():
         for part in ("mean", "std", "quantiles"):
             np.testing.assert_allclose(getattr(found.bands[name], part), getattr(band, part), rtol=1e-6, atol=1e-12)
-
-
-def test_a_longer_run_has_the_samples_of_a_shorter_one(rom: Path, folder: Path, sobol: tuple[Ensemble, str]) -> None:
-    scene = scene_from_toml(sobol[0].record.scene_toml, folder)
-    assert scene.ensemble.sampler == "sobol"
-    longer = Sampler(scene, Plan(1000, 3)).draw(0, 64)
-    for name, values in sobol[0].parameters.items():
-        np.testing.assert_array_equal(values, longer[name])
 
 
 def test_blocks_lead_to_sobol_indices(rom: Path, folder: Path) -> None:
@@ -158,30 +150,23 @@ def test_a_file_of_samples_repeats_them_in_another_model(rom: Path, folder: Path
 
 
 def test_bad_input_is_one_message_on_several_ranks(folder: Path, rom: Path) -> None:
-    table = folder / "bad.csv"
+    table, fixed = folder / "bad.csv", folder / "fixed.csv"
     table.write_text("push,r1\n1.0,5e-3\n1.0,wide\n")
+    fixed.write_text("push,r1\n1.0,5e-3\n")
     cases = (
         ((), "-n: missing; give the number of samples, a file of samples with --samples, or a time with --budget"),
         (("--samples", table), f"--samples {table}: line 3: r1 = 'wide'; a number is needed"),
         (("--samples", table, "--sampler", "sobol"), "--sampler sobol: the samples are those of --samples"),
-        (
-            ("-n", 4, *overridden('ensemble.probabilities.x={output="angle", above=1.0}')),
-            "ensemble.probabilities.x.output = \"angle\": there is no such output; did you mean 'crank_angle'?",
-        ),
-    )
+        (("-n", 4, *overridden('ensemble.probabilities.x={output="angle", above=1.0}')),
+         "ensemble.probabilities.x.output = \"angle\": there is no such output; did you mean 'crank_angle'?"),
+        # a table with the parameter that is set
+        (("--samples", fixed, "--set", "r1=5e-3", *overridden("parameters.r1={nominal=5.6e-3}")),
+         f"--set r1=5e-3: every sample takes 'r1' from --samples {fixed}; leave one of them out"),
+    )  # fmt: skip
     messages = refused(2, [["montecarlo", rom, *words, "-o", folder / "no.h5"] for words, _ in cases])
     for (_, said), message in zip(cases, messages):
         assert message.startswith(said)
     assert not (folder / "no.h5").exists()
-
-
-def test_a_value_for_a_parameter_of_the_file_is_refused(folder: Path, rom: Path) -> None:
-    table = folder / "fixed.csv"
-    table.write_text("push,r1\n1.0,5e-3\n")
-    words = ("--samples", table, "--set", "r1=5e-3", "-o", folder / "no.h5")
-    fixed = overridden("parameters.r1={nominal=5.6e-3}")
-    done = pgmp("montecarlo", rom, *words, *fixed, status=2)
-    assert f"--set r1=5e-3: every sample takes 'r1' from --samples {table}; leave one of them out" in done.stderr
 
 
 # A bar of 1 kg and a flywheel about a hinge: theta(1 s) = w + a / (2 (1/3 + 1)); runs end where it leaves its range.
@@ -231,9 +216,7 @@ def test_failed_samples_belong_to_the_probability_on_the_line_in_json_and_in_the
     assert next(line for line in said.splitlines() if line.split()[:1] == ["still"]).split()[2] == "constant"
     assert "note: still is constant" in said
     # the sampler knows no more of heavy tails than others do, and says so
-    heavy = (
-        'parameters.a.distribution={name="lognorm",s=1.0,scale=0.1}',
-        'parameters.w.distribution={name="uniform",loc=0.4995,scale=1e-3}',
-    )
+    heavy = [f"parameters.{one}.distribution={{name={law}}}" for one, law in
+             (("a", '"lognorm",s=1.0,scale=0.1'), ("w", '"uniform",loc=0.4995,scale=1e-3'))]  # fmt: skip
     said = pgmp("montecarlo", tmp_path / "bar.h5", "-n", 512, *overridden(*heavy), "-o", tmp_path / "h.h5", status=None)
     assert re.search(r"warning: the deviation of [a-z, ]*angle[a-z, ]* rests on a few samples", said.stdout)

@@ -41,9 +41,8 @@ def test_files_are_the_same(kind: str, commands: Path, without: Path) -> None:
 def test_pages_and_pictures_are_the_same(commands: Path, without: Path, tmp_path: Path) -> None:
     for call in pages(commands, tmp_path):
         pgmp.main(call, standalone_mode=False, obj=Session(MPI.COMM_SELF))
-    ours, theirs = (
-        {path.name: path.read_bytes() for path in place.iterdir()} for place in (tmp_path, without / "shown")
-    )
+    places = (tmp_path, without / "shown")
+    ours, theirs = ({path.name: path.read_bytes() for path in place.iterdir()} for place in places)
     assert ours == theirs and {"report.html", "trajectories.png", "densities.png"} <= ours.keys()
 
 
@@ -87,22 +86,21 @@ def test_with_mpi_alone_several_ranks_share_an_ensemble(
     assert_same(tmp_path / "ensemble.h5", commands / "ensemble.h5")
 
 
+CODE = """
+import sys, pgmp_petsc as pgmp
+rom = pgmp.read(sys.argv[1])
+pgmp.simulate(rom, {'r1': 5e-3}).write(sys.argv[2])
+for wrong in (lambda: pgmp.simulate(rom, comm=3), lambda: pgmp.build(pgmp.load(sys.argv[3]))):
+    try:
+        wrong()
+    except pgmp.InputError as error:
+        print(error)
+print('mpi4py' in sys.modules)
+"""
+
+
 def test_the_python_interface(commands: Path, without: Path, tmp_path: Path) -> None:
-    code = (
-        "import sys, pgmp_petsc as pgmp\n"
-        "rom = pgmp.read(sys.argv[1])\n"
-        "pgmp.simulate(rom, {'r1': 5e-3}).write(sys.argv[2])\n"
-        "try:\n"
-        "    pgmp.simulate(rom, comm=3)\n"
-        "except pgmp.InputError as error:\n"
-        "    print(error)\n"
-        "try:\n"
-        "    pgmp.build(pgmp.load(sys.argv[3]))\n"
-        "except pgmp.InputError as error:\n"
-        "    print(error)\n"
-        "print('mpi4py' in sys.modules)\n"
-    )
-    words = [*warm_start.python(), LAUNCHER, "-c", code, commands / "rom.h5", tmp_path / "run.h5", SOLIDS]
+    words = [*warm_start.python(), LAUNCHER, "-c", CODE, commands / "rom.h5", tmp_path / "run.h5", SOLIDS]
     environment = os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(words, capture_output=True, text=True, env=environment, timeout=TIMEOUT_SECONDS, check=True)
     of_ranks, of_bodies, loaded = done.stdout.splitlines()

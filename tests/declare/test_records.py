@@ -69,6 +69,7 @@ def test_a_record_comes_back(tmp_path: Path) -> None:
     again = kept(sample(late=np.array([1.0, np.nan, 2.0]), grid=np.ones((2, 3))), tmp_path / "f.h5")
     assert list(again.inner) == ["b", "a"] and again.inner["a"].level == 0.25
     assert again.rows == sample().rows and again.texts == ("one", "two") and again.limit is None
+    assert check_sizes(sample()) == {"time": 3, "row": 2, "layer": 1}
     assert again.flags.dtype == bool and again.grid.shape == (2, 3) and np.isnan(again.late[1])
     with h5py.File(tmp_path / "f.h5") as file:
         about = file["inner/a/values"].attrs
@@ -91,10 +92,6 @@ def test_a_record_comes_back(tmp_path: Path) -> None:
 def test_equal_names_are_equal_sizes(change: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         sample(**change)
-
-
-def test_sizes_by_name() -> None:
-    assert check_sizes(sample()) == {"time": 3, "row": 2, "layer": 1}
 
 
 def change(name: str, value: object = None) -> object:

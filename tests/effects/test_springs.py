@@ -1,16 +1,21 @@
-"""Springs as stiffness: against differences of what they measure, with and without force; what is left out."""
+"""What springs measure and their stiffness: against differences, with and without force; what is left out."""
 
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+from spatial import assembled, bars_of, solid, table
 from spatial_beams import kinematics_of_beams, slider_crank_of_beams
 from spring_measures import bends_of, measure_of, slopes_of
 
 from pgmp_petsc.effects import Action, actions_of, effects_of
 from pgmp_petsc.effects.effect import UnitForces
+from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.effects.springs import left_out, linear_springs, moving_dofs, spring_block, spring_force, spring_remarks
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
 from scenes import kinematics_of, slider_crank
 
@@ -76,3 +81,34 @@ def test_dampers_are_named_and_springs_are_not() -> None:
     assert "effects.oil is not in the stiffness: it is a damper" in said[1]
     of_basis = [str(remark) for remark in spring_remarks(effects, scene.reduction)]
     assert "static answers are in the basis, for any stiffness: s, b, t" in of_basis[0]
+
+
+AXIS, TURNED, MOVED = np.array([0.48, -0.6, 0.64]), 0.7, 0.2
+
+
+def mechanism(kind: str) -> tuple[Mechanism, np.ndarray]:
+    """Return a bar on a joint of the ground, and its pose turned about the axis and moved along it."""
+    scene = assembled(
+        solid("bar", 0.5, (0.0, 0.0, 0.0), (0.2, 0.5, -0.4)),
+        solid("wheel", 0.2, (0.0, 0.0, 0.0)),
+        table("joints.guide", type=kind, connect=["ground:origin", "bar:hinge"], axis=AXIS),
+        table("joints.drive", type="revolute", connect=["bar:tip", "wheel:hinge"], axis=(0.0, 0.0, 1.0)),
+    )
+    made = Mechanism.from_scene(scene, bars_of(scene))
+    poses = made.first_guess.copy()
+    poses[0, 3:] = Rotation.from_rotvec(TURNED * AXIS).apply(poses[0, 3:].reshape(3, 3)).ravel()
+    poses[0, :3] = MOVED * AXIS
+    return made, poses
+
+
+@pytest.mark.parametrize(
+    ("kind", "motion", "expected"),
+    [("cylindrical", "turning", TURNED), ("cylindrical", "sliding", MOVED), ("prismatic", None, MOVED),
+     ("revolute", None, TURNED)],
+)  # fmt: skip
+def test_the_motion_in_a_joint(kind: str, motion: str | None, expected: float) -> None:
+    made, poses = mechanism(kind)
+    place = joint_measure(made, SimpleNamespace(joint="guide", motion=motion))
+    frames = [place[side].frame_of_pose(poses) for side in "ab"]
+    assert place["statement"].value(*frames) == pytest.approx(expected, abs=1e-12)
+    assert joint_measure(made, SimpleNamespace(joint="drive"))["statement"] is made.coordinates[0].statement

@@ -38,15 +38,11 @@ def run_both(scene: Scene) -> None:
     run_batch(scene)
 
 
-def test_without_effects_nothing_of_them_is_evaluated(calls: Counter) -> None:
-    scene = scene_of(BEAM, SHORT)
-    model = line_model(scene)
-    assert effects_of(scene, model.kinematics.mechanism) == ()
-    run_both(scene)
-    assert not calls
-
-
 def test_a_load_is_no_action(calls: Counter) -> None:
+    scene = scene_of(BEAM, SHORT)
+    assert effects_of(scene, line_model(scene).kinematics.mechanism) == ()
+    run_both(scene)
+    assert not calls, "without effects nothing of them is evaluated"
     run_both(scene_of(BEAM, SHORT + WEIGHT))
     assert set(calls) == {"Weights.loads", "Effect.amplitude"}
     calls.clear()
@@ -82,11 +78,8 @@ def test_the_cost_of_effects_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     assert all(cost.seconds > 0.0 and cost.corrections >= 1.0 for cost in costs)
     text = effect_cost.table(costs)
     assert len(text.splitlines()) == 13 and text.splitlines()[1].split()[2] == "1.00"
-
-
-def test_the_cost_of_effects_on_rigid_bodies() -> None:
     scene = scene_of(BAR)
-    assert "structural_damping" not in effect_cost.one_of_each(scene, line_meshes(scene))
+    assert "structural_damping" not in effect_cost.one_of_each(scene, line_meshes(scene)), "of rigid bodies"
 
 
 def test_the_script_asks_for_a_scene(

@@ -1,5 +1,6 @@
 """The checkpoint of an ensemble: what is kept, what is refused."""
 
+import resource
 import shutil
 import zipfile
 from dataclasses import replace
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished, remove_checkpoint
+from pgmp_petsc.ensemble.checkpoint import Checkpoint, Columns, Finished, remove_checkpoint
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, Shard
 from pgmp_petsc.files import checkpoint_folder, claims
 from pgmp_petsc.files.seal import SIZE as SEAL
@@ -29,16 +30,8 @@ def batch(first: int, n: int = 4) -> Batch:
     status = np.where(numbers % 3 == 0, 2, 0)
     outputs = {"angle": -numbers, "x.y": numbers / 7}
     estimates = {name: np.where(numbers < 3, 1e-3 * values, np.nan) for name, values in outputs.items()}
-    return Batch(
-        first,
-        {"r1": numbers},
-        outputs,
-        status,
-        np.where(status, 0.5, np.nan),
-        estimates,
-        dict(estimates),
-        {"bent": numbers},
-    )
+    failure_time = np.where(status, 0.5, np.nan)
+    return Batch(first, {"r1": numbers}, outputs, status, failure_time, estimates, dict(estimates), {"bent": numbers})
 
 
 def started(plan: Plan, *firsts: int) -> Checkpoint:
@@ -54,12 +47,7 @@ def add(checkpoint: Checkpoint, first: int, n: int = 4, is_checked: bool = False
 
 
 def taken_up(
-    plan: Plan,
-    scene: str = SCENE,
-    model: str = "reduced",
-    tables: str = TABLES,
-    design: tuple[str, str] = DESIGN,
-    **changes: object,
+    plan: Plan, scene: str = SCENE, model: str = "reduced", tables: str = TABLES, design=DESIGN, **changes: object
 ) -> Checkpoint:
     return Checkpoint(replace(plan, resume=True, **changes), scene, model, tables, design)
 
@@ -96,16 +84,15 @@ def test_it_stands_beside_the_result_until_it_is_removed(plan: Plan) -> None:
     remove_checkpoint(plan)
     assert not checkpoint.folder.exists()
     remove_checkpoint(plan)
-
-
-def test_a_resumed_run_takes_up_finished_batches(plan: Plan) -> None:
-    started(plan, 0, 8)
-    assert again(plan) == {0, 8}
-
-
-def test_a_batch_that_was_not_finished_does_not_count(plan: Plan) -> None:
-    (started(plan, 0).folder / ".samples_000000004.npz.123.partial").write_bytes(b"half")
+    # what a job leaves that was killed before it had written its label, and what a user put there
+    checkpoint.folder.mkdir()
+    (checkpoint.folder / ".run.json.77.partial").touch()
+    started(plan, 0)
+    (checkpoint.folder / ".samples_000000004.npz.123.partial").write_bytes(b"half")  # of one that was not finished
     assert again(plan) == {0}
+    (checkpoint.folder / "notes.txt").write_text("mine")
+    remove_checkpoint(plan)
+    assert [path.name for path in checkpoint.folder.iterdir()] == ["notes.txt"]
 
 
 def test_without_resume_it_starts_anew_and_says_so(plan: Plan) -> None:
@@ -142,6 +129,9 @@ def test_the_checkpoint_of_another_run_is_refused_and_kept(plan: Plan, change: d
     with pytest.raises(InputError, match=r"--resume: '.*e\.h5\.partial' belongs to another run: " + message):
         again(plan, **change)
     assert again(plan) == {0}
+    assert again(plan, n_samples=20) == {0}  # longer
+    with pytest.raises(InputError, match=r"its samples differs \(20 there, 12 here\)"):
+        again(plan)
 
 
 @pytest.mark.parametrize(
@@ -157,15 +147,6 @@ def test_a_label_of_something_else_is_refused(plan: Plan, entry: str, instead: s
     label.write_text(label.read_text().replace(entry, instead))
     with pytest.raises(InputError, match=said):
         again(plan)
-
-
-def test_a_longer_run_takes_up_a_shorter_one(plan: Plan) -> None:
-    started(plan, 0, 8)
-    longer = {"n_samples": 20}
-    assert again(plan, **longer) == {0, 8}
-    with pytest.raises(InputError, match=r"its samples differs \(20 there, 12 here\)"):
-        again(plan)
-    assert again(plan, **longer) == {0, 8}
 
 
 def test_samples_that_depend_on_their_number_are_taken_up_by_as_many_alone(plan: Plan) -> None:
@@ -288,21 +269,6 @@ def test_a_piece_is_an_archive_that_others_can_read(plan: Plan) -> None:
         np.testing.assert_array_equal(np.load(stream)["status"], batch(0).status)
 
 
-def test_what_a_user_put_into_the_folder_stays(plan: Plan) -> None:
-    checkpoint = started(plan, 0)
-    (checkpoint.folder / "notes.txt").write_text("mine")
-    remove_checkpoint(plan)
-    assert [path.name for path in checkpoint.folder.iterdir()] == ["notes.txt"]
-
-
-def test_an_empty_folder_is_taken(plan: Plan) -> None:
-    """A job that was killed before it had written its label leaves one."""
-    plan.output.with_name("e.h5.partial").mkdir()
-    (plan.output.with_name("e.h5.partial") / ".run.json.77.partial").touch()
-    started(plan, 0)
-    assert again(plan) == {0}
-
-
 def test_a_folder_that_was_removed_during_the_run(plan: Plan) -> None:
     checkpoint = started(plan, 0)
     shutil.rmtree(checkpoint.folder)
@@ -322,10 +288,41 @@ def test_a_shard_keeps_its_own_samples(plan: Plan) -> None:
     shutil.copy(piece(stranger, 4), piece(checkpoint, 4).with_name("samples_000000000.npz"))
     checkpoint = taken_up(shard)
     assert firsts(checkpoint) == {4} and "which are none of this run" in str(*checkpoint.remarks)
+    for other in (Shard(1, 3), Shard(2, 4), None):
+        with pytest.raises(InputError, match="belongs to another run: its (shard|number of samples|samples) differs"):
+            again(replace(plan, shard=other))
 
 
-@pytest.mark.parametrize("other", [Shard(1, 3), Shard(2, 4), None])
-def test_another_shard_is_refused(plan: Plan, other: Shard | None) -> None:
-    started(replace(plan, shard=Shard(2, 3)), 4)
-    with pytest.raises(InputError, match="belongs to another run: its (shard|number of samples|samples) differs"):
-        Checkpoint(replace(plan, resume=True, shard=other), SCENE, "reduced", TABLES, DESIGN).open()
+def test_a_column_is_what_was_put_in_and_nan_elsewhere(tmp_path: Path) -> None:
+    columns = Columns(tmp_path, 5)
+    columns.put(3, {"outputs.x": np.array([3.0, 4.0]), "status": np.array([0, 2])})
+    columns.put(0, {"outputs.x": np.array([0.5]), "outputs.y.z": np.array([True])})
+    assert list(columns) == ["outputs.x", "status", "outputs.y.z"] and len(columns) == 3
+    np.testing.assert_array_equal(columns["outputs.x"], [0.5, np.nan, np.nan, 3.0, 4.0])
+    np.testing.assert_array_equal(columns["status"], [np.nan, np.nan, np.nan, 0.0, 2.0])
+    outputs = columns.of("outputs")
+    assert list(outputs) == ["x", "y.z"] and len(outputs) == 2 and not columns.of("errors")
+    np.testing.assert_array_equal(outputs["y.z"], [1.0, np.nan, np.nan, np.nan, np.nan])
+    with pytest.raises(KeyError):
+        outputs["z"]
+
+
+def test_it_leaves_no_file_and_lasts_longer_than_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    columns = Columns(tmp_path / "folder", 100_000)
+    columns.put(1, {"a": np.arange(99_999.0)})
+    (tmp_path / "folder").rmdir()
+    np.testing.assert_array_equal(columns["a"], [np.nan, *range(99_999)])
+
+
+def test_a_full_disk_is_said(tmp_path: Path) -> None:
+    columns = Columns(tmp_path, 1000)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        with pytest.raises(RunError, match="samples could not be put together in .*: File too large; what is"):
+            columns.put(0, {"a": np.zeros(1000)})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with pytest.raises(RunError, match="samples could not be put together in .*gone': No such file"):
+        Columns(tmp_path / "gone", 2)

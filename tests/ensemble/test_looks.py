@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 from mpi4py import MPI
+from refusals import refusal
 from runs import paper_scene
 from scipy import stats
 
@@ -14,6 +15,7 @@ from pgmp_petsc.ensemble import stopping
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.ensemble.stopping import (
+    Rule,
     Seen,
     Stop,
     level_of_each,
@@ -26,8 +28,10 @@ from pgmp_petsc.ensemble.stopping import (
 )
 from pgmp_petsc.results.ensemble import Stopping
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.numerics import Event
 
 REPETITIONS = 100
+LABEL = 'ensemble.probabilities.behind={output="crank_angle", below=0.0, when="ever"}'
 
 
 class Made(Mapping[str, np.ndarray]):
@@ -54,7 +58,7 @@ class Made(Mapping[str, np.ndarray]):
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return paper_scene('ensemble.probabilities.far={output="crank_angle", above=1.5}')
+    return paper_scene('ensemble.probabilities.far={output="crank_angle", above=1.5}', LABEL, "ensemble.extremes=true")
 
 
 def stop_of(scene: Scene, rules: tuple[str, ...], values: np.ndarray, most: int) -> list[Seen]:
@@ -149,12 +153,58 @@ def test_a_budget_ends_between_two_looks(scene: Scene, monkeypatch: pytest.Monke
         again = Stopping.take(file)
     assert (again.why, again.budget, again.rules) == (found.why, 10.0, ())
     np.testing.assert_array_equal(again.samples, found.samples)
-
-
-def test_a_budget_that_is_spent_before_has_the_fewest_samples(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = [0.0]
-    monkeypatch.setattr(stopping.time, "monotonic", lambda: now[0])
-    stop = Stop((), 1.0, start=0.0)
-    now[0] = 50.0
+    # one that is spent before has the fewest samples
+    stop = Stop((), 1.0, start=now[0] - 50.0)
     history = stages(stop, 8, 10**9, lambda n: n, lambda n: Seen(n, np.zeros(0), np.zeros((0, 2))), MPI.COMM_SELF)
     assert [seen.n for seen in history] == [8]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("std(crank_angle) < 1 %", ("std", "crank_angle", None, 0.01, True)),
+        (" mean ( slider_position )+-1e-4 ", ("mean", "slider_position", None, 1e-4, False)),
+        ("mean(slider_position)\u00b11e-4", ("mean", "slider_position", None, 1e-4, False)),
+        ("mean(slider_position) +- 2 %", ("mean", "slider_position", None, 0.02, True)),
+        ("mean(crank_angle.max) < .5%", ("mean", "crank_angle.max", None, 0.005, True)),
+        ("P(behind) < 10%", ("P", "behind", None, 0.1, True)),
+        (
+            "P(slider_deformation < -1.5e-4) +- 0.002",
+            ("P", "", Event(output="slider_deformation", below=-1.5e-4), 0.002, False),
+        ),
+        ("P(crank_angle>3) +- 0.01", ("P", "", Event(output="crank_angle", above=3.0), 0.01, False)),
+    ],
+)
+def test_what_rules_mean(scene: Scene, text: str, expected: tuple) -> None:
+    assert read_rule(text, scene) == Rule(text, *expected)
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "expected"),
+    [
+        ("", 1, "mean, std or P"),
+        ("median(crank_angle) < 1 %", 1, "mean, std or P"),
+        ("std crank_angle", 5, "'('"),
+        ("std(angle) < 1 %", 5, "the name of an output; did you mean 'crank_angle'?"),
+        ("std(1) < 1 %", 5, "the name of an output"),
+        ("P(crank_angle) < 1 %", 14, "'<' or '>'"),
+        ("P(crank_angle < high) +- 0.1", 17, "a number"),
+        ("P(nothing) +- 0.1", 3, "an output or a label of ensemble.probabilities"),
+        ("std(crank_angle) < 1", 21, "'%'"),
+        ("std(crank_angle) < -1 %", 20, "a positive precision"),
+        ("P(crank_angle > 1e999) +- 0.1", 17, "0 or a magnitude from 1e-30 to 1e+30"),
+        ("P(crank_angle > -1e31) +- 0.1", 17, "0 or a magnitude from 1e-30 to 1e+30"),
+        ("std(crank_angle) < 1e999 %", 20, "0 or a magnitude from 1e-30 to 1e+30"),
+        ("std(crank_angle) = 1 %", 18, "'<' or '+-'"),
+        ("std(crank_angle", 16, "')'"),
+        ("std(crank_angle) < 1 % please", 24, "the end"),
+        ("mean(crank_angle) +- 1rad", 22, "a number"),
+    ],
+)
+def test_what_is_no_rule_is_marked(scene: Scene, text: str, place: int, expected: str) -> None:
+    first, shown, marked = refusal(read_rule, text, scene).splitlines()
+    assert first.startswith(f'--until "{text}": expected at character {place}: {expected}')
+    assert shown == f"  {text}" and marked == " " * (place + 1) + "^"
+    assert "expected at character 6: the name of an output" in refusal(
+        read_rule, "mean(crank_angle.max) < 1 %", paper_scene()
+    )

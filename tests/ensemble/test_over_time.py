@@ -69,16 +69,9 @@ def watched(model: Model, divisor: int = 1, status: np.ndarray | None = None, at
     return found
 
 
-def test_extremes_are_those_of_the_motion() -> None:
-    found = watched(Model(extremes=True))["extremes"]
-    np.testing.assert_allclose(found["y/max"], SIZES, rtol=1e-12)
-    np.testing.assert_allclose(found["y/min"], -SIZES, rtol=1e-12)
-    np.testing.assert_allclose(found["y/time_of_max"], 0.25, rtol=1e-12)
-    np.testing.assert_allclose(found["y/time_of_min"], 0.75, rtol=1e-12)
-
-
-def test_first_passages_are_where_the_motion_crosses_the_level() -> None:
-    found = watched(Model(probabilities=EVENTS))["first_passages"]
+def test_extremes_and_first_passages_are_those_of_the_motion() -> None:
+    kept = watched(Model(probabilities=EVENTS))
+    found, kept = kept["first_passages"], kept["extremes"]
     high = np.arcsin(np.minimum(0.9 / SIZES, 1.0)) / (2.0 * np.pi)
     np.testing.assert_array_equal(np.isnan(found["high"]), SIZES < 0.9)
     # linear within a step: an eighth of the square of the step times curvature over slope, 2 pi tan(2 pi t)
@@ -87,25 +80,30 @@ def test_first_passages_are_where_the_motion_crosses_the_level() -> None:
     np.testing.assert_array_equal(np.isnan(found["low"]), SIZES <= 2.5)
     np.testing.assert_array_equal(found["begun"], 0.0)
     # by how much an event at any time came true, or did not, is told by its output's extremes, of all steps
-    kept = watched(Model(probabilities=EVENTS))["extremes"]
-    np.testing.assert_array_equal(kept["y/max"], watched(Model(extremes=True))["extremes"]["y/max"])
+    extremes = watched(Model(extremes=True))["extremes"]
+    np.testing.assert_array_equal(kept["y/max"], extremes["y/max"])
+    for name, exact in {"max": SIZES, "min": -SIZES, "time_of_max": 0.25, "time_of_min": 0.75}.items():
+        np.testing.assert_allclose(extremes[f"y/{name}"], exact, rtol=1e-12)
     np.testing.assert_array_equal(kept["y/max"] > 0.9, np.isfinite(found["high"]))
 
 
 def test_bands_take_start_end_and_instants_between() -> None:
-    for most, steps in (
-        (2, [0, 100]),
-        (5, [0, 25, 50, 75, 100]),
-        (4, [0, 34, 68, 100]),
-        (101, range(101)),
-        (500, range(101)),
-    ):
+    known = {2: [0, 100], 5: [0, 25, 50, 75, 100], 4: [0, 34, 68, 100], 101: range(101), 500: range(101)}
+    for most, steps in known.items():
         np.testing.assert_array_equal(band_steps(Model().scene.simulation, most), steps)
     assert band_steps(Model().scene.simulation, 0).size == 0
     found = watched(Model(bands=5))
     assert found["extremes"] == found["first_passages"] == {}
     times = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
     np.testing.assert_allclose(found["bands"]["y"], SIZES[:, None] * np.sin(2.0 * np.pi * times), atol=1e-14)
+    for asked, with_bands, looks in (
+        ({"bands": 0}, True, False),
+        ({}, False, False),
+        ({"extremes": True}, False, True),
+    ):
+        assert OverTimeWatcher(Model(**asked), with_bands=with_bands).is_asked is looks
+    begun = Begun(SimpleNamespace(n_samples=N), {}, np.arange(N), Model().scene.simulation)
+    assert OverTimeWatcher(Model(bands=5), with_bands=True).watch(begun).observer.every == 25
 
 
 @pytest.mark.parametrize("at_once", [1, 7, 50])
@@ -148,15 +146,6 @@ def test_a_passage_out_of_no_number_is_where_the_number_is() -> None:
     times = np.arange(N_STEPS + 1) * STEP
     expected = [times[np.argmax(size * np.sin(2.0 * np.pi * times) >= 1.5)] for size in SIZES[2:]]
     np.testing.assert_allclose(found[2:], expected, rtol=1e-12)
-
-
-def test_nothing_is_looked_at_where_nothing_is_asked_for() -> None:
-    assert not OverTimeWatcher(Model(bands=0), with_bands=True).is_asked
-    assert not OverTimeWatcher(Model(), with_bands=False).is_asked
-    assert OverTimeWatcher(Model(extremes=True), with_bands=False).is_asked
-    assert OverTimeWatcher(Model(bands=5), with_bands=True).watch(
-        Begun(SimpleNamespace(n_samples=N), {}, np.arange(N), Model().scene.simulation)
-    ).observer.every == 25  # fmt: skip
 
 
 def test_figures_of_a_part_of_the_samples_are_said_to_be() -> None:

@@ -9,7 +9,7 @@ from scipy import stats
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble import sampling
-from pgmp_petsc.ensemble.plan import Plan
+from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, Plan
 from pgmp_petsc.ensemble.sampling import (
     Blocks,
     Design,
@@ -17,8 +17,10 @@ from pgmp_petsc.ensemble.sampling import (
     Sampler,
     draw,
     draw_remarks,
+    first_numbers,
     physical,
     sampler_remarks,
+    stream,
 )
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import Distribution, Parameter
@@ -68,17 +70,10 @@ def test_a_parameter_without_a_distribution_keeps_the_value_of_the_run(scene: Sc
     changed = scene.model_copy(deep=True)
     changed.parameters["rho"] = scene.parameters["rho"].model_copy(update={"value": 8000.0})
     np.testing.assert_array_equal(draw(changed, 1, 0, 5)["rho"], 8000.0)
-
-
-def test_without_any_distribution_there_is_nothing_to_draw() -> None:
+    (remark,) = draw_remarks(slider_crank(NORMAL, "parameters.r1.value=5e-3"))
+    assert remark.text.startswith("parameters.r1.value = 0.005")
     with pytest.raises(InputError, match=r"parameters: none has a distribution"):
         draw(slider_crank(), 0, 0, 3)
-
-
-def test_samples_are_physical_inside_their_bounds() -> None:
-    scene = slider_crank(NORMAL, "parameters.r1.bounds=[5e-3, 6e-3]")
-    values = {"r1": np.array([5e-3, 6e-3, 4.999e-3, 6.001e-3, 5.5e-3, np.nan, np.inf, -5.5e-3])}
-    np.testing.assert_array_equal(physical(scene, values), [True, True, False, False, True, False, False, False])
 
 
 def test_damping_and_friction_are_not_negative() -> None:
@@ -99,15 +94,12 @@ def test_sections_and_materials_need_positive_numbers_even_without_bounds(scene:
     values = {"r1": np.full(n, 5e-3), "E": np.full(n, 2e11), "rho": np.full(n, 7800.0)}
     values["r1"][1], values["E"][2], values["rho"][3] = -1e-3, 0.0, np.nan
     np.testing.assert_array_equal(physical(scene, values), [True, False, False, False])
-
-
-def test_a_parameter_of_a_load_may_be_negative() -> None:
-    scene = slider_crank(
-        'parameters.s={nominal=1.0, distribution={name="norm", loc=0.0, scale=1.0}}', 'effects.motor.scale="s"'
-    )
-    values = draw(scene, 0, 0, 50)
-    assert (values["s"] < 0).any()
-    assert physical(scene, values).all()
+    scene = slider_crank(NORMAL, "parameters.r1.bounds=[5e-3, 6e-3]")
+    values = {"r1": np.array([5e-3, 6e-3, 4.999e-3, 6.001e-3, 5.5e-3, np.nan, np.inf, -5.5e-3])}
+    np.testing.assert_array_equal(physical(scene, values), [True, True, False, False, True, False, False, False])
+    load = bounded(-40.0, 40.0)  # a parameter of a load may be negative
+    drawn = draw(load, 0, 0, 50)
+    assert (drawn["s"] < 0).any() and physical(load, drawn).all()
 
 
 def bounded(low: float, high: float, name: str = '"norm", loc=0.0, scale=1.0') -> Scene:
@@ -129,11 +121,6 @@ def test_a_distribution_is_truncated_to_its_bounds_and_renormalised(low: float, 
     assert stats.kstest(values, stats.truncnorm(low, high).cdf).pvalue > 1e-3
 
 
-def test_bounds_that_cut_nothing_off_change_no_sample() -> None:
-    free = draw(slider_crank(NORMAL), 2, 0, 50)["r1"]
-    np.testing.assert_array_equal(draw(slider_crank(NORMAL, "parameters.r1.bounds=[-1.0, 1.0]"), 2, 0, 50)["r1"], free)
-
-
 @pytest.mark.parametrize("law", ['name="cauchy", loc=5.6e-3, scale=1e-5', 'name="t", df=1.5, loc=5.6e-3, scale=1e-5'])
 def test_a_distribution_without_a_finite_variance_is_warned_of(law: str) -> None:
     (cut,) = draw_remarks(slider_crank(f"parameters.r1.distribution={{{law}}}", "parameters.r1.bounds=[-1e9, 1e9]"))
@@ -151,11 +138,6 @@ def test_what_bounds_cut_off_is_said() -> None:
     (much,) = draw_remarks(bounded(0.0, 3.0))
     assert much.kind == "warning" and "50 % below" in much.text
     assert draw_remarks(slider_crank(NORMAL)) == ()
-
-
-def test_a_value_of_single_runs_has_no_part_in_an_ensemble_and_that_is_said() -> None:
-    (remark,) = draw_remarks(slider_crank(NORMAL, "parameters.r1.value=5e-3"))
-    assert remark.text.startswith("parameters.r1.value = 0.005")
 
 
 @pytest.mark.parametrize("law", ['name="norm", loc=5.6e-3, scale=0.56e-3', 'name="uniform", loc=4e-3, scale=3e-3'])
@@ -326,3 +308,14 @@ def test_a_design_is_named_by_what_it_draws(sampler: str, monkeypatch: pytest.Mo
 def of_one_sequence(sampler: str) -> Callable[[int, int, int], Design]:
     kind = Replicates if sampler == "sobol" else Blocks
     return lambda seed, d, n_replicates: kind(seed, d, 1)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 42, 2**32 - 1, 2**32, 123456789012345678, LARGEST_SEED])
+def test_the_first_numbers_are_those_of_every_stream(seed: int) -> None:
+    """Bit for bit, for seeds of one word and of two, and the samples that there may be."""
+    numbers = np.append(np.arange(40), np.random.default_rng(seed).integers(40, MOST_SAMPLES, 40))
+    numbers = np.append(numbers, MOST_SAMPLES - 1)
+    for d in (1, 5):
+        expected = [stream(seed, int(number)).random(d) for number in numbers]
+        np.testing.assert_array_equal(first_numbers(seed, numbers, d), expected)
+    assert first_numbers(seed, np.arange(0), 2).shape == (0, 2) and first_numbers(seed, np.arange(4), 0).shape == (4, 0)

@@ -83,18 +83,11 @@ def test_too_little_tells_nothing() -> None:
     said = [remark.text for remark in step_remarks(_Model(), time, outputs, other, None)]
     assert len(said) == 1 and said[0].startswith("errors of the time step were not estimated: ")
     assert "--override simulation.step=0.0005" in said[0]
-
-
-def test_too_few_steps_are_said_with_their_number() -> None:
-    """Of a run of one step fewer than ten of the coarser one take."""
-    time, outputs, _, other = runs(30.0, reach=coarser_run.FEWEST - 1)
+    # of a run of one step fewer than ten of the coarser one take
     few = {name: values[: coarser_run.FEWEST_STEPS] for name, values in outputs.items()}
-    (said,) = step_remarks(_Model(), time[: coarser_run.FEWEST_STEPS], few, other, None)
-    assert (
-        f"the run has {coarser_run.FEWEST_STEPS - 1} steps, the estimate needs {coarser_run.FEWEST_STEPS} or more"
-        in said.text
-    )
-    assert not too_few_steps(coarser_run.FEWEST_STEPS)
+    (few_said,) = step_remarks(_Model(), time[: coarser_run.FEWEST_STEPS], few, other, None)
+    n = coarser_run.FEWEST_STEPS
+    assert f"the run has {n - 1} steps, the estimate needs {n} or more" in few_said.text and not too_few_steps(n)
 
 
 def test_friction_or_stops_beside_a_lost_vibration_make_it_unsure() -> None:
@@ -123,16 +116,11 @@ def test_brief_contacts_and_steps_that_failed_make_it_unsure(changes: dict, why:
         for run in (other, replace(other, **changes))
     )
     assert not sure.unsure and found.unsure.startswith(why)
+    many = replace(other, shortest=np.full(1, 11.0 * coarser_run.TIMES * STEP))  # contacts of many steps are resolved
+    assert not coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, many).unsure
     order = coarser_run.ROUGH * (1.0 - changes.get("divided", np.zeros(1))[0])
     # where no vibration is lost, the difference counts by the order alone
     np.testing.assert_allclose(found.outputs["x"] * order, sure.outputs["x"] * (coarser_run.TIMES**2 - 1.0), rtol=1e-12)
-
-
-def test_contacts_of_many_steps_are_resolved() -> None:
-    time, outputs, _, other = runs(10.0)
-    assert not coarser_run.step_errors(
-        load_scene(PAPER_SCENE), time, outputs, replace(other, shortest=np.full(1, 11.0 * coarser_run.TIMES * STEP))
-    ).unsure
 
 
 def test_what_is_unsure_is_a_note_where_it_is_small() -> None:

@@ -1,9 +1,19 @@
-"""What a model's own error does to figures, in words."""
+"""Errors of a run found of itself: its own finer steps, the spread of its start, and all of them in words."""
+
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
-from runs import reduced_model
+import pytest
+import synthetic
+from loose_scenes import worn
+from runs import reduced_model, trajectory
 
-from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures, of_statistics
+from pgmp_petsc.estimates import coarser_run
+from pgmp_petsc.estimates.coarser_run import growth_of, spread_remarks
+from pgmp_petsc.estimates.own_error import OwnErrors, large_errors, not_estimated, not_known, of_figures, of_statistics
+from pgmp_petsc.results import EstimatedErrors, Trajectory
+from pgmp_petsc.texts.models import of_trajectory
 from scenes import slider_crank
 
 WORDS = ("mean", "deviation, quantiles")
@@ -59,3 +69,91 @@ def test_errors_that_are_not_estimated_are_said_to_be_unknown() -> None:
     assert OwnErrors.of_runs(model, [model.scene.values]) is None
     said = not_known(model, "derivatives")
     assert said.kind == "note" and "errors of the reduced model do to derivatives is not known: errors" in said.text
+
+
+LONG = "simulation.duration=0.1", "joints.pin.clearance.restitution=0.95"
+
+
+def _growth(monkeypatch, off: float) -> np.ndarray:
+    model = reduced_model(worn(*LONG))
+    run = trajectory(model)
+    eta = np.hstack([run.coordinates, run.modal])
+    monkeypatch.setattr(coarser_run, "OFF", off)
+    found = growth_of(model, model.scene.simulation, eta, run.outputs)
+    assert found.shape == run.time.shape
+    return found
+
+
+def test_growth_is_that_of_any_small_difference(monkeypatch):
+    """Of 1e-9 and of 1e-8 within a factor of two, as long as neither is large; and it grows with the impacts."""
+    small, large = (_growth(monkeypatch, off) for off in (1e-9, 1e-8))
+    linear = large * 1e-8 < 1e-3
+    assert np.abs(np.log(large / small)[linear][1:]).max() < np.log(2.0)
+    assert small[-1] > 20.0 * small[len(small) // 10] > 0.0
+
+
+def test_a_chaotic_run_is_said_to_be():
+    times, growth = np.linspace(0.0, 1.0, 5), np.array([1.0, 10.0, 100.0, 2e3, 5e4])
+    (remark,) = spread_remarks(times, growth)
+    assert "chaotic" in remark.text and "from 0.75 s on" in remark.text and "5e+04 times" in remark.text
+    (quiet,) = spread_remarks(times, growth / 1e3)
+    assert "chaotic" not in quiet.text and "becomes 50 times as large" in quiet.text
+    assert not spread_remarks(times, None)
+
+
+@pytest.mark.parametrize("room", [True, False])
+def test_runs_with_clearance_alone_say_it(room):
+    tight = ("joints.pin={type='revolute',connect=['crank:tip','rod:hinge']}",)
+    run = trajectory("reduced", worn("simulation.duration=2e-3", *(() if room else tight)))
+    assert any("difference of the start becomes" in remark.text for remark in run.record.remarks) == room
+
+
+def test_what_hardly_moves_has_no_range():
+    """A motor that has hardly begun: nothing is said, whatever round-off the outputs are beside."""
+    scene = worn("simulation.duration=4e-4", "simulation.initial.theta.velocity=0.0")
+    run = trajectory("reduced", scene)
+    assert not any("difference of the start" in remark.text for remark in run.record.remarks)
+
+
+@pytest.mark.parametrize(
+    "largest, line, warned",
+    [
+        (0.5, "0.001 m (0.2 % of its largest value)", ""),
+        (0.0201, "1 mm (5 % of its largest value)", ""),
+        (0.0199, "1 mm (5 % of its largest value)", "tip 5 %"),
+        (0.00125, "1 mm (80 % of its largest value)", "tip 80 %"),
+        (4e-5, "1 mm (its largest value is 0.04 mm)", "tip more than all of it (40 µm)"),
+        (0.0, "1 mm", ""),
+    ],
+)
+def test_a_share_is_told_where_it_says_something(largest: float, line: str, warned: str) -> None:
+    errors = EstimatedErrors(np.array([0.0, 1.0]), {"tip": np.array([0.0, -1e-3])}, {"tip": largest})
+    assert of_trajectory(errors, {"tip": "m"}, 1.0)[1].endswith(line)
+    remarks = large_errors(*errors.of_one_run(), {"tip": "m"})
+    assert bool(remarks) == bool(warned)
+    assert all(warned in remark.text for remark in remarks)
+    assert any("has not converged" in remark.text for remark in remarks) == ("more than all" in warned)
+
+
+def test_an_ensemble_tells_the_worst_of_its_samples_and_how_many_are_so() -> None:
+    """Samples that are not checked, and outputs that are known to 5 %, are not told."""
+    errors = {"tip": np.array([0.06, 0.01, np.nan, 0.4]), "angle": np.array([0.05, 0.01, np.nan, 0.02])}
+    sizes = {name: np.array([1.0, 1.0, 1.0, 2.0]) for name in errors}
+    (remark,) = large_errors(errors, sizes, dict.fromkeys(errors, "1"))
+    assert remark.kind == "warning" and "errors of the samples that are checked, as shares" in remark.text
+    assert "over the run: tip 20 % at most, beyond 5 % in 2 of 3; a smaller simulation.step" in remark.text
+    assert not large_errors({"tip": np.full(4, np.nan)}, sizes, {})
+
+
+def test_an_output_without_an_estimate_says_why(tmp_path: Path) -> None:
+    """In the terminal, among the remarks and in the file."""
+    reason, time = "two estimates disagree", np.array([0.0, 1.0])
+    outputs = {"tip": np.full(2, np.nan), "angle": np.zeros(2)}
+    errors = EstimatedErrors(time, outputs, {"tip": 1.0, "angle": 1.0}, absent={"tip": reason})
+    line, other = of_trajectory(errors, {"tip": "m", "angle": "rad"}, 1.0)[1:]
+    assert line.endswith(f"not estimated: {reason}") and reason not in other
+    (remark,) = not_estimated(errors, slider_crank())
+    assert "errors were not estimated for tip: two estimates disagree; " in remark.text
+    run, absent = synthetic.trajectory("reduced", n_frames=0), {"slider_position": reason}
+    replace(run, errors=replace(run.errors, absent=absent)).write(tmp_path / "run.h5")
+    assert Trajectory.read(tmp_path / "run.h5").errors.absent == absent

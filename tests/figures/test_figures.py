@@ -7,7 +7,7 @@ import matplotlib
 import numpy as np
 import pytest
 import synthetic
-from pictures import assert_inside, legend_texts, texts, visible
+from pictures import assert_inside, legend_texts, texts, visible, written
 from scipy.stats import expon, norm, uniform
 
 from pgmp_petsc.base.errors import InputError
@@ -38,6 +38,9 @@ ALONE = synthetic.trajectory("full", n_frames=0)
 FOUR = replace(ALONE, outputs={f"output_{number}": ALONE.time for number in range(4)}, units={})
 
 
+THREE = replace(synthetic.modes_table(n_theta=12), theta=np.zeros((3, 12)), coordinate_units=dict.fromkeys("xyz", "m"))
+
+
 def constant(value: float) -> Ensemble:
     """Return an ensemble whose only output does not vary."""
     same = np.full(20, value)
@@ -48,6 +51,7 @@ def constant(value: float) -> Ensemble:
 #: Pictures of little, or of more than a row has, and how many panels they have.
 FEW = {
     "three modes": (lambda: frequencies([synthetic.modes_table(n_modes=3, reduced=False)]), 3),
+    "three coordinates": (lambda: frequencies([THREE]), 4),
     "one mode": (lambda: frequencies([synthetic.modes_table(n_modes=1)]), 1),
     "one run": (lambda: trajectories(paired([ALONE])), 3),
     "four outputs": (lambda: trajectories(paired([FOUR])), 4),
@@ -55,6 +59,7 @@ FEW = {
     "one sample": (lambda: densities([synthetic.ensemble("reduced", 1, n_failed=0)]), 3),
     "two samples": (lambda: densities([synthetic.ensemble("reduced", 2, n_failed=0)]), 3),
     "thirty samples": (lambda: densities([synthetic.ensemble("reduced", 30, n_failed=0)]), 3),
+    "three ensembles": (lambda: densities([synthetic.ensemble("reduced", n) for n in (100, 200, 300)]), None),
     "zeros": (lambda: densities([constant(0.0)]), None),
     "threes": (lambda: densities([constant(3.0)]), None),
 }
@@ -66,16 +71,26 @@ def test_little_is_drawn_within_the_picture(name):
     figure = draw_it()
     assert n_panels is None or len(visible(figure)) == n_panels
     assert name != "three modes" or legend_texts(figure) == []
+    assert name != "three coordinates" or visible(figure)[-1].get_xlabel() == "configuration"
+    assert name != "three ensembles" or len({p.get_edgecolor() for p in figure.legends[0].get_patches()[:3]}) == 3
     assert_inside(figure)
 
 
-def test_frequencies_over_three_coordinates_are_numbered():
-    table = replace(
-        synthetic.modes_table(n_theta=12),
-        theta=np.zeros((3, 12)),
-        coordinate_units={"theta": "rad", "reach": "m", "turn": "rad"},
-    )
-    assert visible(frequencies([table]))[-1].get_xlabel() == "configuration"
+TWENTY = synthetic.ensemble("full", 20)
+ZERO = replace(TWENTY, parameters={}, outputs={"x": np.zeros(20)}, statistics={"x": synthetic.statistics(np.zeros(20))})
+LOST = {name: synthetic.statistics(np.full(20, np.nan)) for name in TWENTY.outputs}
+REFUSED = {
+    "no output in common": lambda: trajectories(paired([ALONE, replace(ALONE, outputs={"other": ALONE.time})])),
+    "ensembles have nothing in common": lambda: densities([TWENTY, ZERO]),
+    "no sample of the full ensemble": lambda: densities([replace(TWENTY, status=np.full(20, 2), statistics=LOST)]),
+    "no frames to draw": lambda: mechanism(ALONE),
+}
+
+
+@pytest.mark.parametrize("said", REFUSED)
+def test_what_cannot_be_drawn_is_refused(said):
+    with pytest.raises(InputError, match=said):
+        REFUSED[said]()
 
 
 def test_runs_are_paired_by_their_parameters():
@@ -109,12 +124,9 @@ def test_the_error_needs_two_runs_and_a_signal():
 
 def test_the_error_is_known_only_where_both_runs_are():
     full, reduced = synthetic.trajectory("full"), synthetic.trajectory("reduced")
+    outputs = {name: values[:501] for name, values in reduced.outputs.items()}
     short = replace(
-        reduced,
-        time=reduced.time[:501],
-        outputs={name: values[:501] for name, values in reduced.outputs.items()},
-        coordinates=reduced.coordinates[:501],
-        modal=None,
+        reduced, time=reduced.time[:501], outputs=outputs, coordinates=reduced.coordinates[:501], modal=None
     )
     assert len(Comparison(full, short).error_percent("crank_angle")[0]) == 501
     # the run that stopped is named alone, and how far it was to go
@@ -127,19 +139,10 @@ def test_trajectories_have_a_column_an_output_and_errors_below():
     figure = trajectories(paired(runs))
     assert len(visible(figure)) == 6
     assert [axes.get_title(loc="left") for axes in visible(figure)[:3]] == [
-        "crank_angle (rad)",
-        "slider_position (m)",
-        "slider_deformation (mm)",
-    ]
+        "crank_angle (rad)", "slider_position (m)", "slider_deformation (mm)",
+    ]  # fmt: skip
     assert "at most 3.5 %" in visible(figure)[5].get_title(loc="left")
     assert_inside(figure)
-
-
-def test_trajectories_without_a_common_output():
-    one = synthetic.trajectory("full", n_frames=0)
-    other = replace(one, outputs={"other": one.time})
-    with pytest.raises(InputError, match="no output in common"):
-        trajectories(paired([one, other]))
 
 
 def test_densities_compare_two_ensembles():
@@ -181,10 +184,9 @@ def test_brackets_hold_the_intervals_of_the_file():
     assert "[ ]: 95 % interval" in legend_texts(figure)
 
 
-@pytest.mark.parametrize("model", ["full", "reduced"])
 @pytest.mark.parametrize("probabilities", [(0.5,), (0.1, 0.9), (0.975, 0.025, 0.5, 0.25, 0.75)])
-def test_bands_lie_between_pairs_of_quantiles(model, probabilities):
-    ensemble = synthetic.ensemble(model)
+def test_bands_lie_between_pairs_of_quantiles(probabilities):
+    ensemble = synthetic.ensemble("reduced")
     known = {name: synthetic.band(probabilities) for name in ensemble.outputs}
     figure = bands(replace(ensemble, bands=known))
     panels = visible(figure)
@@ -213,9 +215,8 @@ def test_a_file_of_an_ensemble_has_all_its_pictures(tmp_path):
     ensemble = synthetic.ensemble()
     known = {name: synthetic.band((0.1, 0.5, 0.9)) for name in ensemble.outputs}
     indices = {name: synthetic.sensitivity(True) for name in ensemble.outputs}
-    replace(ensemble, bands=known, sobol=indices).write(tmp_path / "e.h5")
-    synthetic.ensemble("reduced").write(tmp_path / "r.h5")
-    lines = draw([tmp_path / "e.h5", tmp_path / "r.h5"], tmp_path / "out")
+    paths = written(tmp_path, replace(ensemble, bands=known, sobol=indices), synthetic.ensemble("reduced"))
+    lines = draw(paths, tmp_path / "out")
     assert [Path(line).name for line in lines] == ["densities.png", "bands.png", "sobol.png"]
 
 
@@ -227,23 +228,6 @@ def test_moments_of_a_long_unit_end_within_the_picture():
     notes = [text for axes in visible(figure) for text in axes.texts]
     assert len(notes) == 3 and all("N m s/rad, N = " in text.get_text() for text in notes)
     assert all(text.get_window_extent(figure.canvas.get_renderer()).x1 <= width for text in notes)
-
-
-def test_three_ensembles_of_one_model_have_colours_of_their_own():
-    figure = densities([synthetic.ensemble("reduced", n) for n in (100, 200, 300)])
-    assert len({patch.get_edgecolor() for patch in figure.legends[0].get_patches()[:3]}) == 3
-    assert_inside(figure)
-
-
-def test_ensembles_without_anything_in_common_or_without_samples():
-    ensemble = synthetic.ensemble("full", 20)
-    zero = np.zeros(20)
-    other = replace(ensemble, parameters={}, outputs={"other": zero}, statistics={"other": synthetic.statistics(zero)})
-    with pytest.raises(InputError, match="ensembles have nothing in common"):
-        densities([ensemble, other])
-    with pytest.raises(InputError, match="no sample of the full ensemble"):
-        nothing = {name: synthetic.statistics(np.full(20, np.nan)) for name in ensemble.outputs}
-        densities([replace(ensemble, status=np.full(20, 2), statistics=nothing)])
 
 
 def test_the_mechanism_is_drawn_at_the_asked_instants():
@@ -262,11 +246,6 @@ def test_exaggeration_moves_nodes_between_the_ends_only():
     largest = np.max(np.linalg.norm(plain - rigid, axis=-1))
     assert largest == pytest.approx(2e-3 * np.sin(0.4 * np.pi), rel=1e-2)
     np.testing.assert_array_equal(shown_positions(frames, "rod", 1.0), plain)
-
-
-def test_a_mechanism_without_frames():
-    with pytest.raises(InputError, match="no frames to draw"):
-        mechanism(synthetic.trajectory(n_frames=0))
 
 
 def test_units_get_readable_prefixes():
@@ -300,18 +279,9 @@ def test_settings_of_the_process_are_left_alone(tmp_path):
 
 
 def test_files_are_grouped_into_pictures(tmp_path):
-    paths = []
-    for number, result in enumerate(
-        [
-            synthetic.modes_table(),
-            synthetic.trajectory("full", n_frames=3),
-            synthetic.trajectory("reduced", n_frames=0),
-            synthetic.ensemble("reduced", 50),
-            synthetic.ensemble("full", 50),
-        ]
-    ):
-        paths.append(tmp_path / f"{number}.h5")
-        result.write(paths[-1])
+    runs = synthetic.trajectory("full", n_frames=3), synthetic.trajectory("reduced", n_frames=0)
+    many = (synthetic.ensemble(model, 50) for model in ("reduced", "full"))
+    paths = written(tmp_path, synthetic.modes_table(), *runs, *many)
     target = tmp_path / "deep" / "pictures"
     names = ["frequencies.png", "trajectories.png", "mechanism.png", "densities.png"]
     assert draw(paths, target) == [str(target / name) for name in names]
@@ -324,15 +294,11 @@ def test_files_are_grouped_into_pictures(tmp_path):
     assert draw(paths[1:2], target, at=0.1)[-1].startswith("--at 0.1: without effect, as no trajectory has bodies")
 
 
-def test_a_bad_file_is_reported_before_anything_is_drawn(tmp_path):
+def test_files_and_folders_that_cannot_be_used(tmp_path, monkeypatch):
     synthetic.modes_table().write(tmp_path / "m.h5")
     with pytest.raises(InputError, match="does not exist"):
         draw([tmp_path / "m.h5", tmp_path / "no.h5"], tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_directory_that_cannot_be_made_or_written_to(tmp_path, monkeypatch):
-    synthetic.modes_table().write(tmp_path / "m.h5")
+    assert not (tmp_path / "out").exists(), "a bad file is told before anything is drawn"
     (tmp_path / "taken").write_text("")
     with pytest.raises(InputError, match="cannot be made"):
         draw([tmp_path / "m.h5"], tmp_path / "taken")

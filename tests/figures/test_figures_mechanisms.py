@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import synthetic
 from conftest import ROOT
-from pictures import assert_inside, legend_texts, visible
+from pictures import assert_inside, legend_texts, visible, written
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures.collection import draw
@@ -43,23 +43,18 @@ def planar_table(n: int = 6, n_modes: int = 3, reduced: float | None = 1.0002):
     theta = np.array(np.meshgrid(np.linspace(0, 1, n), np.linspace(2, 4, n + 1), indexing="ij")).reshape(2, -1)
     full = 100.0 * np.arange(1, n_modes + 1) + (theta[0] + 0.1 * theta[1])[:, None]
     return replace(
-        synthetic.modes_table(),
-        theta=theta,
-        full_hz=full,
-        coordinate_units=PLANE,
+        synthetic.modes_table(), theta=theta, full_hz=full, coordinate_units=PLANE,
         reduced_hz=None if reduced is None else full * reduced,
-    )
+    )  # fmt: skip
 
 
 def planar_run():
     """Return a run over two coordinates."""
     run = synthetic.trajectory(n_frames=3)
     return replace(
-        run,
-        coordinates=np.column_stack([run.coordinates[:, 0], np.sin(run.time)]),
-        coordinate_units=PLANE,
+        run, coordinates=np.column_stack([run.coordinates[:, 0], np.sin(run.time)]), coordinate_units=PLANE,
         record=replace(run.record, scene_toml=RANGES),
-    )
+    )  # fmt: skip
 
 
 def half_rigid():
@@ -86,6 +81,8 @@ def test_the_residual_is_drawn_as_it_is():
     np.testing.assert_allclose(axes.lines[0].get_ydata(), np.abs(run.balance.residual[1:]) / run.balance.exchanged)
     bottom, top = axes.get_ylim()
     assert axes.get_yscale() == "log" and np.log10(top / bottom) == pytest.approx(DECADES + np.log10(3.0))
+    still = replace(run, balance=Balance(*(np.zeros_like(run.time) for _ in range(3)), {}))
+    assert "at most 0.0e+00" in visible(energies(still))[0].get_title(loc="left")
 
 
 def test_many_effects_are_told_apart():
@@ -95,15 +92,22 @@ def test_many_effects_are_told_apart():
     assert_inside(figure)
 
 
-def test_nothing_moves_and_nothing_is_left():
-    run = balanced()
-    figure = energies(replace(run, balance=Balance(*(np.zeros_like(run.time) for _ in range(3)), {})))
-    assert "at most 0.0e+00" in visible(figure)[0].get_title(loc="left")
+REFUSED = [
+    (lambda: energies(synthetic.trajectory()), "holds no energies"),
+    (lambda: frequency_maps(synthetic.modes_table()), "two coordinates, the table has 1"),
+    (lambda: coordinate_path(synthetic.trajectory()), "two coordinates, the run has 1"),
+    (
+        lambda: portraits.portrait(synthetic.trajectory(n_frames=0), portraits.Portrait("", "crank_angle")),
+        "no frames or no",
+    ),
+    (lambda: portraits.portrait(half_rigid(), portraits.Portrait("", "no_such")), "no frames or no output"),
+]
 
 
-def test_energies_need_a_balance():
-    with pytest.raises(InputError, match="holds no energies"):
-        energies(synthetic.trajectory())
+@pytest.mark.parametrize(("picture", "said"), REFUSED)
+def test_what_cannot_be_drawn_is_refused(picture, said):
+    with pytest.raises(InputError, match=said):
+        picture()
 
 
 def test_maps_have_the_coordinates_on_their_axes():
@@ -115,16 +119,8 @@ def test_maps_have_the_coordinates_on_their_axes():
     assert panels[0].get_xlim() == (0.0, 1.0) and panels[0].get_ylim() == (2.0, 4.0)
     assert (panels[2].get_xlabel(), panels[2].get_ylabel()) == ("left (rad)", "right (rad)")
     assert_inside(figure)
-
-
-def test_maps_without_a_reduced_model_and_of_one_mode():
-    figure = frequency_maps(planar_table(n_modes=1, reduced=None))
-    assert visible(figure)[0].get_title(loc="left") == "flexible mode 1 (Hz)"
-    assert_inside(figure)
-
-
-def test_a_map_of_one_value():
-    table = planar_table(n_modes=1)
+    table = planar_table(n_modes=1, reduced=None)
+    assert visible(frequency_maps(table))[0].get_title(loc="left") == "flexible mode 1 (Hz)"
     assert_inside(frequency_maps(replace(table, full_hz=np.full_like(table.full_hz, 50.0))))
 
 
@@ -135,13 +131,6 @@ def test_the_path_shows_the_ranges_that_end():
     assert ends == [-1.0, 7.0] and legend_texts(figure) == ["ends of the ranges"]
     assert axes.get_xlim()[0] < -1.0 and axes.get_xlim()[1] > 7.0
     assert_inside(figure)
-
-
-def test_pictures_of_the_plane_need_two_coordinates():
-    with pytest.raises(InputError, match="two coordinates, the table has 1"):
-        frequency_maps(synthetic.modes_table())
-    with pytest.raises(InputError, match="two coordinates, the run has 1"):
-        coordinate_path(synthetic.trajectory())
 
 
 def test_rigid_bodies_are_hollow():
@@ -158,11 +147,9 @@ def test_a_point_mass_is_a_square_and_pins_at_rest_stand_on_the_ground():
     run = synthetic.trajectory(n_frames=5)
     frames = run.frames
     bob = {
-        "positions": frames.positions["rod"][:, -1:],
-        "rotations": frames.rotations["rod"][:, -1:],
-        "nodes": np.zeros((1, 2)),
-        "cells": np.empty((0, 2), dtype=int),
-    }
+        "positions": frames.positions["rod"][:, -1:], "rotations": frames.rotations["rod"][:, -1:],
+        "nodes": np.zeros((1, 2)), "cells": np.empty((0, 2), dtype=int),
+    }  # fmt: skip
     with_bob = {name: {**getattr(frames, name), "bob": value} for name, value in bob.items()}
     figure = mechanism(replace(run, frames=replace(frames, **with_bob, rigid=frozenset({"bob"}))), n_instants=4)
     markers = [line.get_marker() for line in visible(figure)[0].lines]
@@ -172,9 +159,7 @@ def test_a_point_mass_is_a_square_and_pins_at_rest_stand_on_the_ground():
 
 def test_the_first_run_that_has_them_gives_the_pictures(tmp_path):
     results = [planar_table(), planar_table(), synthetic.trajectory(n_frames=0), planar_run(), balanced()]
-    paths = [tmp_path / f"{number}.h5" for number in range(len(results))]
-    for path, result in zip(paths, results):
-        result.write(path)
+    paths = written(tmp_path, *results)
     # the plane's tables and runs are of other scenes than the rest
     one = ["frequency_maps_1_slider_crank", "frequency_maps_2_slider_crank", "trajectories_slider_crank"]
     names = [*one, "energies_slider_crank", "trajectories_five_bar", "mechanism_five_bar", "coordinate_path_five_bar"]
@@ -199,12 +184,6 @@ def test_shapes_are_spaced_by_the_motion():
     turned = np.abs(np.diff(run.coordinates[chosen, 0]))
     assert len(chosen) == 6 and chosen[0] == 0 and chosen[-1] == 1000
     np.testing.assert_allclose(turned, turned.mean(), rtol=0.05)
-
-
-def test_a_portrait_needs_frames_and_its_output():
-    for run, output in ((synthetic.trajectory(n_frames=0), "crank_angle"), (half_rigid(), "no_such")):
-        with pytest.raises(InputError, match="no frames or no output"):
-            portraits.portrait(run, portraits.Portrait("", output))
 
 
 def test_the_gallery_is_small_and_complete(tmp_path, monkeypatch, capsys):
@@ -233,13 +212,9 @@ def test_machines_that_stand_on_their_ground_are_drawn_standing() -> None:
         places = np.array([[0.0, 0.0, 0.0], [0.6, 0.2, 0.2]])
         places[1, tall] = 1.0
         frames = Frames(
-            time=np.zeros(1),
-            positions={"mast": places[None]},
-            rotations={"mast": np.zeros((1, 2, 3))},
-            nodes={"mast": places},
-            cells={"mast": np.array([[0, 1]])},
-            rigid=frozenset(),
-        )
+            time=np.zeros(1), positions={"mast": places[None]}, rotations={"mast": np.zeros((1, 2, 3))},
+            nodes={"mast": places}, cells={"mast": np.array([[0, 1]])}, rigid=frozenset(),
+        )  # fmt: skip
         shapes = Shapes.of(frames)
         assert shapes.axis_names == names
         assert shapes.positions["mast"][0, 1, 1] > 0.9

@@ -9,7 +9,7 @@ import pytest
 import synthetic
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from pictures import assert_inside, keys_of, legend_texts, looks, visible
+from pictures import assert_inside, keys_of, legend_texts, looks, visible, written
 
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
@@ -55,18 +55,10 @@ def test_total_costs_count_the_build() -> None:
 def test_keys_name_what_is_there() -> None:
     everything = legend_texts(online_costs(synthetic.tradeoff(components=True)))
     assert everything == [
-        "the scene as it is",
-        "reduced",
-        "static modes",
-        "component modes",
-        "full order",
-        "full order, more cells",
-        "response surface (runs)",
-        "best for the time, reduced",
-        "best for the time, component modes",
-        "best for the time, full order",
-        "error of the mesh itself",
-    ]
+        "the scene as it is", "reduced", "static modes", "component modes", "full order", "full order, more cells",
+        "response surface (runs)", "best for the time, reduced", "best for the time, component modes",
+        "best for the time, full order", "error of the mesh itself",
+    ]  # fmt: skip
     study = synthetic.tradeoff(surfaces=False, refined=False)
     second = np.arange(len(study.families)) == 1
     keys = legend_texts(online_costs(replace(study, columns=study.columns | {"second_order": second})))
@@ -110,11 +102,8 @@ def test_what_is_below_the_references_own_error_is_shaded() -> None:
     figure = online_costs(replace(study, references=replace(study.references, moved=moved)))
     assert "reference not settled" in legend_texts(figure)
     assert [len(axes.patches) for axes in visible(figure)] == [0, 1]
-
-
-def test_processor_times_are_called_so() -> None:
-    busy = replace(synthetic.tradeoff(), waiting=3.0)
-    assert visible(online_costs(busy))[0].get_xlabel().startswith("processor time of a sample")
+    busy = visible(online_costs(replace(study, waiting=3.0)))[0]
+    assert busy.get_xlabel().startswith("processor time of a sample")
 
 
 def test_meshes_have_errors_and_times() -> None:
@@ -142,10 +131,7 @@ def test_little_to_draw_is_drawn(study: Tradeoff) -> None:
 
 
 def test_studies_are_drawn_one_by_one(tmp_path: Path) -> None:
-    paths = [tmp_path / "a.h5", tmp_path / "b.h5"]
-    for path in paths:
-        synthetic.tradeoff().write(path)
-    assert draw(paths[:1], tmp_path / "one") == [
-        str(tmp_path / "one" / f"tradeoff{suffix}.png") for suffix in ("", "_total", "_mesh")
-    ]
+    paths = written(tmp_path, *2 * [synthetic.tradeoff()])
+    names = ["tradeoff.png", "tradeoff_total.png", "tradeoff_mesh.png"]
+    assert draw(paths[:1], tmp_path / "one") == [str(tmp_path / "one" / name) for name in names]
     assert [Path(line).name for line in draw(paths, tmp_path / "two")][::3] == ["tradeoff_1.png", "tradeoff_2.png"]

@@ -72,6 +72,21 @@ def test_rates_and_accelerations_are_those_of_the_frames(name: str) -> None:
     assert (np.abs(off[~own]) > 1e-8).sum() <= system.n_constraints
 
 
+@pytest.mark.parametrize("name", ["slider-crank, stiffened", "ball", "elastic about a second axis"])
+def test_coordinates_count_turns_as_frames_do(name: str) -> None:
+    """From two revolutions on, of joints that are in the tree and of others."""
+    model = MECHANISMS[name]()
+    system = model.batch(samples(model.scene, 2), 2)
+    state, angles = state_of(system, *moved(system, 0.1)), system.own.joints.counted[:, 0] != -2
+    state = State(*state.parts()[:4], state.turns + 4.0 * np.pi)
+    in_unknowns = State(*system._in_unknowns(state).parts()[:4], state.turns.copy())  # noqa: SLF001
+    system.full.count_turns(in_unknowns)
+    system.count_turns(state)
+    found, expected = (system.unpack(one.turns)[angles] for one in (state, in_unknowns))
+    assert np.all(np.abs(expected - 4.0 * np.pi) < np.pi + 1.0)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * 4.0 * np.pi)
+
+
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_the_matrix_is_the_mass_of_the_energy(name: str) -> None:
     """``1/2 y'.A y'`` is the kinetic energy of all frames, whatever y'; the matrix is taken from its factors."""

@@ -45,10 +45,8 @@ def test_it_ends_with_status_one_and_names_the_models_limit(command: tuple) -> N
     failed = ensemble.status != Status.FINE
     assert status == 1 and 5 < failed.sum() < N - 5
     np.testing.assert_array_equal(ensemble.status[failed], Status.BROKE_DOWN)
-    assert (
-        f"{failed.sum()} of {N} samples failed (status 6): its deformation left what the reduced model holds for"
-        in output
-    )
+    said = f"{failed.sum()} of {N} samples failed (status 6): its deformation left what the reduced model holds for"
+    assert said in output
 
 
 def test_it_says_that_mean_and_deviation_are_biased_and_where(command: tuple) -> None:
@@ -77,17 +75,16 @@ def test_the_bounds_of_quantiles_hold_for_what_the_failed_samples_would_have_bee
         whole = ensemble.outputs[name].copy()
         whole[failed] = found
         statistics = ensemble.statistics[name]
-        quantiles = np.quantile(whole, statistics.probabilities)
-        assert np.all(statistics.quantile_bounds[:, 0] <= quantiles) and np.all(
-            quantiles <= statistics.quantile_bounds[:, 1]
-        )
+        quantiles, (low, high) = np.quantile(whole, statistics.probabilities), statistics.quantile_bounds.T
+        assert np.all(low <= quantiles) and np.all(quantiles <= high)
         assert np.isfinite(statistics.quantile_bounds).any()
     assert "whatever the failed ones would have been" in output and "no bound above" in output
 
 
 def test_smaller_steps_save_some_and_change_no_other(command: tuple, rom: Path) -> None:
     _, output, ensemble = command
-    scene, model = _reduced(rom)
+    scene, found = read_rom(rom, (), (), MPI.COMM_SELF)
+    model = ReducedModel(scene, found)
     saved = (ensemble.status == Status.FINE) & (ensemble.steps_divided > 1)
     assert saved.any()
     assert f"{saved.sum()} of {N} samples failed with simulation.step = 0.001 s" in output
@@ -101,8 +98,3 @@ def test_smaller_steps_save_some_and_change_no_other(command: tuple, rom: Path) 
         # A process that compiles runs other machine code than one that loads what was compiled: their last bits differ,
         # which the steps amplify.
         np.testing.assert_allclose(ensemble.outputs[name][untouched], values, rtol=1e-9, atol=1e-12, err_msg=name)
-
-
-def _reduced(rom: Path) -> tuple:
-    scene, found = read_rom(rom, (), (), MPI.COMM_SELF)
-    return scene, ReducedModel(scene, found)

@@ -102,7 +102,7 @@ def test_a_reduced_model_with_massless_rotations(monkeypatch: pytest.MonkeyPatch
     assert_close(found[1e-9], found[0.0], angle=1e-10, bent=1e-7, slider=1e-10)
 
 
-@pytest.mark.parametrize("ratio", [0.1, 0.3, 3.0, 10.0])
+@pytest.mark.parametrize("ratio", [0.1, 10.0])
 def test_radii_that_differ_by_a_factor_of_ten(ratio: float) -> None:
     """Stiffnesses differ by 1e4. Loads and times fit the thinner body, so that it bends by a thousandth."""
     radius = ratio * RADIUS

@@ -145,22 +145,16 @@ def test_tables_wrap_without_loss_of_digits() -> None:
 CONSERVATIVE = {
     "slider_crank": (("motor",), ("simulation.initial.theta.velocity=12.566",), 0.65, 2.5e-4),
     "double_pendulum": (
-        ("material_damping",),
-        ("simulation.initial.shoulder_angle.velocity=12.566", "simulation.initial.elbow_angle.position=0.0"),
-        0.54,
-        1e-3,
+        ("material_damping",), ("simulation.initial.shoulder_angle.velocity=12.566",
+                                "simulation.initial.elbow_angle.position=0.0"), 0.54, 1e-3,
     ),
     "five_bar": (
         ("left_motor", "right_motor", "hinge_damping", "material_damping"),
-        (
-            'effects.left_spring={type="spring_damper", joint="left_hinge", stiffness=2.0, rest=2.0}',
-            'effects.right_spring={type="spring_damper", joint="right_hinge", stiffness=2.0, rest=1.1415926535}',
-            "simulation.initial.left.velocity=2.0",
-        ),
-        0.66,
-        5e-4,
+        ('effects.left_spring={type="spring_damper", joint="left_hinge", stiffness=2.0, rest=2.0}',
+         'effects.right_spring={type="spring_damper", joint="right_hinge", stiffness=2.0, rest=1.1415926535}',
+         "simulation.initial.left.velocity=2.0"), 0.66, 5e-4,
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CONSERVATIVE)

@@ -59,9 +59,7 @@ def test_constraints_do_not_drift(name: str, step: float) -> None:
     [(0.4, (1e-2, 5e-3, 2.5e-3, 1.25e-3), 1.0), (1e-3, (8e-6, 4e-6, 2e-6, 1e-6), 2.0)],
     ids=["large", "small"],
 )
-def test_second_order_is_seen_over_four_decades(
-    name: str, duration: float, steps: tuple[float, ...], peak: float
-) -> None:
+def test_second_order_is_seen_over_four_decades(name: str, duration: float, steps: tuple, peak: float) -> None:
     ends = [gaps_and_end(name, smooth_torque(duration, peak), *run_for(duration, step))[1] for step in steps]
     for output in ("angle", "slider"):
         differences = np.abs(np.diff([end[output] for end in ends]))
@@ -73,8 +71,6 @@ def test_second_order_is_seen_over_four_decades(
 @pytest.mark.parametrize("name", MODELS)
 def test_a_motion_that_a_large_step_loses_is_kept_by_a_small_one(name: str) -> None:
     """110 rad/s: both models give up in steps of 10 ms (1.1 rad each), neither in steps of 0.5 ms."""
-    status = [
-        run_model(model_of(name, accurate(*run_for(0.1, step), *start(0.3, 110.0))))[1].status[0]
-        for step in (1e-2, 5e-4)
-    ]
-    assert status == [Status.NOT_CONVERGED, Status.FINE]
+    for step, status in ((1e-2, Status.NOT_CONVERGED), (5e-4, Status.FINE)):
+        scene = accurate(*run_for(0.1, step), *start(0.3, 110.0))
+        assert run_model(model_of(name, scene))[1].status[0] == status

@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from mpi4py import MPI
-from runs import pgmp
+from runs import overridden, pgmp
 
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results import Ensemble, Trajectory
 from pgmp_petsc.results.estimates import OF_STEP
+from pgmp_petsc.scene.loading import write_template
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate_full
 
-HERE = Path(__file__).parent
+HERE, SLIDER_CRANK = Path(__file__).parent, ROOT / "scenes" / "slider_crank.toml"
 FINER = 8
 FACTOR = 3.0  # within which estimates are to be, for vibrations that are resolved and that are not
 
@@ -39,7 +40,7 @@ def assert_estimated(found: Trajectory, finer: Trajectory, outputs: tuple[str, .
 @pytest.mark.parametrize(
     ("scene", "outputs"),
     [
-        (ROOT / "scenes" / "slider_crank.toml", ("crank_angle", "slider_position", "slider_deformation")),
+        (SLIDER_CRANK, ("crank_angle", "slider_position", "slider_deformation")),
         (ROOT / "scenes" / "spinning_beam.toml", ("tip_deflection", "tip_extension")),
         (HERE / "n1_fourbar.toml", ("q", "r", "mid", "mx", "s")),
         (HERE / "fourbar_spring_start.toml", ("rocker_angle", "bend", "sig")),
@@ -61,7 +62,7 @@ def test_a_step_that_loses_a_vibration_is_warned_of() -> None:
 
 
 def test_the_estimate_can_be_left_out() -> None:
-    found = run(ROOT / "scenes" / "slider_crank.toml", "simulation.error_indicator=false")
+    found = run(SLIDER_CRANK, "simulation.error_indicator=false")
     assert found.errors is None and "errors" not in found.record.timings
     said = [remark.text for remark in found.record.remarks]
     assert any(text.startswith("errors of the time step were not estimated: simulation.error_ind") for text in said)
@@ -69,8 +70,7 @@ def test_the_estimate_can_be_left_out() -> None:
 
 def test_file_terminal_and_report_have_it(tmp_path: Path) -> None:
     path, page = tmp_path / "run.h5", tmp_path / "page.html"
-    scene = str(ROOT / "scenes" / "slider_crank.toml")
-    made = ("simulate", scene, "--full", "-o", path, "--override", "simulation.duration=0.2")
+    made = ("simulate", SLIDER_CRANK, "--full", "-o", path, "--override", "simulation.duration=0.2")
     for command in (made, ("info", path)):
         assert "estimated errors over the run, of the time step" in pgmp(*command).stdout
     errors = Trajectory.read(path).errors
@@ -80,15 +80,14 @@ def test_file_terminal_and_report_have_it(tmp_path: Path) -> None:
     assert "Error of the time step of the full order run, estimated" in page.read_text()
 
 
-@pytest.mark.parametrize("model", ["--full", "--components"])
 @pytest.mark.parametrize(
-    ("scene", "outputs"),
+    ("model", "scene", "outputs"),
     [
-        ("slider_crank", ("crank_angle", "slider_position", "slider_deformation")),
-        ("four_bar", ("crank_angle", "rocker_angle", "coupler_bending")),
+        ("--full", "slider_crank", ("crank_angle", "slider_position", "slider_deformation")),
+        ("--components", "four_bar", ("crank_angle", "rocker_angle", "coupler_bending")),
     ],
 )
-def test_a_tolerance_is_met(scene: str, outputs: tuple[str, ...], model: str, tmp_path: Path) -> None:
+def test_a_tolerance_is_met(model: str, scene: str, outputs: tuple[str, ...], tmp_path: Path) -> None:
     """Of the step that `simulation.tolerance` chooses, against a sixteenth of the scene's own step."""
     tolerance, short = 1e-3, "simulation.duration=0.15"
     source = tmp_path / f"{scene}.toml"
@@ -98,8 +97,7 @@ def test_a_tolerance_is_met(scene: str, outputs: tuple[str, ...], model: str, tm
 
     def outputs_of(*overrides: str) -> Trajectory:
         path = tmp_path / f"{len(overrides)}.h5"
-        given = [word for override in (short, *overrides) for word in ("--override", override)]
-        pgmp("simulate", source, model, "-o", path, *given)
+        pgmp("simulate", source, model, "-o", path, *overridden(short, *overrides))
         return Trajectory.read(path)
 
     found = outputs_of(f"simulation.tolerance={tolerance}")
@@ -111,16 +109,14 @@ def test_a_tolerance_is_met(scene: str, outputs: tuple[str, ...], model: str, tm
 
 
 def test_samples_that_are_checked_know_it(tmp_path: Path) -> None:
-    path = tmp_path / "samples.h5"
-    scene = str(ROOT / "scenes" / "slider_crank.toml")
-    short = ("--override", "simulation.duration=0.2")
-    done = pgmp("montecarlo", scene, "--full", "-n", "24", "--seed", "1", "-o", path, *short)
+    path, short = tmp_path / "samples.h5", ("--override", "simulation.duration=0.2")
+    done = pgmp("montecarlo", SLIDER_CRANK, "--full", "-n", "24", "--seed", "1", "-o", path, *short)
     assert "estimated errors over the run, of the time step; 20 samples" in done.stdout
     found = Ensemble.read(path)
     for name, errors in found.errors.items():
         assert np.isfinite(errors[:20]).all() and np.isnan(errors[20:]).all(), name
     # the first sample, run alone, is estimated alike
-    alone = run(Path(scene), "simulation.duration=0.2", f"parameters.r1.nominal={found.parameters['r1'][0]:.17g}")
+    alone = run(SLIDER_CRANK, "simulation.duration=0.2", f"parameters.r1.nominal={found.parameters['r1'][0]:.17g}")
     for name, errors in found.errors.items():
         assert errors[0] == pytest.approx(alone.errors.maximum(name), rel=1e-3)
 
@@ -135,9 +131,20 @@ def test_a_run_beyond_the_range_ends_where_it_left_it(tmp_path: Path) -> None:
     assert "left the range" in said and found.why_stopped in said
 
 
-def test_nothing_is_compared_with_a_reference_that_did_no_step(tmp_path) -> None:
+def four_bar(folder: Path, damping: float, *more: str) -> list:
+    """Return the words of a short, linear run of the template, with a damping of the material (s)."""
+    effects = """motor={type="torque", joint="crank_hinge", table=[[0.0, 0.0], [0.2, 0.5], [1.0, 0.5]]},
+        rocker_bearing={type="joint_damping", joint="rocker_hinge", coefficient="friction"},
+        material_damping={type="structural_damping", stiffness=%g}"""
+    short = ("reduction.angles=16", "simulation.duration=0.1", "simulation.frames=3")
+    given = ("effects={%s}" % " ".join((effects % damping).split()), *short, *more)
+    return [write_template("four_bar", folder / "fb.toml")[0], *overridden(*given)]
+
+
+def test_nothing_is_compared_with_a_reference_that_did_no_step(tmp_path: Path) -> None:
     folder = tmp_path / "job"
-    said = pgmp("run", HERE / "massless_all.toml", "-n", "2", "-o", folder, status=1)
+    massless = ("bodies.crank.flexible=false", 'bodies.crank.section={shape="rectangle", width=1e-15, height=1e-15}')
+    said = pgmp("run", *four_bar(tmp_path, 1e-4, *massless), "-n", "2", "-o", folder, status=1)
     assert "nothing is compared: the full order run did no step" in said.stdout
     assert "full simulation stopped at 0.0005 s" in said.stderr and "better.h5" in said.stderr
     page = (folder / "report.html").read_text()
@@ -150,7 +157,7 @@ def test_what_nobody_estimated_does_not_decide(tmp_path: Path) -> None:
 
     Where it stops is a matter of round-off too: with a load that is 1e-9 larger anywhere between 0.5 and 5 ms.
     """
-    said = pgmp("run", HERE / "damp_huge.toml", "-n", "8", "-o", tmp_path, status=1).stdout
+    said = pgmp("run", *four_bar(tmp_path, 1e12), "-n", "8", "-o", tmp_path / "job", status=1).stdout
     assert "is not decided by this model: its error is not known" in said and "P(" in said and " = 0 %" not in said
     compared = next(line for line in said.splitlines() if "differs from full order" in line)
     assert "coupler_bending" not in compared and "compared over the first 0.00" in compared

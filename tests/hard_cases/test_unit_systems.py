@@ -31,16 +31,10 @@ def turning(*overrides: str) -> Scene:
 def in_millimetres() -> dict[str, Scene]:
     """Return the same: lengths are a thousand times as many mm, torques a thousand times as many N mm."""
     crank = accurate(
-        *MATERIAL,
-        HEAVY,
-        *MOVING,
-        "parameters.r1.nominal=5.6",
-        "bodies.rod.section.radius=5.6",
-        'bodies.crank.mesh="0.0:300.0:5"',
-        'bodies.rod.mesh="300.0:1000.0:5"',
-        "effects.motor.table=[[0.0, 0.0], [0.25, 500.0], [1.0, 500.0]]",
-        angles=48,
-    )
+        *MATERIAL, HEAVY, *MOVING, "parameters.r1.nominal=5.6", "bodies.rod.section.radius=5.6",
+        'bodies.crank.mesh="0.0:300.0:5"', 'bodies.rod.mesh="300.0:1000.0:5"',
+        "effects.motor.table=[[0.0, 0.0], [0.25, 500.0], [1.0, 500.0]]", angles=48,
+    )  # fmt: skip
     rocker = turning(
         *MATERIAL, HEAVY, *MOVING, "parameters.r1.nominal=5.6", "bodies.rocker.section.radius=4.0",
         'bodies.crank.mesh="0.0:200.0:3"', 'bodies.rocker.mesh="0.0:800.0:4"', "ground.points.pivot=[0.0, -400.0]",

@@ -78,6 +78,7 @@ def test_numbers_are_the_same_alone_and_in_every_lane() -> None:
     sines(x, width_of(LANES), *together)
     sines(x.reshape(-1, 1), width_of(1), *alone)
     np.testing.assert_array_equal(alone.reshape(together.shape), together)
+    assert all(aligned((n, LANES)).ctypes.data % CACHE_LINE == 0 for n in range(1, 9))
 
 
 def test_what_is_no_number_stays_in_its_lane() -> None:
@@ -103,8 +104,3 @@ def test_nothing_is_compiled_for_what_is_not_there() -> None:
     table = np.arange(6.0)
     assert counted(Reference(Optional(None, table))) == 15.0
     assert counted(Reference(Optional(Inner(table.reshape(2, 3), 7, 0.5, True), table))) == 22.0
-
-
-def test_arrays_begin_at_a_cache_line() -> None:
-    for n in range(1, 9):
-        assert aligned((n, LANES)).ctypes.data % CACHE_LINE == 0

@@ -1,16 +1,12 @@
 """Body frames: there and back, rigid velocities, constraint Jacobians, constant matrices."""
 
-import compiled_elements
 import numpy as np
 import pytest
 from frames import to_inertial
 
-from pgmp_petsc.bodies.body import element_dofs
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian, linear_motion, rigid_velocities, to_body
-from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Unknowns
 from scenes import RADIUS, four_bar, kinematics_of, slider_crank, trammel
 
 
@@ -49,35 +45,6 @@ def test_rigid_velocities_satisfy_the_constraints_and_strain_nothing(kinematics:
     terms = assemble(mechanism.bodies, range(mechanism.n_dofs)).stiffness
     stiffness = weighted_sum(terms, {"r1": RADIUS})
     np.testing.assert_allclose(stiffness @ rigid, 0.0, rtol=0, atol=1e-13 * np.abs(stiffness.data).max())
-
-
-def test_the_constraint_jacobian_is_that_of_the_nodes(kinematics: RigidKinematics) -> None:
-    mechanism = kinematics.mechanism
-    poses = kinematics.poses(np.array([2.3]))[..., 0]
-    q, constraints, step = mechanism.place(poses), ConstraintSet(Unknowns(mechanism)), 1e-6
-    jacobian = constraint_jacobian(mechanism, poses).toarray()
-    for column, body_unit in zip(jacobian.T, np.eye(mechanism.n_dofs)):
-        moved = step * to_inertial(mechanism, poses, body_unit)
-        slope = (constraints.residual(q + moved) - constraints.residual(q - moved)) / (2 * step)
-        # round-off of numbers of order 1 over the step, 1e-10, and its square
-        np.testing.assert_allclose(column, slope, rtol=0, atol=1e-9)
-
-
-def test_the_tangent_of_the_placed_bodies_is_the_constant_stiffness_in_body_frames(kinematics: RigidKinematics) -> None:
-    mechanism = kinematics.mechanism
-    poses = kinematics.poses(np.array([2.3]))[..., 0]
-    q = mechanism.place(poses)
-    tangent = np.zeros((mechanism.n_dofs,) * 2)
-    for body in mechanism.bodies:
-        terms = body.section.terms("stiffness")
-        section = sum(np.array(c) * m.evaluate({"r1": RADIUS}) for m, c in terms.items())
-        cells = zip(element_dofs(body.elements), body.mesh.lengths, body.directions)
-        for dofs, length, direction in cells:
-            tangent[np.ix_(dofs, dofs)] += compiled_elements.beam2d(q[dofs], length, direction, section)[1]
-    in_body = to_body(mechanism, poses, to_body(mechanism, poses, tangent).T)
-    stiffness = weighted_sum(assemble(mechanism.bodies, range(mechanism.n_dofs)).stiffness, {"r1": RADIUS})
-    # at rest up to round-off: strains of 1e-13 times EA
-    np.testing.assert_allclose(in_body, stiffness.toarray(), rtol=0, atol=1e-11 * np.abs(tangent).max())
 
 
 def test_accelerations_of_bodies_are_the_second_derivative_of_the_placed_nodes(kinematics: RigidKinematics) -> None:

@@ -5,14 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from frames import to_inertial
 from solid_scenes import solid_meshes, solid_slider_crank
 from solids import mesh_of
 
 from pgmp_petsc.bodies.solid import FaceFrame
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian, to_body
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
-from pgmp_petsc.mechanism.frame_ties import FrameTies
+from pgmp_petsc.mechanism.frame_ties import FrameTies, bent_terms
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, reference_element
@@ -80,21 +79,6 @@ def test_at_rest_the_frame_moves_as_its_functionals_say(kind: str) -> None:
     np.testing.assert_allclose(full[:, N_TIES:], -frame.functionals(len(places)).toarray(), rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize(("angle", "shift"), [(0.0, (0.0, 0.0)), (2.5, (3.0, -4.0)), (-20.0, (-1.0, 0.5))])
-def test_the_tie_holds_after_any_rigid_motion_and_turns_with_it(angle: float, shift: tuple[float, float]) -> None:
-    places, frame = crooked()
-    tie = tie_of(places, frame)
-    q = placed(places, frame, angle, shift)
-    np.testing.assert_allclose(tie.values(q), 0.0, rtol=0, atol=1e-13)
-    # in the body's frame the Jacobian is the same everywhere
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    jacobian, at_rest = (jacobian_of(tie, state) for state in (q, placed(places, frame, 0.0, (0.0, 0.0))))
-    nodes = jacobian[:, N_TIES:].reshape(N_TIES, -1, 2) @ turn
-    nodes[:2] = np.einsum("ji,jnk->ink", turn, nodes[:2])
-    np.testing.assert_allclose(nodes, at_rest[:, N_TIES:].reshape(nodes.shape), rtol=0, atol=1e-13)
-    np.testing.assert_allclose(jacobian[:, :N_TIES], np.eye(N_TIES), rtol=0, atol=1e-12)
-
-
 def test_the_third_constraint_is_the_frame_s_angle_less_the_mean_rotation() -> None:
     """To first order in the deformation, whatever the angle of both."""
     places, frame = crooked()
@@ -147,19 +131,6 @@ def test_the_drift_is_the_second_rate_of_the_residual_without_acceleration(tie: 
     np.testing.assert_allclose(tie.drift(q, v), rate, rtol=0, atol=1e-7)
 
 
-def test_many_samples_at_once_are_those_one_by_one(tie: FrameTies, n: int) -> None:
-    q, v, multipliers = anywhere(n, 3), anywhere(n, 3) + 0.1, np.random.default_rng(4).normal(size=(N_TIES, 3))
-    for k in range(3):
-        for many, one in (
-            (tie.values(q), tie.values(q[:, k])),
-            (tie.jacobian_values(q), tie.jacobian_values(q[:, k])),
-            (tie.curvature_values(q, multipliers), tie.curvature_values(q[:, k], multipliers[:, k])),
-            (tie.drift(q, v), tie.drift(q[:, k], v[:, k])),
-        ):
-            # sums in another order
-            np.testing.assert_allclose(many[..., k], one, rtol=0, atol=1e-14)
-
-
 @lru_cache(maxsize=1)
 def mechanism() -> Mechanism:
     return Mechanism.from_scene(solid_slider_crank(), solid_meshes(KIND, 10))
@@ -196,13 +167,55 @@ def test_constraints_of_a_mechanism_on_meshes_are_those_of_its_body_frames(theta
             np.testing.assert_allclose(turn.T @ turned[rows], in_bodies[rows], rtol=0, atol=1e-11)
 
 
-def test_nodes_of_a_mesh_turn_with_their_body() -> None:
-    meshed = mechanism()
-    poses = RigidKinematics(meshed).poses(np.array([0.9]))[..., 0]
-    vectors = np.random.default_rng(6).normal(size=(meshed.n_dofs, 2))
-    np.testing.assert_allclose(to_body(meshed, poses, to_inertial(meshed, poses, vectors)), vectors, rtol=0, atol=1e-14)
-    body = meshed.bodies[1]
-    x, y = to_inertial(meshed, poses, vectors)[body.first_internal : body.first_internal + 2, 0]
-    u, w = vectors[body.first_internal : body.first_internal + 2, 0]
-    cos, sin = np.cos(poses[1, 2]), np.sin(poses[1, 2])
-    np.testing.assert_allclose([x, y], [cos * u - sin * w, sin * u + cos * w], rtol=0, atol=1e-15)
+N_BENT, FIRST_ROW, N_ROWS = 3, 1, 6  # amplitudes, first row of the tie, rows of all ties
+
+
+def bent_ties(d: int) -> tuple[FrameTies, np.ndarray, int]:
+    """Return the tie of a frame whose unknowns come before three amplitudes, a, and the number of unknowns."""
+    n_pose = 3 if d == 2 else 12
+    bent = np.random.default_rng(0).normal(size=(d, N_BENT, N_BENT))
+    bent += bent.swapaxes(1, 2)
+    terms = bent_terms(d, FIRST_ROW, 0, n_pose + np.arange(N_BENT), bent)
+    return FrameTies(terms, d, N_ROWS, n_pose + N_BENT), bent, n_pose + N_BENT
+
+
+def dense(pattern: tuple[np.ndarray, np.ndarray], values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Return a matrix from entries that may repeat."""
+    full = np.zeros(shape)
+    np.add.at(full, pattern, values)
+    return full
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_ties_of_second_order_are_what_they_stand_for(d: int) -> None:
+    ties, bent, n = bent_ties(d)
+    q = np.random.default_rng(1).normal(size=n)
+    xi = q[-N_BENT:]
+    directors = np.array([[np.cos(q[2]), np.sin(q[2])], [-np.sin(q[2]), np.cos(q[2])]])
+    if d == 3:
+        directors = q[3:12].reshape(3, 3)
+    expected = np.zeros(N_ROWS)
+    expected[FIRST_ROW : FIRST_ROW + d] = -0.5 * np.einsum("kij,i,j,kc->c", bent, xi, xi, directors)
+    np.testing.assert_allclose(ties.values(q[:, None])[:, 0], expected, rtol=1e-13, atol=1e-14)
+    assert bent_terms(2, 0, 0, np.arange(3, 6), np.zeros((2, 3, 3))).rows.size == 0
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_derivatives_of_ties_of_second_order_are_those_of_differences(d: int) -> None:
+    ties, _, n = bent_ties(d)
+    rng, h = np.random.default_rng(2), 1e-6
+    q, v, forces = rng.normal(size=n), rng.normal(size=n), rng.normal(size=(N_ROWS, 1))
+
+    def jacobian(q: np.ndarray) -> np.ndarray:
+        return dense(ties.jacobian_pattern, ties.jacobian_values(q[:, None])[:, 0], (N_ROWS, n))
+
+    # central differences with h = 1e-6: round-off of numbers of order 10 over h, and h^2
+    steps = h * np.eye(n)
+    slopes = [(ties.values((q + s)[:, None]) - ties.values((q - s)[:, None]))[:, 0] / (2 * h) for s in steps]
+    np.testing.assert_allclose(jacobian(q), np.array(slopes).T, rtol=0, atol=1e-7)
+    bent = dense(ties.curvature_pattern, ties.curvature_values(q[:, None], forces)[:, 0], (n, n))
+    bent += np.tril(bent, -1).T
+    slopes = [forces[:, 0] @ (jacobian(q + s) - jacobian(q - s)) / (2 * h) for s in steps]
+    np.testing.assert_allclose(bent, np.array(slopes), rtol=0, atol=1e-7)
+    drift = (jacobian(q + h * v) - jacobian(q - h * v)) @ v / (2 * h)
+    np.testing.assert_allclose(ties.drift(q[:, None], v[:, None])[:, 0], drift, rtol=0, atol=1e-7)

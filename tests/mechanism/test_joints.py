@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from joint_arrays import jacobian, joint, residual
 
-from pgmp_petsc.mechanism.joints import Attachment, ridden, share_position, triad
+from pgmp_petsc.mechanism.joints import Attachment, ridden, triad
 from pgmp_petsc.mechanism.space import PLANE
 
-COUNTS = {"revolute": 2, "point_on_line": 1, "fixed": 3, "prismatic": 2}
 EPSILON = 1e-15  # round-off of sums of products of numbers of order 1
 NATURAL = PLANE.natural
 
@@ -15,13 +14,6 @@ NATURAL = PLANE.natural
 def line(direction: tuple[float, float]):
     axes = triad(np.array(direction))
     return joint("point_on_line", axes, axes)
-
-
-@pytest.mark.parametrize("kind", COUNTS)
-def test_the_number_of_constraints(kind: str) -> None:
-    made = joint(kind, np.eye(2), np.eye(2))
-    assert len(made) == COUNTS[kind]
-    assert share_position(made) == (kind in ("revolute", "fixed"))
 
 
 def test_a_line_on_the_ground_holds_the_distance() -> None:

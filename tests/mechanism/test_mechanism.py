@@ -1,15 +1,19 @@
-"""The mechanism: numbering, attachments, first guess of the assembly, placing of bodies; and what effects load."""
+"""The mechanism: numbering, attachments, assembly and loads; what every feature needs of it."""
 
 import numpy as np
 import pytest
+from combinations import KINDS, TINY
+from conftest import ROOT
+from mpi4py import MPI
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble, owned_rows
 from pgmp_petsc.effects import effects_of, loads_of
+from pgmp_petsc.mechanism.capabilities import FEATURES, Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.space import PLANE, rotate
-from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.studies.inputs import read_scene
 from scenes import RADIUS, ROD, STEEL, four_bar, mechanism_of, meshes_of, slider_crank, trammel
 
 ONE, R2, R4 = Monomial(), Monomial((("r1", 2),)), Monomial((("r1", 4),))
@@ -28,6 +32,9 @@ def test_unknowns_are_numbered_body_after_body() -> None:
     assert [connection.rows for connection in mechanism.connections] == [slice(0, 2), slice(2, 4), slice(4, 5)]
     np.testing.assert_array_equal(mechanism.bodies[1].elements, np.column_stack([range(6, 11), range(7, 12)]))
     np.testing.assert_allclose(mechanism.bodies[1].directions, 0.0, atol=0)
+    assert mechanism.mass_weights == mechanism.stiffness_weights == (ONE, R2, R4)
+    (coordinate,) = mechanism.coordinates
+    assert (coordinate.lower, coordinate.upper, coordinate.periodic) == (0.0, 2 * np.pi, True)
 
 
 def test_nodes_have_addresses() -> None:
@@ -37,12 +44,8 @@ def test_nodes_have_addresses() -> None:
     assert mechanism.node("rod:2", "outputs.a.point") == 8
     with pytest.raises(InputError, match=r'outputs\.a\.point = "tipp".*did you mean \'tip\''):
         mechanism.node("rod:tipp", "outputs.a.point")
-
-
-def test_a_joint_at_a_point_that_the_mesh_does_not_have_is_refused() -> None:
-    scene = slider_crank('joints.elbow.connect=["crank:top","rod:hinge"]')
     with pytest.raises(InputError, match=r'joints\.elbow\.connect = "top".*no point of this name'):
-        mechanism_of(scene)
+        mechanism_of(slider_crank('joints.elbow.connect=["crank:top","rod:hinge"]'))
 
 
 def test_the_frame_of_a_node_and_of_the_pose_agree() -> None:
@@ -61,35 +64,10 @@ def test_the_frame_of_a_node_and_of_the_pose_agree() -> None:
     np.testing.assert_array_equal(pivot.frame_of_pose(poses[..., 0]), [1.0, 0.0, 0.0])
 
 
-def test_placing_turns_then_moves() -> None:
-    pose = np.array([1.0, 2.0, np.pi / 2])
-    np.testing.assert_allclose(
-        PLANE.place(pose, np.array([[0.5, 0.0], [0.0, 1.0]])), [[1, 2.5, np.pi / 2], [0, 2, np.pi / 2]], atol=1e-15
-    )
-    np.testing.assert_allclose(rotate(np.pi, np.array([1.0, 2.0])), [-1.0, -2.0], atol=1e-15)
-
-
-def test_weights_are_those_of_all_bodies_sorted() -> None:
-    mechanism = mechanism_of(slider_crank())
-    assert mechanism.mass_weights == mechanism.stiffness_weights == (ONE, R2, R4)
-
-
-def test_a_placement_is_the_first_guess() -> None:
-    mechanism = mechanism_of(trammel())
-    np.testing.assert_array_equal(mechanism.first_guess[0], [1.0, 0.0, np.pi])
-
-
 def test_bodies_without_a_placement_are_joined_to_those_placed() -> None:
     mechanism = mechanism_of(slider_crank('bodies.rod.mesh="0.0:0.7:5"'))
     np.testing.assert_allclose(mechanism.first_guess, [[0, 0, 0], [0.3, 0, 0]], rtol=0, atol=1e-15)
-
-
-def test_coordinates_measure_the_relative_rotation() -> None:
-    mechanism = mechanism_of(slider_crank('coordinates.theta.joint="elbow"'))
-    coordinate = mechanism.coordinates[0]
-    turn = mechanism.space.angle(coordinate.connection.angle, np.array([0, 0, 0.2]), np.array([0, 0, 0.5]))
-    assert turn == pytest.approx(0.3, rel=1e-15)
-    assert (coordinate.lower, coordinate.upper, coordinate.periodic) == (0.0, 2 * np.pi, True)
+    np.testing.assert_array_equal(mechanism_of(trammel()).first_guess[0], [1.0, 0.0, np.pi])
 
 
 def test_a_torque_on_the_ground_hinge_loads_one_node() -> None:
@@ -126,12 +104,8 @@ def test_gravity_is_the_weight_of_every_body() -> None:
         np.testing.assert_allclose(nodal[:, [0, 2]], 0.0, atol=0)
         assert nodal[body, 1].sum() == pytest.approx(-9.81 * STEEL["rho"] * area * length, rel=1e-14)
         assert np.count_nonzero(nodal[:, 1]) == 6
-
-
-def test_gravity_with_a_parameter_multiplies_the_weights() -> None:
     scene = slider_crank(GRAVITY.replace("9.81", '"g"'), "parameters.g.nominal=9.81")
-    loads = [load for load in all_loads(scene) if load.effect == "weight"]
-    assert {str(load.weight) for load in loads} == {"g", "g r1^2"}
+    assert {str(load.weight) for load in all_loads(scene) if load.effect == "weight"} == {"g", "g r1^2"}
     (effect,) = [effect for effect in effects_of(scene, mechanism_of(scene)) if effect.name == "weight"]
     assert effect.amplitude(3.0) == 1.0
 
@@ -150,3 +124,60 @@ def test_every_rank_has_its_rows_of_the_same_loads(size: int) -> None:
         assert [(load.effect, load.weight) for load in share] == [(load.effect, load.weight) for load in whole]
     for index, load in enumerate(whole):
         np.testing.assert_array_equal(np.concatenate([share[index].vector for share in shares]), load.vector)
+
+
+#: What asks for each feature that an entry of a scene asks for.
+ASKING = {
+    "terms of second order": ("reduction.second_order=true",),
+    "adaptive sampling": ("reduction.sampling_tolerance=0.1", 'reduction.interpolation="spline"'),
+    "choice of the reduction by a tolerance": ("reduction.tolerance=0.1",),
+    "choice of the step by a tolerance": ("simulation.tolerance=0.1",),
+    "choice of effects": ('reduction.effects="auto"',),
+    "stiffness by loads, inertia of changing modes": ('effects.x={type="mode_inertia"}',
+                                                      'effects.y={type="geometric_stiffening"}'),
+}  # fmt: skip
+
+
+def scene_of(kind: str, *overrides: str) -> Scene:
+    return scene_from_toml(KINDS[kind], ".", (*TINY, *overrides))
+
+
+@pytest.mark.parametrize("feature", [f for f in FEATURES if f.name in ASKING], ids=lambda feature: feature.name)
+@pytest.mark.parametrize("purpose", list(Purpose))
+def test_a_feature_is_refused_where_it_is_used_and_nowhere_else(feature, purpose: Purpose) -> None:
+    asked = ASKING[feature.name]
+    check_capabilities(scene_of("beams", *asked), purpose)
+    commands = (Purpose.SIZES,)  # it takes no such mechanism, whatever the scene asks for
+    for kind in ("two coordinates", "cells in the plane"):
+        scene = scene_of(kind, *asked)
+        if not any(other.name != feature.name and purpose in other.purposes and list(other.entries(scene))
+                     for other in FEATURES) and purpose not in commands:  # fmt: skip
+            check_capabilities(scene, purpose)
+
+
+@pytest.mark.parametrize("purpose", [Purpose.FULL, Purpose.CHECK, Purpose.BUILD, Purpose.TRADEOFF])
+@pytest.mark.parametrize("name", ["five_bar", "platform_3rrr", "slider_crank_solid2d", "rssr_beams", "spatial_mixed"])
+def test_every_kind_that_can_be_reduced_may_have_tolerances(name: str, purpose: Purpose) -> None:
+    tolerances = ["simulation.tolerance=1e-2", "reduction.tolerance=1e-2"]
+    read_scene(ROOT / "scenes" / f"{name}.toml", tolerances, [], MPI.COMM_SELF, purpose)
+
+
+@pytest.mark.parametrize("purpose", [Purpose.FULL, Purpose.CHECK])
+def test_the_step_of_rigid_mechanisms_is_not_chosen_by_a_tolerance(purpose: Purpose) -> None:
+    with pytest.raises(InputError, match="simulation.tolerance = 0.1: .* but all are rigid; leave it out, and give"):
+        check_capabilities(scene_of("all rigid in the plane", "simulation.tolerance=0.1"), purpose)
+
+
+@pytest.mark.parametrize("purpose", [Purpose.BUILD, Purpose.MODES, Purpose.REDUCED, Purpose.TRADEOFF])
+def test_rigid_mechanisms_have_nothing_to_reduce(purpose: Purpose) -> None:
+    with pytest.raises(
+        InputError, match="all are rigid, so there is nothing to reduce; run pgmp simulate SCENE --full"
+    ):
+        check_capabilities(scene_of("all rigid in the plane"), purpose)
+
+
+def test_angles_that_a_tolerance_finds_are_priced_as_those_that_nobody_gives(tmp_path) -> None:
+    """Three coordinates at 629 angles along each, the default of one, would be refused."""
+    text = (ROOT / "scenes" / "platform_3rrr.toml").read_text()
+    (tmp_path / "scene.toml").write_text(text.replace("angles = 6 ", "tolerance = 0.01 "))
+    read_scene(tmp_path / "scene.toml", [], [], MPI.COMM_SELF, Purpose.BUILD)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pgmp_petsc.bodies.component import TURNS, linear_fields
+from pgmp_petsc.bodies.component import linear_fields
 from pgmp_petsc.mechanism.joints import Attachment, triad
-from pgmp_petsc.mechanism.space import PLANE, SPATIAL, Space, directors
+from pgmp_petsc.mechanism.space import PLANE, SPATIAL, directors
 from pgmp_petsc.mechanism.statements import angle
 
 SPACES = {"plane": PLANE, "space": SPATIAL}
@@ -18,14 +18,6 @@ EPSILON = 1e-14  # round-off of sums of products of numbers of order 1
 def at_points(coefficients: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Return a linear field (d + d^2, ...) at points (n, d), shape (n, d, ...)."""
     return np.tensordot(linear_fields(points), coefficients, 1).reshape(*points.shape, *coefficients.shape[1:])
-
-
-def at_nodes(coefficients: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return what a linear field does to frames at points: displacements, and rotations behind them."""
-    d, moved = points.shape[1], at_points(coefficients, points)
-    gradient = coefficients[d:].reshape(d, d, *coefficients.shape[1:])
-    turn = np.array([0.5 * (gradient[j, i] - gradient[i, j]) for i, j in TURNS[d]])
-    return np.concatenate([moved, np.broadcast_to(turn, (len(points), *turn.shape))], axis=1)
 
 
 def planar(time: np.ndarray) -> np.ndarray:
@@ -83,25 +75,6 @@ def test_placed_points_agree_for_motions_in_the_plane() -> None:
 # --- each of them ----------------------------------------------------------------------------------------------------
 
 
-def test_the_numbers_of_a_pose(name: str) -> None:
-    space: Space = SPACES[name]
-    d = space.dimension
-    assert (space.n_pose, space.n_dofs, space.n_tied) == {"plane": (3, 3, 0), "space": (12, 6, 6)}[name]
-    assert space.n_pose - space.n_tied == space.n_dofs == d * (d + 1) // 2
-    np.testing.assert_array_equal(space.place(space.identity, POINTS[:, :d])[:, :d], POINTS[:, :d])
-    np.testing.assert_array_equal(space.rotation(space.identity), np.eye(space.n_dofs))
-    np.testing.assert_array_equal(space.units(2.5), [2.5] * d + [1.0] * (space.n_pose - d))
-
-
-def test_rigid_motion_keeps_distances(name: str) -> None:
-    space = SPACES[name]
-    d = space.dimension
-    placed = space.place(MOTIONS[name](np.linspace(-1.0, 1.0, 5)), POINTS[:, :d])[:, :d]
-    distances = np.linalg.norm(placed[:, None] - placed[None], axis=2)
-    expected = np.linalg.norm(POINTS[:, None, :d] - POINTS[None, :, :d], axis=2)
-    np.testing.assert_allclose(distances, np.repeat(expected[..., None], 5, axis=2), rtol=0, atol=EPSILON)
-
-
 def test_velocities_and_accelerations_are_those_of_placed_points(name: str) -> None:
     """The fields are in the body's frame; turned back, they are the derivatives of the points' positions."""
     space, time, step = SPACES[name], 0.4, 1e-3
@@ -144,22 +117,6 @@ def test_accelerations_of_two_coordinates(name: str) -> None:
     np.testing.assert_allclose(found, expected, rtol=0, atol=2e-6)
 
 
-def test_fields_of_many_poses_at_once(name: str) -> None:
-    space = SPACES[name]
-    poses = MOTIONS[name](np.linspace(-1.0, 1.0, 5))
-    rates = np.random.default_rng(2).normal(size=(space.n_pose, 2, 5))
-    together = space.velocity_field(poses, rates)
-    assert together.shape == (space.dimension * (space.dimension + 1), 2, 5)
-    for k in range(5):
-        one = space.velocity_field(poses[:, k], rates[..., k])
-        np.testing.assert_allclose(together[..., k], one, rtol=0, atol=EPSILON)
-    vectors = np.random.default_rng(3).normal(size=(space.dimension, 5))
-    turned = space.to_body(poses, vectors)
-    for k in range(5):
-        back = space.rotation(poses[:, k])[: space.dimension, : space.dimension] @ turned[:, k]
-        np.testing.assert_allclose(back, vectors[:, k], rtol=0, atol=EPSILON)
-
-
 def test_a_frame_changes_with_its_displacement_as_its_gradient_says(name: str) -> None:
     space, step = SPACES[name], 1e-5
     pose = MOTIONS[name](np.array([0.4]))[:, 0]
@@ -177,20 +134,6 @@ def test_a_frame_changes_with_its_displacement_as_its_gradient_says(name: str) -
         slope = (moved(step * unit) - moved(-step * unit)) / (2 * step)
         # second order, 1e-10 over 6, and round-off over the step, 1e-11
         np.testing.assert_allclose(gradient[:, k], slope, rtol=0, atol=1e-10)
-
-
-def test_nodes_in_a_rigid_field_move_as_the_gradient_of_their_frames(name: str) -> None:
-    """Displacements and rotations of nodes by a rigid velocity give the derivative of their frames."""
-    space = SPACES[name]
-    pose, rate, _ = along(MOTIONS[name], 0.4)
-    points = POINTS[:, : space.dimension]
-    moved = at_nodes(space.velocity_field(pose, rate[:, None])[:, 0], points)
-    assert moved.shape == (len(points), space.n_dofs)
-    step = 1e-3
-    frames = space.place(MOTIONS[name](0.4 + step * np.arange(-2, 3)), points)
-    slope = (8 * (frames[..., 3] - frames[..., 1]) - (frames[..., 4] - frames[..., 0])) / (12 * step)
-    for node, expected, frame in zip(moved, slope, frames[..., 2]):
-        np.testing.assert_allclose(space.frame_gradient(frame) @ node, expected, rtol=0, atol=FIRST)
 
 
 def test_angles_count_turns_in_the_plane_and_are_nearest_to_what_is_known_in_space() -> None:
@@ -222,14 +165,6 @@ def test_turns_and_windings() -> None:
 
 
 # --- points of bodies ------------------------------------------------------------------------------------------------
-
-
-def test_an_attachment_is_a_placed_point() -> None:
-    poses = np.stack([spatial(np.linspace(-1.0, 1.0, 4)), spatial(np.linspace(2.0, 3.0, 4))])
-    side = Attachment(1, 3, POINTS[0], np.zeros(3))
-    expected = SPATIAL.place(poses[1], POINTS[:1])[0]
-    np.testing.assert_allclose(side.frame_of_pose(poses), expected, rtol=0, atol=EPSILON)
-    np.testing.assert_allclose(side.frame_of_pose(poses[..., 0]), expected[:, 0], rtol=0, atol=EPSILON)
 
 
 def test_an_attachment_with_an_arm_goes_with_its_node() -> None:

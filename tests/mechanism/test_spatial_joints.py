@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.mechanism.body_frames import BodyGradients
 from pgmp_petsc.mechanism.joints import Attachment, Connection, orthonormality, share_position, triad
-from pgmp_petsc.mechanism.space import SPATIAL, cross_matrix, directors
+from pgmp_petsc.mechanism.space import SPATIAL, directors
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import Statement, angle
 
@@ -76,13 +76,13 @@ def test_the_number_of_constraints(kind: str, joint: tuple[Statement, ...]) -> N
     assert lengths(joint).sum() == 3 - len(SLIDES.get(kind, ()))
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_frames_that_obey_a_joint_leave_no_residual(kind: str, seed: int) -> None:
     axes = axes_of(seed + 20)
     np.testing.assert_allclose(residual(make_joint(kind, *axes), *obeying(kind, axes, seed)), 0.0, rtol=0, atol=EPSILON)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_gap_is_its_own_residual(kind: str, seed: int) -> None:
     """The residual of a gap in a direction that is held is as long as the gap; in others there is none."""
     axes = axes_of(seed)
@@ -97,7 +97,7 @@ def test_a_gap_is_its_own_residual(kind: str, seed: int) -> None:
             np.testing.assert_allclose(found[~lengths(joint)], 0.0, rtol=0, atol=EPSILON)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_wrong_rotation_is_measured_by_its_sine(kind: str, seed: int) -> None:
     """What a joint holds of the rotation is held by cosines of right angles: linear in small angles."""
     axes = axes_of(seed)
@@ -116,16 +116,6 @@ def test_a_wrong_rotation_is_measured_by_its_sine(kind: str, seed: int) -> None:
             np.testing.assert_allclose(found[lengths(joint)], 0.0, rtol=0, atol=EPSILON)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_moving_both_frames_as_one_changes_nothing(kind: str, seed: int) -> None:
-    axes = axes_of(seed)
-    joint, (a, b) = make_joint(kind, *axes), obeying(kind, axes, seed)
-    found = jacobian(joint, a, b)
-    for velocity, spin in zip(np.eye(6)[:, :3], np.eye(6)[:, 3:]):
-        rates = [frame(velocity + np.cross(spin, side[:3]), cross_matrix(spin) @ directors(side)) for side in (a, b)]
-        np.testing.assert_allclose(found @ np.concatenate(rates), 0.0, rtol=0, atol=10 * EPSILON)
-
-
 # --- what joints leave free ------------------------------------------------------------------------------------------
 
 
@@ -141,7 +131,7 @@ def free_twists(kind: str, axes: tuple[np.ndarray, np.ndarray], a: np.ndarray, b
     return np.array([*slides, *turns]).reshape(-1, 6).T
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_relative_motions_left_free(kind: str, seed: int) -> None:
     axes = axes_of(seed + 7)
     joint, (a, b) = make_joint(kind, *axes), obeying(kind, axes, seed)
@@ -245,13 +235,6 @@ def test_the_jacobian_in_body_frames_is_that_of_small_motions_of_nodes(kind: str
             slope = (residuals[0] - residuals[1]) / (2 * step)
             # second order, 1e-10 over 6, and the round-off of numbers of order 1 over the step, 1e-11
             np.testing.assert_allclose(block[:, column], slope, rtol=0, atol=1e-9)
-
-
-def test_points_of_the_ground_stay_where_they_are() -> None:
-    ground = Attachment.on_ground_at(POINTS[0])
-    expected = np.concatenate([POINTS[0], np.eye(3).ravel()])
-    np.testing.assert_array_equal(ground.frame_of_pose(poses_of_two_bodies()), np.repeat(expected[:, None], 3, axis=1))
-    assert ground.on_ground and ground.ground_frame(()).shape == (12,)
 
 
 # --- the angle of a hinge --------------------------------------------------------------------------------------------

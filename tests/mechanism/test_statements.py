@@ -73,6 +73,7 @@ def test_what_the_statements_are(d: int) -> None:
     gradient = statements.following(u).gradient(b, a)
     expected = np.zeros(2 * n_frame(d))
     expected[n_frame(d) : n_frame(d) + d] = turn @ u / np.linalg.norm(u)
+    assert made("following", d).fixed_in_bodies and made("following", d).kind == FOLLOWING
     np.testing.assert_allclose(gradient, expected, rtol=0, atol=1e-15)
 
 
@@ -112,13 +113,3 @@ def test_two_points_that_meet_pull_nowhere(d: int) -> None:
     statement = statements.distance(d)
     assert statement.value(frame, frame) == 0.0
     assert not statement.gradient(frame, frame).any() and np.isfinite(statement.hessian(frame, frame)).all()
-
-
-def test_trailing_axes_are_kept() -> None:
-    a, b = RANDOM.normal(size=(2, 12, 4, 3))
-    for name in NAMES:
-        statement = made(name, 3)
-        assert statement.value(a, b).shape == (4, 3)
-        assert statement.hessian(a, b).shape == (24, 24, 4, 3)
-        np.testing.assert_array_equal(statement.gradient(a, b)[:, 1, 2], statement.gradient(a[:, 1, 2], b[:, 1, 2]))
-    assert made("following", 3).fixed_in_bodies and made("following", 3).kind == FOLLOWING

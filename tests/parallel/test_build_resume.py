@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
+from runs import overridden, pgmp
 
 TABLES = ("mass", "inertia", "stiffness", "load")
 #: Every finished configuration is written at once, and takes a while; after HELD of them a rank waits to be killed.
@@ -44,10 +45,14 @@ sys.argv[0] = "pgmp"
 main()
 """
 SCENES = {
-    "beams": ("scenes/slider_crank_paper.toml", "--override", "reduction.angles=16"),
-    "solids": (
-        "scenes/slider_crank_solid3d.toml", "--override", "reduction.angles=12", "--override", "reduction.modes=4",),
-}  # fmt: skip
+    "beams": (ROOT / "scenes/slider_crank_paper.toml", *overridden("reduction.angles=16")),
+    "solids": (ROOT / "scenes/slider_crank_solid3d.toml", *overridden("reduction.angles=12", "reduction.modes=4")),
+}
+# what takes up nothing of beams', and why
+OTHERS = {
+    "belongs to another run: its scene differs": (*SCENES["beams"], *overridden("reduction.angles=17")),
+    "belongs to another run": (ROOT / "scenes/slider_crank.toml", *overridden("reduction.tolerance=1e-2")),
+}
 
 
 def slowly(seconds: float = 0.0, held: int = 10**6) -> str:
@@ -57,14 +62,9 @@ def slowly(seconds: float = 0.0, held: int = 10**6) -> str:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("resume")
-
-
-@pytest.fixture(scope="module")
-def whole(mpirun: Callable, folder: Path) -> dict[str, Path]:
+def whole(folder: Path) -> dict[str, Path]:
     for name, scene in SCENES.items():
-        mpirun(1, "-m", "pgmp_petsc.cli.main", "build", *scene, "-o", folder / f"{name}.h5")
+        pgmp("build", *scene, "-o", folder / f"{name}.h5")
     return {name: folder / f"{name}.h5" for name in SCENES}
 
 
@@ -72,7 +72,7 @@ def interrupted(path: Path, scene: tuple[str, ...], n_ranks: int, n_pieces: int)
     """Start a build and kill it, all of its ranks, as soon as there are so many finished pieces."""
     # together the ranks reach the number of pieces, and are held before the 12 configurations are complete
     script = slowly(seconds=0.15, held=10 // n_ranks)
-    command = [*warm_start.python(), "-c", script, "build", *scene, "-o", str(path)]
+    command = [*warm_start.python(), "-c", script, "build", *map(str, scene), "-o", str(path)]
     if n_ranks > 1:
         command = ["mpirun", "-n", str(n_ranks), *command]
     environment = os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
@@ -92,7 +92,7 @@ def interrupted(path: Path, scene: tuple[str, ...], n_ranks: int, n_pieces: int)
 
 
 def assert_same(found: Path, expected: Path) -> None:
-    # 1e-8 of the largest entry is what the issue asks for; the solver's tolerance is 1e-13
+    # the solver's tolerance is 1e-13
     with h5py.File(found) as one, h5py.File(expected) as other:
         np.testing.assert_array_equal(one["theta"][()], other["theta"][()])
         np.testing.assert_allclose(one["frequencies_hz"][()], other["frequencies_hz"][()], rtol=1e-9)
@@ -101,9 +101,7 @@ def assert_same(found: Path, expected: Path) -> None:
             np.testing.assert_allclose(table, like, rtol=0, atol=1e-8 * np.abs(like).max(initial=0.0), err_msg=name)
 
 
-@pytest.mark.parametrize(
-    ("name", "before", "after", "n_pieces"), [("beams", 1, 3, 4), ("beams", 3, 1, 7), ("solids", 2, 1, 7)]
-)
+@pytest.mark.parametrize(("name", "before", "after", "n_pieces"), [("beams", 1, 3, 4), ("solids", 2, 1, 7)])
 def test_a_killed_build_is_resumed(
     mpirun: Callable, folder: Path, whole: dict[str, Path], name: str, before: int, after: int, n_pieces: int
 ) -> None:
@@ -111,6 +109,10 @@ def test_a_killed_build_is_resumed(
     interrupted(path, SCENES[name], before, n_pieces)
     partial = path.with_name(f"{path.name}.partial")
     stored = {file.name: file.stat().st_mtime_ns for file in partial.glob("*.npz")}
+    for said, other in OTHERS.items() if name == "beams" else ():
+        refused = pgmp("build", *other, "-o", path, "--resume", status=2).stderr
+        assert "--resume:" in refused and said in refused
+        assert {file.name: file.stat().st_mtime_ns for file in partial.glob("*.npz")} == stored
     mpirun(after, "-c", slowly(), "build", *SCENES[name], "-o", path, "--resume")
     assert len(stored) >= n_pieces
     assert_same(path, whole[name])
@@ -129,22 +131,8 @@ def test_what_is_finished_is_not_computed_again(mpirun: Callable, folder: Path, 
     assert_same(path, whole["solids"])
 
 
-def test_another_scene_is_refused(mpirun: Callable, folder: Path) -> None:
-    path = folder / "other.h5"
-    interrupted(path, SCENES["beams"], 1, 1)
-    partial = path.with_name(f"{path.name}.partial")
-    stored = sorted(file.name for file in partial.glob("*.npz"))
-    other = ("scenes/slider_crank_paper.toml", "--override", "reduction.angles=17")
-    refused = mpirun(2, "-m", "pgmp_petsc.cli.main", "build", *other, "-o", path, "--resume", check_status=2)
-    assert "--resume:" in refused.stderr and "belongs to another run: its scene differs" in refused.stderr
-    assert sorted(file.name for file in partial.glob("*.npz")) == stored
-    finer = ("scenes/slider_crank.toml", "--override", "reduction.tolerance=1e-2")
-    refused = mpirun(1, "-m", "pgmp_petsc.cli.main", "build", *finer, "-o", path, "--resume", check_status=2)
-    assert "--resume:" in refused.stderr and "belongs to another run" in refused.stderr
-
-
 def test_a_build_that_cannot_begin_leaves_nothing(mpirun: Callable, folder: Path) -> None:
     path = folder / "nothing.h5"
-    bad = ("scenes/slider_crank.toml", "--override", "reduction.modes=500")
+    bad = (ROOT / "scenes/slider_crank.toml", "--override", "reduction.modes=500")
     mpirun(1, "-m", "pgmp_petsc.cli.main", "build", *bad, "-o", path, check_status=2)
     assert not path.with_name(f"{path.name}.partial").exists()

@@ -88,28 +88,22 @@ FILES = {
 }
 
 
-@pytest.mark.parametrize("n", [MANY])
 @pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind, names in FILES.items() for name in names])
-def test_results_are_those_of_one_rank(folder: Callable, n: int, kind: type, name: str) -> None:
-    one, several = (kind.read(folder(ranks) / f"{name}.h5") for ranks in (1, n))
+def test_results_are_those_of_one_rank(folder: Callable, kind: type, name: str) -> None:
+    one, several = (kind.read(folder(ranks) / f"{name}.h5") for ranks in (1, MANY))
     if kind in (Trajectory, Ensemble):
         return close(several.outputs, one.outputs)
     frequencies = "full_hz" if kind is ModesTable else "frequencies_hz"
     np.testing.assert_allclose(getattr(several, frequencies), getattr(one, frequencies), rtol=1e-8)
 
 
-@pytest.mark.parametrize("n", [MANY])
-def test_pictures_and_shapes_are_there(folder: Callable, n: int) -> None:
-    assert (folder(n) / "shapes.xdmf").exists() and list((folder(n) / "pictures").glob("*.png"))
-
-
 def test_seven_ranks(mpirun: Callable, folder: Callable, tmp_path: Path) -> None:
     """Each command in a start of its own: nothing of another one may help it to end."""
+    assert (folder(MANY) / "shapes.xdmf").exists() and list((folder(MANY) / "pictures").glob("*.png"))
     modes, samples = tmp_path / "modes.h5", tmp_path / "three.h5"
     mpirun(7, *PGMP, "modes", BEAMS, *FEW, "-o", modes)
-    np.testing.assert_allclose(
-        ModesTable.read(modes).full_hz, ModesTable.read(folder(1) / "modes.h5").full_hz, rtol=1e-8
-    )
+    found, one = (ModesTable.read(path).full_hz for path in (modes, folder(1) / "modes.h5"))
+    np.testing.assert_allclose(found, one, rtol=1e-8)
     mpirun(7, *PGMP, "montecarlo", folder(1) / "rom.h5", "-n", 3, "-o", samples)
     close(Ensemble.read(samples).outputs, Ensemble.read(folder(1) / "three.h5").outputs)
 

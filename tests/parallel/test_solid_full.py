@@ -7,7 +7,7 @@ import numpy as np
 from conftest import ROOT
 from runs import PGMP, overridden
 
-from pgmp_petsc.results import Ensemble, Trajectory
+from pgmp_petsc.results import Trajectory
 
 SCENE = ROOT / "scenes" / "slider_crank_solid3d.toml"
 # few steps, with a torque that sets in at once
@@ -50,15 +50,3 @@ def test_ranks_that_share_a_body_build_its_stresses(mpirun: Callable, tmp_path: 
     values = runs[0].outputs["worst"]
     # modes of the condensed body are found to 1e-9, and strains are derivatives
     np.testing.assert_allclose(runs[1].outputs["worst"], values, rtol=0, atol=1e-6 * np.abs(values).max())
-
-
-def test_samples_in_space_are_dealt_out(mpirun: Callable, tmp_path: Path) -> None:
-    paths = []
-    for n in (1, 2):
-        paths.append(tmp_path / f"many_{n}.h5")
-        few = overridden(*FEW)
-        mpirun(n, *PGMP, "montecarlo", SCENE, "--full", "-n", 2, "--seed", 3, "-o", paths[-1], *few)
-    one, two = (Ensemble.read(path) for path in paths)
-    assert not one.status.any() and one.outputs["crank_angle"][0] != one.outputs["crank_angle"][1]
-    for name, values in one.outputs.items():
-        np.testing.assert_array_equal(two.outputs[name], values)

@@ -10,10 +10,13 @@ from runs import place_in, quick_return, rom_of
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduced import cells as cells_module
+from pgmp_petsc.reduced.cells import FEWEST_HELD, Cells
 from pgmp_petsc.reduced.lagrangian_terms import least_stiffness
-from pgmp_petsc.reduced.terms import WIDEST, ReducedTerms, coupling_of, displacement_scale, pack
+from pgmp_petsc.reduced.terms import WIDEST, ReducedTerms, grid_of
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.tables import fine_grid
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.simulate import lost_definiteness
@@ -24,7 +27,6 @@ PART = (
     "coordinates.theta.periodic=false",
     "simulation.initial.theta.position=0.2",
 )
-SCHEMES = ["overhauser", "spline", "spectral"]
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +73,11 @@ def test_the_rigid_inertia_is_that_of_the_kinematics(scene: Callable[..., Scene]
     np.testing.assert_allclose(inertia(samples.theta)[:, :, 0], of_tables, rtol=0, atol=4e-9 * of_tables.max())
 
 
+def test_loads_are_absent_where_the_scene_has_none() -> None:
+    bare = slider_crank("effects={}", "reduction.angles=8", "reduction.modes=2")
+    assert terms_of(rom_of(bare), bare, "spline").load(np.array([0.1, 0.2])).shape == (2, 0, 3)
+
+
 def test_the_slope_of_the_rigid_inertia_is_twice_velocity_times_acceleration(rom: ReducedOrderModel) -> None:
     scene, step = slider_crank(), 1e-4
     weights, slope = rom.tables.mass_weights, rigid_of(rom).slope
@@ -95,69 +102,6 @@ def test_the_polynomials_of_the_rigid_inertia_are_as_good_as_its_spline(angles: 
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_the_coupling_is_that_of_the_changing_modes(rom: ReducedOrderModel, scheme: str) -> None:
-    """Against ``(d rho/d theta)^T M_i (d Psi/d theta)`` with the modes' own slope in frames that turn."""
-    kinematics, tables = kinematics_of(slider_crank()), rom.tables
-    matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs)).mass
-    fine = replace(
-        rom, projection=interpolant(tables.samples.axes[0], rom.projection, scheme).slope(tables.samples.axes[0].theta)
-    )
-    found = coupling_of(tables, scheme)
-    assert found.shape == (24, len(tables.mass_weights), 5)
-    poses = kinematics.poses(tables.samples.axes[0].theta)
-    rates = kinematics.rates(poses)
-    for k in range(0, 24, 5):
-        pose, rate = poses[..., k], rates[..., k]
-        velocity = rigid_velocities(kinematics.mechanism, pose, rate)[:, 0]
-        # body frames turn with the bodies: d(R psi)/d theta = R (psi' + omega x psi)
-        slope = fine.projection[k].reshape(-1, 3, 5).copy()
-        psi = rom.projection[k].reshape(-1, 3, 5)
-        for number, body in enumerate(kinematics.mechanism.bodies):
-            inside = slice(body.nodes.start, body.nodes.stop)
-            slope[inside, 0] -= rate[number, 2] * psi[inside, 1]
-            slope[inside, 1] += rate[number, 2] * psi[inside, 0]
-        for i, weight in enumerate(tables.mass_weights):
-            expected = velocity @ (matrices[weight] @ slope.reshape(-1, 5))
-            size = np.abs(found[:, i]).max()
-            # the same derivative but for the error of interpolating 24 samples, which modes 4 and 5 feel most
-            np.testing.assert_allclose(found[k, i, :3], expected[:3], rtol=0, atol=0.05 * size)
-
-
-def test_terms_stand_where_the_layout_says(rom: ReducedOrderModel) -> None:
-    tables = rom.tables
-    terms = terms_of(rom, slider_crank(), "overhauser")
-    assert set(terms.weights) == {*tables.mass_weights, *tables.stiffness_weights}
-    layout = terms.layout
-    assert layout == ((0,), 6, 21, 26, *6 * (41,), 6, True) and not layout.second_order
-    assert terms.terms.rows.shape == (24, len(terms.weights), 41)
-    for t, weight in enumerate(terms.weights):
-        parts = np.split(terms.terms.rows[:, t], [21, 26], axis=1)
-        if weight in tables.mass_weights:
-            i = tables.mass_weights.index(weight)
-            np.testing.assert_array_equal(parts[0], pack(tables.mass[:, i]))
-            np.testing.assert_array_equal(parts[1], coupling_of(tables, "overhauser")[:, i])
-        else:
-            assert not parts[0].any() and not parts[1].any()
-        if weight in tables.stiffness_weights:
-            np.testing.assert_array_equal(parts[2], pack(tables.stiffness[:, tables.stiffness_weights.index(weight)]))
-        else:
-            assert not parts[2].any()
-    np.testing.assert_array_equal(terms.load.rows, tables.load)
-    assert terms.scale[0] == 1.0
-    np.testing.assert_array_equal(
-        terms.scale[1:], displacement_scale(rom.projection, kinematics_of(slider_crank()).size)
-    )
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_loads_are_absent_where_the_scene_has_none(scheme: str) -> None:
-    scene = slider_crank("effects={}", "reduction.angles=8", "reduction.modes=2")
-    rom = rom_of(scene)
-    terms = terms_of(rom, scene, scheme)
-    assert terms.load(np.array([0.1, 0.2])).shape == (2, 0, 3)
-
-
 @pytest.mark.parametrize("second_order", ["true", "false"])
 def test_stiffness_that_interpolation_made_indefinite_has_no_share(second_order: str) -> None:
     """There it is said where, in place of an error of the factors; before the end of a run as well as there."""
@@ -180,3 +124,49 @@ def test_stiffness_that_interpolation_made_indefinite_has_no_share(second_order:
     why = lost_definiteness(model, scene.values, time, q)
     assert "is not positive definite at theta = 4 rad; build with more reduction.angles" in why
     assert lost_definiteness(model, scene.values, time, q[[0, 2, 1]]) == why
+
+
+LOWER, UPPER, PERIODIC = (0.0, -0.3, 0.2), (2 * np.pi, 0.9, 1.7), (True, False, False)
+
+
+def sampled(n: tuple[int, ...]) -> SampleGrid:
+    """Return a grid with so many samples along the coordinates."""
+    return SampleGrid(tuple(Samples.uniform(*ends, k, turns) for *ends, k, turns in zip(LOWER, UPPER, n, PERIODIC)))
+
+
+@pytest.mark.parametrize("scheme", ["overhauser", "spline"])
+@pytest.mark.parametrize("n", [(9,), (9, 7), (9, 7, 6)])
+@pytest.mark.parametrize("n_powers", [4, 8])
+@pytest.mark.parametrize("most_held", [0, 2**22])
+def test_the_polynomials_of_cells_are_the_interpolant(
+    scheme: str, n: tuple[int, ...], n_powers: int, most_held: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All cells are held, or more are asked for than are held, some of them again."""
+    monkeypatch.setattr(cells_module, "MOST_HELD", most_held)
+    grid, r = sampled(n), len(n)
+    found = interpolant(grid, np.random.default_rng(0).normal(size=(grid.n, 2, 3)), scheme)
+    axes = grid_of(found)
+    cells = Cells.of(found, axes, n_powers)
+    for theta in np.random.default_rng(1).uniform(LOWER[:r], UPPER[:r], size=(4 * FEWEST_HELD, r)).repeat(2, axis=0):
+        number, powers = 0, np.ones(1)
+        for x, axis in zip(theta, axes):
+            cell = int((x - axis.lower) / axis.step)
+            place = x - axis.lower - cell * axis.step
+            number, powers = (
+                number * axis.n_cells + cell,
+                np.multiply.outer(powers, place ** np.arange(n_powers)).ravel(),
+            )
+        of_cell = cells.polynomials[place_in(cells, number)].reshape(2, 3, -1)
+        np.testing.assert_allclose(of_cell @ powers, found(theta[None])[0], rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize(("scheme", "order"), [("overhauser", 3), ("spline", 4)])
+def test_the_order_over_three_coordinates(scheme: str, order: int) -> None:
+    def exact(theta: np.ndarray) -> np.ndarray:
+        return np.sin(theta[:, 0] + 2.0 * theta[:, 1]) * np.exp(theta[:, 2] - theta[:, 1])
+
+    theta, errors = np.random.default_rng(2).uniform(LOWER, UPPER, size=(400, 3)), []
+    for n in (12, 24):
+        grid = sampled((2 * n, n + 1, n + 1))
+        errors.append(np.abs(interpolant(grid, exact(grid.theta), scheme)(theta) - exact(theta)).max())
+    assert np.log2(errors[0] / errors[1]) > order - 0.4

@@ -1,5 +1,6 @@
 """Parameters that are lengths or places: what is refused, polynomials over them, and one gauge for all their builds."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -62,6 +63,10 @@ def test_polynomials_through_the_points_are_exact_for_their_degree_in_both_forms
         np.testing.assert_allclose(terms, exact[0] * np.array([[values["E"][k]], [1.0]]), rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(shares.sum(axis=0), 1.0, rtol=1e-13)
     assert TWO.height(TWO.points[5]) < 1e-12 < TWO.height({"a": 0.7, "b": 0.5}) <= 1.0
+    values, h = {"a": 0.74, "b": 0.3}, 1e-4
+    more, less = (TWO.shares(values | {"a": 0.74 + side * h}) for side in (1, -1))
+    np.testing.assert_allclose(TWO.shares(values, "a"), (more - less) / (2 * h), atol=1e-4)  # of cubics, h^2 / half^3
+    assert abs(TWO.shares(values, "b").sum()) < 1e-12 and not TWO.shares(values, "E").any()
 
 
 def test_the_range_of_a_length_is_what_bounds_and_distribution_have_in_common() -> None:
@@ -98,15 +103,6 @@ def test_a_length_that_cannot_be_a_parameter_is_refused(overrides: str, line: st
     assert line in refusal(long_crank, *overrides.replace("OF_GUIDE", " & ".join(GUIDE[1:3])).split(" & "))
 
 
-def test_more_builds_than_are_made_are_refused() -> None:
-    points = 'ground.points={guide=["x", "y"], a=["z", 0.0]}'
-    spans = [f"parameters.{name}={{nominal=0.0, bounds=[-0.1, 0.1]}}" for name in "xyz"]
-    with pytest.raises(
-        InputError, match="reduction.length_points = 5: of 4 lengths, places and ratios .* make 625 builds; at most"
-    ):
-        long_crank(points, *spans)
-
-
 @pytest.mark.parametrize(
     ("override", "purpose", "line"),
     [
@@ -122,10 +118,15 @@ def test_what_needs_one_mechanism_is_refused_by_name(override: str, purpose: Pur
     check_capabilities(long_crank(), Purpose.BUILD)
 
 
-def test_component_ensembles_refuse_lengths() -> None:
-    scene = long_crank(*SMALL)
+def test_component_ensembles_and_more_builds_than_are_made_are_refused() -> None:
+    components = component_model(*with_meshes(long_crank(*SMALL), Purpose.COMPONENTS), MPI.COMM_SELF)
     with pytest.raises(InputError, match="parameters.rod_length: .* component modes are of one mesh"):
-        of_samples(component_model(*with_meshes(scene, Purpose.COMPONENTS), MPI.COMM_SELF), ["rod_length"])
+        of_samples(components, ["rod_length"])
+    spans = [f"parameters.{name}={{nominal=0.0, bounds=[-0.1, 0.1]}}" for name in "xyz"]
+    assert re.search(
+        "reduction.length_points = 5: of 4 lengths, places and ratios .* make 625 builds; at most",
+        refusal(long_crank, 'ground.points={guide=["x", "y"], a=["z", 0.0]}', *spans),
+    )
 
 
 def test_nothing_is_served_outside_the_range_of_a_length(rom: ReducedOrderModel) -> None:
@@ -281,13 +282,6 @@ def test_strains_of_samples_are_those_of_elements_of_their_own_lengths(kind: str
         for found, exact in zip((rotation, strain), strains.largest(local[k :: lengths.size])):
             np.testing.assert_allclose(found[k :: lengths.size], exact, rtol=1e-12)
     assert mechanism.bodies[-1].name == body and np.all(strain > 0.0)
-
-
-def test_shares_have_derivatives() -> None:
-    values, h = {"a": 0.74, "b": 0.3}, 1e-4
-    more, less = (TWO.shares(values | {"a": 0.74 + side * h}) for side in (1, -1))
-    np.testing.assert_allclose(TWO.shares(values, "a"), (more - less) / (2 * h), atol=1e-4)  # of cubics, h^2 / half^3
-    assert abs(TWO.shares(values, "b").sum()) < 1e-12 and not TWO.shares(values, "E").any()
 
 
 def test_vectors_of_other_parameters_are_of_the_same_values_at_all_lengths() -> None:

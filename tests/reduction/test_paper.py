@@ -6,13 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import synthetic
+from mpi4py import MPI
 
 from benchmarks.paper import accuracy, comparison, equal_error, summary
 from benchmarks.paper import figures as pictures
+from benchmarks.paper.inertia import uncoupled
 from benchmarks.paper.published import BANDS, DENSITIES, RADII
 from benchmarks.paper.results import PaperResults
 from benchmarks.tables import Table
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.reduced.terms import coupling_of
+from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.tables import ReducedTables
 from scenes import meshes_of, slider_crank
 
@@ -41,11 +46,6 @@ def directory(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_row_with_a_missing_cell_is_refused() -> None:
-    with pytest.raises(ValueError, match="row has 1 cells; needed: 2"):
-        Table("T", ("a", "b"), [["1"]])
-
-
 def test_a_band_must_agree_with_the_reference_and_fit_the_axis(directory: Path) -> None:
     results = PaperResults.read(directory)
     f4 = replace(next(band for band in BANDS if band.name == "f4"), reference={"1.0": (277.0, 357.0)})
@@ -62,10 +62,6 @@ def test_a_mean_is_judged_by_both_sampling_errors() -> None:
     assert comparison.moment_verdict(published, synthetic.statistics(random), "no") == "ok"
     shifted = synthetic.statistics(random + 0.1 * published.std)
     assert comparison.moment_verdict(published, shifted, "no").startswith("no (")
-
-
-def test_a_density_is_judged_by_support_and_peak() -> None:
-    published = DENSITIES["crank_angle"]
     support = np.array(published.support)
     assert comparison.shape_verdict(published, support, published.peak) == "ok"
     assert "ends" in comparison.shape_verdict(published, support - 1.0, published.peak)
@@ -78,13 +74,6 @@ def test_the_published_table_has_a_verdict_in_every_row(directory: Path) -> None
     assert len(table.rows) == 4 + 2 + 1 + 8 + 1
     assert all(row[-1].startswith(("ok", "differs")) for row in table.rows)
     assert summary.verdicts([table])["all"] == len(table.rows)
-
-
-def test_frequencies_need_the_reference_angles() -> None:
-    theta = 2 * np.pi / 8 * np.arange(8)
-    assert accuracy.nearest(theta, np.pi / 2) == 2
-    with pytest.raises(ValueError, match="no angle 1 rad"):
-        accuracy.nearest(theta, 1.0)
 
 
 def test_costs_are_compared_at_equal_error() -> None:
@@ -113,13 +102,6 @@ def test_a_basis_that_leaves_more_is_compared_at_the_least_error_that_it_leaves(
 
 
 def test_tables_without_inertia_coupling() -> None:
-    from mpi4py import MPI
-
-    from benchmarks.paper.inertia import uncoupled
-    from pgmp_petsc.ranks.groups import RankGroup
-    from pgmp_petsc.reduced.terms import coupling_of
-    from pgmp_petsc.reduction.build import build_rom
-
     scene = slider_crank("reduction.modes=4", "reduction.angles=12")
     tables: ReducedTables = build_rom(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1)).tables
     for scheme in ("overhauser", "spline", "spectral"):
@@ -133,9 +115,15 @@ def test_all_pictures_are_drawn(directory: Path) -> None:
     assert all((directory / name).stat().st_size > 10_000 for name in names)
 
 
-def test_a_density_that_no_ensemble_has_is_refused() -> None:
+def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(InputError, match="did you mean 'crank_angle'"):
         pictures.densities([ensemble("full")], names=["crank_angel"])
+    with pytest.raises(ValueError, match="row has 1 cells; needed: 2"):
+        Table("T", ("a", "b"), [["1"]])
+    theta = 2 * np.pi / 8 * np.arange(8)
+    assert accuracy.nearest(theta, np.pi / 2) == 2
+    with pytest.raises(ValueError, match="no angle 1 rad"):
+        accuracy.nearest(theta, 1.0)
 
 
 @pytest.mark.parametrize("program", [summary, pictures])

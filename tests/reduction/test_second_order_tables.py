@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from frames import pair_products
+from mpi4py import MPI
 
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.cell_products import SecondOrderTables, pair_rotations, symmetric, unpacked
+from pgmp_petsc.reduction.cell_products import SecondOrderTables, pair_rotations, unpacked
 from pgmp_petsc.reduction.tables import ReducedTables
 from scenes import meshes_of, slider_crank
 
@@ -15,9 +16,6 @@ N, M = 6, 4
 
 @pytest.fixture(scope="module")
 def tables() -> ReducedTables:
-    """Return the tables of a small build."""
-    from mpi4py import MPI
-
     moved = 'effects.motor={type="prescribed_motion",coordinate="theta",constant_speed={speed=1.0}}'
     more = ("reduction.second_order=true", 'effects.weight={type="gravity"}', moved)
     scene = slider_crank(f"reduction.modes={M}", f"reduction.angles={N}", *more)
@@ -52,6 +50,9 @@ def test_shapes_and_exact_symmetry(tables: ReducedTables) -> None:
         np.testing.assert_array_equal(cubic, cubic.transpose(order))
     for table in (load, inertia, mass):
         np.testing.assert_array_equal(table, np.swapaxes(table, -1, -2))
+    rows = np.array([4, 1])
+    for found, expected in zip(arrays(tables.at(rows).second_order), arrays(tables.second_order)):
+        np.testing.assert_array_equal(found, expected[rows])
 
 
 def test_what_the_forms_say_does_not_depend_on_the_basis(tables: ReducedTables, turn: np.ndarray) -> None:
@@ -78,12 +79,6 @@ def test_the_second_turn_has_the_signs_of_its_coordinates(tables: ReducedTables)
         np.testing.assert_allclose(found[N:], expected * factor, rtol=1e-14)
 
 
-def test_some_samples(tables: ReducedTables) -> None:
-    rows = np.array([4, 1])
-    for found, expected in zip(arrays(tables.at(rows).second_order), arrays(tables.second_order)):
-        np.testing.assert_array_equal(found, expected[rows])
-
-
 def test_packed_pairs(turn: np.ndarray) -> None:
     random = np.random.default_rng(2)
     chi = random.normal(size=(N, 5, M, M))
@@ -95,13 +90,3 @@ def test_packed_pairs(turn: np.ndarray) -> None:
     np.testing.assert_allclose(np.einsum("ndp,np->nd", packed, pair_products(delta)), expected, rtol=0, atol=1e-13)
     turned = np.einsum("ndij,nia,njb->ndab", chi, turn, turn)
     np.testing.assert_allclose(packed @ pair_rotations(turn), turned[..., i, j], rtol=0, atol=1e-13)
-
-
-def test_the_mean_over_the_orders_of_the_indices() -> None:
-    tensor = np.random.default_rng(3).normal(size=(2, M, M, M))
-    mean, delta = symmetric(tensor), np.array([1.0, -2.0, 0.5, 3.0])
-    for one, other in zip(mean, tensor):
-        assert np.einsum("ijk,i,j,k", one, delta, delta, delta) == pytest.approx(
-            np.einsum("ijk,i,j,k", other, delta, delta, delta), rel=1e-13
-        )
-    np.testing.assert_array_equal(mean, mean.transpose(0, 3, 1, 2))

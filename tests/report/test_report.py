@@ -15,9 +15,9 @@ import html5lib
 import numpy as np
 import pytest
 import synthetic
+from runs import one_message
 
 from pgmp_petsc.base.errors import InputError, note, warning
-from pgmp_petsc.cli.main import main
 from pgmp_petsc.files.hdf5 import write_file
 from pgmp_petsc.report import budget
 from pgmp_petsc.report.budget import error_budget, headline_of_comparison, headline_of_ensemble, headline_of_run
@@ -45,6 +45,19 @@ def parsed(text: str) -> Element:
     return html5lib.HTMLParser(strict=True, namespaceHTMLElements=False).parse(text)
 
 
+def page_of(*files: Path) -> Element:
+    """Return the tree of the page of some files."""
+    write_report(files, files[0].with_name("page.html"))
+    return parsed(files[0].with_name("page.html").read_text(encoding="utf-8"))
+
+
+def page_with(folder: Path, **results: object) -> Element:
+    """Return the tree of the page of some results, which are written into files of their names."""
+    for name, result in results.items():
+        result.write(folder / f"{name}.h5")
+    return page_of(*(folder / f"{name}.h5" for name in results))
+
+
 def words(element: Element) -> str:
     """Return what is read in an element, with single blanks."""
     return " ".join("".join(element.itertext()).split())
@@ -66,8 +79,17 @@ def stored(folder: Path, item: Element) -> float:
         return float(file[path][tuple(int(k) for k in index.split(","))] if index else file[path][()])
 
 
+def verdict_of(tree: Element) -> Element:
+    return next(with_class(tree, "verdict"))
+
+
 def shown(tree: Element) -> list[Element]:
     return [item for item in tree.iter("data") if item.get("data-path")]
+
+
+def assert_stored(folder: Path, tree: Element) -> None:
+    for item in shown(tree):
+        np.testing.assert_array_equal(float(item.get("value")), stored(folder, item), err_msg=str(item.attrib))
 
 
 def csv_of(tree: Element, name: str) -> dict[str, list[str]]:
@@ -109,16 +131,19 @@ def tree(page: str) -> Element:
 
 
 def test_every_figure_is_that_of_its_file(folder: Path, tree: Element) -> None:
-    figures = shown(tree)
-    paths = {item.get("data-path").split("/")[1] for item in figures if not item.get("data-path").startswith("@")}
-    assert paths >= {"statistics", "probabilities", "errors", "mesh", "timings", "parameters", "validity"}
-    for item in figures:
-        np.testing.assert_array_equal(float(item.get("value")), stored(folder, item), err_msg=str(item.attrib))
+    paths = {item.get("data-path") for item in shown(tree)}
+    kinds = {path.split("/")[1] for path in paths if not path.startswith("@")}
+    assert kinds >= {"statistics", "probabilities", "errors", "mesh", "timings", "parameters", "validity"}
+    assert_stored(folder, tree)
 
 
 def with_event(result: Ensemble | Trajectory) -> Ensemble | Trajectory:
-    """Return a result of the scene with the event."""
-    return replace(result, record=replace(result.record, scene_toml=result.record.scene_toml + EVENT))
+    """Return a result of the scene with the event, of an ensemble without what needs more pictures."""
+    record = replace(result.record, scene_toml=result.record.scene_toml + EVENT)
+    if isinstance(result, Trajectory):
+        return replace(result, record=record)
+    at_end = {name: found for name, found in result.statistics.items() if "." not in name}
+    return replace(result, record=record, statistics=at_end, extremes={}, bands={}, sobol={})
 
 
 def test_a_mean_of_no_samples_is_not_known(tmp_path: Path) -> None:
@@ -140,8 +165,7 @@ def test_a_probability_within_the_model_error_has_no_figure_in_the_verdict(tmp_p
         chance = replace(late, holds_to=limit, model_error=error)
         replace(found, probabilities={"late": chance}).write(tmp_path / "many.h5")
         files = [tmp_path / f"{name}.h5" for name in (("many",) if error > 0.0 else ("reduced", "full", "many"))]
-        write_report(files, tmp_path / "page.html")
-        verdict = next(with_class(parsed((tmp_path / "page.html").read_text(encoding="utf-8")), "verdict"))
+        verdict = verdict_of(page_of(*files))
         first, second, *_ = [words(item) for item in verdict.iter("p")]
         figures = [item for item in verdict.iter("data") if "probabilities" in (item.get("data-path") or "")]
         assert ("is not decided by this model" in first) == (not decided) == (not figures), first
@@ -197,9 +221,8 @@ def test_what_parts_are_sized_by(tmp_path: Path) -> None:
     outputs = run.outputs | forces | {"damage": run.time}
     run = replace(run, record=record, outputs=outputs, units=units, coordinate_units={"theta": "rad"})
     run.write(tmp_path / "run.h5")
-    write_report([tmp_path / "run.h5"], tmp_path / "page.html")
-    alone = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
-    assert "Samples of an ensemble with extremes = true add probabilities" in words(alone)
+    alone = words(page_of(tmp_path / "run.h5"))
+    assert "Samples of an ensemble with extremes = true add probabilities" in alone
 
     many = synthetic.described()
     names, n = ("pin_x.max", "pin_y.min", "motor.max"), len(many.status)
@@ -215,8 +238,7 @@ def test_what_parts_are_sized_by(tmp_path: Path) -> None:
         statistics=many.statistics | of_all,
         sobol=many.sobol | {"pin_x.max": indices, "pin_y.min": replace(indices, first_interval=np.zeros((2, 2)))},
     ).write(tmp_path / "many.h5")
-    write_report([tmp_path / "run.h5", tmp_path / "many.h5"], tmp_path / "page.html")
-    tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
+    tree = page_of(tmp_path / "run.h5", tmp_path / "many.h5")
     titles = [words(item) for item in tree.iter("figcaption")]
     assert {"pin (kN), polar", "motor over speed", "stress, rainflow matrix"} <= set(titles)
     heads = next([words(cell) for cell in row] for row in tree.iter("tr") if "largest in the run" in words(row))
@@ -227,18 +249,15 @@ def test_what_parts_are_sized_by(tmp_path: Path) -> None:
     assert x[5] == "P(late) = 5.26 % [1, 20]" and x[6] == "r1 70 %, push 20 %"
     assert y[2].startswith("-4 kN at ") and y[4].startswith("2.91 kN [") and y[5:] == ["", "none by itself"]
     assert motor[1] == "theta" and motor[5:] == ["", "not known"]
-    for item in shown(tree):
-        np.testing.assert_array_equal(float(item.get("value")), stored(tmp_path, item), err_msg=str(item.attrib))
+    assert_stored(tmp_path, tree)
 
 
 def test_what_is_constant_has_no_deviation_and_no_density(tmp_path: Path) -> None:
     found = synthetic.described()
     same = replace(found.statistics["crank_angle"], constant=True, std=0.0, std_interval=np.zeros(2))
-    replace(found, statistics=found.statistics | {"crank_angle": same}).write(tmp_path / "many.h5")
+    tree = page_with(tmp_path, many=replace(found, statistics=found.statistics | {"crank_angle": same}))
     read = Ensemble.read(tmp_path / "many.h5")
     assert read.statistics["crank_angle"].constant and not read.statistics["slider_deformation"].constant
-    write_report([tmp_path / "many.h5"], tmp_path / "page.html")
-    tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
     row = next([words(cell) for cell in row] for row in tree.iter("tr") if words(row).startswith("crank_angle"))
     assert row[2] == "constant" and not any(row[4:])
     assert any("crank_angle" in line and line.split()[2] == "constant" for line in lines_of(read))
@@ -260,7 +279,7 @@ def test_what_is_read_is_what_is_stored(tree: Element) -> None:
 
 
 def test_the_verdict_says_how_sure_and_how_far_off(tree: Element) -> None:
-    first, *others = [words(item) for item in next(with_class(tree, "verdict")).iter("p")]
+    first, *others = [words(item) for item in verdict_of(tree).iter("p")]
     assert first == "P(crank_angle above 5 rad at any time) = 5.26 % [1, 20], 90 % interval of 57 samples."
     # the made-up error is 4 % cos(9 t) of the deformation, measured against the full-order one
     assert any(re.match(r"Model error 3\.4 % of the largest slider_deformation, .* measured", text) for text in others)
@@ -281,14 +300,10 @@ def test_a_light_says_whether_it_is_decided(tmp_path: Path) -> None:
         "unasked": replace(many, probabilities={}),
         "failed": early,
     }.items():
-        result.write(tmp_path / f"{kind}.h5")
-        write_report([tmp_path / f"{kind}.h5"], tmp_path / "page.html")
-        tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
-        assert kind in next(with_class(tree, "verdict")).get("class").split(), kind
-        light = words(next(with_class(tree, "light")))
-        assert kind != "decided" or light == (
-            "Decided late: the model's error is 0.1 %, and the answer holds up to 20 %"
-        )
+        tree = page_with(tmp_path, **{kind: result})
+        assert kind in verdict_of(tree).get("class").split(), kind
+        told = "Decided late: the model's error is 0.1 %, and the answer holds up to 20 %"
+        assert kind != "decided" or words(next(with_class(tree, "light"))) == told
 
 
 def test_two_designs_stand_beside_each_other(tmp_path: Path) -> None:
@@ -300,8 +315,7 @@ def test_two_designs_stand_beside_each_other(tmp_path: Path) -> None:
         same = synthetic.statistics(np.full(400, 0.4))
         known = {"crank_angle": synthetic.statistics(values), "slider_position": same}
         replace(first, outputs=first.outputs | {"crank_angle": values}, statistics=known).write(tmp_path / f"{name}.h5")
-    write_report([tmp_path / f"{name}.h5" for name in names], tmp_path / "page.html")
-    tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
+    tree = page_of(*[tmp_path / f"{name}.h5" for name in names])
     rows = {row[0]: row[1:] for row in rows_of(tree, "Beside each other")}
     change, half = map(float, re.match(r"\+([\d.]+) ± ([\d.]+) rad: differs", rows["crank_angle, mean"][2]).groups())
     assert change == pytest.approx(samples["thick"].mean() - samples["thin"].mean(), rel=5e-3)
@@ -313,15 +327,13 @@ def test_two_designs_stand_beside_each_other(tmp_path: Path) -> None:
     for name, factor in zip(names, (1.0, 1.2)):
         run = synthetic.trajectory("reduced")
         replace(run, outputs={key: factor * own for key, own in run.outputs.items()}).write(tmp_path / f"run_{name}.h5")
-    write_report([tmp_path / f"run_{name}.h5" for name in names], tmp_path / "page.html")
-    tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
+    tree = page_of(*[tmp_path / f"run_{name}.h5" for name in names])
     values = {row[0]: [float(text.split()[0]) for text in row[1:]] for row in rows_of(tree, "Beside each other")}
     for one, other, change in values.values():
         assert change == pytest.approx(other - one, abs=2e-3 * abs(other))
         assert other == pytest.approx(1.2 * one, rel=1e-3)
     synthetic.trajectory("full").write(tmp_path / "full.h5")
-    write_report([tmp_path / "run_thin.h5", tmp_path / "full.h5"], tmp_path / "page.html")
-    assert "Beside each other" not in (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "Beside each other" not in words(page_of(tmp_path / "run_thin.h5", tmp_path / "full.h5"))
 
 
 def test_another_mesh_tells_the_share_of_the_mesh(tmp_path: Path) -> None:
@@ -338,37 +350,32 @@ def test_another_mesh_tells_the_share_of_the_mesh(tmp_path: Path) -> None:
     many = with_event(synthetic.described())
     late = replace(many.probabilities["late"], model_error=0.001, holds_to=0.2)
     results = with_event(synthetic.trajectory("reduced")), full, fine, replace(many, probabilities={"late": late})
-    for path, result in zip(files, results):
-        result.write(path)
+    page_with(tmp_path, **{path.stem: result for path, result in zip(files, results)})
     share = 0.02 / 1.02
     for chosen in (files, [*files[:2], files[3]]):
-        write_report(chosen, tmp_path / "page.html")
-        tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
-        assert "decided" in next(with_class(tree, "verdict")).get("class").split()
+        tree = page_of(*chosen)
+        assert "decided" in verdict_of(tree).get("class").split()
         budget = {row[0]: row[1:] for row in rows_of(tree, "Error budget")}
         if files[2] in chosen:
             assert budget["mesh: crank_angle"][0] == f"{100 * share:.2g} %"
             assert "against 80, full order" in budget["mesh: crank_angle"][1]
-            assert "Mesh: 2 % of the largest" in words(next(with_class(tree, "verdict")))
+            assert "Mesh: 2 % of the largest" in words(verdict_of(tree))
         else:
             assert budget["mesh"][0] == "not known"
     # what the event bears is less than model and mesh together
     replace(many, probabilities={"late": replace(late, holds_to=0.5 * share)}).write(files[3])
-    write_report(files, tmp_path / "page.html")
-    tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
-    assert "undecided" in next(with_class(tree, "verdict")).get("class").split()
+    tree = page_of(*files)
+    assert "undecided" in verdict_of(tree).get("class").split()
+    assert "All runs are full-order: nothing was reduced." in words(page_of(*files[1:3]))
 
 
 def test_a_fit_has_its_picture_and_parameters(tmp_path: Path) -> None:
     found = synthetic.fitted()
-    found.write(tmp_path / "fit.h5")
-    write_report([tmp_path / "fit.h5"], tmp_path / "page.html")
-    tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
+    tree = page_with(tmp_path, fit=found)
     titles = {words(item) for item in tree.iter("figcaption")}
     assert {f"{name}: {what}" for name in found.outputs for what in ("fit", "residuals")} <= titles
     assert [row[0] for row in rows_of(tree, "Fit")] == [p.name for p in found.parameters]
-    for item in shown(tree):
-        np.testing.assert_array_equal(float(item.get("value")), stored(tmp_path, item), err_msg=str(item.attrib))
+    assert_stored(tmp_path, tree)
 
 
 def test_nothing_comes_from_outside(page: str, tree: Element) -> None:
@@ -391,8 +398,7 @@ def test_ids_are_unique_and_references_hold(tree: Element) -> None:
 
 
 def test_texts_of_files_are_no_markup(folder: Path) -> None:
-    write_report([folder / "other.h5"], folder / "other.html")
-    tree = parsed((folder / "other.html").read_text(encoding="utf-8"))
+    tree = page_of(folder / "other.h5")
     assert words(next(tree.iter("h1"))) == "x<script>alert(1)</script>"
     assert all("alert" not in words(script) for script in tree.iter("script"))
     assert "no picture of the mechanism" in words(tree) and "no probabilities and no intervals" in words(tree)
@@ -431,9 +437,8 @@ def test_data_are_handed_out_with_all_digits(folder: Path, tree: Element) -> Non
     table = csv_of(tree, "many.csv")
     with h5py.File(folder / "many.h5") as file:
         np.testing.assert_array_equal([float(v) for v in table["r1 (m)"]], file["parameters/r1"][()])
-        np.testing.assert_array_equal(
-            [float(v) for v in table["crank_angle.max (rad)"]], file["extremes/crank_angle/max"][()]
-        )
+        largest = [float(v) for v in table["crank_angle.max (rad)"]]
+        np.testing.assert_array_equal(largest, file["extremes/crank_angle/max"][()])
     assert {"many_crank_angle.csv", "study.csv", "run.toml"} <= {item.get("download") for item in tree.iter("a")}
 
 
@@ -451,7 +456,7 @@ def rows_of(tree: Element, title: str) -> list[list[str]]:
     return [[words(cell) for cell in row] for row in next(section.iter("tbody"))]
 
 
-def test_the_error_budget_says_what_is_known_and_what_is_not(tree: Element) -> None:
+def test_the_error_budget_and_samples_that_failed(tree: Element) -> None:
     budget = {row[0]: row[1:] for row in rows_of(tree, "Error budget")}
     assert budget["basis, interpolation, time step"][0] == "not known"
     assert "reduction.tolerance" in budget["basis, interpolation, time step"][1]
@@ -459,9 +464,6 @@ def test_the_error_budget_says_what_is_known_and_what_is_not(tree: Element) -> N
     assert budget["model: slider_deformation"][1].startswith("measured: reduced against full order")
     assert budget["sampling: P(late)"] == ["± 9.5 percentage points", "90 % interval of 57 samples"]
     assert budget["small deformations: elastic rotation"][0] == "0.02 rad"
-
-
-def test_samples_that_failed_are_listed(folder: Path, tree: Element) -> None:
     rows = rows_of(tree, "Samples that failed")
     assert [row[0] for row in rows] == ["57", "58", "59"]
     assert all(row[-1] == "Newton's method did not converge" for row in rows)
@@ -488,9 +490,7 @@ def test_a_build_with_a_tolerance_tells_the_parts_of_the_error(folder: Path) -> 
 def test_a_reduced_model_alone_is_no_report(folder: Path) -> None:
     with write_file(folder / "alone.h5", "rom") as file:
         synthetic.record().write(file)
-    with pytest.raises(
-        InputError, match="holds a reduced model, and no results of its scene are here: add a trajectory"
-    ):
+    with pytest.raises(InputError, match="holds a reduced model, and no results of its scene are here: add a traj"):
         write_report([folder / "alone.h5"], folder / "alone.html")
     assert not (folder / "alone.html").exists()
 
@@ -499,21 +499,11 @@ def test_results_with_little_in_them_are_shown(folder: Path) -> None:
     """No samples that are fine, no errors, no frames: the page says so instead of failing."""
     lost = synthetic.ensemble("reduced", 10, 10)
     short = synthetic.trajectory("reduced", n_frames=0, n_times=2)
-    replace(lost, errors={}, errors_at_end={}, validity={}).write(folder / "lost.h5")
-    replace(short, errors=None, status=3).write(folder / "short.h5")
-    write_report([folder / "lost.h5", folder / "short.h5"], folder / "little.html")
-    tree = parsed((folder / "little.html").read_text(encoding="utf-8"))
-    verdict = words(next(with_class(tree, "verdict")))
+    lost = replace(lost, errors={}, errors_at_end={}, validity={})
+    tree = page_with(folder, lost=lost, short=replace(short, errors=None, status=3))
+    verdict = words(verdict_of(tree))
     assert "lost.h5: 10 of 10 samples failed" in verdict and "Model error: not known" in verdict
     assert "not known: no sample tells" in words(tree)
-
-
-def refusal(capfd: pytest.CaptureFixture[str], *arguments: object) -> str:
-    with pytest.raises(SystemExit) as end:
-        main(["report", *map(str, arguments)])
-    out, err = capfd.readouterr()
-    assert end.value.code == 2 and out == "" and err.startswith("pgmp: error: ") and err.count("\n") == 1, err
-    return err
 
 
 @pytest.mark.parametrize(
@@ -529,32 +519,22 @@ def refusal(capfd: pytest.CaptureFixture[str], *arguments: object) -> str:
         (["run.h5"], "none/x.html", "does not exist; create it first"),
     ],
 )
-def test_refusals(
-    folder: Path, capfd: pytest.CaptureFixture[str], files: Sequence[str], output: str, message: str
-) -> None:
+def test_refusals(folder: Path, files: Sequence[str], output: str, message: str) -> None:
     (folder / "foreign.h5").write_text("no result")
     (folder / "mine.html").write_text("<p>mine</p>")
     (folder / "damaged.h5").write_bytes((folder / "run.h5").read_bytes()[:-100])
     synthetic.modes_table().write(folder / "modes.h5")
-    assert message in refusal(capfd, *(folder / name for name in files), "-o", folder / output)
+    assert message in one_message("report", *(folder / name for name in files), "-o", folder / output)
     assert not (folder / "x.html").exists() and (folder / "mine.html").read_text() == "<p>mine</p>"
-
-
-def test_a_report_replaces_an_older_one(folder: Path, page: str) -> None:
-    target = folder / "again.html"
-    for _ in range(2):
-        write_report([folder / "full.h5"], target)
-    assert "All runs are full-order: nothing was reduced." in target.read_text(encoding="utf-8")
 
 
 def test_charts_show_the_level_of_an_event(folder: Path) -> None:
     many = synthetic.described()
     crank = synthetic.SCENE + EVENT
-    replace(many, sobol={}, statistics={}, record=replace(many.record, scene_toml=crank)).write(folder / "event.h5")
-    write_report([folder / "event.h5"], folder / "event.html")
-    tree = parsed((folder / "event.html").read_text(encoding="utf-8"))
+    many = replace(many, sobol={}, statistics={}, record=replace(many.record, scene_toml=crank))
+    tree = page_with(folder, event=many)
     charts = {item.get("data-output"): words(item) for item in tree.iter("figure")}
-    verdict = words(next(with_class(tree, "verdict")))
+    verdict = words(verdict_of(tree))
     assert re.search(r"Estimated model error at most [\d.]+ mrad \(crank_angle\), ", verdict)
     assert "late" in charts["crank_angle"] and "late" not in charts["slider_deformation"]
     with one_unit_each({"m": 1e-9}):  # the prefix of what is drawn is none for a level far beyond
@@ -571,9 +551,8 @@ def test_outputs_that_are_not_known_are_no_figures(folder: Path) -> None:
         unknown = {"slider_deformation": np.full(11, np.nan), "slider_position": run.outputs["slider_position"]}
         scene = synthetic.SCENE + EVENT.replace("crank_angle", "slider_deformation")
         replace(run, outputs=unknown, errors=None, record=replace(run.record, scene_toml=scene)).write(path)
-    write_report(files, folder / "unknown.html")
-    tree = parsed((folder / "unknown.html").read_text(encoding="utf-8"))
-    verdict = words(next(with_class(tree, "verdict")))
+    tree = page_of(*files)
+    verdict = words(verdict_of(tree))
     assert "slider_deformation is not known at any instant." in verdict and "nan" not in verdict
     budget = {row[0]: row[1] for row in rows_of(tree, "Error budget")}
     assert budget["model: slider_deformation"] == "not known" and budget["model: slider_position"] == "0 %"
@@ -594,9 +573,8 @@ def test_an_error_that_two_runs_with_the_same_step_share_is_said(folder: Path) -
     replace(synthetic.trajectory("full", n_frames=0, n_times=401), outputs=fine).write(files[2])
 
     def of(*chosen: Path) -> tuple[str, dict[str, list[str]]]:
-        write_report(chosen, folder / "coarse.html")
-        tree = parsed((folder / "coarse.html").read_text(encoding="utf-8"))
-        return words(next(with_class(tree, "verdict"))), {row[0]: row[1:] for row in rows_of(tree, "Error budget")}
+        tree = page_of(*chosen)
+        return words(verdict_of(tree)), {row[0]: row[1:] for row in rows_of(tree, "Error budget")}
 
     verdict, budget = of(*files[:2])
     said = r"Model error 3\.4 % .* at the same time step; the time-step error is not included\."
@@ -621,14 +599,14 @@ def test_an_error_that_two_runs_with_the_same_step_share_is_said(folder: Path) -
 @pytest.mark.parametrize(
     ("model", "last", "of_step", "known", "told"),
     [
-        ("reduced", 1000, None, False, "reduced, 1000 steps to 1 s; errors were not estimated; 1 warning, see the report"),
-        ("full", 1000, None, False, "full order, 1000 steps to 1 s; nothing was reduced; 1 warning, see the report"),
-        ("reduced", 1000, False, False, "reduced, 1000 steps to 1 s; errors were not estimated; 1 warning, see the report"),
+        ("reduced", 1000, None, False, "reduced, 1000 steps to 1 s; errors were not estimated"),
+        ("full", 1000, None, False, "full order, 1000 steps to 1 s; nothing was reduced"),
+        ("reduced", 1000, False, False, "reduced, 1000 steps to 1 s; errors were not estimated"),
         ("reduced", 1000, False, True,
-         "reduced, 1000 steps to 1 s; estimated error at most 20 % (slider_deformation); 1 warning, see the report"),
+         "reduced, 1000 steps to 1 s; estimated error at most 20 % (slider_deformation)"),
         ("full", 400, True, True,
          "full order, 400 steps to 0.4 s of 1 s; estimated error of the time step up to 0.2 s at most 20 % "
-         "(slider_deformation); 1 warning, see the report"),
+         "(slider_deformation)"),
     ],
 )  # fmt: skip
 def test_a_run_in_one_line(tmp_path: Path, model: str, last: int, of_step: bool | None, known: bool, told: str) -> None:
@@ -644,19 +622,17 @@ def test_a_run_in_one_line(tmp_path: Path, model: str, last: int, of_step: bool 
     modal, coordinates = run.modal if run.modal is None else run.modal[:end], run.coordinates[:end]
     scene = synthetic.SCENE + "[simulation]\nduration = 1.0\n"
     record = replace(run.record, remarks=(warning("far off"), note("nothing else")), scene_toml=scene)
-    replace(
-        run, record=record, time=run.time[:end], outputs=outputs, errors=found, modal=modal, coordinates=coordinates
-    ).write(tmp_path / "run.h5")
-    assert headline_of_run(tmp_path / "run.h5") == told
+    cut = {"time": run.time[:end], "outputs": outputs, "modal": modal, "coordinates": coordinates}
+    replace(run, record=record, errors=found, **cut).write(tmp_path / "run.h5")
+    assert headline_of_run(tmp_path / "run.h5") == f"{told}; 1 warning, see the report"
 
 
 def test_marks_of_samples_that_failed_are_counted() -> None:
     values = np.linspace(0.0, 1.0, 50)
     event = Level("far", 40.0, True, "end")
     found = distribution("r1", "m", values, "reduced", event, np.linspace(0.0, 1.0, 5000), True)
-    assert found.caption == (
-        "The level of far, 40 m, is far beyond this picture. 300 of 5000 samples that failed are marked."
-    )
+    said = "The level of far, 40 m, is far beyond this picture. 300 of 5000 samples that failed are marked."
+    assert found.caption == said
 
 
 def test_values_that_hardly_differ_are_told_apart(tmp_path: Path) -> None:
@@ -664,10 +640,9 @@ def test_values_that_hardly_differ_are_told_apart(tmp_path: Path) -> None:
     plain = synthetic.ensemble("reduced", 60)
     values = 5.286 * (1.0 + 1e-6 * np.linspace(-1.0, 1.0, 60))
     statistics = plain.statistics | {"crank_angle": synthetic.statistics(values)}
-    replace(plain, outputs=plain.outputs | {"crank_angle": values}, statistics=statistics).write(tmp_path / "near.h5")
-    write_report([tmp_path / "near.h5"], tmp_path / "near.html")
-    tree = parsed((tmp_path / "near.html").read_text(encoding="utf-8"))
-    text = next(t for t in map(words, next(with_class(tree, "verdict")).iter("p")) if t.startswith("crank_angle"))
+    near = replace(plain, outputs=plain.outputs | {"crank_angle": values}, statistics=statistics)
+    tree = page_with(tmp_path, near=near)
+    text = next(t for t in map(words, verdict_of(tree).iter("p")) if t.startswith("crank_angle"))
     low, high = map(float, re.search(r"lie between ([\d.]+) and ([\d.]+) rad", text).groups())
     assert high - low == pytest.approx(np.diff(np.quantile(values, [0.05, 0.95]))[0], rel=0.1)
     charts = (item for item in tree.iter() if item.get("class") == "chart")
@@ -683,18 +658,15 @@ def test_extremes_that_hardly_differ_have_no_picture(tmp_path: Path, spread: flo
     statistics = plain.statistics | {"crank_angle.min": synthetic.statistics(least)}
     zeros = dict.fromkeys(("max", "time_of_max", "time_of_min"), np.zeros(60))
     extremes = plain.extremes | {f"crank_angle/{one}": values for one, values in (zeros | {"min": least}).items()}
-    replace(plain, extremes=extremes, statistics=statistics).write(tmp_path / "least.h5")
-    write_report([tmp_path / "least.h5"], tmp_path / "least.html")
-    tree = parsed((tmp_path / "least.html").read_text(encoding="utf-8"))
+    tree = page_with(tmp_path, least=replace(plain, extremes=extremes, statistics=statistics))
     titles = [item.get("aria-label") for item in tree.iter() if item.get("class") == "chart"]
     assert "crank_angle" in titles and ("crank_angle.min" in titles) is drawn
 
 
 def test_steps_of_a_run_on_another_mesh_are_not_said_once_more(monkeypatch: pytest.MonkeyPatch) -> None:
     run = synthetic.trajectory("full")
-    run = replace(
-        run, errors=EstimatedErrors(run.time, {"crank_angle": 1e-6 * run.time}, {"crank_angle": 2.0}, OF_STEP)
-    )
+    errors = EstimatedErrors(run.time, {"crank_angle": 1e-6 * run.time}, {"crank_angle": 2.0}, OF_STEP)
+    run = replace(run, errors=errors)
     own, other = (Source(name, replace(run), "", Path(name)) for name in ("own.h5", "other.h5"))
     assert [source for source, _ in budget.step_errors([own, other])] == [own, other]  # the same mesh twice
     monkeypatch.setattr(budget, "n_nodes", lambda one: 28 if one is other.result else 15)

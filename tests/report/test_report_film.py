@@ -85,9 +85,6 @@ def test_lines_have_the_shapes_of_the_run() -> None:
         bend = 2e-3 * np.abs(np.sin(12.0 * run.frames.time)).max() * np.sin(np.pi * 0.4)
         assert np.linalg.norm(across, axis=-1).max() == pytest.approx(bend * unit[0], rel=0.02)
     assert film.data["factors"][0] == 1 and len(film.data["factors"]) > 1
-
-
-def test_there_is_no_film_without_frames() -> None:
     assert film_of(synthetic.trajectory("full", n_frames=0)) is None
 
 
@@ -98,10 +95,8 @@ def test_surfaces_are_where_the_run_has_them(run: Trajectory) -> None:
     view = None
     for factor in (1.0, 100.0):
         found = np.concatenate([drawn(film, number, factor) for number in range(len(run.fields))], axis=1)
-        wanted = np.concatenate(
-            [(own.positions + (factor - 1.0) * own.deformation)[:, on_surface(own)] for own in run.fields.values()],
-            axis=1,
-        )
+        enlarged = {id(own): own.positions + (factor - 1.0) * own.deformation for own in run.fields.values()}
+        wanted = np.concatenate([enlarged[id(own)][:, on_surface(own)] for own in run.fields.values()], axis=1)
         # seen by parallel projection: one linear map for all bodies and frames, the same for both factors
         known = np.column_stack([np.ones(wanted[..., 0].size), wanted.reshape(-1, d)])
         view = np.linalg.lstsq(known, found.reshape(-1, 3), rcond=None)[0] if view is None else view
@@ -150,9 +145,8 @@ def test_the_legend_has_the_largest_stress_of_the_file(tmp_path: Path) -> None:
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     html5lib.HTMLParser(strict=True).parse(page)
     legend = page[page.index('<div class="legend">') :]
-    found = re.search(
-        r'<data value="([^"]+)" data-file="run.h5" data-path="([^"]+)" data-index="(\d+)">3</data> MPa', legend
-    )
+    largest = r'<data value="([^"]+)" data-file="run.h5" data-path="([^"]+)" data-index="(\d+)">3</data> MPa'
+    found = re.search(largest, legend)
     with h5py.File(tmp_path / "run.h5") as file:
         largest = max(np.max(values[()]) for values in file["fields/block/at_nodes/von_mises"].values())
         assert float(found[1]) == file[found[2]][int(found[3])] == largest
@@ -213,10 +207,8 @@ def test_beams_are_coloured_by_their_fibre_stress() -> None:
 
 
 def test_solids_without_fields_are_lines_and_the_cure_is_named(tmp_path: Path) -> None:
-    bare, seen = (
-        replace(run, record=replace(run.record, scene_toml=SCENE))
-        for run in (synthetic.trajectory("full", n_frames=5), flat_run())
-    )
+    runs = synthetic.trajectory("full", n_frames=5), flat_run()
+    bare, seen = (replace(run, record=replace(run.record, scene_toml=SCENE)) for run in runs)
     said = "the film draws bar as lines: run.h5 has no displacements and stresses of it; simulate it again with frames"
     assert film_of(bare, "run.h5").left_out[0].startswith(said) and film_of(seen, "run.h5").left_out == []
     bare.write(tmp_path / "run.h5")
@@ -254,16 +246,10 @@ def test_large_surfaces_are_coarsened(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(kept) <= 400 < len(used) and area == pytest.approx(2 * (0.3 * 0.3 + 2 * 0.3 * 1.0), rel=0.2)
 
 
-@pytest.mark.parametrize(
-    ("r1", "many", "said"),
-    [
-        (5.6e-3, True, "run.h5, at the nominal parameters: a single run, none of the samples"),
-        (6e-3, True, "run.h5, at r1 = 6 mm (nominally 5.6 mm): a single run, none of the samples"),
-        (6e-3, False, "run.h5, at r1 = 6 mm (nominally 5.6 mm)"),
-        (5.6e-3, False, "run.h5"),
-    ],
-)
-def test_the_film_says_of_which_run_it_is(r1: float, many: bool, said: str, tmp_path: Path) -> None:
-    run = synthetic.trajectory("full", r1, n_frames=3, n_times=11)
-    source = Source("run.h5", run, "1", tmp_path)
-    assert film_words(source, scene_of(run.record), many) == f"Full-order model, {said}"
+def test_the_film_says_of_which_run_it_is(tmp_path: Path) -> None:
+    at = ", at r1 = 6 mm (nominally 5.6 mm)"
+    for r1, place, other in ((5.6e-3, "", ", at the nominal parameters"), (6e-3, at, at)):
+        run = synthetic.trajectory("full", r1, n_frames=3, n_times=11)
+        told = [film_words(Source("run.h5", run, "1", tmp_path), scene_of(run.record), many) for many in (False, True)]
+        single = f"{other}: a single run, none of the samples"
+        assert told == [f"Full-order model, run.h5{words}" for words in (place, single)]

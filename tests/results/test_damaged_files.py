@@ -54,18 +54,10 @@ def whole_shard(path: Path) -> None:
 
 FACTOR = float(os.environ.get("PGMP_FUZZ", "1"))
 READERS: dict[str, Callable[[Path], object]] = {
-    "rom": ReducedOrderModel.read,
-    "components": ComponentsFile.read,
-    "trajectory": Trajectory.read,
-    "ensemble": Ensemble.read,
-    "modes": ModesTable.read,
-    "tradeoff": Tradeoff.read,
-    "sensitivities": Derivatives.read,
-    "fit": Fit.read,
-    "design": Design.read,
-    "rare_event": RareEvent.read,
-    "shard": whole_shard,
-}
+    "rom": ReducedOrderModel.read, "components": ComponentsFile.read, "trajectory": Trajectory.read,
+    "ensemble": Ensemble.read, "modes": ModesTable.read, "tradeoff": Tradeoff.read, "sensitivities": Derivatives.read,
+    "fit": Fit.read, "design": Design.read, "rare_event": RareEvent.read, "shard": whole_shard,
+}  # fmt: skip
 
 
 def cases(n: int) -> Callable:
@@ -90,18 +82,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Return a directory with a sound file of every kind."""
     folder = tmp_path_factory.mktemp("sound")
     sound = {
-        "rom": rom(),
-        "components": components(),
-        "trajectory": synthetic.trajectory(n_frames=2),
-        "ensemble": synthetic.ensemble("reduced", n_samples=12),
-        "modes": synthetic.modes_table(n_theta=5),
-        "tradeoff": synthetic.tradeoff(),
-        "sensitivities": synthetic.derivatives(),
-        "fit": synthetic.fitted(),
-        "design": synthetic.designed(),
-        "rare_event": synthetic.rare_event(),
-        "shard": synthetic.shard(),
-    }
+        "rom": rom(), "components": components(), "trajectory": synthetic.trajectory(n_frames=2),
+        "ensemble": synthetic.ensemble("reduced", n_samples=12), "modes": synthetic.modes_table(n_theta=5),
+        "tradeoff": synthetic.tradeoff(), "sensitivities": synthetic.derivatives(), "fit": synthetic.fitted(),
+        "design": synthetic.designed(), "rare_event": synthetic.rare_event(), "shard": synthetic.shard(),
+    }  # fmt: skip
     for kind, result in sound.items():
         result.write(folder / f"{kind}.h5")
     yield folder
@@ -165,10 +150,8 @@ VALUES = (
 )  # fmt: skip
 structure_changes = st.tuples(
     st.sampled_from(("remove", "replace", "group", "huge", "attribute", "no attribute", "rename")),
-    st.integers(0, 10**6),
-    st.integers(0, 10**6),
-    st.sampled_from(range(len(VALUES))),
-)
+    st.integers(0, 10**6), st.integers(0, 10**6), st.sampled_from(range(len(VALUES))),
+)  # fmt: skip
 
 
 def names_in(file: h5py.File) -> list[str]:

@@ -11,7 +11,7 @@ from pgmp_petsc.results.numbers import (
     plain,
     share_text,
     with_unit,
-)
+)  # fmt: skip
 
 INFINITE = np.inf
 
@@ -29,9 +29,6 @@ INFINITE = np.inf
 def test_digits_follow_from_the_width_of_an_interval(value: float, ends: tuple, figure: str, interval: str) -> None:
     assert number_text(value, np.array(ends), 6) == figure
     assert interval_text(np.array(ends), value) == interval
-
-
-def test_of_an_end_alone_five_digits_are_shown() -> None:
     assert end_texts(np.array([-INFINITE, 5.2826256])) == ["-infinite", "5.2826"]
 
 

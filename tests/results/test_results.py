@@ -49,13 +49,9 @@ def test_parts_of_reduced_models_are_as_they_were_and_come_back(tmp_path: Path) 
 )
 def test_round_trip(result, tmp_path):
     result.write(tmp_path / "f.h5")
-    assert_same(type(result).read(tmp_path / "f.h5"), result)
-
-
-def test_outputs_keep_the_order_of_the_scene(tmp_path):
-    run = synthetic.trajectory()
-    run.write(tmp_path / "f.h5")
-    assert list(Trajectory.read(tmp_path / "f.h5").outputs) == list(run.outputs)
+    again = type(result).read(tmp_path / "f.h5")
+    assert_same(again, result)
+    assert not isinstance(result, Trajectory) or list(again.outputs) == list(result.outputs), "the scene's order"
 
 
 RUN, MANY = synthetic.trajectory(), synthetic.ensemble(n_samples=10)
@@ -84,12 +80,6 @@ def test_what_does_not_fit_together_is_refused(result, change, message):
         replace(result, **change)
 
 
-def test_statistics_of_nothing_have_no_bins():
-    empty = np.array([])
-    statistics = replace(synthetic.statistics(np.arange(9.0)), pdf=empty, edges=empty)
-    assert statistics.edges.shape == (0,)
-
-
 def test_a_file_whose_shapes_disagree_is_bad_input(tmp_path):
     synthetic.ensemble(n_samples=9).write(tmp_path / "f.h5")
     with resealed(tmp_path / "f.h5") as file:
@@ -115,12 +105,7 @@ def test_results_are_imported_by_their_names_when_they_are_asked_for() -> None:
         ("rare_event", "parameters/r1", np.zeros(5), r"parameters 'r1' has shape \(5,\); needed: \(sample: 6\)"),
         ("ensemble", "corrected/crank_angle/mean_alone_interval", None, "mean_alone_interval' is missing"),
         ("ensemble", "sobol/crank_angle/ST", None, "total Sobol indices and their intervals go together"),
-        (
-            "ensemble",
-            "kept/unstable_start",
-            np.zeros(5),
-            r"kept 'unstable_start' has shape \(5,\); needed: \(sample: 12",
-        ),
+        ("ensemble", "kept/unstable_start", np.zeros(5), r"'unstable_start' has shape \(5,\); needed: \(sample: 12"),
         ("ensemble", "bands/crank_angle/mean", np.zeros(5), r"mean has shape \(5,\); needed: \(time: 21\)"),
         ("trajectory", "fields/bar/points/00001", None, r"deformation has shape \(3, 13, 2\); needed: \(frame: 2"),
         ("trajectory", "fields/bar/at_cells/von_mises", None, "quantities at nodes, in cells and units of a body"),

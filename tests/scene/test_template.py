@@ -22,10 +22,6 @@ NAMES = ("arm", "four_bar", "gantry", "press", "rotor", "servo", "slider_crank",
 SHORT = ("simulation.duration=0.02", "simulation.step=1e-3", "reduction.modes=2")
 
 
-def test_these_are_all() -> None:
-    assert tuple(template_names()) == NAMES
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_a_template_is_sound_and_runs(name: str, tmp_path: Path) -> None:
     written = write_template(name, tmp_path / "mine.toml")
@@ -33,6 +29,12 @@ def test_a_template_is_sound_and_runs(name: str, tmp_path: Path) -> None:
     whole, _ = read_scene(written[0], (), (), MPI.COMM_SELF, Purpose.BUILD)
     assert whole.remarks == () and whole.name == name and whole.ensemble.probabilities
     assert all(parameter.distribution is not None for parameter in whole.parameters.values())
+    # lines with numbers that are no counts and no shares say in which unit they are
+    text = written[0].read_text()
+    for line in text.splitlines():
+        if re.match(r"(E|rho|duration|step|range|above|below|table|stiffness|pivot) = [^\"]", line):
+            assert "#" in line, line
+    assert "pgmp run mine.toml" in text and f"{name}.toml" not in text
     angles = 12 if len(whole.coordinates) == 1 else 4
     overrides = (*SHORT, f"reduction.angles={angles}")
     scene, meshes = read_scene(written[0], overrides, (), MPI.COMM_SELF, Purpose.BUILD)
@@ -42,25 +44,6 @@ def test_a_template_is_sound_and_runs(name: str, tmp_path: Path) -> None:
     assert run.status == Status.FINE and run.time[-1] == pytest.approx(0.02)
     assert all(np.isfinite(values).all() for values in run.outputs.values())
     assert any(np.ptp(values) > 0.0 for values in run.outputs.values())
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_every_number_has_its_unit_in_a_comment_or_an_entry(name: str, tmp_path: Path) -> None:
-    """Lines with numbers that are no counts and no shares say in which unit they are."""
-    text = write_template(name, tmp_path / "mine.toml")[0].read_text()
-    for line in text.splitlines():
-        if re.match(r"(E|rho|duration|step|range|above|below|table|stiffness|pivot) = [^\"]", line):
-            assert "#" in line, line
-    assert "pgmp run mine.toml" in text and f"{name}.toml" not in text
-
-
-def test_an_unknown_template_names_those_that_are_there(tmp_path: Path) -> None:
-    known = ", ".join(NAMES)
-    assert one_message("new", "xyzzy", tmp_path / "x.toml").endswith(
-        f"template 'xyzzy': there is none; known: {known}\n"
-    )
-    assert f"did you mean 'four_bar'?; known: {known}" in one_message("new", "four_bra", tmp_path / "x.toml")
-    assert not list(tmp_path.iterdir())
 
 
 def test_files_are_replaced_with_force_alone(tmp_path: Path) -> None:
@@ -77,6 +60,17 @@ def test_files_are_replaced_with_force_alone(tmp_path: Path) -> None:
     assert "[bodies.rod]" in scene.read_text() and "$MeshFormat" in mesh.read_text()
 
 
+def test_an_unknown_template_names_those_that_are_there_and_the_help_what_they_show(tmp_path: Path) -> None:
+    assert tuple(template_names()) == NAMES
+    known = ", ".join(NAMES)
+    said_of = one_message("new", "xyzzy", tmp_path / "x.toml")
+    assert said_of.endswith(f"template 'xyzzy': there is none; known: {known}\n")
+    assert f"did you mean 'four_bar'?; known: {known}" in one_message("new", "four_bra", tmp_path / "x.toml")
+    assert not list(tmp_path.iterdir())
+    out, _ = said("new", "--help")
+    assert all(re.search(rf"^  {name} +\w", out, re.MULTILINE) for name in NAMES)
+
+
 @pytest.mark.parametrize(
     ("path", "expected"),
     [
@@ -88,8 +82,3 @@ def test_files_are_replaced_with_force_alone(tmp_path: Path) -> None:
 def test_places_where_no_scene_can_be(path: str, expected: str, tmp_path: Path) -> None:
     (tmp_path / "folder.toml").mkdir()
     assert expected in one_message("new", "arm", tmp_path / path)
-
-
-def test_the_help_says_what_templates_show() -> None:
-    out, _ = said("new", "--help")
-    assert all(re.search(rf"^  {name} +\w", out, re.MULTILINE) for name in NAMES)

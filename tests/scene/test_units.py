@@ -30,6 +30,15 @@ def test_all_numbers_of_a_parameter_are_converted() -> None:
     assert (given.nominal, given.unit, given.bounds, given.value) == (5.6e-3, "m", (1e-3, 12e-3), 6e-3)
     assert given.distribution.arguments == {"loc": 5.6e-3, "scale": 0.56e-3}
     assert given.distribution == load_scene(SLIDER_CRANK).parameters["r1"].distribution
+    for law, known in (
+        ('name="lognorm", s=0.1, scale=5.6', {"s": 0.1, "scale": 5.6e-3}),  # shapes have no unit
+        ('name="uniform", loc=5', {"loc": 5e-3, "scale": 1e-3}),  # the default scale is one of the unit
+    ):
+        scene = load_scene(SLIDER_CRANK, [f'parameters.r1={{nominal=5.6, unit="mm", distribution={{{law}}}}}'])
+        assert scene.parameters["r1"].distribution.arguments == known
+    assert load_scene(SLIDER_CRANK, [MILLIMETRES], ["r1=5e-3"]).values["r1"] == 5e-3
+    with pytest.raises(InputError, match=r"= 5.0: .* \[0.001, 0.012\] \(in SI units; the scene's are in mm\)$"):
+        load_scene(SLIDER_CRANK, [MILLIMETRES], ["r1=5"])
 
 
 def test_the_resolved_scene_is_in_si_units() -> None:
@@ -37,22 +46,6 @@ def test_the_resolved_scene_is_in_si_units() -> None:
     text = scene_to_toml(scene)
     assert "mm" not in text
     assert scene_from_toml(text, SLIDER_CRANK.parent) == scene
-
-
-def test_set_is_in_si_units() -> None:
-    assert load_scene(SLIDER_CRANK, [MILLIMETRES], ["r1=5e-3"]).values["r1"] == 5e-3
-    with pytest.raises(InputError, match=r"= 5.0: .* \[0.001, 0.012\] \(in SI units; the scene's are in mm\)$"):
-        load_scene(SLIDER_CRANK, [MILLIMETRES], ["r1=5"])
-
-
-def test_shape_parameters_have_no_unit() -> None:
-    law = 'parameters.r1={nominal=5.6, unit="mm", distribution={name="lognorm", s=0.1, scale=5.6}}'
-    assert load_scene(SLIDER_CRANK, [law]).parameters["r1"].distribution.arguments == {"s": 0.1, "scale": 5.6e-3}
-
-
-def test_the_default_scale_is_one_of_the_unit() -> None:
-    law = 'parameters.r1={nominal=5.6, unit="mm", distribution={name="uniform", loc=5}}'
-    assert load_scene(SLIDER_CRANK, [law]).parameters["r1"].distribution.arguments == {"loc": 5e-3, "scale": 1e-3}
 
 
 SPRING = 'effects.s={type="spring_damper", joint="crank_hinge", stiffness="q"}'

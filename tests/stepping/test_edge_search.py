@@ -1,4 +1,4 @@
-"""The search for edges of laws within a step: what it asks to be tried, and when it finds them."""
+"""The search for edges of laws within a step, and samples that are tried again with smaller steps."""
 
 from collections.abc import Callable, Sequence
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping import edge_search
 from pgmp_petsc.stepping.edge_search import (
     BEGUN,
@@ -20,6 +21,8 @@ from pgmp_petsc.stepping.edge_search import (
     EdgeSearch,
     look,
 )
+from pgmp_petsc.stepping.generalised_alpha import DIVISORS, Attempt, Run, integrate_with_smaller_steps
+from pgmp_petsc.stepping.status import Status
 
 LANE, STEP = 3, 0.5
 Depth = Callable[[float], float]
@@ -81,6 +84,11 @@ def test_an_edge_is_found_where_scipy_finds_it(name: str, leaves: bool) -> None:
 
 def test_a_step_without_an_edge_is_one_trial() -> None:
     assert through([lambda t: t - 1.0, lambda t: 1.0 - t], [False, True])[:2] == ([], [(DONE, STEP)])
+    reached, tried, beyond = through([lambda t: 1.0 + t], [False])  # one that is there already
+    assert reached == [] and beyond[0] and [found for found, _ in tried] == [BEGUN, TRIED, DONE]
+    # what is left behind the last edge may be nothing
+    reached, tried, beyond = through([lambda t: t - STEP * (1.0 - 1e-8)], [False])
+    assert reached == [] and beyond[0] and tried[-1] == (DONE, pytest.approx(STEP, rel=2e-8))
 
 
 def test_the_nearest_edge_comes_first() -> None:
@@ -88,18 +96,6 @@ def test_the_nearest_edge_comes_first() -> None:
     reached, _, beyond = through([lambda t: t - 0.4, lambda t: 0.1 - t, lambda t: t - 0.3], [False, True, False])
     np.testing.assert_allclose(reached, [0.1, 0.3, 0.4], rtol=0, atol=2 * TIME_TOLERANCE * STEP)
     np.testing.assert_array_equal(beyond, [True, False, True])
-
-
-def test_an_edge_that_is_there_already_needs_no_step() -> None:
-    reached, tried, beyond = through([lambda t: 1.0 + t], [False])
-    assert reached == [] and beyond[0]
-    assert [found for found, _ in tried] == [BEGUN, TRIED, DONE]
-
-
-def test_what_is_left_behind_the_last_edge_may_be_nothing() -> None:
-    reached, tried, beyond = through([lambda t: t - STEP * (1.0 - 1e-8)], [False])
-    assert reached == [] and beyond[0]
-    assert tried[-1] == (DONE, pytest.approx(STEP, rel=2e-8))
 
 
 def test_a_step_with_too_many_edges_ends_as_it_is() -> None:
@@ -121,3 +117,49 @@ def test_a_search_that_does_not_end_is_given_up() -> None:
     assert look.py_func(search, LANE, STEP, np.array([-1.0]), beyond) == TRIED
     search.n_trials[LANE] = MAX_TRIALS
     assert look.py_func(search, LANE, STEP, np.array([-1.0]), beyond) == HOPELESS
+
+
+SIMULATION = Simulation(duration=1.0, step=0.03)  # 34 steps
+LOST = Status.NOT_CONVERGED
+
+
+def tried(*fates: tuple[Status, ...]) -> tuple[list[Attempt], object]:
+    """Run samples whose status at every step is given, the last one for good; return the attempts and the outcome."""
+    attempts: list[Attempt] = []
+
+    def run(attempt: Attempt) -> Run:
+        level = len(attempts)
+        attempts.append(attempt)
+        status = np.array([fates[sample][min(level, len(fates[sample]) - 1)] for sample in attempt.samples], dtype=int)
+        time = np.where(status == Status.FINE, np.nan, 0.1 * (level + 1))
+        return Run(None, status, time, 0, 0)
+
+    alive = np.array([fate[0] != Status.UNPHYSICAL for fate in fates])
+    return attempts, integrate_with_smaller_steps(run, SIMULATION, alive)
+
+
+def test_only_those_that_failed_are_tried_again_with_half_the_step() -> None:
+    attempts, outcome = tried(
+        (Status.FINE,), (LOST, Status.FINE), (LOST, LOST, Status.FINE), (LOST,), (Status.UNPHYSICAL,)
+    )
+    assert [attempt.samples.tolist() for attempt in attempts] == [[0, 1, 2, 3, 4], [1, 2, 3], [2, 3], [3]]
+    assert [attempt.divisor for attempt in attempts] == list(DIVISORS)
+    assert attempts[0].simulation.step == SIMULATION.step  # as it is: to the last bit
+    np.testing.assert_allclose([a.simulation.step for a in attempts[1:]], [1 / 68, 1 / 136, 1 / 272], rtol=1e-15)
+    np.testing.assert_array_equal(attempts[0].alive, [True, True, True, True, False])
+    np.testing.assert_array_equal(outcome.status, [0, 0, 0, LOST, Status.UNPHYSICAL])
+    np.testing.assert_array_equal(outcome.divisors, [1, 2, 4, 8, 1])
+    np.testing.assert_allclose(outcome.failure_time[3], 0.4)
+
+
+@pytest.mark.parametrize("reason", [Status.LEFT_RANGE, Status.UNPHYSICAL])
+def test_what_no_step_can_mend_is_not_tried_again(reason: Status) -> None:
+    attempts, outcome = tried((reason,))
+    assert len(attempts) == 1 and outcome.status[0] == reason and outcome.divisors[0] == 1
+
+
+def test_a_model_that_broke_down_with_two_steps_is_not_tried_further() -> None:
+    attempts, outcome = tried((Status.BROKE_DOWN,), (LOST, Status.BROKE_DOWN, Status.FINE))
+    assert [attempt.samples.tolist() for attempt in attempts] == [[0, 1], [0, 1], [1]]
+    np.testing.assert_array_equal(outcome.status, [Status.BROKE_DOWN, Status.FINE])
+    np.testing.assert_array_equal(outcome.divisors, [2, 4])

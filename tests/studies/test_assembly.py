@@ -68,13 +68,6 @@ def test_too_many_points_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     assert any("more names of points are left out" in line for line in lines)
 
 
-def test_the_command_draws_and_says_where(tmp_path: Path) -> None:
-    target, scene = tmp_path / "mechanism.png", str(ROOT / "scenes" / "slider_crank.toml")
-    assert f"  picture       {target}" in pgmp("check", scene, "--plot", target).stdout
-    assert target.read_bytes().startswith(b"\x89PNG")
-    assert "a picture is written as PNG" in one_message("check", scene, "--plot", tmp_path / "mechanism.pdf")
-
-
 @pytest.mark.parametrize("scene", ["slider_crank_solid2d", "slider_crank_solid3d"])
 def test_parts_of_cells_are_drawn_with_their_named_faces(scene: str, tmp_path: Path) -> None:
     """Every named face has its colour, and its name beside it."""
@@ -82,6 +75,9 @@ def test_parts_of_cells_are_drawn_with_their_named_faces(scene: str, tmp_path: P
     for body in ("crank", "rod"):
         assert f"  faces         {tmp_path / f'm_{body}.png'}" in out
         assert (tmp_path / f"m_{body}.png").read_bytes().startswith(b"\x89PNG")
+    assert f"  picture       {tmp_path / 'm.png'}" in out and (tmp_path / "m.png").read_bytes().startswith(b"\x89PNG")
+    refused = one_message("check", ROOT / "scenes" / f"{scene}.toml", "--plot", tmp_path / "mechanism.pdf")
+    assert "a picture is written as PNG" in refused
     meshes = read_scene(ROOT / "scenes" / f"{scene}.toml", (), (), MPI.COMM_SELF, Purpose.CHECK)[1]
     figure = meshed_part(meshes["rod"], "rod", "m")
     figure.canvas.draw()

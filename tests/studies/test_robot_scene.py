@@ -97,8 +97,8 @@ def test_what_is_no_tree_of_bodies_is_refused_in_one_message_on_any_number_of_ra
     for name, (text, _) in SWAPPED.items():
         (tmp_path / f"{name}.urdf").write_text(text)
         commands.append(("new", tmp_path / f"{name}_scene", "--from", tmp_path / f"{name}.urdf"))
-    for n in (1, 3):
-        for message, (name, (_, words)) in zip(refused(n, commands), SWAPPED.items()):
+    for n, asked in ((1, commands), (3, commands[:2])):
+        for message, (name, (_, words)) in zip(refused(n, asked), SWAPPED.items()):
             assert message.startswith("--from ") and f"{name}.urdf: " in message and words in message, message
     assert not list(tmp_path.glob("*.toml"))
     (tmp_path / "absent").mkdir()

@@ -88,11 +88,6 @@ def test_a_full_solve_that_fails_is_a_record(tmp_path: Path, monkeypatch: pytest
     assert "| refused: too fine |" in report.angle_table([found]).markdown()
 
 
-def test_a_scene_of_beams_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no body of continuum elements"):
-        build.measure(BEAMS, (), RankGroup.split(MPI.COMM_SELF, 1), tmp_path / "rom.h5")
-
-
 @pytest.mark.parametrize("text", [None, "", "[]", '{"format": 0}', '{"format": 1, "ranks": 1}'])
 def test_what_is_no_record_is_refused(tmp_path: Path, text: str | None) -> None:
     path = tmp_path / "case_1.json"
@@ -117,12 +112,6 @@ def test_the_summary_says_what_was_measured(tmp_path: Path) -> None:
     dear = {**case().processor, phases.CONDENSING: 1e-2}
     replace(case(10**3), processor=dear).write(tmp_path / "case_0.json")
     assert "too much: 1.5 is allowed" in report.summarise(tmp_path)
-
-
-def test_a_directory_without_records_is_refused(tmp_path: Path) -> None:
-    for work in (report.summarise, figures.draw):
-        with pytest.raises(InputError, match="scripts/bench_scaling"):
-            work(tmp_path)
 
 
 def test_pictures_show_the_records(tmp_path: Path) -> None:
@@ -166,12 +155,14 @@ def test_a_refusal_of_the_program_is_kept(monkeypatch: pytest.MonkeyPatch) -> No
     assert "| 10000 |  | refused" in text and "| 1000 | 1.0e-06, 1.0e-06 | ok |" in text
 
 
-def test_bodies_that_are_no_straight_beams_are_refused() -> None:
-    with pytest.raises(InputError, match="bodies.crank: a beam along the x axis is needed"):
-        fine_beams.frequencies(SOLIDS, 10, MPI.COMM_SELF)
-
-
-def test_programs_say_how_they_are_called(capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_programs_say_how_they_are_called_and_what_they_need(capsys, monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setattr("sys.argv", ["scaling"])
     assert report.main() == figures.main() == 2
     assert capsys.readouterr().err.count("usage: python -m") == 2
+    for work in (report.summarise, figures.draw):
+        with pytest.raises(InputError, match="scripts/bench_scaling"):
+            work(tmp_path)
+    with pytest.raises(InputError, match="no body of continuum elements"):
+        build.measure(BEAMS, (), RankGroup.split(MPI.COMM_SELF, 1), tmp_path / "rom.h5")
+    with pytest.raises(InputError, match="bodies.crank: a beam along the x axis is needed"):
+        fine_beams.frequencies(SOLIDS, 10, MPI.COMM_SELF)

@@ -32,14 +32,8 @@ def test_undeformed_bodies_stand_where_their_poses_place_their_shapes() -> None:
 
 
 def test_a_point_mass_is_a_single_node() -> None:
-    mechanism = mechanism_with_lines(
-        scene_of(
-            BAR,
-            tables("""
-effects.bob: type = "point_mass"; point = "bar:tip"; mass = 2.0
-"""),
-        )
-    )
+    bob = 'effects.bob: type = "point_mass"; point = "bar:tip"; mass = 2.0'
+    mechanism = mechanism_with_lines(scene_of(BAR, tables(bob)))
     poses = np.zeros((len(mechanism.bodies), 3, 1))
     nodal = np.moveaxis(mechanism.place(poses).reshape(mechanism.n_nodes, 3, 1), -1, 0)
     frames = shape_frames(mechanism, nodal, np.zeros(1))

@@ -16,13 +16,8 @@ def test_the_front_is_what_nothing_dominates() -> None:
     cost = np.array([1.0, 2.0, 3.0, 2.0, 1.5, 4.0])
     error = np.array([9.0, 4.0, 1.0, 5.0, 9.0, 1.0])
     np.testing.assert_array_equal(pareto_front(cost, error), [True, True, True, False, False, False])
-
-
-def test_equal_points_are_both_on_the_front() -> None:
     np.testing.assert_array_equal(pareto_front(np.array([1.0, 1.0]), np.array([2.0, 2.0])), [True, True])
-
-
-def test_what_is_not_known_neither_is_on_the_front_nor_dominates() -> None:
+    # what is not known neither is on it nor dominates
     cost, error = np.array([1.0, NAN, 0.5, 2.0]), np.array([1.0, 0.0, NAN, 0.5])
     np.testing.assert_array_equal(pareto_front(cost, error), [True, False, False, True])
     assert pareto_front(np.empty(0), np.empty(0)).shape == (0,)
@@ -53,9 +48,8 @@ def test_from_how_many_samples_on_a_build_pays() -> None:
 def test_a_surface_goes_through_runs_of_the_reference() -> None:
     study = replace(synthetic.tradeoff(), reference_model="components", reference="reference: the component model")
     assert study.name(10) == "response surface, 9 component runs"
-    assert "reference: the component model" in summary(study) and "reference, the scene's meshes: component model" in (
-        summary(study)
-    )
+    for said in ("reference: the component model", "reference, the scene's meshes: component model"):
+        assert said in summary(study)
 
 
 def test_without_refined_meshes_it_is_said() -> None:
@@ -138,11 +132,9 @@ def test_a_busy_machine_is_judged_by_processor_times() -> None:
 def test_settings_have_names() -> None:
     study = synthetic.tradeoff()
     assert [study.name(row) for row in (0, 2, 8, 10)] == [
-        "reduced, 15 modes, 629 angles, spline, 1 ms",
-        "reduced, 7 + 1 modes, 48 angles, spline, 2 ms",
-        "full order, 1 ms, cells / 2",
-        "response surface, 9 full-order runs",
-    ]
+        "reduced, 15 modes, 629 angles, spline, 1 ms", "reduced, 7 + 1 modes, 48 angles, spline, 2 ms",
+        "full order, 1 ms, cells / 2", "response surface, 9 full-order runs",
+    ]  # fmt: skip
     failed = study.columns | {"coordinates": np.zeros(11, dtype=int), "second_order": np.ones(11, dtype=bool)}
     assert replace(study, columns=failed).name(1) == "reduced, 7 + static modes, 48 angles, spline, second order, 1 ms"
 
@@ -219,8 +211,6 @@ def test_a_setting_meets_an_error_with_a_margin_for_other_draws_and_the_referenc
         assert ("take reduced, 7 + 1 modes, 48 angles, spline, 2 ms" in of_one_percent) == taken, of_one_percent
         assert any("1.25 times as much" in piece for piece in advise(changed))
     still = {name: np.full_like(values, values[0]) for name, values in study.test_values.items()}
-    errors = study.errors.copy()
-    errors[2, column] = 0.0099
     moved = np.zeros_like(study.references.moved)
     plain = synthetic.tradeoff(surfaces=False)
     errors = plain.errors.copy()

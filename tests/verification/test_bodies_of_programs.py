@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import meshio
@@ -90,10 +91,8 @@ def rotor_mesh(n: int) -> SolidMesh:
             angles = np.pi / 4 + (quarter + b) * np.pi / 2
             arc = np.column_stack([np.cos(angles), np.sin(angles)])
             ends = np.pi / 4 + (quarter + np.arange(2)) * np.pi / 2
-            side = (1 - b)[:, None] * [np.cos(ends[0]), np.sin(ends[0])] + b[:, None] * [
-                np.cos(ends[1]),
-                np.sin(ends[1]),
-            ]
+            corners = np.column_stack([np.cos(ends), np.sin(ends)])
+            side = (1 - b)[:, None] * corners[0] + b[:, None] * corners[1]
             places.append(np.column_stack([at, (1 - a)[:, None] * square * side + a[:, None] * RADIUS * arc]))
             if k == n:
                 places.append(np.column_stack([at, (RADIUS + a * (DISC - RADIUS))[:, None] * arc]))
@@ -161,22 +160,6 @@ def craig_bampton(k: np.ndarray, m: np.ndarray, n_modes: int) -> np.ndarray:
     return shapes
 
 
-def test_a_reduced_body_that_does_not_fit_is_refused_on_any_number_of_ranks(folder: Path, monkeypatch) -> None:
-    shapes = sp.load_npz(folder / "shapes.npz")
-    sp.save_npz(folder / "fewer.npz", shapes[:, 1:])
-    sp.save_npz(folder / "again.npz", sp.hstack([shapes[:, 1:], shapes[:, 1:2]]).tocsr())
-    named = {"fewer": "displacements of the nodes, node after node, by", "again": "columns depend on each other"}
-    body = table("Craig and Bampton")
-    commands = [("check", scene_of(folder, body.replace("shapes", name), name)) for name in named]
-    for n in (1, 3):
-        for message, (name, words) in zip(refused(n, commands), named.items()):
-            assert f'matrices.modes = "{name}.npz"' in message and words in message, message
-    monkeypatch.setattr("pgmp_petsc.bodies.assembled_reading.MOST_REDUCED", 10)
-    assert "a reduced body has at most 10" in refusal(
-        read_assembled, load_scene(scene_of(folder, body, "large")), "rod"
-    )
-
-
 def table(program: str) -> str:
     stiffness, mass, nodes, more = FILES[program]
     return f'matrices={{stiffness="{stiffness}", mass="{mass}", nodes="{nodes}"{more}}}'
@@ -219,28 +202,27 @@ def test_every_program_has_the_same_frequencies(program: str, folder: Path) -> N
     scene = scene_of(folder, body, program)
     read = read_assembled(load_scene(scene), "rod")
     assert free_frequency(read.matrix("stiffness"), read.matrix("mass")) == pytest.approx(KNOWN, rel=SAME)
-    said("modes", scene, "--angles", "2", "-o", folder / "modes.h5")
-    np.testing.assert_allclose(ModesTable.read(folder / "modes.h5").full_hz[0], of_the_mesh(folder), rtol=SAME)
-    said("modes", scene_of(folder, body, program, RELEASED), "--angles", "2", "-o", folder / "modes.h5")
-    np.testing.assert_allclose(ModesTable.read(folder / "modes.h5").full_hz[:, :2], KNOWN, rtol=SAME)
+    np.testing.assert_allclose(modes_hz(folder, scene)[0], of_the_mesh(folder), rtol=SAME)
+    if program == "Abaqus":  # on springs of nothing the matrices of all programs are alike
+        found = modes_hz(folder, scene_of(folder, body, program, RELEASED))
+        np.testing.assert_allclose(found[:, :2], KNOWN, rtol=SAME)
 
 
 def test_the_free_rotor_from_its_mesh(folder: Path) -> None:
     scene = scene_of(folder, 'mesh = "rod.inp"\nmaterial = "steel"', "mesh", RELEASED)
-    said("modes", scene, "--angles", "2", "-o", folder / "modes.h5")
-    np.testing.assert_allclose(ModesTable.read(folder / "modes.h5").full_hz[:, :2], KNOWN, rtol=SAME)
+    np.testing.assert_allclose(modes_hz(folder, scene)[:, :2], KNOWN, rtol=SAME)
 
 
-@pytest.mark.parametrize("n_modes, same", [(10, 2e-4), (20, 5e-6), (40, 1e-6)])
+@pytest.mark.parametrize("n_modes, same", [(10, 2e-4), (40, 1e-6)])
 def test_a_reduced_rotor_comes_near_with_its_modes(n_modes: int, same: float, folder: Path) -> None:
-    """What is left is due to modes with the ends held that it does not have: 1e-4, 2e-6, and 3e-7 with round-off."""
+    """What is left is due to modes with the ends held that it does not have: 1e-4, and 3e-7 with round-off."""
     shapes = craig_bampton(STIFFNESS.toarray(), MASS.toarray(), n_modes)
     sp.save_npz(folder / "few.npz", sp.csr_matrix(shapes))
     sp.save_npz(folder / "few_k.npz", sp.csr_matrix(shapes.T @ STIFFNESS @ shapes))
     body = table("Craig and Bampton").replace("shapes", "few").replace("reduced", "few_k")
     for elastic, known in (("", of_the_mesh(folder)), (RELEASED, np.full(2, KNOWN))):
-        said("modes", scene_of(folder, body, "few", elastic), "--angles", "2", "-o", folder / "few.h5")
-        np.testing.assert_allclose(ModesTable.read(folder / "few.h5").full_hz[0, : known.size], known, rtol=same)
+        found = modes_hz(folder, scene_of(folder, body, "few", elastic))
+        np.testing.assert_allclose(found[0, : known.size], known, rtol=same)
 
 
 def test_ten_digits_of_dmig_are_too_few_for_a_slender_body(folder: Path) -> None:
@@ -257,11 +239,15 @@ def ends() -> list[int]:
     return labels_of(MESH)[MESH.nodes[:, 0] == 0.0].tolist()
 
 
+def modes_hz(folder: Path, scene: Path) -> np.ndarray:
+    """Return the frequencies that `pgmp modes` finds at two angles, Hz."""
+    said("modes", scene, "--angles", "2", "-o", folder / "modes.h5")
+    return ModesTable.read(folder / "modes.h5").full_hz
+
+
+@cache
 def of_the_mesh(folder: Path) -> np.ndarray:
-    if not (folder / "mesh.h5").exists():
-        scene = scene_of(folder, 'mesh = "rod.inp"\nmaterial = "steel"', "mesh")
-        said("modes", scene, "--angles", "2", "-o", folder / "mesh.h5")
-    return ModesTable.read(folder / "mesh.h5").full_hz[0]
+    return modes_hz(folder, scene_of(folder, 'mesh = "rod.inp"\nmaterial = "steel"', "mesh"))[0]
 
 
 def test_ansys_full_by_what_stands_for_its_reader(folder: Path, monkeypatch) -> None:
@@ -277,16 +263,14 @@ def test_ansys_full_by_what_stands_for_its_reader(folder: Path, monkeypatch) -> 
     np.testing.assert_allclose(body.matrix("mass").toarray(), MASS.toarray(), rtol=1e-13, atol=1e-15)
 
 
-def test_files_that_ansys_wrote(folder: Path) -> None:
+def ansys_examples() -> Path:
+    return Path(__import__("ansys.mapdl.reader").mapdl.reader.__file__).parent / "examples"
+
+
+def test_files_that_ansys_wrote() -> None:
     """The beam of ansys-mapdl-reader's own examples: 321 nodes, 21 of them held."""
-    examples = Path(__import__("ansys.mapdl.reader").mapdl.reader.__file__).parent / "examples"
-    nodes = read_nodes(examples / "HexBeam.cdb", 3, "nodes")
+    nodes = read_nodes(ansys_examples() / "HexBeam.cdb", 3, "nodes")
     assert nodes.nodes.shape == (321, 3) and nodes.mesh.kind == "hexahedron20" and len(nodes.mesh.cells) == 40
-    held = f'matrices={{stiffness="{examples}/file.full", mass="{examples}/file.full", nodes="{examples}/HexBeam.cdb"}}'
-    scene = scene_of(folder, held, "held")
-    for n in (1, 3):
-        (message,) = refused(n, [("check", scene)])
-        assert "matrices.stiffness" in message and "63 of 963 rows are held by constraints" in message
 
 
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed (Debian: calculix-ccx)")
@@ -309,43 +293,54 @@ def test_files_that_calculix_wrote(folder: Path) -> None:
 
 
 def test_what_is_no_body_is_refused_in_one_message_on_any_number_of_ranks(folder: Path, monkeypatch) -> None:
-    (folder / "none.bdf").write_text("$ nothing\nMAT1           1   2.1+9              .3\n")
-    (folder / "none.pch").write_text("DMIG    P              0       6       2       0\n")
-    (folder / "two.pch").write_text((folder / "rod.pch").read_text().replace("KAAX", "MBBX"))
-    (folder / "cut.op4").write_text((folder / "rod_k.op4").read_text()[:5000])
-    (folder / "run.op2").write_text("")
     modal = "DMIG    KAAX           0       6       2       0\n"
     modal += "DMIG    KAAX          10       1              10       1  1.0+09\n"
     modal += "DMIG    KAAX         901       0             901       0  1.0+06\n"
-    (folder / "reduced.pch").write_text(modal)
-    (folder / "none.cdb").write_text("/PREP7\n")
-    known = {
-        "none.bdf": ("nodes", "it has no GRID"),
-        "none.cdb": ("nodes", "none.cdb"),
-        "two.pch": ("stiffness", "of which 0 begin with K"),
-        "cut.op4": ("stiffness", "cut.op4"),
-        "reduced.pch": ("stiffness", "1 rows are of scalar points, such as 901, as the modal amplitudes of a Craig"),
-        "run.op2": ("stiffness", "pyNastran cannot read this file"),
-        "none.pch": ("stiffness", "pyNastran cannot read this file"),  # loads alone
-        "rod.inp": ("stiffness", "A deck of nodes and elements has none"),
-        "rod.bdf": ("stiffness", "A deck of nodes and elements has none"),
-    }
-    commands = []
-    for name, (key, _) in known.items():
+    for name, text in {
+        "none.bdf": "$ nothing\nMAT1           1   2.1+9              .3\n", "none.cdb": "/PREP7\n", "run.op2": "",
+        "none.pch": "DMIG    P              0       6       2       0\n", "reduced.pch": modal,
+        "two.pch": (folder / "rod.pch").read_text().replace("KAAX", "MBBX"),
+        "cut.op4": (folder / "rod_k.op4").read_text()[:5000],
+    }.items():  # fmt: skip
+        (folder / name).write_text(text)
+    asked = {}
+    for name, key, words in (
+        ("none.bdf", "nodes", "it has no GRID"), ("none.cdb", "nodes", "none.cdb"),
+        ("two.pch", "stiffness", "of which 0 begin with K"), ("cut.op4", "stiffness", "cut.op4"),
+        ("reduced.pch", "stiffness", "1 rows are of scalar points, such as 901, as the modal amplitudes of a Craig"),
+        ("run.op2", "stiffness", "pyNastran cannot read this file"),
+        ("none.pch", "stiffness", "pyNastran cannot read this file"),  # loads alone
+        ("rod.inp", "stiffness", "A deck of nodes and elements has none"),
+        ("rod.bdf", "stiffness", "A deck of nodes and elements has none"),
+    ):  # fmt: skip
         own = {"stiffness": "rod.pch", "mass": "rod.pch", "nodes": "rod.bdf"} | {key: name}
         entries = ", ".join(f'{entry}="{file}"' for entry, file in own.items())
-        commands.append(("check", scene_of(folder, f'matrices={{{entries}, faces={{left="7"}}}}', name)))
+        asked[name] = f'matrices={{{entries}, faces={{left="7"}}}}', (f"matrices.{key}", name, words)
+    shapes, examples = sp.load_npz(folder / "shapes.npz"), ansys_examples()
+    for name, own, words in (
+        ("fewer", shapes[:, 1:], "displacements of the nodes, node after node, by"),
+        ("again", sp.hstack([shapes[:, 1:], shapes[:, 1:2]]).tocsr(), "columns depend on each other"),
+    ):
+        sp.save_npz(folder / f"{name}.npz", own)
+        body = table("Craig and Bampton").replace("shapes", name)
+        asked[name] = body, (f'matrices.modes = "{name}.npz"', words)
+    held = f'matrices={{stiffness="{examples}/file.full", mass="{examples}/file.full", nodes="{examples}/HexBeam.cdb"}}'
+    asked["held"] = held, ("matrices.stiffness", "63 of 963 rows are held by constraints")
+    commands = [("check", scene_of(folder, body, name)) for name, (body, _) in asked.items()]
     for n in (1, 3):
-        for message, (name, (key, words)) in zip(refused(n, commands), known.items()):
-            assert f"matrices.{key}" in message and name in message and words in message, message
+        for message, (_, words) in zip(refused(n, commands), asked.values()):
+            assert all(word in message for word in words), message
     absent = folder / "absent" / "pyNastran"
     absent.mkdir(parents=True)
     (absent / "__init__.py").write_text("raise ImportError('no such library')")
-    monkeypatch.setenv("PYTHONPATH", str(absent.parent))
-    for n in (1, 3):
-        (message,) = refused(n, [("check", scene_of(folder, table("Nastran OP4"), "absent"))])
+    with monkeypatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(absent.parent))
+        (message,) = refused(3, [("check", scene_of(folder, table("Nastran OP4"), "absent"))])
         assert "matrices.nodes" in message and "pip install pyNastran" in message
     assert "rows of 1 nodes that" in refusal(read_other, folder)
+    monkeypatch.setattr("pgmp_petsc.bodies.assembled_reading.MOST_REDUCED", 10)
+    large = load_scene(scene_of(folder, table("Craig and Bampton"), "large"))
+    assert "a reduced body has at most 10" in refusal(read_assembled, large, "rod")
 
 
 def read_other(folder: Path) -> None:

@@ -53,12 +53,8 @@ def bent(element: str, *overrides: str) -> tuple[Scene, Mapping]:
     """Return a cantilever of cells or of beams in pure bending, and its meshes."""
     solid = element == "solid2d"
     section = f'section = {{ shape = "rectangle", height = {HEIGHT}, width = {WIDTH} }}'
-    words = {
-        "element": element,
-        "section": f"thickness = {WIDTH}" if solid else section,
-        "root": "left" if solid else "hinge",
-        "tip": "right" if solid else "tip",
-    }
+    words = {"element": element, "section": f"thickness = {WIDTH}" if solid else section}
+    words |= {"root": "left", "tip": "right"} if solid else {"root": "hinge", "tip": "tip"}
     mesh = rectangle_mesh("quad8", (8, 2), (LENGTH, HEIGHT))
     bar = replace(mesh, nodes=mesh.nodes - [0.0, 0.5 * HEIGHT]) if solid else straight_beam(LENGTH, 8)
     return scene_from_toml(BENT.format(**words), ".", overrides), {"bar": bar, "arm": straight_beam(ARM, 2, -ARM / 2)}
@@ -208,14 +204,10 @@ def test_a_mode_is_the_derivative_of_the_motion(kind: str) -> None:
     np.testing.assert_allclose(left, right, rtol=0, atol=1e-4 * np.abs(right).max())  # v has the error of differences
 
 
-@pytest.mark.parametrize(
-    ("number", "at", "message"),
-    [
-        (0, {}, "--mode 0: the reduced model has modes 1 to"),
-        (99, {}, "--mode 99: the reduced model has modes 1 to"),
-        (1, {"phi": 0.0}, "--at phi: no such coordinate; those of this model are theta"),
-    ],
-)
+@pytest.mark.parametrize(("number", "at", "message"), [
+    (0, {}, "--mode 0: the reduced model has modes 1 to"), (99, {}, "--mode 99: the reduced model has modes 1 to"),
+    (1, {"phi": 0.0}, "--at phi: no such coordinate; those of this model are theta"),
+])  # fmt: skip
 def test_modes_that_are_not_there(number: int, at: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         mode_shape(reduced_model(slider_crank("simulation.frames=1")), number, at)
@@ -241,8 +233,7 @@ def test_large_fields_are_left_out_and_said(monkeypatch: pytest.MonkeyPatch, tmp
     assert ReducedOrderModel.read(tmp_path / "rom.h5").meshes["bar"].recovery is None
 
 
-@pytest.mark.parametrize("make", [slider_crank, slider_crank_in_space, double_pendulum])
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize(("make", "name"), zip([slider_crank, slider_crank_in_space, double_pendulum], MODELS))
 def test_no_frames_no_fields(make: Callable, name: str, tmp_path: Path) -> None:
     run = trajectory(name, make("simulation={duration=2e-3,step=1e-3,frames=0}", "reduction.angles=6"))
     assert run.fields == {} and run.frames is None

@@ -85,24 +85,19 @@ def fundamental(scene: Scene, meshes: dict) -> float:
     return 2.0 * np.pi * (crossings.size - 1) / (crossings[-1] - crossings[0])
 
 
-@pytest.mark.parametrize(("spin", "published"), PUBLISHED)
-def test_the_frequency_of_a_rotating_beam(spin: float, published: float) -> None:
-    # 16 elements: 4e-4, the step's (omega h)^2 / 12: 5e-5
-    assert fundamental(*spinning(planar, spin)) == pytest.approx(published, rel=2e-3)
+CASES = [("planar", *case) for case in PUBLISHED] + [("plate of cells", *case) for case in PUBLISHED[1:]]
+CASES += [("beam in space", *case) for case in PUBLISHED[1:]] + [("bar of solids", *PUBLISHED[-1])]
 
 
-@pytest.mark.parametrize(
-    ("kind", "spin", "published"),
-    [("plate of cells", *case) for case in PUBLISHED[1:]]
-    + [("beam in space", *case) for case in PUBLISHED[1:]]
-    + [("bar of solids", *PUBLISHED[-1])],
-)
-def test_the_frequency_of_every_other_kind(kind: str, spin: float, published: float) -> None:
+@pytest.mark.parametrize(("kind", "spin", "published"), CASES)
+def test_the_frequency_of_a_rotating_beam(kind: str, spin: float, published: float) -> None:
+    if kind == "planar":  # 16 elements: 4e-4, the step's (omega h)^2 / 12: 5e-5
+        assert fundamental(*spinning(planar, spin)) == pytest.approx(published, rel=2e-3)
+        return
     # the reduced model of the same bodies has up to 4e-3 too; the step: a twentieth of a radian of the turn
     direction = (0.0, 1.0, 0.0)[: 2 if kind == "plate of cells" else 3]
-    assert fundamental(
-        *spinning(of_kind(kind), spin, direction=direction, duration=8.0, step=0.05 / spin)
-    ) == pytest.approx(published, rel=6e-3)
+    made = spinning(of_kind(kind), spin, direction=direction, duration=8.0, step=0.05 / spin)
+    assert fundamental(*made) == pytest.approx(published, rel=6e-3)
 
 
 @pytest.mark.parametrize(
@@ -143,7 +138,7 @@ def test_a_spin_up_is_that_of_the_mesh() -> None:
 PULSE = 'effects.motor={type="torque", joint="crank_hinge", table=[[0.0,0.0],[0.05,3.0],[0.1,0.0],[1.0,0.0]]}'
 SHORT = ("reduction.modes=4", "simulation.duration=0.12", "simulation.step=1e-4", PULSE)
 SLIDER = 'outputs={slide={type="deformation", point="rod:tip", axis="x"}}'
-EFFECTS = ('effects.stiffening={type="geometric_stiffening"}', 'effects.shapes={type="mode_inertia"}')
+EFFECTS = ('effects.stiffening={type="geometric_stiffening"}', 'effects.shapes={type="mode_inertia"}')  # as STIFFENING
 SLIDER_CRANKS = {
     "cells": (lambda *more: solid_slider_crank(*more, SLIDER.replace("tip", "right")), lambda _: solid_meshes()),
     "beams in space": (lambda *more: slider_crank_of_beams(*more, SLIDER), lines_of),

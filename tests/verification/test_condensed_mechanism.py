@@ -26,19 +26,16 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER, mechanism_of, slider_crank, tables
 
 N_MODES, ANGLES = 6, (0.0, 0.7, 2.5, 4.0)
+ALONE = RankGroup.split(MPI.COMM_SELF, 1)
 DAMPING = 'effects.friction={type="structural_damping", stiffness=2e-5, mass=0.5}'
 MOVING = ("simulation.initial.theta.position=0.3", "simulation.initial.theta.velocity=4.0")
-
-
-def alone() -> RankGroup:
-    return RankGroup.split(MPI.COMM_SELF, 1)
 
 
 @lru_cache
 def scene_and_shapes(small: bool) -> tuple[Scene, Mapping[str, BodyShape]]:
     """Return the scene with gravity and its bodies, condensed or on their meshes."""
     scene, meshes = solid_slider_crank(GRAVITY, f"reduction.modes={N_MODES}"), solid_meshes("quad8", 40)
-    return scene, condensed(scene, meshes, alone()) if small else meshes
+    return scene, condensed(scene, meshes, ALONE) if small else meshes
 
 
 def problem_of(scene: Scene, shapes: Mapping[str, BodyShape], n_modes: int = N_MODES) -> ModalProblem:
@@ -80,18 +77,14 @@ def tables_of(small: bool, theta: float) -> dict[str, np.ndarray]:
         (mass,), (stiffness,) = sample.mass, sample.stiffness
         signs = np.sign(np.concatenate([[1.0], sample.load[0, 1:]]))
         return {
-            "eigenvalues": sample.eigenvalues,
-            "mass": signs[:, None] * mass * signs,
-            "stiffness": signs[1:, None] * stiffness * signs[1:],
-            "inertia": sample.inertia.ravel() * signs[1:],
-            "load": sample.load * signs,
-            "answer to the motor": mechanism.by_node(answers)[..., 0],
+            "eigenvalues": sample.eigenvalues, "mass": signs[:, None] * mass * signs,
+            "stiffness": signs[1:, None] * stiffness * signs[1:], "inertia": sample.inertia.ravel() * signs[1:],
+            "load": sample.load * signs, "answer to the motor": mechanism.by_node(answers)[..., 0],
             "answer to the weight": mechanism.by_node(answers)[..., 1],
-        }
+        }  # fmt: skip
 
 
-@pytest.mark.parametrize("theta", [0.7, 4.0])
-def test_tables_of_the_condensed_mechanism_are_those_of_the_meshes(theta: float) -> None:
+def test_tables_of_the_condensed_mechanism_are_those_of_the_meshes(theta: float = 0.7) -> None:
     """Modes and static answers to the motor, the weight and the inertia forces, and what they make of the loads."""
     found, expected = tables_of(True, theta), tables_of(False, theta)
     for name, values in expected.items():
@@ -121,7 +114,7 @@ def test_frequencies_of_two_materials_at_other_values_of_a_parameter(known: str)
     half = np.flatnonzero(crank.nodes[crank.cells].mean(axis=1)[:, 0] > 0.15)
     meshes["crank"] = replace(crank, regions={"half": half})
     found = []
-    for shapes in (condensed(scene, meshes, alone()), meshes):
+    for shapes in (condensed(scene, meshes, ALONE), meshes):
         kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes))
         # the subspace was made at 5.5, 6.25, 7, 7.75 and 8.5e10 Pa
         for modulus in (5.9e10, 7e10, 8.2e10):
@@ -146,7 +139,7 @@ def test_a_bar_that_a_single_frame_holds() -> None:
     scene, mesh = scene_from_toml(HINGED, "."), rectangle_mesh("quad8", (20, 1), (1.0, 0.02))
     meshes = {"arm": replace(mesh, nodes=mesh.nodes - np.array([0.0, 0.01]))}
     found = []
-    for shapes in (condensed(scene, meshes, alone()), meshes):
+    for shapes in (condensed(scene, meshes, ALONE), meshes):
         with problem_of(scene, shapes, 2) as problem:
             found.append(problem.solve(0.3).frequencies_hz)
     np.testing.assert_allclose(found[0], found[1], rtol=1e-8)
@@ -213,7 +206,7 @@ def test_frequencies_with_a_scaled_cross_section() -> None:
     """Of the condensed mechanism at any scale, of the meshes that have it, and of beams with the same section."""
     scene = solid_slider_crank(*SCALED, f"reduction.modes={N_MODES}")
     meshes = solid_meshes("quad8", 40)
-    small = RigidKinematics(Mechanism.from_scene(scene, condensed(scene, meshes, alone())))
+    small = RigidKinematics(Mechanism.from_scene(scene, condensed(scene, meshes, ALONE)))
     for scale in (0.75, 1.0, 1.22):
         with ModalProblem(small, {"s": scale}, N_MODES, MPI.COMM_SELF) as problem:
             found = problem.solve(0.7).frequencies_hz

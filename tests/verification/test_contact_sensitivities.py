@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from differences import ToRoundOff, compare
+from differences import carefully, compare
 from length_scenes import GUIDE, SMALL, long_crank
 from mpi4py import MPI
 from runs import reduced_model, rom_of
@@ -26,7 +26,6 @@ from pgmp_petsc.reduction import tables
 from pgmp_petsc.results import Derivatives, Design, Fit
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.stepping.edge_search import EventLocation
-from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.stepping.second_order_system import State
 from scenes import PENDULUM, slider_crank
 
@@ -108,16 +107,11 @@ def test_edges_are_differentiated(model: ReducedModel) -> None:
 
 def test_derivatives_through_many_contacts_are_central_differences(monkeypatch: pytest.MonkeyPatch) -> None:
     """What iterations leave, 1e-11 a step, grows from contact to contact: both sides are carried to round-off."""
-
-    def carefully(system: Any, *arguments: Any, **named: Any) -> Run:
-        return integrate(ToRoundOff(system), *arguments, **named)
-
     model = reduced_model(slider_crank(*MODES, *BOUNCING))
     as_it_is = differentiate(model, model.scene.values, ["push"])
     assert len(as_it_is.contacts) == 3
     monkeypatch.setattr(differentiated, "integrate", carefully)
-    to_round_off = differentiate(model, model.scene.values, ["push"])
-    for output, found in to_round_off.derivatives.items():
+    for output, found in differentiate(model, model.scene.values, ["push"]).derivatives.items():
         off = np.abs(as_it_is.derivatives[output]["push"] - found["push"]).max() / np.abs(found["push"]).max()
         assert off < 1e-6
     compare(model, (2e-5,), "push")
@@ -145,9 +139,6 @@ LENGTHS = {
 @pytest.mark.parametrize("name", list(LENGTHS))
 def test_derivatives_with_a_length_or_place_through_contacts_are_central_differences(name: str, monkeypatch) -> None:
     """Where a stop is met its force has a corner, at which the length and the coordinates take the same side."""
-
-    def carefully(system: Any, *arguments: Any, **named: Any) -> Run:
-        return integrate(ToRoundOff(system), *arguments, **named)
 
     where, *acting = LENGTHS[name]
     scene = long_crank(*SMALL, *where, *THROWN, *acting)

@@ -151,11 +151,9 @@ effects.bob: type = "point_mass"; point = "beam:tip"; mass = {ratio}
     run = effect_scenes.recorded(scene, small * shape)
     # the period is longer by (omega h)^2 / 12, 8e-6, over 1 period
     np.testing.assert_allclose(
-        run.point("beam:tip")[:, 1],
-        small * shape[-2] / omega * np.sin(omega * run.time),
-        rtol=0,
+        run.point("beam:tip")[:, 1], small * shape[-2] / omega * np.sin(omega * run.time), rtol=0,
         atol=2e-4 * small / omega,
-    )
+    )  # fmt: skip
 
 
 def coasting(time: np.ndarray, speed: float, braking: float, scale: float) -> np.ndarray:

@@ -112,14 +112,12 @@ CASES = {
     "cells in the plane, second order": (in_plane, ("reduction.modes=3", "reduction.second_order=true"), False),
     "driven cells in the plane": (in_plane, ("reduction.modes=3", *DRIVEN), False),
     "driven by a table": (in_plane, ("reduction.modes=3", *STARTED), False),
-    "scaled cross-section": (in_plane, ("reduction.modes=3", *SCALED), False),
-    "cells in space": (in_space, (), True),
-    "beams in space": (beams_in_space, (), False),
-    "two coordinates": (two_beams, ("reduction.angles=12",), False),
+    "scaled cross-section": (in_plane, ("reduction.modes=3", *SCALED), False), "cells in space": (in_space, (), True),
+    "beams in space": (beams_in_space, (), False), "two coordinates": (two_beams, ("reduction.angles=12",), False),
     "three coordinates": (platform, ("reduction.angles=6", "parameters.radius={nominal=3e-3}"), False),
     "end stop": (every_effect, STOPPED, False),
     "local effects": (in_plane, ("reduction.modes=3", *(one.replace("rod:tip", "rod:right") for one in LOCAL)), False),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", CASES)

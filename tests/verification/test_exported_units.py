@@ -206,26 +206,23 @@ def test_a_parameter_that_is_tuned_within_a_run(loaded) -> None:
     assert loaded.get("Real", OUTPUTS) > before
 
 
-@pytest.mark.parametrize(
-    ("act", "said"),
-    [
-        (lambda u: u.step(0.0, 7e-4), "must be a whole number of steps"),
-        (lambda u: u.step(0.1, 5e-4), "but the model is at 0 s"),
-        (lambda u: u.set("Real", 77, 1.0), "no real number with value reference 77 can be set"),
-        (lambda u: u.set("Real", 0, float("nan")), "is no finite number"),
-        (lambda u: u.set("Boolean", 0, 1), "no Boolean with value reference 0 can be set"),
-        (lambda u: u.set("Whole", 0, 1), "can be set"),
-        (lambda u: u.get("Real", 77) is None and 3, "there is no real number with value reference 77"),
-        (lambda u: u.get("Whole", 77) is None and 3, "there is no whole number with value reference 77"),
-        (lambda u: u.get("Boolean", 77) is None and 3, "there is no Boolean with value reference 77"),
-        (lambda u: u.instantiate(token="other") is None and 3, "modelDescription.xml is of another model"),
-        (lambda u: u.call("GetFMUstate" if u.version == 2 else "GetFMUState", None), "states are not kept"),
-        (lambda u: u.begin(1.0), "the start time is 1 s"),
-        (lambda u: u.call("GetContinuousStates", None, 3), "3 states; this model has"),
-        (lambda u: u.call("GetEventIndicators", None, 1), "there are no event indicators"),
-        (lambda u: u.call("GetString", None, 1, None, 1), "there are no"),
-    ],
-)
+@pytest.mark.parametrize(("act", "said"), [
+    (lambda u: u.step(0.0, 7e-4), "must be a whole number of steps"),
+    (lambda u: u.step(0.1, 5e-4), "but the model is at 0 s"),
+    (lambda u: u.set("Real", 77, 1.0), "no real number with value reference 77 can be set"),
+    (lambda u: u.set("Real", 0, float("nan")), "is no finite number"),
+    (lambda u: u.set("Boolean", 0, 1), "no Boolean with value reference 0 can be set"),
+    (lambda u: u.set("Whole", 0, 1), "can be set"),
+    (lambda u: u.get("Real", 77) is None and 3, "there is no real number with value reference 77"),
+    (lambda u: u.get("Whole", 77) is None and 3, "there is no whole number with value reference 77"),
+    (lambda u: u.get("Boolean", 77) is None and 3, "there is no Boolean with value reference 77"),
+    (lambda u: u.instantiate(token="other") is None and 3, "modelDescription.xml is of another model"),
+    (lambda u: u.call("GetFMUstate" if u.version == 2 else "GetFMUState", None), "states are not kept"),
+    (lambda u: u.begin(1.0), "the start time is 1 s"),
+    (lambda u: u.call("GetContinuousStates", None, 3), "3 states; this model has"),
+    (lambda u: u.call("GetEventIndicators", None, 1), "there are no event indicators"),
+    (lambda u: u.call("GetString", None, 1, None, 1), "there are no"),
+])  # fmt: skip
 def test_what_is_refused_is_said(loaded, act, said) -> None:
     assert loaded.begin() == 0
     assert act(loaded) == 3
@@ -240,8 +237,7 @@ def test_every_instance_has_memory_of_its_own(loaded) -> None:
     loaded.free(None)
 
 
-@pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize("sanitizer", ["thread", "address,undefined"])
+@pytest.mark.parametrize(("version", "sanitizer"), zip(VERSIONS, ["thread", "address,undefined"]))
 def test_instances_in_threads(slider_crank, tmp_path, version, sanitizer) -> None:
     """Instances that threads make, run and free at once give what one gives alone, and write nothing they share."""
     write_fmu(constants_of(slider_crank, "it"), tmp_path / "m.fmu", version)
@@ -279,17 +275,16 @@ def described(fmu: Path) -> dict[str, dict[str, str]]:
     return {name: {key: entry[key] for key in keys if key in entry} for name, entry in entries.items()}
 
 
-def test_units_and_ranges(fmus, slider_crank) -> None:
-    served = slider_crank.served["r1"]
-    for version in VERSIONS:
-        found = described(fmus[version])
-        ends = {"min": str(served.low), "max": str(served.high)}
-        assert found["parameters.r1"] == {"unit": "m", **ends, "start": "0.0056"}
-        assert found["effects.motor"] == {"unit": "N m", "start": "0.0"}
-        assert found["outputs.crank_angle"] == {"unit": "rad"} and found["outputs.slider_position"] == {"unit": "m"}
-        assert found["validity"] == {"min": "0", "max": "63"} and found["elastic_rotation"]["unit"] == "rad"
-        assert (found["rates.theta"]["unit"], found["der(rates.theta)"]["unit"]) == ("rad/s", "rad/s2")
-        assert found["states.mode[1]"] == {}
+@pytest.mark.parametrize("version", VERSIONS)
+def test_units_and_ranges(fmus, slider_crank, version) -> None:
+    served, found = slider_crank.served["r1"], described(fmus[version])
+    ends = {"min": str(served.low), "max": str(served.high)}
+    assert found["parameters.r1"] == {"unit": "m", **ends, "start": "0.0056"}
+    assert found["effects.motor"] == {"unit": "N m", "start": "0.0"}
+    assert found["outputs.crank_angle"] == {"unit": "rad"} and found["outputs.slider_position"] == {"unit": "m"}
+    assert found["validity"] == {"min": "0", "max": "63"} and found["elastic_rotation"]["unit"] == "rad"
+    assert (found["rates.theta"]["unit"], found["der(rates.theta)"]["unit"]) == ("rad/s", "rad/s2")
+    assert found["states.mode[1]"] == {}
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -309,55 +304,48 @@ def test_names_with_hyphens(slider_crank, tmp_path, version) -> None:
     names = described(tmp_path / "m.fmu")
     assert {"parameters.'r1-1'", "effects.'motor-1'", "effects.'motor-1_follows_scene'"} < set(names)
     assert {"outputs.'crank_angle-1'", "states.'theta-1'", "der(rates.'theta-1')", "states.mode[1]"} < set(names)
+    assert elsewhere(HYPHENS, tmp_path / "m.fmu").split("\n")[:-1] == [*names]
+
+
+def elsewhere(program: str, *arguments: object) -> str:
+    """Return what another program with FMPy prints."""
     if shutil.which(FMPY) is None:
-        pytest.skip(f"no {FMPY}")
+        pytest.skip(f"no {FMPY}: scripts/setup --tests makes it, or name an interpreter with FMPy in PGMP_FMPY_PYTHON")
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    command = [FMPY, "-c", HYPHENS, tmp_path / "m.fmu"]
+    command = [FMPY, "-c", program, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_SECONDS, env=environment)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.split("\n")[:-1] == [*names]
+    return done.stdout
 
 
-@pytest.mark.parametrize("version", VERSIONS)
-def test_an_arm_of_six_joints_elsewhere(tmp_path, version) -> None:
+def test_an_arm_of_six_joints_elsewhere(tmp_path) -> None:
     """A component model has no states for integrators of others, whose steps its vibrations would have to follow."""
-    if shutil.which(FMPY) is None:
-        pytest.skip(f"no {FMPY}")
-    forces = (
-        'outputs.pull={type="joint_force", joint="shoulder", component="radial"}',
-        'outputs.twist={type="joint_torque", joint="shoulder", component="magnitude"}',
-        'outputs.drive={type="drive_torque", coordinate="elbow"}',
-        'outputs.power={type="power", coordinate="elbow"}',
-    )
-    scene = load_scene(ROOT / "scenes/six_joint_arm.toml", ("simulation.duration=0.1", *forces), ())
-    model = components_model(scene)
-    write_fmu(tree_constants_of(model, "it"), tmp_path / "arm.fmu", version)
+    asked = {
+        "pull": 'force", joint="shoulder", component="radial',
+        "twist": 'torque", joint="shoulder", component="magnitude',
+    }
+    forces = [f'outputs.{name}={{type="joint_{entries}"}}' for name, entries in asked.items()]
+    forces += [f'outputs.{kind}={{type="{kind}", coordinate="elbow"}}' for kind in ("drive_torque", "power")]
+    model = components_model(load_scene(ROOT / "scenes/six_joint_arm.toml", ("simulation.duration=0.1", *forces), ()))
+    write_fmu(tree_constants_of(model, "it"), tmp_path / "arm.fmu", VERSIONS[-1])
     unit = Unit(tmp_path / "arm.fmu", tmp_path / "there")
     assert unit.instantiate(exchange=True) is None and "is for co-simulation alone" in unit.said[-1]
     scene = model.scene.with_values({"radius": 0.015})
-    wanted, step = motion(model.in_scene(scene)).outputs, scene.simulation.step
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    command = [FMPY, "-c", SIMULATE, tmp_path / "arm.fmu", "CoSimulation", str(step)]
-    command += [json.dumps({"parameters.radius": 0.015})]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_SECONDS, env=environment)
-    assert done.returncode == 0, done.stderr
-    problems, found = json.loads(done.stdout)
+    wanted, starts = motion(model.in_scene(scene)).outputs, json.dumps({"parameters.radius": 0.015})
+    problems, found = json.loads(
+        elsewhere(SIMULATE, tmp_path / "arm.fmu", "CoSimulation", scene.simulation.step, starts)
+    )
     assert problems == []
     assert_equal({name: np.array(found[f"outputs.{name}"]) for name in wanted}, wanted)
 
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_an_importer_that_others_wrote(fmus, slider_crank, version) -> None:
-    if shutil.which(FMPY) is None:
-        pytest.skip(f"no {FMPY}: scripts/setup --tests makes it, or name an interpreter with FMPy in PGMP_FMPY_PYTHON")
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     scene = scene_of("slider_crank", "reduction.parameter_modes=0", settings=("r1=6e-3",))
     wanted = motion(with_scene(slider_crank, scene)).outputs
     for kind, share in (("CoSimulation", 1e-9), ("ModelExchange", 1e-3)):
-        command = [FMPY, "-c", SIMULATE, fmus[version], kind, str(STEP), json.dumps({"parameters.r1": 6e-3})]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_SECONDS, env=environment)
-        assert done.returncode == 0, done.stderr
-        problems, found = json.loads(done.stdout)
+        printed = elsewhere(SIMULATE, fmus[version], kind, STEP, json.dumps({"parameters.r1": 6e-3}))
+        problems, found = json.loads(printed)
         assert problems == []
         named = {name: np.interp(STEP * np.arange(401), found["time"], found[f"outputs.{name}"]) for name in wanted}
         if kind == "ModelExchange":

@@ -11,6 +11,7 @@ square of an element's length, and tend to the same.
 
 import numpy as np
 import pytest
+from alike import orders
 from crooked_scenes import spatial_four_bar
 from offset_scenes import offset
 from runs import motion, trajectory
@@ -79,11 +80,6 @@ def crooked(mesh: int, key: str, *more: str) -> Scene:
     elements = (f"bodies.{body}.line.elements={mesh * n}" for body, n in (("crank", 2), ("coupler", 4), ("rocker", 2)))
     turning = "coordinates.theta={joint='A',range=[0.0,6.283185307179586],periodic=true}"
     return spatial_four_bar(offset("C", **{key: OFF[key]}), turning, *elements, *more)
-
-
-def orders(errors: np.ndarray) -> np.ndarray:
-    """Return the orders in which errors fall over meshes, the first axis."""
-    return np.log2(errors[:-1] / errors[1:])
 
 
 @pytest.mark.parametrize("key", OFF)

@@ -120,22 +120,19 @@ def test_a_limit_that_is_met_is_said(model, of_full) -> None:
     assert any("r1 ends at the upper limit of its search" in remark.text for remark in found.record.remarks)
 
 
-def test_noise_that_is_exceeded_is_said(model, of_full) -> None:
-    found = fit(model, measured(of_full, 5), ["r1", "c"], {"angle": 1e-4, "bend": 2e-6}, MPI.COMM_SELF)
-    assert any("what is left of angle, 0.00" in remark.text for remark in found.record.remarks)
-
-
-def test_a_fit_that_does_not_converge_says_so(model, of_full, monkeypatch) -> None:
+def test_noise_that_is_exceeded_and_a_fit_that_does_not_converge_are_said(model, of_full, monkeypatch) -> None:
     import scipy.optimize
 
+    found = fit(model, measured(of_full, 5), ["r1", "c"], {"angle": 1e-4, "bend": 2e-6}, MPI.COMM_SELF)
+    assert any("what is left of angle, 0.00" in remark.text for remark in found.record.remarks)
     whole = scipy.optimize.least_squares
     monkeypatch.setattr(scipy.optimize, "least_squares", lambda *a, **k: whole(*a, **k, max_nfev=1))
     found = fit(model, measured(of_full, 5), ["r1", "c"], {}, MPI.COMM_SELF)
-    assert not found.converged
-    assert any("the fit did not converge" in remark.text for remark in found.record.remarks)
+    assert not found.converged and any("the fit did not converge" in remark.text for remark in found.record.remarks)
 
 
 def test_uncertainty_is_that_of_linear_regression() -> None:
+    """And where parameters only act together there is none."""
     random = np.random.default_rng(2)
     jacobian, scale = random.normal(size=(40, 3)) * [1.0, 1e6, 1e-3], np.array([1.0, 1e-6, 1e3])
     errors, correlation, blind = uncertainty(jacobian, scale)
@@ -143,6 +140,9 @@ def test_uncertainty_is_that_of_linear_regression() -> None:
     np.testing.assert_allclose(errors, np.sqrt(np.diag(covariance)), rtol=1e-9)
     np.testing.assert_allclose(correlation, covariance / np.outer(errors, errors), atol=1e-9)
     assert not blind.any()
+    column = random.normal(size=40)
+    errors, _, blind = uncertainty(np.stack([column, 2.0 * column, np.arange(40.0)], axis=1), np.ones(3))
+    assert blind.tolist() == [True, True, False] and np.isinf(errors[:2]).all() and np.isfinite(errors[2])
 
 
 def test_standard_errors_allow_for_correlated_noise() -> None:
@@ -195,13 +195,6 @@ def test_many_measurements_are_condensed_without_a_difference(model, monkeypatch
         assert of(condensed)[name].error == pytest.approx(parameter.error, rel=1e-6)
     for name, output in whole.outputs.items():
         assert condensed.outputs[name].noise == pytest.approx(output.noise, rel=1e-7)
-
-
-def test_parameters_that_only_act_together_are_not_identifiable() -> None:
-    column = np.random.default_rng(2).normal(size=40)
-    jacobian = np.stack([column, 2.0 * column, np.arange(40.0)], axis=1)
-    errors, _, blind = uncertainty(jacobian, np.ones(3))
-    assert blind.tolist() == [True, True, False] and np.isinf(errors[:2]).all() and np.isfinite(errors[2])
 
 
 def test_parameters_that_are_hardly_told_apart_are_named(model, of_full) -> None:

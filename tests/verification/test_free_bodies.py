@@ -167,10 +167,8 @@ def eulers_top(times: np.ndarray) -> np.ndarray:
         spin, (_, pitch, roll) = state[:3], state[3:]
         turning = np.sin(roll) * spin[1] + np.cos(roll) * spin[2]
         rates = (
-            turning / np.cos(pitch),
-            np.cos(roll) * spin[1] - np.sin(roll) * spin[2],
-            spin[0] + np.tan(pitch) * turning,
-        )
+            turning / np.cos(pitch), np.cos(roll) * spin[1] - np.sin(roll) * spin[2], spin[0] + np.tan(pitch) * turning,
+        )  # fmt: skip
         return np.concatenate([-np.cross(spin, inertia * spin) / inertia, rates])
 
     start = np.array([0.8, 0.6, 5.0, 0.0, 0.0, 0.0])

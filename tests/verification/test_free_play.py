@@ -2,12 +2,11 @@
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from conftest import ROOT
-from differences import ToRoundOff, differences
+from differences import carefully, differences
 from effect_scenes import BAR_INERTIA, bar, recorded
 from exported import Unit, assert_equal, assert_same_in_c, needs_compiler
 from runs import MODELS, history, motion, reduced_model, samples
@@ -19,8 +18,7 @@ from pgmp_petsc.c_export.fmu import OUTPUTS, VERSIONS, write_fmu
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.stepping.generalised_alpha import Run, integrate
+from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from scenes import slider_crank
 
 SETTINGS = (
@@ -83,9 +81,6 @@ def test_one_law_with_two_edges_is_two_stops(name: str) -> None:
 def test_derivatives_through_both_edges_are_central_differences(with_play: ReducedModel, monkeypatch) -> None:
     """Of runs carried to round-off, as what iterations leave grows from contact to contact."""
 
-    def carefully(system: Any, *arguments: Any, **named: Any) -> Run:
-        return integrate(ToRoundOff(system), *arguments, **named)
-
     monkeypatch.setattr(differentiated, "integrate", carefully)
     run = differentiate(with_play, FREE_PLAY.values, ["k"])
     assert len(run.contacts) > 2
@@ -97,19 +92,16 @@ def test_derivatives_through_both_edges_are_central_differences(with_play: Reduc
 
 
 @needs_compiler
-@pytest.mark.parametrize("scene", [TWO_STOPS, FREE_PLAY], ids=["two stops", "free play"])
-def test_a_model_in_c_finds_edges(scene: Scene, tmp_path: Path) -> None:
+def test_a_model_in_c_finds_edges(tmp_path: Path) -> None:
     """A step that meets none does what it did; one that does is taken in the parts of the program."""
-    model = reduced_model(scene)
-    assert_same_in_c(model, tmp_path)
+    assert_same_in_c(reduced_model(TWO_STOPS), tmp_path)
 
 
 OWN = {"effects/free_play.py": "free_play", "outputs/of_frames.py": "speed"}
 
 
 @needs_compiler
-@pytest.mark.parametrize("version", VERSIONS)
-def test_the_program_s_own_files_as_plugins_run_as_units(version: int, tmp_path: Path, no_plugins: None) -> None:
+def test_the_program_s_own_files_as_plugins_run_as_units(tmp_path: Path, no_plugins: None) -> None:
     """An effect and an output that the program does not have, under other names: as the program's, in its own runs, in
     C and as an FMU that is run."""
     for file, name in OWN.items():
@@ -127,7 +119,7 @@ def test_the_program_s_own_files_as_plugins_run_as_units(version: int, tmp_path:
     wanted = motion(model).outputs
     for name, values in motion(reduced_model(FREE_PLAY)).outputs.items():
         np.testing.assert_allclose(wanted[name], values, rtol=1e-12, atol=1e-14)
-    write_fmu(constants_of(model, "it"), tmp_path / "m.fmu", version)
+    write_fmu(constants_of(model, "it"), tmp_path / "m.fmu", VERSIONS[-1])
     unit = Unit(tmp_path / "m.fmu", tmp_path / "there")
     assert unit.instantiate() and unit.begin() == 0
     names, rows = list(wanted), []

@@ -1,8 +1,5 @@
 """Reduced tables over two coordinates: order of their interpolation, gauge, clamped coordinates, the file, commands."""
 
-from pathlib import Path
-
-import h5py
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -28,14 +25,10 @@ SPLINE = 'reduction.interpolation="spline"'
 STATIC = ("reduction.static_modes=true", "reduction.inertia_modes=true")
 GRAVITY = 'effects.weight={type="gravity"}'
 PART = tuple(
-    entry
-    for name, lower, upper in (("theta1", 1.2, 2.4), ("theta2", 0.4, 1.6))
-    for entry in (
-        f"coordinates.{name}.range=[{lower},{upper}]",
-        f"coordinates.{name}.periodic=false",
-        f"simulation.initial.{name}.position={lower}",
-    )
-)
+    entry for name, lower, upper in (("theta1", 1.2, 2.4), ("theta2", 0.4, 1.6))
+    for entry in (f"coordinates.{name}.range=[{lower},{upper}]", f"coordinates.{name}.periodic=false",
+                  f"simulation.initial.{name}.position={lower}")
+)  # fmt: skip
 
 
 def elsewhere(samples: SampleGrid, n: int = 20) -> np.ndarray:
@@ -44,23 +37,15 @@ def elsewhere(samples: SampleGrid, n: int = 20) -> np.ndarray:
     return np.column_stack([random.uniform(axis.lower, axis.upper, n) for axis in samples])
 
 
+def exact_hz(scene: Scene, values: dict[str, float], n: int, theta: np.ndarray) -> np.ndarray:
+    """Return the first n frequencies at configurations."""
+    with ModalProblem(kinematics_of(scene), values, n, MPI.COMM_SELF) as problem:
+        return np.array([problem.solve(at).frequencies_hz for at in theta])
+
+
 @pytest.fixture(scope="module")
 def pendulum_rom() -> ReducedOrderModel:
     return rom_of(over(double_pendulum(*STATIC, GRAVITY, SPLINE), (6, 10)))
-
-
-def test_shapes(pendulum_rom: ReducedOrderModel) -> None:
-    tables = pendulum_rom.tables
-    # three modes; the motor, and the weight of each body along both axes; d2 rho/d theta1^2 and /d theta1 d theta2, of
-    # which that with theta2^2 is a repetition
-    n, m = 60, 3 + 5 + 2
-    assert tables.samples.shape == (6, 10) and (tables.n_coordinates, tables.n_modes) == (2, m)
-    assert tables.mass.shape == (n, 1, m + 2, m + 2)
-    assert tables.inertia.shape == (n, 1, 2, 2, m)
-    assert tables.stiffness.shape == (n, 1, m, m)
-    assert tables.load.shape == (n, 2, m + 2)
-    assert pendulum_rom.projection.shape == (n, mechanism_of(double_pendulum()).n_dofs, m)
-    assert pendulum_rom.frequencies_hz.shape == (n, 3) and pendulum_rom.cosines.shape == (n,)
 
 
 def test_tables_are_products_of_the_basis(pendulum_rom: ReducedOrderModel) -> None:
@@ -90,9 +75,8 @@ def test_the_order_of_interpolation_over_both_coordinates() -> None:
     for n in (6, 11, 21):
         rom = rom_of(five_bar(*part, f"reduction.angles={n}"))
         if not errors:
-            wanted, exact = elsewhere(rom.tables.samples), []
-            with ModalProblem(kinematics_of(scene), scene.nominal, 4, MPI.COMM_SELF) as problem:
-                exact = np.array([problem.solve(theta).frequencies_hz for theta in wanted])
+            wanted = elsewhere(rom.tables.samples)
+            exact = exact_hz(scene, scene.nominal, 4, wanted)
         found = reduced_frequencies(rom.tables, "spline", scene.nominal, wanted)
         errors.append(np.abs(found / exact - 1).max())
     # cubic splines: fourth order
@@ -107,8 +91,7 @@ def test_adaptive_sampling_adds_angles_along_the_coordinate_that_needs_them() ->
         scene = double_pendulum(*part, f"reduction.sampling_tolerance={tolerance}")
         rom = rom_of(scene)
         wanted = elsewhere(rom.tables.samples)
-        with ModalProblem(kinematics_of(scene), scene.nominal, 4, MPI.COMM_SELF) as problem:
-            exact = np.array([problem.solve(theta).frequencies_hz for theta in wanted])
+        exact = exact_hz(scene, scene.nominal, 4, wanted)
         shapes.append(rom.tables.samples.shape)
         errors.append(np.abs(reduced_frequencies(rom.tables, "spline", scene.nominal, wanted) / exact - 1).max())
         assert errors[-1] < tolerance
@@ -135,22 +118,6 @@ def test_modes_of_an_open_chain_do_not_depend_on_the_first_coordinate(pendulum_r
     for name in ("mass", "stiffness", "inertia"):
         grid = getattr(tables, name).reshape(6, 10, -1)
         np.testing.assert_allclose(grid, np.broadcast_to(grid[:1], grid.shape), rtol=0, atol=1e-7 * np.abs(grid).max())
-
-
-def test_a_file_comes_back(pendulum_rom: ReducedOrderModel, tmp_path: Path) -> None:
-    pendulum_rom.write(tmp_path / "rom.h5")
-    with h5py.File(tmp_path / "rom.h5") as file:
-        assert file["theta"].shape == (60, 2)
-        assert {name: file["theta"].attrs[name].tolist() for name in ("shape", "periodic")} == {
-            "shape": [6, 10],
-            "periodic": [True, True],
-        }
-    back = ReducedOrderModel.read(tmp_path / "rom.h5")
-    np.testing.assert_array_equal(back.tables.samples.theta, pendulum_rom.tables.samples.theta)
-    for one, other in zip(back.tables.samples, pendulum_rom.tables.samples, strict=True):
-        assert (one.lower, one.upper, one.periodic) == (other.lower, other.upper, other.periodic)
-    for name in ("mass", "inertia", "stiffness", "load"):
-        np.testing.assert_array_equal(getattr(back.tables, name), getattr(pendulum_rom.tables, name))
 
 
 DRIVE = 'effects.drive={type="prescribed_motion", coordinate="theta1", constant_speed={speed=1.0}}'
@@ -192,8 +159,7 @@ def test_modes_at_other_parameters_extend_a_basis_over_two_coordinates() -> None
     for more in ((), ("reduction.parameter_modes=1",)):
         scene = double_pendulum(*uncertain, *more)
         rom = rom_of(scene)
-        with ModalProblem(kinematics_of(scene), values, 5, MPI.COMM_SELF) as problem:
-            exact = np.array([problem.solve(theta).frequencies_hz for theta in rom.tables.samples.theta[:8]])
+        exact = exact_hz(scene, values, 5, rom.tables.samples.theta[:8])
         tables = rom.tables
         weights = (evaluate_weights(tables.mass_weights, values), evaluate_weights(tables.stiffness_weights, values))
         errors.append(np.abs(tables.frequencies_hz(*weights)[:8, :5] / exact - 1).max())
@@ -212,26 +178,14 @@ FOURTH = (
 )
 
 
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
-        (
-            THIRD + FOURTH,
-            "coordinates: theta1, theta2, theta3, theta4: 4 independent coordinates were given; at most 3 are taken. "
-            "reduction.angles = 8 along each would make 8^4 = 4.1e+03 configurations: about 0.0",
-        ),
-        (
-            (*THIRD, "reduction.angles=200"),
-            "coordinates: theta1, theta2, theta3: reduction.angles = 200 along each would make 200^3 = 8e+06 "
-            "configurations: about ",
-        ),
-        (
-            (*THIRD, SPLINE, "reduction.angles=100", "reduction.sampling_tolerance=0.1"),
-            "coordinates: theta1, theta2, theta3: reduction.angles = 100 along each, doubled by "
-            "reduction.sampling_tolerance, would make 200^3 = 8e+06 configurations: about ",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("overrides", "message"), [
+    (THIRD + FOURTH, "theta1, theta2, theta3, theta4: 4 independent coordinates were given; at most 3 are taken. "
+     "reduction.angles = 8 along each would make 8^4 = 4.1e+03 configurations: about 0.0"),
+    ((*THIRD, "reduction.angles=200"),
+     "theta1, theta2, theta3: reduction.angles = 200 along each would make 200^3 = 8e+06 configurations: about "),
+    ((*THIRD, SPLINE, "reduction.angles=100", "reduction.sampling_tolerance=0.1"),
+     "theta1, theta2, theta3: reduction.angles = 100 along each, doubled by reduction.sampling_tolerance, would make "
+     "200^3 = 8e+06 configurations: about "),
+])  # fmt: skip
 def test_what_is_for_fewer_coordinates_is_refused(overrides: tuple[str, ...], message: str) -> None:
-    scene: Scene = double_pendulum(*overrides)
-    assert refusal(rom_of, scene).startswith(message)
+    assert refusal(rom_of, double_pendulum(*overrides)).startswith(f"coordinates: {message}")

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from alike import assert_groups_alike, assert_samples_are_those_alone
 from conftest import ROOT
 from differences import SHARES, ToRoundOff, compare
 from offset_scenes import clamped_beam, clamped_stiffness, offset
-from runs import full_model, history, motion, reduced_model, rom_of, trajectory
+from runs import full_model, motion, reduced_model, rom_of, trajectory
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 from spatial_beams import slider_crank_of_beams
 
@@ -392,6 +393,7 @@ BASIS = (
 )  # fmt: skip
 ALL = (*outputs("crank_hinge", **{f"pin_{axis}": f'component="{axis}"' for axis in "xy"}), *outputs("slider", n=""),
        *outputs("elbow", **along("x", "y")))  # fmt: skip
+STIFFENED = ('effects.x={type="geometric_stiffening"}', 'effects.y={type="mode_inertia"}')
 DRIVEN = (
     'effects.motor={type="prescribed_motion", coordinate="theta", spin_up={speed=2.0, time=0.3}}',
     'outputs.drive={type="drive_torque", joint="crank_hinge"}', 'outputs.power={type="power", coordinate="theta"}',
@@ -401,9 +403,7 @@ CASES = {
     "driven": (DRIVEN, 1e-3),
     "rigid crank": (("bodies.crank.flexible=false",), 1.5e-3),
     "on a spring": (("joints.crank_hinge.elastic={ reference=[[1.0, 0.0]], stiffness=[inf, 1e5] }",), 5e-3),
-    "with terms of second order": (
-        ('effects.x={type="geometric_stiffening"}', 'effects.y={type="mode_inertia"}'), 1e-3,
-    ),
+    "with terms of second order": (STIFFENED, 1e-3),
     "damped, with friction and weight": (
         ('effects.x={type="structural_damping", stiffness=1e-4, mass=0.3}', 'effects.g={type="gravity"}',
          'effects.f={type="joint_friction", joint="elbow", limit=0.05, speed=0.1}'), 4e-3,
@@ -418,12 +418,9 @@ def test_a_reduced_model_against_the_full_order_one(case: str) -> None:
     reduced motion itself is further off, as far as that."""
     added, allowed = CASES[case]
     scene = slider_crank(*BASIS, *ALL, *added)
-    exact, found = motion("full", scene).outputs, motion("reduced", scene).outputs
-    for names in (("pin_x", "pin_y"), ("x", "y"), ("n",), ("drive",), ("power",)):
-        there = [name for name in names if name in exact]
-        largest = max((np.abs(exact[name]).max() for name in there), default=0.0)
-        for name in there:
-            np.testing.assert_allclose(found[name], exact[name], rtol=0, atol=allowed * largest, err_msg=name)
+    driven = [("drive",), ("power",)] if added is DRIVEN else []
+    both = (motion(kind, scene).outputs for kind in ("full", "reduced"))
+    assert_groups_alike(*both, allowed, ("pin_x", "pin_y"), ("x", "y"), ("n",), *driven)
 
 
 SHIPPED = {
@@ -440,18 +437,15 @@ SHIPPED = {
 def test_shipped_scenes_have_forces_of_second_order(name: str) -> None:
     """Of the largest force in a joint, at default settings; `benchmarks.joint_forces` has all scenes."""
     joints, shorter, allowed = SHIPPED[name]
-    wanted = [one for joint in joints
-              for one in outputs(joint, **{f"{joint}_{axis}": f'component="{axis}"' for axis in "xy"})]  # fmt: skip
+    groups = [[f"{joint}_{axis}" for axis in "xy"] for joint in joints]
+    wanted = [
+        one for joint, names in zip(joints, groups) for one in outputs(joint, **dict(zip(names, along(*"xy").values())))
+    ]
     scene = load_scene(ROOT / f"scenes/{name}.toml", (*wanted, *shorter))
-    exact, found = motion("full", scene).outputs, motion("reduced", scene).outputs
-    for joint in joints:
-        names = [f"{joint}_{axis}" for axis in "xy"]
-        largest = max(np.abs(exact[name]).max() for name in names)
-        for name in names:
-            np.testing.assert_allclose(found[name], exact[name], rtol=0, atol=allowed * largest, err_msg=name)
+    assert_groups_alike(*(motion(kind, scene).outputs for kind in ("full", "reduced")), allowed, *groups)
 
 
-@pytest.mark.parametrize("added", [(), ('effects.x={type="geometric_stiffening"}', 'effects.y={type="mode_inertia"}')])
+@pytest.mark.parametrize("added", [(), STIFFENED])
 def test_derivatives_of_forces_are_central_differences(added: tuple[str, ...]) -> None:
     loads = ("parameters.pull={nominal=1.0}", 'effects.motor.scale="pull"', "simulation.duration=0.05")
     model = reduced_model(slider_crank(*BASIS, *ALL, *added, *loads))
@@ -481,11 +475,8 @@ def test_forces_and_moments_of_reduced_models_in_space() -> None:
     moments = outputs("crank_hinge", MOMENT, about_x='component="x", frame="body"', about_y='component="y"')
     short = ("reduction.angles=48", "simulation.duration=0.15", pull)
     scene = slider_crank_of_beams(*BASIS, *short, *wanted, *moments)
-    exact, found = motion("full", scene).outputs, motion("reduced", scene).outputs
-    for names in (("x", "y", "z", "radial"), ("about_x", "about_y")):
-        largest = max(np.abs(exact[name]).max() for name in names)
-        for name in names:
-            np.testing.assert_allclose(found[name], exact[name], rtol=0, atol=5e-3 * largest, err_msg=name)
+    both = (motion(kind, scene).outputs for kind in ("full", "reduced"))
+    assert_groups_alike(*both, 5e-3, ("x", "y", "z", "radial"), ("about_x", "about_y"))
 
 
 def test_polar_diagrams_of_runs() -> None:
@@ -558,9 +549,7 @@ def test_a_redundant_crank_in_a_reduced_model() -> None:
         'effects.motor={type="torque", joint="crank_hinge", table=[[0.0, 0.0], [0.1, 1e-3], [1.0, 1e-3]]}',
     )  # fmt: skip
     exact, found = motion("full", scene).outputs, motion("reduced", scene).outputs
-    largest = max(np.abs(values).max() for values in exact.values())
-    for name, values in exact.items():
-        np.testing.assert_allclose(found[name], values, rtol=0, atol=2e-4 * largest, err_msg=name)
+    assert_groups_alike(exact, found, 2e-4, [*exact])
 
 
 def test_estimated_errors_and_lanes_of_forces() -> None:
@@ -573,12 +562,7 @@ def test_estimated_errors_and_lanes_of_forces() -> None:
     for name, errors in run.errors.outputs.items():
         true = np.abs(run.outputs[name] - exact[name][::10]).max()
         assert true / 3.0 < np.abs(errors).max() < 3.0 * true, (name, true)
-    model = reduced_model(scene)
-    radii = np.linspace(5.2e-3, 6.0e-3, 11)
-    times, together = history(model, {"r1": radii}, 11)
-    _, alone = history(model, {"r1": radii[[7]]}, 1)
-    for name, values in together.items():
-        np.testing.assert_allclose(values[:, 7], alone[name][:, 0], rtol=1e-12, atol=1e-9, err_msg=name)
+    assert_samples_are_those_alone(reduced_model(scene), [7], 1e-10, r1=np.linspace(5.2e-3, 6.0e-3, 11))
 
 
 def test_reduced_models_at_several_lengths_refuse() -> None:

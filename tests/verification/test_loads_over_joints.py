@@ -1,13 +1,12 @@
 """Loads over the angle or the way of a joint: against scipy, the work over a turn, derivatives, in C, on ranks."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from conftest import ROOT
 from coupled_scenes import SCREW
-from differences import SHARES, ToRoundOff, compare
+from differences import SHARES, carefully, compare
 from exported import Unit, assert_equal, compiled, needs_compiler, outputs_of, simulated
 from length_scenes import SMALL, long_crank
 from machine_scenes import MODELS, RIGID, CartAndPole, cart, rail, run
@@ -25,7 +24,6 @@ from pgmp_petsc.models import of_samples
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.uses import motion_over
-from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.studies.simulate import simulate_full
 from scenes import pendulum, slider_crank
 
@@ -189,9 +187,6 @@ def test_derivatives_with_a_length_of_what_leads(monkeypatch) -> None:
         'effects.brake={type="law",joint="crank_hinge",over="slider",force="-0.3 * s - 0.02 * v"}',
         'effects.turn={type="torque",joint="elbow",over="crank_hinge",table=[[-1.0,0.3],[1.0,-0.2]]}',
     )  # fmt: skip
-
-    def carefully(system: Any, *arguments: Any, **named: Any) -> Run:
-        return integrate(ToRoundOff(system), *arguments, **named)
 
     monkeypatch.setattr(differentiated, "integrate", carefully)
     compare(of_samples(reduced_model(scene), ["rod_length"]), SHARES, "rod_length")

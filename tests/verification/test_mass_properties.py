@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from alike import assert_alike
 from runs import MODELS, history, read_meshes, samples
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -168,8 +169,7 @@ def test_a_box_by_its_mass_properties_is_the_box_of_beams(model: str) -> None:
     assert abs(moments[5]) > 0.01 * moments[0]
     _, given = run(with_rod(mass, list(moments)), model)
     _, of_beams = run(scene_from_toml(SPATIAL, ".", (f"bodies.rod={{{LINE},{PLACED}}}",)), model)
-    for name, values in of_beams.items():
-        np.testing.assert_allclose(given[name], values, rtol=0, atol=1e-8 * np.abs(values).max(), err_msg=name)
+    assert_alike(of_beams, given, 1e-8)
 
 
 def test_a_built_model_takes_other_masses_and_inertias_as_a_new_build_does() -> None:
@@ -248,8 +248,7 @@ def test_a_flywheel_is_a_mass_with_its_inertia() -> None:
         found, expected = (
             run(scene_from_toml(text, ".", (*spread, *what, *outputs)), model, 2, **values)[1] for what in (wheel, lump)
         )
-        for name, part in expected.items():
-            np.testing.assert_allclose(found[name], part, rtol=0, atol=1e-6 * np.abs(part).max(), err_msg=model + name)
+        assert_alike(expected, found, 1e-6)
 
 
 def test_a_thin_disc_carries_a_point_mass() -> None:

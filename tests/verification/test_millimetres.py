@@ -177,33 +177,26 @@ d = { nominal = 1e-5, unit = "m", distribution = { name = "norm", loc = 1e-5, sc
 )
 #: Steps of a scene, in this order, in a folder F of its own: what is asked of pgmp.
 STEPS = {
-    "check": "check F/scene.toml --plot F/assembled.png",
-    "effects": "check F/scene.toml --effects",
-    "check as JSON": "check F/scene.toml --json",
-    "modes": "modes F/scene.toml -o F/modes.h5",
+    "check": "check F/scene.toml --plot F/assembled.png", "effects": "check F/scene.toml --effects",
+    "check as JSON": "check F/scene.toml --json", "modes": "modes F/scene.toml -o F/modes.h5",
     "full": "simulate F/scene.toml --full -o F/full.h5",
-    "components": "simulate F/scene.toml --components -o F/components.h5",
-    "build": "build F/scene.toml -o F/rom.h5",
-    "info": "info F/rom.h5",
-    "run": "simulate F/rom.h5 -o F/run.h5",
-    "run as JSON": "simulate F/rom.h5 -o F/again.h5 --json",
-    "samples": "montecarlo F/rom.h5 -n 16 -o F/samples.h5",
+    "components": "simulate F/scene.toml --components -o F/components.h5", "build": "build F/scene.toml -o F/rom.h5",
+    "info": "info F/rom.h5", "run": "simulate F/rom.h5 -o F/run.h5",
+    "run as JSON": "simulate F/rom.h5 -o F/again.h5 --json", "samples": "montecarlo F/rom.h5 -n 16 -o F/samples.h5",
     "samples as JSON": "montecarlo F/rom.h5 -n 16 -o F/samples2.h5 --json",
     "samples in components": "montecarlo F/scene.toml --components -n 4 -o F/some.h5",
     "differences": "diff F/run.h5 F/components.h5",
     "sensitivities": "sensitivities F/rom.h5 -o F/sensitivities.h5 --plot F",
     "design": "optimize F/rom.h5 GOAL --parameter VARIED -o F/design.h5 --plot F",
-    "table": "export F/run.h5 -o F/run.csv",
-    "measured": "export F/components.h5 -o F/measured.csv",
+    "table": "export F/run.h5 -o F/run.csv", "measured": "export F/components.h5 -o F/measured.csv",
     "fit": "fit F/rom.h5 F/measured.csv --parameter VARIED --set START -o F/fit.h5 --plot F",
     "tolerance": "build F/scene.toml -o F/chosen.h5 --override reduction={tolerance=0.3}",
     "run with tolerance": "simulate F/chosen.h5 --override simulation.tolerance=0.1 -o F/chosen_run.h5",
     "trade-off": "tradeoff F/scene.toml --quick -o F/tradeoff.h5",
     "pictures": "plot F/run.h5 F/samples.h5 F/modes.h5 -o F",
-    "page": "report F/run.h5 F/samples.h5 F/full.h5 -o F/page.html",
-    "code": "export F/rom.h5 -o F/code",
+    "page": "report F/run.h5 F/samples.h5 F/full.h5 -o F/page.html", "code": "export F/rom.h5 -o F/code",
     "unit": "export F/rom.h5 -o F/unit.fmu",
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -231,11 +224,9 @@ CASES = {
     "rotor": Case(ROTOR, "k", "minimise max(abs(sag))", ("effects", *OF_CHOICE, "trade-off")),
     "solid": Case(SOLID, "thick", "minimise max(abs(bent))", ("code", "unit", *OF_CHOICE, "trade-off")),
     "geared": Case(TEETH, without=(*OF_ROM, "effects", "trade-off")),
-    "off": Case(
-        CLAMPED_OFF,
-        without=(*"effects modes pictures code unit sensitivities design fit trade-off".split(), *OF_CHOICE),
-    ),
-}
+    "off": Case(CLAMPED_OFF,
+                without=(*"effects modes pictures code unit sensitivities design fit trade-off".split(), *OF_CHOICE)),
+}  # fmt: skip
 THOROUGH = ("four bar, chosen", "solid", "geared", "off")
 ROWS = [
     pytest.param(name, step, marks=[pytest.mark.thorough] if name in THOROUGH else [])

@@ -17,7 +17,6 @@ from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import LineMesh
-from pgmp_petsc.modes import pencils as dense_module
 from pgmp_petsc.modes import problem as problem_module
 from pgmp_petsc.modes.pencils import DensePencil, SparsePencil
 from pgmp_petsc.modes.problem import ModalProblem
@@ -102,9 +101,7 @@ def test_the_bands_of_the_paper_over_a_revolution() -> None:
         assert frequencies[:, mode].max() == pytest.approx(high, abs=0.6)
 
 
-@pytest.mark.parametrize(
-    ("scene", "n_modes"), [(slider_crank(), 1), (slider_crank(), 15), (four_bar(), 8), (trammel(), 6), (pendulum(), 5)]
-)
+@pytest.mark.parametrize(("scene", "n_modes"), [(slider_crank(), 15), (four_bar(), 8), (trammel(), 6), (pendulum(), 5)])
 def test_modes_are_those_of_the_dense_pencil(scene: object, n_modes: int) -> None:
     kinematics = kinematics_of(scene)
     mechanism = kinematics.mechanism
@@ -123,9 +120,8 @@ def test_modes_are_those_of_the_dense_pencil(scene: object, n_modes: int) -> Non
             constraints = constraint_jacobian(mechanism, kinematics.poses(np.array([theta]))[..., 0])
             np.testing.assert_allclose(constraints @ flexible, 0.0, rtol=0, atol=1e-11)
             projected = flexible.T @ stiffness @ flexible
-            np.testing.assert_allclose(
-                projected, np.diag(modes.eigenvalues), rtol=1e-8, atol=1e-8 * modes.eigenvalues[-1]
-            )
+            allowed = 1e-8 * modes.eigenvalues[-1]
+            np.testing.assert_allclose(projected, np.diag(modes.eigenvalues), rtol=1e-8, atol=allowed)
 
 
 def test_a_rigid_rotation_of_everything_changes_no_frequency() -> None:
@@ -162,7 +158,7 @@ def test_counting_by_inertia_agrees_at_all_configurations(solved_by: str) -> Non
                 assert problem._pencil.count_below(tau) == k
 
 
-@pytest.mark.parametrize("n_modes", range(1, 16))
+@pytest.mark.parametrize("n_modes", [1, 4, 9, 15])
 def test_any_number_of_modes_is_found_at_all_configurations(n_modes: int, solved_by: str) -> None:
     kinematics = kinematics_of(slider_crank())
     with modal_problem(kinematics, n_modes) as problem:
@@ -170,21 +166,6 @@ def test_any_number_of_modes_is_found_at_all_configurations(n_modes: int, solved
         for theta in np.arange(12) * np.pi / 6:
             exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, theta))[1 : 1 + n_modes]
             np.testing.assert_allclose(problem.solve(theta).eigenvalues, exact, rtol=1e-7)  # the exact ones' own error
-
-
-def test_the_solver_is_exact_on_a_random_pencil(pencil: tuple, solver: ShiftInvertSolver) -> None:
-    a, b, values = pencil
-    pairs = solver.solve(a, b, 1, 7, "x")
-    np.testing.assert_allclose(pairs.values[1:], values[1:8], rtol=1e-11)
-    np.testing.assert_allclose(pairs.spare, values[8 : 8 + pairs.spare.size], rtol=1e-8)
-    assert pairs.vectors.shape == (40, 8)
-
-
-def test_all_pairs_of_a_small_pencil(solver: ShiftInvertSolver) -> None:
-    a, b = petsc_matrix(np.diag([0.0, 1.0, 2.0, 5.0])), petsc_matrix(np.eye(4))
-    pairs = solver.solve(a, b, 1, 3, "x")
-    np.testing.assert_allclose(pairs.values, [0.0, 1.0, 2.0, 5.0], rtol=0, atol=1e-12)
-    assert pairs.spare.size == 0
 
 
 def rotor(n_blades: int, n_cells: int) -> RigidKinematics:
@@ -197,19 +178,13 @@ def rotor(n_blades: int, n_cells: int) -> RigidKinematics:
     return RigidKinematics(Mechanism.from_scene(pendulum("bodies.arm.section.radius=5e-3"), {"arm": mesh}))
 
 
-@pytest.mark.parametrize(("n_blades", "n_cells"), [(3, 4), (3, 8), (4, 4), (5, 8)])
+@pytest.mark.parametrize(("n_blades", "n_cells"), [(3, 4), (5, 8)])
 def test_the_equal_frequencies_of_equal_blades_are_all_found(n_blades: int, n_cells: int) -> None:
     kinematics = rotor(n_blades, n_cells)
     exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, 0.3))[1:]
     for n_modes in range(1, 13):
         with modal_problem(kinematics, n_modes) as problem:
             np.testing.assert_allclose(problem.solve(0.3).eigenvalues, exact[:n_modes], rtol=1e-7)
-
-
-def test_matrices_of_another_size_may_follow(solver: ShiftInvertSolver) -> None:
-    for n in (20, 30, 20):
-        a, b = petsc_matrix(np.diag(np.arange(float(n)))), petsc_matrix(np.eye(n))
-        np.testing.assert_allclose(solver.solve(a, b, 1, 3, "x").values, [0, 1, 2, 3], rtol=0, atol=1e-11)
 
 
 def test_more_modes_than_the_mesh_has_are_refused() -> None:
@@ -357,72 +332,22 @@ def test_with_options_for_slepc_it_is_slepc_that_solves(options: object) -> None
         assert isinstance(problem._pencil, SparsePencil)
 
 
-def test_unknowns_of_a_dense_pencil_without_mass_are_left_out_and_counted() -> None:
-    pencil = DensePencil(sp.csr_matrix(np.diag([1.0, 1.0, 0.0])), sp.csr_matrix(np.diag([1.0, 2.0, 3.0])))
+DENSE = {
+    "too few": ([1.0, 1.0, 0.0], [1.0, 2.0, 3.0], 3, 0.0, r": 2 of 3 eigenvalues are finite; the other unknowns have"),
+    "below": ([1.0, 1.0, 1.0], [-1.0, 2.0, 3.0], 2, 0.0, " with the shift -0.5: the matrix is not positive"),
+    "residual": ([1.0, 1.0, 1.0], [1.0, 2.0, 3.0], 2, 0.1, ": eigenvalue .* residual .*, above 1e-06; the mesh"),
+}
+
+
+@pytest.mark.parametrize("name", DENSE)
+def test_what_a_dense_pencil_fails_of_is_said(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    mass, stiffness, n, off, words = DENSE[name]
+    pencil = DensePencil(*(sp.csr_matrix(np.diag(part)) for part in (mass, stiffness)))
     pencil.move_to(null_space(sp.csr_matrix((0, 3))))
     pencil.shift_to(-0.5, "")
-    np.testing.assert_allclose(pencil.solve(0, 2, "here").values, [1.0, 2.0], rtol=1e-14)
-    with pytest.raises(RunError, match=r"eigenproblem at here: 2 of 3 eigenvalues are finite; the other unknowns have"):
-        pencil.solve(0, 3, "here")
-
-
-def test_a_dense_pencil_with_eigenvalues_below_the_shift_is_refused() -> None:
-    pencil = DensePencil(sp.csr_matrix(np.eye(3)), sp.csr_matrix(np.diag([-1.0, 2.0, 3.0])))
-    pencil.move_to(null_space(sp.csr_matrix((0, 3))))
-    pencil.shift_to(-0.5, "")
-    assert pencil.count_below(-0.5) == 1
-    with pytest.raises(RunError, match=r"eigenproblem at here with the shift -0.5: the matrix is not positive"):
-        pencil.solve(0, 2, "here")
-
-
-def test_nothing_above_the_diagonal_is_looked_at() -> None:
-    matrix = np.diag([1.0, 2.0, 3.0]) + np.triu(np.full((3, 3), np.nan), 1)
-    assert dense_module._all(matrix)[0].tolist() == [1.0, 2.0, 3.0]
-    assert dense_module._largest(np.asfortranarray(matrix), 1)[0] == pytest.approx(3.0, rel=1e-14)
-
-
-@pytest.mark.parametrize(("n", "k"), [(12, 1), (60, 7), (130, 17)])
-def test_the_largest_eigenpairs_of_a_symmetric_matrix(n: int, k: int) -> None:
-    turn = np.linalg.qr(np.random.default_rng(n).normal(size=(n, n)))[0]
-    expected = np.logspace(-9, 0, n)
-    matrix = turn * expected @ turn.T
-    values, vectors = dense_module._largest(np.tril(matrix), k)
-    np.testing.assert_allclose(values, expected[n - k :], rtol=0, atol=1e-14)
-    np.testing.assert_allclose(vectors.T @ vectors, np.eye(k), rtol=0, atol=1e-13)
-    np.testing.assert_allclose(matrix @ vectors, vectors * values, rtol=0, atol=1e-14)
-
-
-@pytest.mark.parametrize("n_touched", [0, 7, 40])
-def test_a_dense_pencil_in_a_null_space(n_touched: int) -> None:
-    """Against the whole matrices in SciPy's null space, where constraints touch no unknown, some, and all."""
-    n, random = 40, np.random.default_rng(n_touched)
-    parts = (random.normal(size=(n, n)) for _ in range(2))
-    stiffness, mass = (part @ part.T + n * np.eye(n) for part in parts)
-    stiffness[np.ix_([0, 1], [0, 1])] += 1e6
-    pencil, shift, loads = DensePencil(sp.csr_matrix(mass), sp.csr_matrix(stiffness)), -0.3, random.normal(size=(n, 2))
-    pencil.shift_to(shift, "")
-    for seed in (1, 2):  # two configurations
-        constraints = np.zeros((3 * (n_touched > 0), n))
-        touched = np.random.default_rng(5).permutation(n)[:n_touched]
-        constraints[:, touched] = np.random.default_rng(seed).normal(size=(len(constraints), n_touched))
-        basis = scipy.linalg.null_space(constraints) if n_touched else np.eye(n)
-        k, m = (basis.T @ matrix @ basis for matrix in (stiffness, mass))
-        expected, modes = scipy.linalg.eigh(k, m)
-        pencil.move_to(null_space(sp.csr_matrix(constraints)))
-        pairs = pencil.solve(0, 5, "here")
-        # round-off: 1e-15 of the ratio of stiffnesses, 1e5, with a factor of ten
-        np.testing.assert_allclose(pairs.values, expected[:5], rtol=1e-9)
-        overlaps = pairs.vectors.T @ mass @ (basis @ modes[:, :5])
-        np.testing.assert_allclose(np.abs(overlaps), np.eye(5), rtol=0, atol=1e-9)
-        answers = basis @ np.linalg.solve(k - shift * m, basis.T @ loads)
-        np.testing.assert_allclose(pencil.shifted_answers(loads), answers, rtol=0, atol=1e-9 * np.max(np.abs(answers)))
-        assert pencil.count_below(0.5 * (expected[2] + expected[3])) == 3
-
-
-def test_a_dense_pencil_checks_its_residuals(monkeypatch: pytest.MonkeyPatch) -> None:
-    pencil = DensePencil(sp.csr_matrix(np.eye(3)), sp.csr_matrix(np.diag([1.0, 2.0, 3.0])))
-    pencil.move_to(null_space(sp.csr_matrix((0, 3))))
-    pencil.shift_to(-0.5, "")
-    monkeypatch.setattr(pencil, "shifted_answers", lambda b: b + [[0.0, 0.1], [0.0, 0.0], [0.1, 0.0]])
-    with pytest.raises(RunError, match=r"at here: eigenvalue .* has the relative residual .*, above 1e-06; the mesh"):
-        pencil.solve(0, 2, "here")
+    if off:
+        monkeypatch.setattr(pencil, "shifted_answers", lambda b: b + [[0.0, off], [0.0, 0.0], [off, 0.0]])
+    elif stiffness[0] > 0.0:  # unknowns without mass are left out
+        np.testing.assert_allclose(pencil.solve(0, 2, "here").values, [1.0, 2.0], rtol=1e-14)
+    with pytest.raises(RunError, match=f"at here{words}"):
+        pencil.solve(0, n, "here")

@@ -23,14 +23,9 @@ from scenes import slider_crank
 
 #: Entries with two values each; the first one is nominal.
 NUMBERS = {
-    "low": (0.39, 0.395),
-    "up": (0.44, 0.45),
-    "loss": (0.05, 0.5),
-    "slow": (4.0, 2.0),
-    "length": (0.43, 0.4),
-    "lump": (0.02, 0.03),
-    "throw": (6.0, 5.5),
-}
+    "low": (0.39, 0.395), "up": (0.44, 0.45), "loss": (0.05, 0.5), "slow": (4.0, 2.0), "length": (0.43, 0.4),
+    "lump": (0.02, 0.03), "throw": (6.0, 5.5),
+}  # fmt: skip
 ENTRIES = (
     "simulation.initial.theta={{position=0.4,velocity={throw}}}", "simulation.step=1e-3", "simulation.duration=0.045",
     "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=16",

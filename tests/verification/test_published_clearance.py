@@ -166,14 +166,10 @@ def test_the_history_of_siconos_up_to_the_second_impact():
     np.testing.assert_allclose(speed, PUBLISHED[:, 2], rtol=0.02)
 
 
-@pytest.mark.parametrize(
-    ("restitution", "damping", "most", "mean", "speed"),
-    [
-        (0.05, "hunt_crossley", 0.04, 0.015, 2.5),
-        (0.4, "hunt_crossley", 0.8, 0.2, 5.0),
-        (0.4, "hysteresis", 0.15, 0.04, 5.0),
-    ],
-)
+@pytest.mark.parametrize(("restitution", "damping", "most", "mean", "speed"), [
+    (0.05, "hunt_crossley", 0.04, 0.015, 2.5), (0.4, "hunt_crossley", 0.8, 0.2, 5.0),
+    (0.4, "hysteresis", 0.15, 0.04, 5.0),
+])  # fmt: skip
 def test_histories_of_moreaus_rule_over_three_revolutions(restitution, damping, most, mean, speed):
     """With a small restitution, whose rebounds nobody sees, heights are the same but for how deep contact is (0.02 of
     the room); with 0.4 rebounds of other speeds differ, by a part of their height, unless impacts of all speeds lose
@@ -237,20 +233,15 @@ def four_bar(pins: str) -> Scene:
             ("rocker", 3.0, 0.0, rocker, 2.5),
         )
     ]
-    ends = {
-        "one": ("crank:tip", "coupler:hub"),
-        "two": ("rocker:tip", "coupler:tip"),
-        "three": ("ground:right", "rocker:hub"),
-    }
+    ends = {"one": ("crank:tip", "coupler:hub"), "two": ("rocker:tip", "coupler:tip")}
+    ends["three"] = ("ground:right", "rocker:hub")
     lines += [f'joints.{name}: type = "revolute"; connect = ["{a}", "{b}"]; {pins}' for name, (a, b) in ends.items()]
     lines += [
         f'outputs.{axis}_{name}: type = "position"; point = "{end.replace("_", ":")}"; axis = "{axis}"'
         for name, end in {"hub": "coupler_hub", "tip": "coupler_tip", "low": "rocker_hub", "top": "rocker_tip"}.items()
         for axis in "xy"
     ]
-    return scene_from_toml(
-        tables(
-            """
+    text = """
 scene: name = "four_bar"
 ground.points: right = [3.0, 0.0]
 joints.main: type = "revolute"; connect = ["ground:origin", "crank:hub"]
@@ -258,10 +249,8 @@ coordinates.theta: joint = "main"; range = [0.0, 6.283185307179586]; periodic = 
 effects.weight: type = "gravity"; acceleration = 9.81
 simulation: duration = 1.0; step = 5e-5
 """
-            + "\n".join([*lines, f'effects.drive: type = "prescribed_motion"; coordinate = "theta"; table = {TABLE}'])
-        ),
-        ".",
-    )
+    text += "\n".join([*lines, f'effects.drive: type = "prescribed_motion"; coordinate = "theta"; table = {TABLE}'])
+    return scene_from_toml(tables(text), ".")
 
 
 def test_the_history_of_a_four_bar_with_three_loose_pins():

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from alike import assert_alike
 from coupled_scenes import GEARED, RACK, ROTORS, SCREW
 from differences import differences
 from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
@@ -91,8 +92,7 @@ def test_a_sample_of_flexible_bodies_is_the_model_that_has_its_ratio(model: str)
     scene = geared()
     found = history(of_samples(MODELS[model](scene), ["ratio"]), samples(scene, 1, ratio=OTHER), 1)[1]
     exact = history(MODELS[model](numbered()), {}, 1)[1]
-    for name, values in exact.items():
-        np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-12 * np.abs(values).max(), err_msg=name)
+    assert_alike(exact, found, 1e-12)
 
 
 def test_a_reduced_model_with_another_ratio_is_the_one_that_is_built_with_it(rom: ReducedOrderModel) -> None:
@@ -105,14 +105,8 @@ def test_a_reduced_model_with_another_ratio_is_the_one_that_is_built_with_it(rom
             eigh(of.stiffness[place, 0], of.mass[place, 0][1:, 1:], eigvals_only=True) for of in (tables, exact)
         )
         np.testing.assert_allclose(found, wanted, rtol=1e-6)
-    runs = [
-        history(one, values, 1)[1]
-        for one, values in (
-            (built, {}),
-            (own, samples(own.scene, 1)),
-            (of_samples(model, ["ratio"]), samples(scene, 1, ratio=OTHER)),
-        )
-    ]
+    asked = (built, {}), (own, samples(own.scene, 1)), (of_samples(model, ["ratio"]), samples(scene, 1, ratio=OTHER))
+    runs = [history(one, values, 1)[1] for one, values in asked]
     # stiffness between angles, in bases that are turned against each other, leaves 3e-5 of the deformation, as two
     # builds with other angles do
     for found in runs[1:]:

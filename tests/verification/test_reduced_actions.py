@@ -73,8 +73,10 @@ def anywhere(model: ReducedModel, n: int) -> State:
 LOCAL = [name for name in EFFECTS if name not in ("rayleigh", "rayleigh of one body", "modal", "drive")]
 
 
-@pytest.mark.parametrize("second_order", [False, True])
-@pytest.mark.parametrize("effect", LOCAL)
+@pytest.mark.parametrize(
+    ("effect", "second_order"),
+    [*((effect, False) for effect in LOCAL), ("spring between points", True), ("following force", True)],
+)
 def test_forces_do_the_work_that_frames_do(models, effect: str, second_order: bool) -> None:
     model = model_of(models, effect, f"reduction.second_order={str(second_order).lower()}")
     state = anywhere(model, 6)

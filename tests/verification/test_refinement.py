@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from alike import assert_alike
 from length_scenes import HIGH, LOW, SMALL, long_crank, numbered
 from mpi4py import MPI
 from runs import history, reduced_model, rom_of, samples
@@ -70,8 +71,7 @@ def test_models_of_all_lengths_have_the_angles_that_the_extreme_ones_ask_for() -
     # a run at an end, with the angles of all, is that of the model of this length with its own ones
     at_end, number = (ReducedModel(scene.with_values({"rod_length": HIGH}), rom), reduced_model(numbered(HIGH, *more)))
     (_, found), (_, expected) = (history(model, samples(model.scene, 1), 1) for model in (at_end, number))
-    for name, values in expected.items():
-        np.testing.assert_allclose(found[name], values, rtol=0, atol=0.05 * np.abs(values).max())
+    assert_alike(expected, found, 0.05)
 
 
 def test_a_sample_that_was_interpolated_exactly_has_no_error() -> None:

@@ -1,14 +1,13 @@
 """Rigid bodies by their mass: as bodies of lines with the same properties, against closed forms."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from exported import assert_same_in_c, needs_compiler
-from machine_scenes import CART, MODELS, RAIL, RAIL_MASS, cart, run
-from runs import reduced_model
+from alike import assert_alike
+from machine_scenes import MODELS, RAIL, RAIL_MASS, cart, run
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
-from pgmp_petsc.scene import scene_from_toml, scene_to_toml
+from pgmp_petsc.scene import scene_from_toml
 from scenes import HEADER, tables
 
 MASS, ROTARY = 7800.0 * 0.2 * 0.05**2, 7800.0 * 0.2 * 0.05**2 * (0.2**2 + 0.05**2) / 12.0
@@ -18,11 +17,10 @@ BY_MASS = (
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_a_cart_by_its_mass_is_the_cart_of_lines(model: str, monkeypatch) -> None:
+def test_a_cart_by_its_mass_is_the_cart_of_lines(model: str) -> None:
     start = ("simulation.initial.x.velocity=0.3", "simulation.initial.swing.velocity=-2.0")
     (_, lines), (_, mass) = (run(scene, model) for scene in (cart(*start), cart(*start, BY_MASS)))
-    for name, values in lines.items():
-        np.testing.assert_allclose(mass[name], values, rtol=0, atol=1e-9 * np.abs(values).max(), err_msg=name)
+    assert_alike(lines, mass, 1e-9)
 
 
 FLYWHEEL = HEADER + tables("""
@@ -59,8 +57,6 @@ outputs.turn: type = "angle"; joint = "foot"
 
 def test_a_body_in_space_swings_about_an_oblique_axis() -> None:
     """J phi'' is the moment of its weight, with the inertia about the axis by Steiner's theorem."""
-    from scipy.integrate import solve_ivp
-    from scipy.spatial.transform import Rotation
 
     scene = scene_from_toml(TOP, ".")
     times, found = run(scene, "full")
@@ -92,14 +88,3 @@ def test_a_carriage_carries_an_arm(model: str) -> None:
     times, found = run(scene, model)
     exact = 0.5 * 4.0 / (2.0 + RAIL_MASS) * times**2
     np.testing.assert_allclose(found["x"], exact, rtol=0, atol=1e-4 * exact.max())
-
-
-@needs_compiler
-def test_a_rigid_mass_in_c(tmp_path: Path) -> None:
-    model = reduced_model(cart(BY_MASS))
-    assert_same_in_c(model, tmp_path)
-
-
-def test_a_scene_comes_back_from_what_results_keep() -> None:
-    scene = scene_from_toml(CART, ".", [BY_MASS])
-    assert scene_from_toml(scene_to_toml(scene), ".").bodies == scene.bodies

@@ -103,13 +103,9 @@ def test_the_full_order_model_is_of_second_order(name: str, duration: float) -> 
 # full-order model: 1.1e-6 at 0.1 ms (four_bar), 0.6e-6 at 0.1 ms (quick_return), 0.6e-6 at 0.25 ms (double_pendulum),
 # and 3.2e-4 at 5 ms (spinning_beam), from which 0.28 ms follow.
 BALANCED = {
-    "four_bar": (0.25, 2.5e-4),
-    "double_pendulum": (0.4, 2.5e-4),
-    "five_bar": (0.3, 2.5e-4),
-    "quick_return": (0.3, 2e-4),
-    "spinning_beam": (4.0, 1.25e-3),
-    "slider_crank_effects": (0.3, 1e-4),
-}
+    "four_bar": (0.25, 2.5e-4), "double_pendulum": (0.4, 2.5e-4), "five_bar": (0.3, 2.5e-4),
+    "quick_return": (0.3, 2e-4), "spinning_beam": (4.0, 1.25e-3), "slider_crank_effects": (0.3, 1e-4),
+}  # fmt: skip
 # Orders in the step. Loads of slider_crank_effects set in at once, and the vibrations of its nodes come to be resolved
 # at these steps: their share of 1.5e-6 at 0.4 ms falls with the orders 1.0, 1.3 and 1.5 down to 50 us.
 ORDERS = {("slider_crank_effects", "full"): 1.2}

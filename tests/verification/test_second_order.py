@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import scipy.linalg
+from alike import orders
 from frames import pair_products, to_inertial
 from mpi4py import MPI
 from runs import quick_return, rom_of
@@ -35,12 +36,10 @@ GRAVITY = 'effects.weight={type="gravity"}'
 TORQUE = 'effects.motor={type="torque", joint="crank_hinge", table=[[0.0, 1.0]]}'
 SECOND, STATIC = "reduction.second_order=true", "reduction.static_modes=true"
 SCENES = {
-    "slider-crank": lambda: slider_crank(STATIC),
-    "slider-crank with weight": lambda: slider_crank(GRAVITY, STATIC),
-    "four-bar": lambda: four_bar(TORQUE, STATIC),
-    "quick return": lambda: quick_return(),
+    "slider-crank": lambda: slider_crank(STATIC), "slider-crank with weight": lambda: slider_crank(GRAVITY, STATIC),
+    "four-bar": lambda: four_bar(TORQUE, STATIC), "quick return": lambda: quick_return(),
     "quick return with static modes": lambda: quick_return(STATIC),
-}
+}  # fmt: skip
 every_scene = pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 HALVINGS = 5
 
@@ -78,11 +77,6 @@ def curved(scene: Scene, theta: float, n_modes: int) -> Curved:
         chi = curvature.solve(modes, shape, curvature.answered_loads(modes, static, patterns)).chi
     nonlinear = StaticEquilibrium(kinematics, scene.nominal, theta)
     return Curved(nonlinear, modes, shape, chi, patterns)
-
-
-def orders(errors: list[float]) -> np.ndarray:
-    """Return the observed orders of errors at sizes that are halved each time."""
-    return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
 
 
 @every_scene

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from alike import orders
 from frames import pair_products
 from green_lagrange import energy_of
 from mpi4py import MPI
@@ -38,11 +39,6 @@ CELLS = {
     "plane": (solid_slider_crank, lambda scene: solid_meshes(n_per_metre=10)),
     "space": (slider_crank_in_space, bars_of),
 }
-
-
-def orders(errors: list[float]) -> np.ndarray:
-    """Return the observed orders of errors at sizes that are halved each time."""
-    return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
 
 
 def rom_with(scene: Scene, meshes: dict) -> ReducedOrderModel:

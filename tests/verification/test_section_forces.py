@@ -121,13 +121,10 @@ def test_a_force_across_and_along_is_that_of_statics(element: str) -> None:
     shear = "shear_force" if element == "beam2d" else "shear_force_2"
     place = "at=[0.3,0.0,0.0]" if element == "beam3d" else "at=[0.3,0.0]"
     scene = held(
-        element,
-        'bodies.bar.section={shape="circle", radius="r"}',
+        element, 'bodies.bar.section={shape="circle", radius="r"}',
         'parameters.r={nominal=0.01, value=0.013, distribution={name="norm", loc=0.01, scale=0.001}}',
-        asked("pulled", "axial_force", place),
-        asked("sheared", shear, place),
-        direction=(0.6, -0.8),
-    )
+        asked("pulled", "axial_force", place), asked("sheared", shear, place), direction=(0.6, -0.8),
+    )  # fmt: skip
     found = motion("reduced", scene, {"bar": straight_beam(1.0, 10, dimension=int(element[4]))})
     assert found.outputs["pulled"][0] == pytest.approx(60.0, rel=1e-6)
     assert abs(found.outputs["sheared"][0]) == pytest.approx(80.0, rel=1e-6)

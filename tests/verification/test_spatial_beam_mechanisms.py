@@ -64,7 +64,7 @@ def test_energy_and_momentum_of_free_motion() -> None:
     model, energies, momenta = full_model(scene), [], []
     with model.distributed({}, MPI.COMM_SELF) as system:
         equations = system._equations  # noqa: SLF001
-        mass = evaluated(equations, *equations.start(), (0.0, 1.0, 0.0))[1]
+        mass = evaluated(equations, *equations.start, (0.0, 1.0, 0.0))[1]
     with model.batch({}, 1) as system:
 
         def observe(number: int, time: float, state) -> None:

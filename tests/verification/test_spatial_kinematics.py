@@ -125,13 +125,6 @@ def test_the_angle_of_a_coordinate_counts_turns_and_its_poses_do_not(crank_and_s
     np.testing.assert_allclose(residual, 0.0, rtol=0, atol=1e-12)
 
 
-def test_the_frame_of_a_node(crank_and_slider: RigidKinematics) -> None:
-    mechanism = crank_and_slider.mechanism
-    frames = crank_and_slider.positions(mechanism.node("slider:hinge", "test"), THETA)
-    assert frames.shape == (12, THETA.size)
-    np.testing.assert_allclose(frames[:3], place(crank_and_slider, "slider:hinge", THETA), rtol=0, atol=1e-15)
-
-
 # --- the plane -------------------------------------------------------------------------------------------------------
 
 
@@ -355,13 +348,10 @@ def spindle(kind: str, **entries: object) -> RigidKinematics:
 
 # every joint that lets the bar turn says nothing that the hinge does not: as many redundant constraints as it has
 HARMLESS = {
-    "spherical": (3, {}),
-    "revolute": (5, {"axis": SPINDLE}),
-    "universal": (4, {"axis": SPINDLE, "second_axis": ACROSS}),
-    "cylindrical": (4, {"axis": SPINDLE}),
-    "point_on_line": (2, {"direction": SPINDLE}),
-    "point_on_plane": (1, {"normal": SPINDLE}),
-}
+    "spherical": (3, {}), "revolute": (5, {"axis": SPINDLE}),
+    "universal": (4, {"axis": SPINDLE, "second_axis": ACROSS}), "cylindrical": (4, {"axis": SPINDLE}),
+    "point_on_line": (2, {"direction": SPINDLE}), "point_on_plane": (1, {"normal": SPINDLE}),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", HARMLESS)

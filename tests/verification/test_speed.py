@@ -74,17 +74,14 @@ def test_speeds_of_a_reduced_model_are_derivatives_along_its_motion(dimension: i
         np.testing.assert_allclose(found[speed], sum(parts) / (12.0 * h), rtol=0, atol=1e-7, err_msg=speed)
 
 
-@pytest.mark.parametrize(
-    ("entry", "message"),
-    [
-        ('{type="speed"}', r"outputs\.s.*exactly one of point, joint is needed"),
-        ('{type="speed",joint="elbow",axis="x"}', r"outputs\.s\.axis"),
-        ('{type="speed",point="rod:tip"}', r"outputs\.s\.axis"),
-        ('{type="speed",point="rod:tip",axis="z"}', r"outputs\.s\.axis.*in the plane"),
-        ('{type="speed",joint="none"}', r"outputs\.s\.joint = \"none\""),
-        ('{type="speed",joint="elbow",motion="sliding"}', r"outputs\.s\.motion"),
-    ],
-)
+@pytest.mark.parametrize(("entry", "message"), [
+    ('{type="speed"}', r"outputs\.s.*exactly one of point, joint is needed"),
+    ('{type="speed",joint="elbow",axis="x"}', r"outputs\.s\.axis"),
+    ('{type="speed",point="rod:tip"}', r"outputs\.s\.axis"),
+    ('{type="speed",point="rod:tip",axis="z"}', r"outputs\.s\.axis.*in the plane"),
+    ('{type="speed",joint="none"}', r"outputs\.s\.joint = \"none\""),
+    ('{type="speed",joint="elbow",motion="sliding"}', r"outputs\.s\.motion"),
+])  # fmt: skip
 def test_what_is_refused(entry: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         slider_crank(f"outputs.s={entry}")

@@ -114,10 +114,8 @@ ALL_TERMS = ("reduction.static_modes=true", "reduction.inertia_modes=true", "red
              "reduction.angles=24", "simulation={duration=0.02, step=1e-3}")  # fmt: skip
 
 
-@pytest.mark.parametrize("torque", [32.0, 64.0])
-def test_a_load_without_static_answer_is_no_failure_of_the_remark(torque: float) -> None:
+def test_a_load_without_static_answer_is_no_failure_of_the_remark() -> None:
     """The static deformation of a reduced slider-crank under so much has no end, and is no cure."""
-    motor = f"effects.motor.table=[[0.0, {torque}]]"
-    scene = slider_crank(motor, *ALL_TERMS)
+    scene = slider_crank("effects.motor.table=[[0.0, 64.0]]", *ALL_TERMS)
     (remark,) = said(reduced_model(scene))
     assert remark.kind == "note" and "initial.equilibrium = true does not help here" in remark.text

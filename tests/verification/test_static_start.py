@@ -93,7 +93,7 @@ def test_a_link_between_two_hinges_bends_as_a_beam_on_two_supports() -> None:
         np.testing.assert_allclose(0.5 * (rod[0] + rod[-1]) - rod[32], sag, rtol=1e-3)
 
 
-@pytest.mark.parametrize("start", [0.3, -1.2, 3.0])
+@pytest.mark.parametrize("start", [0.3, 3.0])
 def test_a_free_pendulum_hangs_straight_down_and_stays_there(start: float) -> None:
     for model in both(scene_of(BAR, "free", start), BAR):
         system = model.batch({}, 1)
@@ -159,11 +159,6 @@ def test_energy_is_kept_from_the_strain_at_the_start_on() -> None:
     np.testing.assert_allclose(found[1].strain[0], found[0].strain[0], rtol=0.02)
 
 
-def test_the_resolved_scene_keeps_the_start() -> None:
-    scene = scene_of(BAR, "free", 0.1)
-    assert scene_from_toml(scene_to_toml(scene), ".").initial == scene.initial
-
-
 def test_a_torque_that_nothing_holds_is_refused_with_what_it_leaves() -> None:
     motor = '\n[effects.motor]\ntype = "torque"\njoint = "hinge"\ntable = [[0.0, 50.0], [1.0, 50.0]]\n'
     scene = scene_of(BAR, "free", 0.0, motor)
@@ -176,22 +171,13 @@ def test_a_torque_that_nothing_holds_is_refused_with_what_it_leaves() -> None:
     assert (run.status == Status.NO_EQUILIBRIUM).all() and (run.failure_time == 0.0).all()
 
 
-def test_a_start_at_rest_with_a_velocity_is_refused() -> None:
-    text = BAR + "[initial]\nequilibrium = true\n[simulation.initial.phi]\nvelocity = 3.0\n"
-    with pytest.raises(InputError, match="simulation.initial.phi.velocity.*starts at rest"):
-        scene_from_toml(text, ".")
-    scene_from_toml(text.replace("3.0", "0.0"), ".")
-
-
-@pytest.mark.parametrize(
-    ("entry", "message"),
-    [
-        ('[initial]\ncoordinates = "free"\n', "initial.coordinates.*equilibrium = true"),
-        ("[initial]\nequilibrium = 1\n", "initial.equilibrium"),
-        ('[initial]\nequilibrium = true\ncoordinates = "loose"\n', "initial.coordinates.*held.*free"),
-        ("[initial]\nequilibrum = true\n", "initial.equilibrum.*equilibrium"),
-    ],
-)
+@pytest.mark.parametrize(("entry", "message"), [
+    ('[initial]\ncoordinates = "free"\n', "initial.coordinates.*equilibrium = true"),
+    ("[initial]\nequilibrium = 1\n", "initial.equilibrium"),
+    ('[initial]\nequilibrium = true\ncoordinates = "loose"\n', "initial.coordinates.*held.*free"),
+    ("[initial]\nequilibrum = true\n", "initial.equilibrum.*equilibrium"),
+    ("[initial]\nequilibrium = true\n[simulation.initial.phi]\nvelocity = 3.0\n", "phi.velocity.*starts at rest"),
+])  # fmt: skip
 def test_entries_of_initial_are_checked(entry: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         scene_from_toml(BAR + entry, ".")
@@ -210,8 +196,7 @@ def test_a_prescribed_motion_holds_its_coordinate_only_if_it_begins_at_rest() ->
 
 def test_no_loads_leave_the_mechanism_where_it_is() -> None:
     text = BAR + RUN + '[initial]\nequilibrium = true\ncoordinates = "free"\n[simulation.initial.phi]\nposition = 0.7\n'
-    scene = scene_from_toml(text, ".")
-    system = full_model(scene).batch({}, 1)
+    system = full_model(scene_from_toml(text, ".")).batch({}, 1)
     np.testing.assert_allclose(system.settled.theta, 0.7)
     assert not system.settled.reasons and not system.settled.unstable[0]
 
@@ -364,10 +349,9 @@ def soft_four_bar(start: float, *overrides: str) -> Scene:
     return scene_from_toml(SOFT_FOUR_BAR, ".", (f"simulation.initial.q.position={start}", *overrides))
 
 
-@pytest.mark.parametrize("weight", [100.0, 300.0])
-def test_a_reduced_start_is_found_as_far_as_the_full_order_one(weight: float) -> None:
+def test_a_reduced_start_is_found_as_far_as_the_full_order_one() -> None:
     for start in (0.4, 2.0, 4.0):
-        scene = soft_four_bar(start, f"effects.weight.acceleration={weight}")
+        scene = soft_four_bar(start, "effects.weight.acceleration=300.0")
         for model in (reduced_model, full_model):
             model(scene).batch({}, 1).settled.require()
 

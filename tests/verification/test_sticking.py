@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from effect_scenes import BLOCK, run_distributed, scene_of
-from runs import built_rom, full_model, reduced_model, samples
+from runs import full_model, reduced_model, rom_of, samples
 from scipy.integrate import solve_ivp
 
 from pgmp_petsc.effects.action import FRICTION, SPRING_DAMPER
@@ -92,11 +92,10 @@ def test_a_slider_that_sticks_and_slips_converges() -> None:
         rates, (0.0, 0.5), [np.sqrt(0.75), 0.0], "Radau", times, jac=jacobian, rtol=1e-10, atol=1e-13, max_step=1e-3
     )
     travel = np.ptp(exact.y[0])
-    errors = [np.abs(places_of_slider(n) - exact.y[0]).max() / travel for n in (250, 1000, 4000, 16000)]
-    # measured: 7e-4, 4e-5, 4e-6, 1e-6; second order over a quarter of the step is a factor of 16, and the first one,
-    # which is left where steps do not resolve s m / L = 1 ms, of 4. The bars of 1e-6 kg change 1e-6
-    assert np.all(np.diff(np.log(errors[:-1])) < -np.log(8.0)), errors
-    assert errors[-1] < 4e-6, errors
+    errors = [np.abs(places_of_slider(n) - exact.y[0]).max() / travel for n in (250, 1000, 4000)]
+    # measured: 7e-4, 4e-5, 4e-6; second order over a quarter of the step is a factor of 16, and the first one, which is
+    # left where steps do not resolve s m / L = 1 ms, of 4. The bars of 1e-6 kg change 1e-6
+    assert np.all(np.diff(np.log(errors)) < -np.log(8.0)) and errors[-1] < 6e-6, errors
 
 
 def at_end(scene: Scene, n: int = 1) -> tuple[np.ndarray, np.ndarray]:
@@ -131,7 +130,7 @@ def test_a_bar_that_bends_converges_to_its_own_equations() -> None:
 def test_a_light_hinge_converges_with_the_second_order() -> None:
     """The node of 1e-7 kg m2 sticks and slips; before, steps below 0.2 ms stopped."""
     ends = []
-    for step in (2e-4, 1e-4, 5e-5, 2.5e-5, 1.25e-5, 6.25e-6):
+    for step in (2e-4, 1e-4, 5e-5, 2.5e-5, 1.25e-5):
         status, end = at_end(scene_from_toml(HINGE, ".", (f"simulation.step={step}",)))
         assert not status.any(), step
         ends.append(end)
@@ -140,7 +139,7 @@ def test_a_light_hinge_converges_with_the_second_order() -> None:
     assert np.all(orders[1:] > 1.8), (changes, orders)
 
 
-@pytest.mark.parametrize("step", [1e-3, 1e-4, 1e-5])
+@pytest.mark.parametrize("step", [1e-3, 1e-5])
 def test_several_joints_that_stick_stop_no_run(step: float) -> None:
     """Full-order samples, on blocks of lanes and distributed, components and the reduced model, at any step."""
     scene = scene_from_toml(CRANK_DRIVE, ".", (f"simulation.step={step}",))
@@ -159,7 +158,7 @@ def test_several_joints_that_stick_stop_no_run(step: float) -> None:
 def test_round_off_decides_of_no_run() -> None:
     """Of densities that differ by 1e-9, 10 in 16 stopped: an iterate ran away, and no later matrix was factorised."""
     ends = []
-    for rho in 7800.0 * (1.0 + 1e-9 * np.arange(16)):
+    for rho in 7800.0 * (1.0 + 1e-9 * np.arange(8)):
         run = run_distributed(scene_from_toml(CRANK_DRIVE, ".", ("simulation.step=1e-3", f"materials.steel.rho={rho}")))
         assert run.status == 0, rho
         ends.append(run.frames[-1])
@@ -185,30 +184,27 @@ def test_what_sticks_in_one_lane_changes_no_other(kind: str) -> None:
     np.testing.assert_array_equal(together, turned[:, ::-1])
 
 
-PENDULUM = (
-    HINGE.replace("harmonic = { amplitude = 0.6, frequency_hz = 5.0 }", "table = [[0.0, 0.0]]")
-    + """
-[effects.weight]
-type = "gravity"
-"""
-)
+PENDULUM = HINGE.replace("harmonic = { amplitude = 0.6, frequency_hz = 5.0 }", "table = [[0.0, 0.0]]")
+PENDULUM += '\n[effects.weight]\ntype = "gravity"\n'
 
 
-@pytest.mark.parametrize("step", [1e-3, 5e-4, 1e-4])
-def test_one_correction_is_not_enough_where_friction_changes(step: float) -> None:
-    """How a step before contracted says nothing: a pendulum that rests in its friction was 3, 15 and 36 % off."""
-    entries = (
+def resting(step: float) -> Scene:
+    """Return a pendulum that comes to rest in its friction."""
+    return scene_from_toml(PENDULUM, ".", (
         "bodies.bar.line={length=0.6, elements=6}", 'bodies.bar.section={shape="circle", radius=0.005}',
         "materials.alloy={E=210e9, nu=0.3, rho=7800.0}", "effects.f.limit=0.8", "effects.f.speed=0.01",
-        "reduction.angles=24", 'reduction.interpolation="spline"', "simulation.duration=1.0",
-    )  # fmt: skip
-    scene = scene_from_toml(PENDULUM, ".", (*entries, f"simulation.step={step}"))
-    fine = scene_from_toml(PENDULUM, ".", (*entries, "simulation.step=1e-4"))
-    model = ReducedModel(scene, built_rom(scene))
-    found = integrate(model.batch({}, 1), scene.simulation).state.q[0, 0]
-    wanted = at_end(fine)[1][2]
-    # measured: 2e-4 of the angle, of the basis
-    assert abs(found - wanted) < 1e-3 * abs(wanted), (found, wanted)
+        "reduction.angles=24", 'reduction.interpolation="spline"', "simulation.duration=1.0", f"simulation.step={step}",
+    ))  # fmt: skip
+
+
+def test_one_correction_is_not_enough_where_friction_changes() -> None:
+    """How a step before contracted says nothing: with these steps it was 3 and 36 % off."""
+    wanted = at_end(resting(1e-4))[1][2]
+    for step in (1e-3, 1e-4):
+        model = ReducedModel(resting(step), rom_of(resting(step)))
+        found = integrate(model.batch({}, 1), model.scene.simulation).state.q[0, 0]
+        # measured: 2e-4 of the angle, of the basis
+        assert abs(found - wanted) < 1e-3 * abs(wanted), (step, found, wanted)
 
 
 def test_what_slides_on_is_corrected_once_in_most_steps() -> None:

@@ -26,7 +26,6 @@ STEP_GIVEN = (BOTH[0], "simulation={duration=0.03, step=5e-4, frames=2}")
 #: By kind: what is asked for, and the model that errors are against in the choice.
 ASKED = {
     "cells in the plane": (BOTH, "full"),
-    "mixture": (STEP_GIVEN, "full"),
     "solids in space": ((*STEP_GIVEN, 'reference.model="components"'), "components"),
     "two coordinates": (STEP_GIVEN, "full"),
 }
