@@ -10,8 +10,10 @@ import h5py
 import numpy as np
 import pytest
 from conftest import ROOT
+from machine_scenes import cart
 from runs import PGMP, overridden, pgmp, said
 
+from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.loading import write_template
 
 # without extremes: fewer pictures on the page
@@ -226,6 +228,19 @@ def test_every_command_has_figures(scene: Path, first, tmp_path: Path, command: 
     assert found["kind"] == kind and found[figure] is not None and found["scene"]
     if kind != "rom":
         assert json.loads(said("info", tmp_path / "one.h5", "--json")[0])[figure] == found[figure]
+
+
+def test_what_reduced_models_refuse_runs_as_component_models(tmp_path: Path) -> None:
+    path, why = tmp_path / "cart.toml", "forces in joints of reduced models do not know those of controllers"
+    servo = 'controllers.hold={type="pid",measures="swing",joint="pivot",gains={p=10.0,d=0.3}}'
+    rubs = 'effects.rubs={type="joint_friction",joint="pivot",coefficient=0.1,radius=0.01,speed=0.01}'
+    path.write_text(scene_to_toml(cart(servo, rubs, "simulation.duration=0.02")))
+    checked = said("check", path)[0]
+    assert "refused       pgmp check --effects, pgmp build, a reduced run, pgmp tradeoff: effects.rubs" in checked
+    assert "model         reduced: refused, effects.rubs" in checked and why in checked
+    lines = told(said("run", path, "-o", tmp_path / "cart")[0])
+    assert lines["build"][0].startswith("left out: no reduced model (effects.rubs") and why in lines["build"][0]
+    assert lines["simulate"][0].startswith("component") and lines["compare"][-1].startswith("differs from full order")
 
 
 def test_scenes_of_many_coordinates_run_as_component_models(tmp_path: Path) -> None:
