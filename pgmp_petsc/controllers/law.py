@@ -139,7 +139,7 @@ _NUMBER, _NUMBERS = types.float64, types.CPointer(types.float64)
 _TAKES = _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS
 PRINTS = (__name__, "pgmp_petsc.controllers.law", "pgmp_petsc.declare.expressions")
 MOST_ITERATIONS = 30
-CLOSE = 1e-14  # of the states, where their iteration ends
+CLOSE = 1e-14  # of the states, and of the terms that make them, where their iteration ends
 PYTHON = '''"""The law of the controller {name}, printed from its declaration."""
 
 from math import atan, cos, exp, log, sin, sqrt, tanh
@@ -399,8 +399,11 @@ def respond(address, n, n_slopes, p, x, c, kappa, z, rates, force, room):
         for i in range(n):
             row = width * (1 + i)
             right[i, 0] = c[i] + kappa * found[row] - z[i]
+            size = 0.0  # of an error that is small between large numbers only the digits of these are known
             for k in range(n_slopes):
                 right[i, 1 + k] = kappa * found[row + 1 + k]
+                size += abs(right[i, 1 + k] * x[len(GIVEN) + k])
+            largest = max(largest, size)
             for j in range(n):
                 matrix[i, j] = (i == j) - kappa * found[row + 1 + n_slopes + j]
         eliminate(n, 1 + n_slopes, matrix, right)

@@ -236,10 +236,13 @@ def test_what_reduced_models_refuse_runs_as_component_models(tmp_path: Path) -> 
     rubs = 'effects.rubs={type="joint_friction",joint="pivot",coefficient=0.1,radius=0.01,speed=0.01}'
     path.write_text(scene_to_toml(cart(servo, rubs, "simulation.duration=0.02")))
     checked = said("check", path)[0]
-    assert "refused       pgmp check --effects, pgmp build, a reduced run, pgmp tradeoff: effects.rubs" in checked
-    assert "model         reduced: refused, effects.rubs" in checked and why in checked
+    assert (
+        "refused       pgmp check --effects, pgmp build, a reduced run, pgmp tradeoff: controllers.hold (pid) with effects.rubs"
+        in checked
+    )
+    assert "model         reduced: refused, controllers.hold" in checked and why in checked
     lines = told(said("run", path, "-o", tmp_path / "cart")[0])
-    assert lines["build"][0].startswith("left out: no reduced model (effects.rubs") and why in lines["build"][0]
+    assert lines["build"][0].startswith("left out: no reduced model (controllers.hold") and why in lines["build"][0]
     assert lines["simulate"][0].startswith("component") and lines["compare"][-1].startswith("differs from full order")
 
 

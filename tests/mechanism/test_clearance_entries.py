@@ -7,7 +7,7 @@ from refusals import cases, check_said, refusal
 from runs import mechanism, overridden, read_meshes, refused
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, foretold
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from pgmp_petsc.studies.check import describe_scene
 
@@ -183,7 +183,7 @@ NOT_WITH_THESE = {
 
 @pytest.mark.parametrize(("purpose", "asked", "said"), NOT_WITH_THESE.values(), ids=NOT_WITH_THESE)
 def test_what_elastic_joints_are_not_taken_with(purpose, asked, said):
+    assert refusal(check_capabilities, machine(*asked), purpose).startswith(said)
     # pgmp check says what a build is refused with, too
-    for asking in (purpose, Purpose.CHECK) if purpose is Purpose.BUILD else (purpose,):
-        assert refusal(check_capabilities, machine(*asked), asking).startswith(said)
+    assert purpose is not Purpose.BUILD or said in " ".join(foretold(machine(*asked)))
     check_capabilities(rigid_frame(), Purpose.FULL)

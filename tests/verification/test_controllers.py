@@ -244,14 +244,36 @@ def test_steps_in_lanes_are_those_by_corrections(entries: tuple[str, ...]) -> No
     assert np.ptp(found[0]["x"]) > 2e-4 and (entries[0] is not ARM[0] or found[0]["x"].max() > 0.02)
 
 
+FORCES = (
+    'outputs.force={type="control_force",controller="place"}',
+    'outputs.torque={type="control_force",controller="hold"}',
+)
+#: The pole hangs, and is held there: errors are small beside the angle and its reference.
+HANGING = (
+    ARM[0], "simulation.initial.swing={position=-1.5707963267948966,velocity=0.0}",
+    f'controllers.hold={{type="pid",measures="swing",joint="pivot",reference={SMOOTH % (-0.1, -1.6707963267948966)},'
+    "gains={p=10.0,d=0.3,filter=5e-3}}",
+)  # fmt: skip
+
+
+@CONTINUOUS_OR_SAMPLED
+def test_small_errors_of_large_angles(entries: tuple[str, ...]) -> None:
+    """Their round-off is that of the angle: the iteration of the controller's states ends with it, in every model."""
+    scene = cart(*HANGING, *entries[2:], *FORCES, "simulation.duration=0.1")
+    full, components, reduced = (run(scene, model)[1] for model in MODELS)
+    assert all(np.isfinite(one["torque"]).all() for one in (full, components, reduced))
+    assert_close(full, reduced, components, x=2e-4, torque=5e-3)
+
+
 #: A reference with corners within steps.
 CORNERED = "controllers.place.reference={table=[[0.0,0.0],[0.0503,0.08],[0.1,0.02]]}"
 
 
 @needs_compiler
 @pytest.mark.parametrize(
-    "entries", [(*ARM, CORNERED, STOPPED), (*ARM, *SAMPLED, STOPPED), (*SEEN, "controllers.seer.sample_time=2e-3")],
-    ids=["continuous", "sampled", "several measures"],
+    "entries",
+    [(*ARM, CORNERED, STOPPED), (*ARM, *SAMPLED, STOPPED), HANGING, (*SEEN, "controllers.seer.sample_time=2e-3")],
+    ids=["continuous", "sampled", "hanging", "several measures"],
 )  # fmt: skip
 def test_models_in_c(entries: tuple[str, ...], tmp_path: Path) -> None:
     """Equal to 1e-9 of the largest, over contacts too; a gain that is set is one of the model."""
@@ -260,12 +282,6 @@ def test_models_in_c(entries: tuple[str, ...], tmp_path: Path) -> None:
     for lead in (30.0, 20.0) if entries[0] is ARM[0] else (30.0,):
         wanted = history(model, samples(model.scene, 1, lead=np.array([lead])), 1)[1]
         assert_equal(outputs_of(program, f"lead={lead}"), {name: values[:, 0] for name, values in wanted.items()})
-
-
-FORCES = (
-    'outputs.force={type="control_force",controller="place"}',
-    'outputs.torque={type="control_force",controller="hold"}',
-)
 
 
 def test_forces_of_controllers_are_outputs() -> None:
@@ -290,23 +306,27 @@ def test_forces_of_controllers_are_outputs() -> None:
     assert trajectory(model, scene).outputs["force"][-1] == reduced["force"][-1]
 
 
-@needs_compiler
 @CONTINUOUS_OR_SAMPLED
 def test_forces_in_joints_under_control(entries: tuple[str, ...]) -> None:
-    """Those of the mesh, with accelerations and forces of controllers before these jump; the same of all samples."""
+    """Those of the mesh, with accelerations and forces of controllers before these jump; the same of all samples.
+
+    The weight that sets in leaves 0.8 % of the force in the pivot, and jumps of a torque there set off vibrations of a
+    step's period: these two modes have other ones.
+    """
     pins = [f'outputs.{joint}={{type="joint_force",joint="{joint}"}}' for joint in ("pivot", "rail2")]
     scene = cart(*entries, *pins, "simulation.duration=0.15")
     full, components, reduced = (run(scene, model)[1] for model in MODELS)
-    assert_close(full, reduced, components, pivot=2e-3, rail2=2e-3)
+    assert_close(full, reduced, components, rail2=2e-4, **({} if len(entries) > len(ARM) else {"pivot": 0.012}))
     model = reduced_model(scene)
     _, three = history(model, samples(scene, 3), 3)
     np.testing.assert_array_equal(three["pivot"], reduced["pivot"][:, None] * np.ones(3))
     assert trajectory(model, scene).outputs["pivot"][-1] == reduced["pivot"][-1]
-    found = differentiate(model, scene.values, ("lead",)).derivatives["pivot"][0]
+    found = differentiate(model, scene.values, ("lead",)).derivatives["pivot"]["lead"]
     before, after = (history(model, {"lead": np.array([30.0 + h])}, 1)[1]["pivot"][:, 0] for h in (-0.01, 0.01))
     np.testing.assert_allclose(found, (after - before) / 0.02, rtol=0, atol=1e-4 * np.abs(found).max())
 
 
+@needs_compiler
 def test_units_for_others(tmp_path: Path) -> None:
     """FMUs take a gain, and model exchange, whose integrator does not know the states, is refused."""
     scene = cart(*ARM, *SAMPLED, "simulation.duration=0.05")

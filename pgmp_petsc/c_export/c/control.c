@@ -11,7 +11,7 @@
 #include "tables.h"
 
 enum { MOST_RESPONSES = 30 };
-#define CLOSE 1e-14 /* of the states, where their iteration ends */
+#define CLOSE 1e-14 /* of the states, and of the terms that make them, where their iteration ends */
 
 static double *force_of(double beside[], const struct control *one) { return beside + one->column + 3 * one->n_states; }
 
@@ -52,7 +52,9 @@ static void solve_response(const struct control *one, const double p[], const do
         for (int i = 0; i < n; i++) {
             const double *row = law + width * (1 + i);
             right[i][0] = at->c[one->column + i] + kappa * row[0] - z[i];
-            for (int k = 1; k < n_slopes; k++) right[i][k] = kappa * row[k];
+            double size = 0.0; /* of an error that is small between large numbers only the digits of these are known */
+            for (int k = 1; k < n_slopes; k++) right[i][k] = kappa * row[k], size += fabs(right[i][k] * x[2 + k]);
+            largest = fmax(largest, size);
             for (int j = 0; j < n; j++) matrix[i][j] = (i == j) - kappa * row[n_slopes + j];
         }
         solve_states(n, n_slopes, matrix, right);
