@@ -124,9 +124,11 @@ class Scene(Table):
         return card(f"pgmp scene '{self.name}'", about, [Grid(head, rows)], self.remarks)
 
     def moves_as(self, other: Scene) -> bool:
-        """Return whether another scene differs in what runs are asked for alone: its mechanism moves as this one's."""
+        """Return whether another scene differs in what runs are asked for alone: its mechanism starts and moves as this
+        one's."""
         tables = (name for name in Scene.model_fields if name not in OF_RUNS)
-        return self is other or all(getattr(self, name) == getattr(other, name) for name in tables)
+        begins = self.simulation.initial == other.simulation.initial
+        return self is other or (begins and all(getattr(self, name) == getattr(other, name) for name in tables))
 
     def with_remarks(self, remarks: tuple[Remark, ...]) -> Self:
         """Return the scene with what is doubtful about it."""

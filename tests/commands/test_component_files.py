@@ -63,9 +63,11 @@ def test_a_run_is_that_of_the_scene(case: str, tmp_path: Path) -> None:
 
 
 def test_what_a_file_keeps_from_call_to_call_changes_no_number(arm: Path) -> None:
-    """A call with another run has the mechanism of the one before, one with other parameters or outputs its own."""
+    """A call with another run has the mechanism of the one before, one with other parameters or outputs, or that begins
+    elsewhere, its own."""
     kept, calls = interface.read(arm), ({}, {"simulation.duration": 0.01}, {"outputs.deflection.axis": "y"}, {})
-    for overrides, radius in zip((*calls, *calls), (12e-3,) * 4 + (11e-3,) * 4):
+    calls += ({"simulation.initial.hand.position": 0.3},)
+    for overrides, radius in zip(2 * calls, len(calls) * (12e-3,) + len(calls) * (11e-3,)):
         runs = [
             interface.simulate(model, {"radius": radius}, overrides=overrides) for model in (kept, interface.read(arm))
         ]
