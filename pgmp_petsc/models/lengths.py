@@ -41,9 +41,9 @@ class EvaluatedOutputs:
         return dict.fromkeys(self.units)
 
     @property
-    def beside(self) -> dict[str, int]:
-        """Forces that states are to bring along: none, as what a model observes has them."""
-        return {}
+    def takes_beside(self) -> bool:
+        """Whether states are to bring forces along: none, as what a model observes has them."""
+        return False
 
     def evaluate(self, observed: np.ndarray) -> dict[str, np.ndarray]:
         """Return the outputs, each of shape (n,), for what a model observes, shape (n_outputs, n)."""

@@ -31,7 +31,7 @@ class Model:
         self.scene = SimpleNamespace(
             ensemble=Ensemble.model_validate(asked), simulation=Simulation(duration=STEP * N_STEPS, step=STEP)
         )
-        read = {"functions": {"y": None}, "counts": {}, "beside": {}}
+        read = {"functions": {"y": None}, "counts": {}, "takes_beside": False}
         self.outputs = SimpleNamespace(**read, evaluate=lambda observed: {"y": observed[0]})
 
     def observed(self, system: object, state: State, time: float) -> np.ndarray:
