@@ -134,7 +134,8 @@ def differentiate(
     times, states = trail.states()
     linearisation = Linearisation(model, values, names)
     first = first_accelerations(system, system.start(), times[-1] / (len(times) - 1), np.ones(1, dtype=bool))
-    contacts = Contacts(model, values, linearisation, times, states, first.auxiliary[0])
+    begun = replace(states, a=np.concatenate([first.a, states.a[1:]]))
+    contacts = Contacts(model, values, linearisation, times, begun)
     changes = _propagated(model, first, linearisation, contacts, times, states)
     with np.errstate(all="ignore"):
         observed = ObservedChanges(model, values, times, states)
@@ -243,10 +244,10 @@ def _propagated(
     scheme = Scheme.of(model.scene.simulation.spectral_radius, step)
     prescribed = model.terms.tables.prescribed(model.motions)
     moment = start_of_sensitivities(model, linearisation, _part(states, slice(0, 1)))
-    if not begun.lost.any():
-        moment[3] = _of_first(moment, linearisation, begun.ends, step, ~prescribed)
     result = np.empty((3, n_t, len(linearisation.names), n))
     result[:, 0] = moment[:3]
+    if not begun.lost.any():
+        moment[2] = moment[3] = _of_first(moment, linearisation, begun.ends, step, ~prescribed)
     at_once, first = max(16, MOST_NUMBERS // (3 * n * n)), 1
     while first < n_t:
         crossing = contacts.following(first)
@@ -340,8 +341,8 @@ def propagate(by_q, by_v, by_a, by_parameters, scheme, step, prescribed, moment,
 def _of_first(
     moment: np.ndarray, linearisation: Linearisation, ends: Sequence[State], step: float, free: np.ndarray
 ) -> np.ndarray:
-    """Return S_A at the start, that of `first_accelerations`: at the end of a step of length l, ``(by_a + l by_v +
-    l^2 / 2 by_q) S_a = - (by_p + by_q (S_q + l S_v) + by_v S_v)``, of free coordinates."""
+    """Return S_a and S_A that steps begin with, of `first_accelerations`: at the end of a step of length l ``(by_a + l
+    by_v + l^2 / 2 by_q) S_a = - (by_p + by_q (S_q + l S_v) + by_v S_v)``, of free coordinates."""
     found = np.zeros_like(moment[3])
     for length, weight, end in zip(np.multiply(LENGTHS, step), WEIGHTS, ends):
         here = linearisation.at(np.array([length]), end)

@@ -27,7 +27,6 @@ from pgmp_petsc.stepping.edge_search import REST, WHOLE
 
 N_GIVEN = len(GIVEN)
 FORCE, STIFFNESS, DAMPING, MOTION, RATE = range(5)  # parameters of the actions (`controllers.acting`)
-LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
 
 
 class Law(NamedTuple):
@@ -301,41 +300,40 @@ def sample_states(
 
 
 @njit(cache=True, apart=True, error_model="numpy", fastmath={"contract"}, counted=False)
-def accelerate_lanes(equations, memory, room, block, strengths, step, state, lanes):
-    """Give some lanes the accelerations that the equations have where forces jump, and auxiliary ones that jump as
-    `alpha_step.resolved_jump` says; the next step begins with these.
+def jump_lanes(equations, memory, room, block, strengths, step, state, lanes):
+    """Let accelerations of some lanes jump with forces, as `alpha_step.resolved_jump` says; the next step begins with
+    these.
 
     `state` are the vectors of the block, `strengths` what acts on the lanes now, `step` the length of their steps, s;
     the room's `work` is at their place.
     """
     work, local = room.work, room.local
-    n, none = equations.layout.n_eta, spread(0.0)
+    n = equations.layout.n_eta
     for i in range(n):
+        begun = load(state[2], i)
+        if i < len(equations.layout.rigid) and equations.prescribed[i]:
+            begun = load(strengths.motions, 3 * i + 2)
         store(work.q, i, load(state[0], i))
         store(work.rate, i, load(state[1], i))
-    for number in range(1 + len(LENGTHS)):  # the accelerations themselves come last
-        exact, part = number == len(LENGTHS), number % len(LENGTHS)
-        length, weight = LENGTHS[part] * step, WEIGHTS[part]
-        gain_v, gain_a = 0.0 if exact else 2.0 / length, LARGE if exact else 2.0 / (length * length)
-        for i in range(n):
-            begun = none if exact else load(state[2], i)
-            if i < len(equations.layout.rigid) and equations.prescribed[i]:
-                begun = load(strengths.motions, 3 * i + 2)
-            store(work.acceleration, i, begun)
+        store(work.acceleration, i, begun)
+        store(state[4], i, blend(lanes, begun, load(state[4], i)))
+    for part in range(len(LENGTHS)):
+        length = LENGTHS[part] * step
+        gains = spread(2.0 / length), spread(2.0 / (length * length))
         forget_rates(memory.known, memory.samples[block], lanes)
         act(
             equations.local, equations.local.all, equations.grid, strengths.actions, work.q, work.rate,
-            memory.samples[block], lanes, spread(gain_v), np.bool_(True), np.bool_(False), local,
-            places_of(memory, block), acting_of(memory, block), memory.known, memory.depths,
+            memory.samples[block], lanes, gains[0], np.bool_(True), np.bool_(False), local, places_of(memory, block),
+            acting_of(memory, block), memory.known, memory.depths,
         )  # fmt: skip
-        correct_block(equations, memory, room, block, strengths.loads, (spread(gain_v), spread(gain_a)), np.bool_(True))
+        correct_block(equations, memory, room, block, strengths.loads, gains, np.bool_(True))
         for i in range(n):
-            now, then = load(state[2], i), load(work.acceleration, i) - gain_a * load(work.balance, i)
-            if not exact:
-                store(state[3], i, blend(lanes, load(state[3], i) + weight * (then - now), load(state[3], i)))
-                continue
-            store(state[2], i, blend(lanes, then, now))
-            store(state[4], i, blend(lanes, then, load(state[4], i)))
+            jump = -WEIGHTS[part] * (gains[1] * load(work.balance, i))
+            store(state[4], i, blend(lanes, load(state[4], i) + jump, load(state[4], i)))
+    for i in range(n):
+        now, then = load(state[2], i), load(state[4], i)
+        store(state[2], i, blend(lanes, then, now))
+        store(state[3], i, blend(lanes, load(state[3], i) + (then - now), load(state[3], i)))
     store(state[5], 0, blend(lanes, spread(FIRST_CONTRACTION), load(state[5], 0)))
 
 

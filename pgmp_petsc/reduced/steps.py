@@ -24,10 +24,10 @@ from pgmp_petsc.reduced.action_kernel import act, bent_lanes, forget_rates, limi
 from pgmp_petsc.reduced.arrays import Strengths, acting_of, places_of
 from pgmp_petsc.reduced.carried import begin_carried, find_carried, keep_carried, take_carried
 from pgmp_petsc.reduced.control import (
-    accelerate_lanes,
     act_of_states,
     begin_steps,
     follow_states,
+    jump_lanes,
     sample_states,
     show_forces,
 )
@@ -296,7 +296,7 @@ def _advance_block(
             )  # fmt: skip
         going &= ~_arrive(state, done, samples, steps, clocks.rows, n_steps, progress, control)
         if jumping != 0:
-            accelerate_lanes(equations, memory, room, block, clocks.strengths, steps[2], state, jumping)
+            jump_lanes(equations, memory, room, block, clocks.strengths, steps[2], state, jumping)
 
 
 @njit(inline="always")

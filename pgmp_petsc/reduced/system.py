@@ -22,7 +22,7 @@ from pgmp_petsc.lanes.vectors import LANES, same_in_all_lanes
 from pgmp_petsc.reduced.action_kernel import ABOUT, FORCE, POWER, STORED
 from pgmp_petsc.reduced.actions import ReducedActions, functions_of_time
 from pgmp_petsc.reduced.arrays import Room, Strengths
-from pgmp_petsc.reduced.control import LARGE, Control
+from pgmp_petsc.reduced.control import Control
 from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices, find_all_carried, load_on
 from pgmp_petsc.reduced.lagrangian_terms import damping_power, load_powers, reduced_energy
 from pgmp_petsc.reduced.sample_lanes import ReducedLanes
@@ -39,6 +39,7 @@ from pgmp_petsc.stepping.second_order_system import (
 )
 from pgmp_petsc.stepping.status import Status
 
+LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
 LARGEST = 2**19  # numbers that are written down, of all samples and steps
 RESIDUALS = 2**9  # samples, at all instants, whose residuals are evaluated together
 FURTHEST = 2**21  # numbers of all samples and steps: in more of them samples that began side by side drift apart

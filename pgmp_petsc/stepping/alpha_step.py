@@ -364,14 +364,14 @@ class _ImplicitStep(AlphaStep):
 class First(NamedTuple):
     """What a run begins with; see `first_accelerations`."""
 
-    auxiliary: np.ndarray  # auxiliary accelerations, of the shape of those of a state
+    a: np.ndarray  # of the shape of those of a state
     ends: list[State]  # of the steps that they are taken of
     lost: np.ndarray  # mask of the samples that begin with their accelerations, (n_samples,)
     n_iterations: int  # Newton corrections that they took, all samples together
 
 
 def first_accelerations(system: SecondOrderSystem, start: State, step: float, samples: np.ndarray) -> First:
-    """Return the auxiliary accelerations that a run begins with. Collective on ``system.comm``.
+    """Return the accelerations that a run begins with, auxiliary ones too. Collective on ``system.comm``.
 
     The scheme may begin with any A_0 within O(h) of q''_0, and keeps its order (Arnold and Bruls 2007). With q''_0
     itself a load that sets in at once on a light and stiff node, such as a joint's, or on a mode that the steps do not
@@ -383,7 +383,9 @@ def first_accelerations(system: SecondOrderSystem, start: State, step: float, sa
 
     (Newmark's with beta = 1/2, gamma = 1). Where they resolve a motion, q''_1 = q''_0 + h q'''_0 + O(h^2); where not,
     it is q''_0 / (1 + (h omega)^2 / 2) from rest. Twice that of a step of half the length, less that of a whole one, is
-    q''_0 + O(h^2) of what is resolved, and next to nothing of the rest.
+    q''_0 + O(h^2) of what is resolved, and next to nothing of the rest. The scheme goes on from it in place of q''_0
+    too: what that has of the rest would come back in the accelerations after the first steps, times minus the spectral
+    radius in each, and in forces in joints.
 
     Parameters
     ----------
@@ -409,25 +411,16 @@ def first_accelerations(system: SecondOrderSystem, start: State, step: float, sa
     return First(found.a, ends, lost, int(stepper.counted[0]))
 
 
-def resolved_jump(
-    system: SecondOrderSystem, state: State, before: np.ndarray, step: float, samples: np.ndarray, time: float
-) -> np.ndarray:
-    """Return by how much auxiliary accelerations jump with forces, as `first_accelerations` without what is not linear.
+def resolved_jump(system: SecondOrderSystem, state: State, step: float, samples: np.ndarray, time: float) -> np.ndarray:
+    """Return by how much accelerations jump with forces, as far as steps resolve it; see `first_accelerations`.
 
     With the jump F of the forces, M, C and K of the state, ``(M + h C + h^2 / 2 K) x(h) = F``, it is ``2 x(h / 2) -
-    x(h)``: the jump of the accelerations, ``x(0)``, but for what steps do not resolve.
-
-    Parameters
-    ----------
-    system, state, step, samples, time
-        See `first_accelerations`; forces have jumped.
-    before
-        Accelerations before they did, of the shape of ``state.a``.
+    x(h)``. Forces have jumped, ``state.a`` has not.
     """
-    found = []
-    for share in LENGTHS:
-        trial = replace(state.copy(), a=before.copy())
+    jump = np.zeros_like(state.a)
+    for share, weight in zip(LENGTHS, WEIGHTS):
+        trial = state.copy()
         system.begin_iteration()
         system.correct(time, trial, _ImplicitStep(system, 0.0).scheme(share * step), samples, True)
-        found.append(trial.a - before)
-    return sum(weight * jump for weight, jump in zip(WEIGHTS, found))
+        jump += weight * (trial.a - state.a)
+    return jump

@@ -26,7 +26,7 @@ is allowed.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import gcd
 
 import numpy as np
@@ -160,7 +160,7 @@ class GeneralisedAlpha:
         if self._alive.any():
             first = first_accelerations(system, start, self._step, self._alive)
             self._stepper.count(first.n_iterations, 0, 0)
-            self._moment = self._moment._replace(auxiliary=first.auxiliary)
+            self._moment = standing(replace(start, a=first.a), first.a.copy(), system.n_samples)
         self._events = EventLocation(system, self._stepper, start) if system.n_events else None
         self._beyond = np.zeros((0, alive.size), dtype=bool) if self._events is None else self._events.beyond
         self._observer, self._pulse = observer, pulse
@@ -231,11 +231,10 @@ class GeneralisedAlpha:
         system, state, time = self.system, self.state, float(self.instants[number])
         if number == self.instants.size - 1 or not samples.any() or not system.beside.sample(time, state, samples):
             return
-        before = state.a.copy()
-        system.accelerate(time, state, samples)
-        auxiliary = self._moment.auxiliary + resolved_jump(system, state, before, self._step, samples, time)
+        jump = resolved_jump(system, state, self._step, samples, time)
         system.beside.jumps = False
-        put(system, self._moment, standing(state, auxiliary, system.n_samples), samples)
+        after = standing(replace(state, a=state.a + jump), self._moment.auxiliary + jump, system.n_samples)
+        put(system, self._moment, after, samples)
 
     def _shown(self, last: int) -> np.ndarray:
         """Return the numbers of the steps up to `last` that the observer is to see."""

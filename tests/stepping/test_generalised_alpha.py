@@ -407,7 +407,7 @@ def test_a_sample_that_a_step_to_begin_with_is_too_much_for_begins_with_its_acce
             size[1] = np.nan
 
     asked = np.array([True, True, False])
-    found = first_accelerations(two_masses(3, spoil=refuse), two_masses(3).start(), 0.1, asked).auxiliary
+    found = first_accelerations(two_masses(3, spoil=refuse), two_masses(3).start(), 0.1, asked).a
     start = two_masses(3).start().a
     assert not np.array_equal(found[0], start[0])
     np.testing.assert_array_equal(found[1:], start[1:])

@@ -40,8 +40,9 @@ struct pgmp_model {
     struct own own; /* tables weighted with the parameters, and what else a kind of model keeps */
     double laws[AT_LEAST_ONE(N_ACTIONS)][N_LAW];
     double controls[AT_LEAST_ONE(N_CONTROLS)][AT_LEAST_ONE(N_CONTROL)];
-    /* state: coordinates, their rates, accelerations, auxiliary ones, those of the step before */
-    double q[N], v[N], a[N], auxiliary[N], before[N];
+    /* state: coordinates, their rates, accelerations, auxiliary ones, those that the scheme goes on from, those of the step
+       before */
+    double q[N], v[N], a[N], auxiliary[N], recent[N], before[N];
     int beyond[AT_LEAST_ONE(N_EDGES)]; /* whether each edge of a law is crossed */
     double beside[AT_LEAST_ONE(N_BESIDE)]; /* of each controller its states, rates, auxiliary ones and its force */
     double carried[AT_LEAST_ONE(N_CARRIED)]; /* forces in joints that friction hangs on */

@@ -195,7 +195,7 @@ static double at_most(double most, double x) { return x > most ? most : x; }
 
 /* Auxiliary acceleration at the end of a step where coordinate i has the acceleration a. */
 static double ahead_of(const struct pgmp_model *m, const struct scheme *s, int i, double a) {
-    return ((1.0 - s->alpha_f) * a + s->alpha_f * m->a[i] - s->alpha_m * m->auxiliary[i]) / (1.0 - s->alpha_m);
+    return ((1.0 - s->alpha_f) * a + s->alpha_f * m->recent[i] - s->alpha_m * m->auxiliary[i]) / (1.0 - s->alpha_m);
 }
 
 /* The end of a step, or of a part of one: its length, the state, and how far edges are crossed there. */
@@ -214,7 +214,8 @@ static void predict(const struct pgmp_model *m, int attempt, struct trial *t) {
     const double h = t->h, m_share = s->alpha_m, beta = s->beta, gamma = s->gamma;
     for (int i = 0; i < N; i++) {
         double behind = m->auxiliary[i], kept = (1.0 - m_share) * (-(0.5 - beta) / beta * behind) + m_share * behind;
-        t->a[i] = attempt == EXTRAPOLATED ? 2.0 * m->a[i] - m->before[i] : (kept - s->alpha_f * m->a[i]) / (1.0 - s->alpha_f);
+        kept -= s->alpha_f * m->recent[i];
+        t->a[i] = attempt == EXTRAPOLATED ? 2.0 * m->recent[i] - m->before[i] : kept / (1.0 - s->alpha_f);
         double ahead = ahead_of(m, s, i, t->a[i]);
         t->q[i] = m->q[i] + h * m->v[i] + h * h * ((0.5 - beta) * behind + beta * ahead);
         t->v[i] = m->v[i] + h * ((1.0 - gamma) * behind + gamma * ahead);
@@ -301,12 +302,12 @@ static int try_step(struct pgmp_model *m, double h, double end, int in_part, str
     return 0;
 }
 
-/* Auxiliary accelerations to begin with: of steps that cannot overshoot, see `first_accelerations` in pgmp_petsc. */
+/* Accelerations that the scheme begins with: of steps that cannot overshoot, see `first_accelerations` in pgmp_petsc. */
 static void find_first(struct pgmp_model *m) {
     static const struct scheme implicit = {0.0, 0.0, 0.5, 1.0};
     double found[N] = {0};
     int fine = 1;
-    for (int i = 0; i < N; i++) m->auxiliary[i] = m->before[i] = m->a[i];
+    for (int i = 0; i < N; i++) m->auxiliary[i] = m->recent[i] = m->before[i] = m->a[i];
     m->contraction = FIRST_CONTRACTION;
     for (int parts = 2; fine && parts > 0; parts--) {
         const double h = STEP / parts, gain_a = 2.0 / (h * h), weight = parts == 2 ? 2.0 : -1.0;
@@ -321,7 +322,7 @@ static void find_first(struct pgmp_model *m) {
         load_friction(m, m->carried);
         for (int i = 0; i < N; i++) found[i] += weight * (t.a[i] - gain_a * r[i]);
     }
-    if (fine) memcpy(m->auxiliary, found, sizeof found);
+    for (int i = 0; fine && i < N; i++) m->auxiliary[i] = m->recent[i] = m->before[i] = found[i];
     m->contraction = FIRST_CONTRACTION;
 }
 
@@ -329,8 +330,8 @@ static void find_first(struct pgmp_model *m) {
 static void follow(struct pgmp_model *m, const struct trial *t) {
     for (int i = 0; i < N; i++) {
         double ahead = ahead_of(m, t->scheme, i, t->a[i]);
-        m->before[i] = m->a[i], m->auxiliary[i] = ahead;
-        m->q[i] = t->q[i], m->v[i] = t->v[i], m->a[i] = t->a[i];
+        m->before[i] = m->recent[i], m->auxiliary[i] = ahead;
+        m->q[i] = t->q[i], m->v[i] = t->v[i], m->recent[i] = m->a[i] = t->a[i];
     }
     m->correction = t->left;
     memcpy(m->carried, t->carried, sizeof m->carried), load_friction(m, m->carried);
@@ -338,34 +339,29 @@ static void follow(struct pgmp_model *m, const struct trial *t) {
     count_turns(m, m->q);
 }
 
-/* Lets auxiliary accelerations jump with forces, as far as steps resolve it, see `resolved_jump` in pgmp_petsc; `before` are
-   the accelerations before. */
-static void jump(struct pgmp_model *m, double time, const double before[N]) {
-    static const double none[AT_LEAST_ONE(N_ALL - N)];
-    struct acting now;
-    struct matrix matrix;
-    act(m, time, time, &now);
-    for (int parts = 2; parts > 0; parts--) {
-        const double h = STEP / parts, gain_a = 2.0 / (h * h), weight = parts == 2 ? 2.0 : -1.0;
-        double r[N_ALL], a[N];
-        memcpy(a, before, sizeof a);
-        follow_motions(&now, m->q, m->v, a);
-        correct(m, &now, m->q, m->v, a, none, 2.0 / h, gain_a, 1, 0, 0, &matrix, r);
-        for (int i = 0; i < N; i++) m->auxiliary[i] += weight * (a[i] - gain_a * r[i] - before[i]);
-    }
-}
-
-/* Samples controllers whose time it is; accelerations jump with their forces. */
+/* Samples controllers whose time it is; accelerations jump with their forces as far as steps resolve it, see
+   `resolved_jump` in pgmp_petsc. */
 static void sample(struct pgmp_model *m) {
+    static const double none[AT_LEAST_ONE(N_ALL - N)];
+    const double time = pgmp_time(m);
+    double begun[N], jump[N];
     struct response response;
-    double before[N], time = pgmp_time(m);
+    struct acting now;
     begin_sampling(m, DUE, time, &response);
     look_at_motions(m, m->q, m->v, &response);
     follow_response(m, &own_scheme, &response);
-    memcpy(before, m->a, sizeof before);
-    pgmp_accelerate(m, time, time);
-    memcpy(m->before, m->a, sizeof m->before);
-    jump(m, time, before);
+    memcpy(begun, m->recent, sizeof begun);
+    act(m, time, time, &now);
+    follow_motions(&now, m->q, m->v, begun);
+    for (int i = 0; i < N; i++) jump[i] = begun[i] - m->recent[i];
+    for (int parts = 2; parts > 0; parts--) {
+        const double h = STEP / parts, gain_a = 2.0 / (h * h), weight = parts == 2 ? 2.0 : -1.0;
+        double r[N_ALL];
+        struct matrix matrix;
+        correct(m, &now, m->q, m->v, begun, none, 2.0 / h, gain_a, 1, 0, 0, &matrix, r);
+        for (int i = 0; i < N; i++) jump[i] -= weight * gain_a * r[i];
+    }
+    for (int i = 0; i < N; i++) m->auxiliary[i] += jump[i], m->before[i] = m->recent[i] += jump[i];
     m->sampled = m->number, m->contraction = FIRST_CONTRACTION;
 }
 
@@ -432,7 +428,7 @@ static int step_over_edges(struct pgmp_model *m, double end, struct trial *t) {
     for (int n_found = 1;; n_found++) {
         double first = HUGE_VAL;
         int nearest = 0;
-        for (int i = 0; n_found == 1 && i < N; i++) m->before[i] = m->a[i];
+        for (int i = 0; n_found == 1 && i < N; i++) m->before[i] = m->recent[i];
         for (int e = first_crossed(m, t->depths, 0); e < N_EDGES; e = first_crossed(m, t->depths, e + 1)) {
             double root;
             if (!find_edge(m, e, rest, end, t->depths[e], &n_trials, &root)) return 0;
@@ -444,7 +440,7 @@ static int step_over_edges(struct pgmp_model *m, double end, struct trial *t) {
             follow(m, t);
             rest -= first;
             if (rest <= SHORTEST * STEP) return 1;
-            for (int i = 0; i < N; i++) m->before[i] = m->a[i];
+            for (int i = 0; i < N; i++) m->before[i] = m->recent[i];
         }
         if (!try_step(m, rest, end, 1, t)) return 0;
         if (n_found == MAX_EVENTS || first_crossed(m, t->depths, 0) == N_EDGES) break;
@@ -455,7 +451,7 @@ static int step_over_edges(struct pgmp_model *m, double end, struct trial *t) {
 
 /* The state at the beginning of a step, to which one that fails goes back. */
 struct beginning {
-    double q[N], v[N], a[N], auxiliary[N], before[N], beside[AT_LEAST_ONE(N_BESIDE)];
+    double q[N], v[N], a[N], auxiliary[N], recent[N], before[N], beside[AT_LEAST_ONE(N_BESIDE)];
     double carried[AT_LEAST_ONE(N_CARRIED)];
     int beyond[AT_LEAST_ONE(N_EDGES)];
 };
@@ -463,6 +459,7 @@ struct beginning {
 static void keep(const struct pgmp_model *m, struct beginning *kept) {
     memcpy(kept->q, m->q, sizeof m->q), memcpy(kept->v, m->v, sizeof m->v), memcpy(kept->a, m->a, sizeof m->a);
     memcpy(kept->auxiliary, m->auxiliary, sizeof m->auxiliary), memcpy(kept->before, m->before, sizeof m->before);
+    memcpy(kept->recent, m->recent, sizeof m->recent);
     memcpy(kept->beyond, m->beyond, sizeof m->beyond), memcpy(kept->beside, m->beside, sizeof m->beside);
     memcpy(kept->carried, m->carried, sizeof m->carried);
 }
@@ -470,6 +467,7 @@ static void keep(const struct pgmp_model *m, struct beginning *kept) {
 static void go_back(struct pgmp_model *m, const struct beginning *kept) {
     memcpy(m->q, kept->q, sizeof m->q), memcpy(m->v, kept->v, sizeof m->v), memcpy(m->a, kept->a, sizeof m->a);
     memcpy(m->auxiliary, kept->auxiliary, sizeof m->auxiliary), memcpy(m->before, kept->before, sizeof m->before);
+    memcpy(m->recent, kept->recent, sizeof m->recent);
     memcpy(m->beyond, kept->beyond, sizeof m->beyond), memcpy(m->beside, kept->beside, sizeof m->beside);
     memcpy(m->carried, kept->carried, sizeof m->carried), load_friction(m, m->carried);
 }
@@ -491,7 +489,7 @@ int pgmp_step(struct pgmp_model *m) {
             go_back(m, &kept);
             return m->validity |= PGMP_NOT_CONVERGED;
         }
-        memcpy(m->before, kept.a, sizeof m->before);
+        memcpy(m->before, kept.recent, sizeof m->before);
     } else
         follow(m, &t);
     m->number++;
