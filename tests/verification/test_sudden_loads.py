@@ -31,7 +31,7 @@ def test_a_motor_that_is_switched_on_bends_the_arm_no_more_than_it_can(model: st
     run = motion(MODELS[model](scene, meshes_of(scene)))
     assert np.abs(run.outputs["moment"]).max() == pytest.approx(1.14, rel=0.15)
     assert run.outputs["angle"][-1] == pytest.approx(0.12999, rel=1e-2)
-    assert np.abs(run.balance.residual).max() < 0.03 * run.balance.exchanged
+    assert np.abs(run.balance.residual).max() < 3e-3 * run.balance.exchanged  # 1.3e-3
     assert not [remark for remark in run.record.remarks if "out of balance" in remark.text]
 
 
