@@ -99,7 +99,8 @@ def prospects(
             step_of_samples(scene, step_seconds(mechanism)), 0.0, "errors are those of the elements and of the step",
         ),
         Prospect(
-            "components", why_refused(scene, Purpose.COMPONENTS, meshes) or why_of_one_mesh(scene, uncertain_names(scene)),
+            "components",
+            why_refused(scene, Purpose.COMPONENTS, meshes) or why_of_one_mesh(scene, uncertain_names(scene)),
             sum(fields.values()) + sum(count_of(mechanism)), condensing(mechanism),
             step_of_samples(scene, of_components), 0.002, "0.002 to 0.8 % of deformations",
         ),

@@ -56,7 +56,10 @@ def failure_remarks(
         reason, count = Status(code), int(np.sum(status == code))
         meaning = reason.meaning
         if reason == Status.UNPHYSICAL and lengths:
-            meaning += f"; or a mechanism of its {', '.join(lengths)} cannot be put together over its range, as pgmp check SCENE --set {lengths[0]}=VALUE says"
+            meaning += (
+                f"; or a mechanism of its {', '.join(lengths)} cannot be put together over its range, as pgmp check "
+                f"SCENE --set {lengths[0]}=VALUE says"
+            )
         yield warning(f"{count} of {n} samples failed (status {int(code)}): {meaning}; cure: {reason.cure(model)}")
     if n_failed == n:
         yield warning("no sample is fine, so the outputs have no statistics")

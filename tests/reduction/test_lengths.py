@@ -129,10 +129,9 @@ def test_component_ensembles_and_more_builds_than_are_made_are_refused() -> None
         of_samples(components, ["rod_length"])
     law = "parameters.rod_length.distribution={name='norm',loc=0.7,scale=0.01}"
     scene, meshes = with_meshes(long_crank(*SMALL, law), Purpose.CHECK)
-    mesh, refused, _ = prospects(scene, meshes, Mechanism.from_scene(scene, meshes), 6, 0)
-    assert "component modes are of one mesh" in refused.refused and mesh.step > step_seconds(
-        Mechanism.from_scene(scene, meshes)
-    )
+    mechanism = Mechanism.from_scene(scene, meshes)
+    mesh, refused, _ = prospects(scene, meshes, mechanism, 6, 0)
+    assert "component modes are of one mesh" in refused.refused and mesh.step > step_seconds(mechanism)
     spans = [f"parameters.{name}={{nominal=0.0, bounds=[-0.1, 0.1]}}" for name in "xyz"]
     assert re.search(
         "reduction.length_points = 5: of 4 lengths, places and ratios .* make 625 builds; at most",

@@ -209,9 +209,11 @@ def _breaks(scene: Scene) -> Iterator[Finding]:
     turns = 1.0 if slides(scene, coordinate) else (high - low) / (2 * math.pi)
     couplings = {name: one.shares_in(scene) for name, one in scene.joints.items() if isinstance(one, CouplingEntry)}
     # what another joint turns for each rad of the coordinate's, where two are geared
-    geared = {(one.joint, other.joint): abs(one.times * scene.number(one.factor) / (other.times * scene.number(other.factor)))
-              for pair in couplings.values() if len(pair) == 2 and not any(share.table for share in pair)
-              for one, other in (pair, pair[::-1])}  # fmt: skip
+    geared = {
+        (one.joint, other.joint): abs(scene.number(one.factor) * one.times / (scene.number(other.factor) * other.times))
+        for pair in couplings.values() if len(pair) == 2 and not any(share.table for share in pair)
+        for one, other in (pair, pair[::-1])
+    }  # fmt: skip
     for name, shares in couplings.items():
         for cam in (share.joint for share in shares if share.table):
             if reduction.angles / (turns * geared.get((coordinate.joint, cam), 1.0)) < FEW_ANGLES:
