@@ -253,6 +253,16 @@ def test_what_reduced_models_refuse_runs_as_component_models(tmp_path: Path, no_
     lines = told(said("run", path, "-o", tmp_path / "cart")[0])
     assert lines["build"][0].startswith("left out: no reduced model (controllers.hold") and why in lines["build"][0]
     assert lines["simulate"][0].startswith("component") and lines["compare"][-1].startswith("differs from full order")
+    # a drawn length takes the mesh, as samples of component modes are of one length
+    drawn = (
+        'parameters.long={nominal=0.5,distribution={name="uniform",loc=0.495,scale=0.01}}',
+        'bodies.pole.line.length="long"',
+    )
+    lines = told(said("run", path, "-o", tmp_path / "drawn", "-n", 3, *overridden(*drawn))[0])
+    assert (
+        lines["build"][0].endswith("runs are of the full-order model")
+        and "3 samples, 0 failed" in lines["ensemble"][-1]
+    )
 
 
 def test_scenes_of_many_coordinates_run_as_component_models(tmp_path: Path, no_page: None) -> None:
