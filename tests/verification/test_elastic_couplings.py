@@ -321,6 +321,11 @@ def test_few_angles_of_a_cam_are_warned_of(override: str, said: bool) -> None:
     assert any(text.startswith("reduction.angles = 64: few beside joints.lift") for text in few) == said
 
 
+def test_many_turns_of_a_motor_that_is_geared_are_no_degrees() -> None:
+    turns = "coordinates.phi.periodic=false", "coordinates.phi.range=[-1.0,60.0]"
+    assert not any("degrees" in remark.text for remark in plausibility(with_arm("cam", *turns, *SLOWLY.split(";")[:3])))
+
+
 @pytest.mark.parametrize("kind", ON_ARMS)
 def test_derivatives_by_stiffness_and_damping_are_central_differences(kind: str) -> None:
     """With steps of which the run's own iteration leaves 2e-7 of a cam: 9e-6 with four times as long ones."""

@@ -115,6 +115,8 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) 
     simulation = scene.simulation
     if simulation.tolerance is None or "step" in simulation.model_fields_set:
         yield from _steps(scene, sizes, first)
+    couplings = (joint.shares_in(scene) for joint in scene.joints.values() if isinstance(joint, CouplingEntry))
+    geared = {share.joint for shares in couplings for share in shares}  # these turn often
     for name, coordinate in scene.coordinates.items():
         low, high = coordinate.range
         if slides(scene, coordinate):
@@ -125,7 +127,7 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) 
         )
         if high - low < SMALL_RANGE:
             yield doubt(entry, "hardly a range; it is in rad, and a run ends where it leaves it", [low, high])
-        elif _like_degrees(low, high):
+        elif _like_degrees(low, high) and coordinate.joint not in geared:
             yield doubt(entry, what, [low, high])
     for name, body in scene.bodies.items():
         if (given := body.placement) is None:
