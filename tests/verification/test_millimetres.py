@@ -31,6 +31,7 @@ from pgmp_petsc.api.modes import build as pgmp_build
 from pgmp_petsc.api.runs import simulate
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import MM, STANDARD_GRAVITY, measure
+from pgmp_petsc.reduction import tables as tables_of_reduction
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.border import own_values
 from scenes import HEADER, tables
@@ -275,6 +276,7 @@ def _made(case: Case, which: str, folder: Path) -> Twin:
         arguments = [words.get(word, word.replace("F", str(folder), word[:1] == "F")) for word in asked.split()]
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(Figure, "savefig", _reading(texts))
+            patch.setattr(tables_of_reduction, "N_FINE_OF_MORE", 24)  # the same in both
             said[step] = pgmp(*arguments).stdout.replace(str(folder), "F")
         if step == "measured":
             _shorten(folder / "measured.csv")
@@ -549,6 +551,7 @@ def test_rates_in_c_are_those_of_the_program(units: str, tmp_path: Path) -> None
 
 
 @needs_compiler
+@pytest.mark.usefixtures("coarse")
 def test_friction_in_c_stops_its_iteration_where_the_program_does(tmp_path: Path) -> None:
     """The cart's pole bends by 5 um, of which 2e-11 m of a correction more or less were 1e-6."""
     without_stress = 'outputs.moment={type="speed",joint="pivot"}'
