@@ -30,7 +30,6 @@ from pgmp_petsc.stepping.static_equilibrium import require_settled
 #: How it takes steps: those of the program.
 STEPS = {
     "ROTATION_LIMIT": np.inf,
-    "LIGHT_NODES": 1,
     "EXCHANGE": 0,
     "CORRECTIONS": 1,
     "BENT_MEASURES": 0,

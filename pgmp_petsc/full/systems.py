@@ -57,7 +57,6 @@ class FullSystem(SecondOrderSystem):
     frames and energies are best evaluated together.
     """
 
-    has_light_nodes = True
     instants_at_once = 1
 
     def __init__(

@@ -15,7 +15,8 @@ off are parameters themselves, ``S_q = 1`` from the start on.
 Sensitivities at the start of a run.
 
 An undeformed start depends on no parameter, velocities on those that are some of them; first accelerations follow
-from the equations of motion, ``by_a S_a = - (by_p + by_q S_q + by_v S_v)``. Where joints are off it is the static
+from the equations of motion, ``by_a S_a = - (by_p + by_q S_q + by_v S_v)``, and auxiliary ones from the steps that they
+are taken of (`alpha_step.first_accelerations`). Where joints are off it is the static
 answer to that, ``by_q S_q = - by_p`` of flexible coordinates without loads. In static equilibrium with free coordinates
 the residual at rest vanishes, ``by_q S_q = - by_p``. With held ones the angles s of their joints are given and torques
 mu hold them,
@@ -57,6 +58,7 @@ from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel, Separat
 from pgmp_petsc.models.reduced_statics import JointAngles
 from pgmp_petsc.outputs.rainflow import counted_after, counted_changes
 from pgmp_petsc.scene.uses import offset_directions, velocity_names
+from pgmp_petsc.stepping.alpha_step import LENGTHS, WEIGHTS, First, first_accelerations
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, StateRecord, integrate, integrate_with_smaller_steps
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 from pgmp_petsc.stepping.status import Status
@@ -131,8 +133,9 @@ def differentiate(
         return _compared(model, values, names, beside, times, each, states.q[:, 0], changes, attempt.divisor)
     times, states = trail.states()
     linearisation = Linearisation(model, values, names)
-    contacts = Contacts(model, values, linearisation, times, states)
-    changes = _propagated(model, linearisation, contacts, times, states)
+    first = first_accelerations(system, system.start(), times[-1] / (len(times) - 1), np.ones(1, dtype=bool))
+    contacts = Contacts(model, values, linearisation, times, states, first.auxiliary[0])
+    changes = _propagated(model, first, linearisation, contacts, times, states)
     with np.errstate(all="ignore"):
         observed = ObservedChanges(model, values, times, states)
         by_name = {name: observed.of(name, changes[:, :, number]) for number, name in enumerate(names)}
@@ -227,6 +230,7 @@ def _counted(
 
 def _propagated(
     model: ReducedModel | LengthLanes,
+    begun: First,
     linearisation: Linearisation,
     contacts: Contacts,
     times: np.ndarray,
@@ -239,6 +243,8 @@ def _propagated(
     scheme = Scheme.of(model.scene.simulation.spectral_radius, step)
     prescribed = model.terms.tables.prescribed(model.motions)
     moment = start_of_sensitivities(model, linearisation, _part(states, slice(0, 1)))
+    if not begun.lost.any():
+        moment[3] = _of_first(moment, linearisation, begun.ends, step, ~prescribed)
     result = np.empty((3, n_t, len(linearisation.names), n))
     result[:, 0] = moment[:3]
     at_once, first = max(16, MOST_NUMBERS // (3 * n * n)), 1
@@ -329,6 +335,20 @@ def propagate(by_q, by_v, by_a, by_parameters, scheme, step, prescribed, moment,
                 moment[3, p, i] = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * auxiliary) * weight
                 for part in range(3):
                     result[part, t, p, i] = moment[part, p, i]
+
+
+def _of_first(
+    moment: np.ndarray, linearisation: Linearisation, ends: Sequence[State], step: float, free: np.ndarray
+) -> np.ndarray:
+    """Return S_A at the start, that of `first_accelerations`: at the end of a step of length l, ``(by_a + l by_v +
+    l^2 / 2 by_q) S_a = - (by_p + by_q (S_q + l S_v) + by_v S_v)``, of free coordinates."""
+    found = np.zeros_like(moment[3])
+    for length, weight, end in zip(np.multiply(LENGTHS, step), WEIGHTS, ends):
+        here = linearisation.at(np.array([length]), end)
+        by_q, by_v = here.by_q[0], here.by_v[0]
+        pushed = here.by_parameters[0] + moment[0] @ by_q.T + moment[1] @ (by_v + length * by_q).T
+        found[:, free] -= weight * _solved(here.by_a[0] + length * by_v + 0.5 * length**2 * by_q, pushed, free)
+    return found
 
 
 DIFFERENCE = 1e-3  # of second differences of fourth order: rounding and truncation leave 1e-9 of them

@@ -18,11 +18,11 @@ from pgmp_petsc.effects.time_function import TimeFunction, TimeFunctions, evalua
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.vectors import LANES, blend, load, spread, store
-from pgmp_petsc.reduced.action_kernel import Chosen, act
+from pgmp_petsc.reduced.action_kernel import Chosen, act, forget_rates
 from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.arrays import acting_of, places_of
 from pgmp_petsc.reduced.kernel import correct_block
-from pgmp_petsc.stepping.alpha_step import FIRST_CONTRACTION
+from pgmp_petsc.stepping.alpha_step import FIRST_CONTRACTION, LENGTHS, WEIGHTS
 from pgmp_petsc.stepping.edge_search import REST, WHOLE
 
 N_GIVEN = len(GIVEN)
@@ -301,31 +301,41 @@ def sample_states(
 
 
 @njit(cache=True, apart=True, error_model="numpy", fastmath={"contract"}, counted=False)
-def accelerate_lanes(equations, memory, room, block, strengths, state, lanes):
-    """Give some lanes the accelerations that the equations have where forces jump; the next step begins with these.
+def accelerate_lanes(equations, memory, room, block, strengths, step, state, lanes):
+    """Give some lanes the accelerations that the equations have where forces jump, and auxiliary ones that jump as
+    `alpha_step.resolved_jump` says; the next step begins with these.
 
-    `state` are the vectors of the block, `strengths` what acts on the lanes now; the room's
-    `work` is at their place.
+    `state` are the vectors of the block, `strengths` what acts on the lanes now, `step` the length of their steps, s;
+    the room's `work` is at their place.
     """
     work, local = room.work, room.local
     n, none = equations.layout.n_eta, spread(0.0)
     for i in range(n):
         store(work.q, i, load(state[0], i))
         store(work.rate, i, load(state[1], i))
-        store(work.acceleration, i, none)
-    act(
-        equations.local, equations.local.all, equations.grid, strengths.actions, work.q, work.rate,
-        memory.samples[block], lanes, none, np.bool_(True), np.bool_(False), local, places_of(memory, block),
-        acting_of(memory, block), memory.known, memory.depths,
-    )  # fmt: skip
-    correct_block(equations, memory, room, block, strengths.loads, (none, spread(LARGE)), np.bool_(True))
-    for i in range(n):
-        now, then = load(state[2], i), -LARGE * load(work.balance, i)
-        if i < len(equations.layout.rigid) and equations.prescribed[i]:
-            then = load(strengths.motions, 3 * i + 2)
-        store(state[2], i, blend(lanes, then, now))
-        store(state[3], i, blend(lanes, load(state[3], i) + (then - now), load(state[3], i)))
-        store(state[4], i, blend(lanes, then, load(state[4], i)))
+    for number in range(1 + len(LENGTHS)):  # the accelerations themselves come last
+        exact, part = number == len(LENGTHS), number % len(LENGTHS)
+        length, weight = LENGTHS[part] * step, WEIGHTS[part]
+        gain_v, gain_a = 0.0 if exact else 2.0 / length, LARGE if exact else 2.0 / (length * length)
+        for i in range(n):
+            begun = none if exact else load(state[2], i)
+            if i < len(equations.layout.rigid) and equations.prescribed[i]:
+                begun = load(strengths.motions, 3 * i + 2)
+            store(work.acceleration, i, begun)
+        forget_rates(memory.known, memory.samples[block], lanes)
+        act(
+            equations.local, equations.local.all, equations.grid, strengths.actions, work.q, work.rate,
+            memory.samples[block], lanes, spread(gain_v), np.bool_(True), np.bool_(False), local,
+            places_of(memory, block), acting_of(memory, block), memory.known, memory.depths,
+        )  # fmt: skip
+        correct_block(equations, memory, room, block, strengths.loads, (spread(gain_v), spread(gain_a)), np.bool_(True))
+        for i in range(n):
+            now, then = load(state[2], i), load(work.acceleration, i) - gain_a * load(work.balance, i)
+            if not exact:
+                store(state[3], i, blend(lanes, load(state[3], i) + weight * (then - now), load(state[3], i)))
+                continue
+            store(state[2], i, blend(lanes, then, now))
+            store(state[4], i, blend(lanes, then, load(state[4], i)))
     store(state[5], 0, blend(lanes, spread(FIRST_CONTRACTION), load(state[5], 0)))
 
 

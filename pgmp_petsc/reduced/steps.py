@@ -296,7 +296,7 @@ def _advance_block(
             )  # fmt: skip
         going &= ~_arrive(state, done, samples, steps, clocks.rows, n_steps, progress, control)
         if jumping != 0:
-            accelerate_lanes(equations, memory, room, block, clocks.strengths, state, jumping)
+            accelerate_lanes(equations, memory, room, block, clocks.strengths, steps[2], state, jumping)
 
 
 @njit(inline="always")

@@ -7,6 +7,9 @@ IV.8), after the first one from that of the step before.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import NamedTuple
+
 import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
@@ -36,6 +39,7 @@ DAMPED = 0.99  # spectral radius with which what alternates is gone after some h
 NEWTON_TOLERANCE = 1e-12  # of the remaining correction, in units of the mechanism's size or of 1 rad
 TOLERANCE_OF_ONE = 1e-13  # the same after one correction, where the contraction is that of a step before
 LENGTHS = (0.5, 1.0)  # of a run's step, of those that the first accelerations are taken of
+WEIGHTS = (2.0, -1.0)  # of the accelerations at their ends
 
 
 @njit(inline="always")
@@ -357,22 +361,23 @@ class _ImplicitStep(AlphaStep):
         return Scheme(0.0, 0.0, 0.5, 1.0, gain_v=2.0 / step, gain_a=2.0 / step**2)
 
 
-def n_first_steps(system: SecondOrderSystem) -> int:
-    """Return the number of steps that the first accelerations of a system are taken of, beside those of a run."""
-    return len(LENGTHS) if system.has_light_nodes else 0
+class First(NamedTuple):
+    """What a run begins with; see `first_accelerations`."""
+
+    auxiliary: np.ndarray  # auxiliary accelerations, of the shape of those of a state
+    ends: list[State]  # of the steps that they are taken of
+    lost: np.ndarray  # mask of the samples that begin with their accelerations, (n_samples,)
+    n_iterations: int  # Newton corrections that they took, all samples together
 
 
-def first_accelerations(
-    system: SecondOrderSystem, start: State, step: float, samples: np.ndarray, time: float = 0.0
-) -> tuple[np.ndarray, int]:
-    """Return the auxiliary accelerations that a run begins with, or goes on with where forces jump. Collective on
-    ``system.comm``.
+def first_accelerations(system: SecondOrderSystem, start: State, step: float, samples: np.ndarray) -> First:
+    """Return the auxiliary accelerations that a run begins with. Collective on ``system.comm``.
 
     The scheme may begin with any A_0 within O(h) of q''_0, and keeps its order (Arnold and Bruls 2007). With q''_0
-    itself a load that sets in at once on a light and stiff node, such as a joint's, gives the first step velocities of
-    the size h q''_0: those of a vibration with the frequency omega are h omega times too large, its energy (h omega)^2
-    times (the overshoot of dissipative schemes, Hilber and Hughes 1978), and it takes many steps until they are damped.
-    A_0 is therefore taken of steps that cannot overshoot,
+    itself a load that sets in at once on a light and stiff node, such as a joint's, or on a mode that the steps do not
+    resolve, gives the first step velocities of the size h q''_0: those of a vibration with the frequency omega are h
+    omega times too large, its energy (h omega)^2 times (the overshoot of dissipative schemes, Hilber and Hughes 1978),
+    and it takes many steps until they are damped. A_0 is therefore taken of steps that cannot overshoot,
 
         q_1 = q_0 + h q'_0 + h^2 / 2 q''_1,    q'_1 = q'_0 + h q''_1
 
@@ -380,32 +385,49 @@ def first_accelerations(
     it is q''_0 / (1 + (h omega)^2 / 2) from rest. Twice that of a step of half the length, less that of a whole one, is
     q''_0 + O(h^2) of what is resolved, and next to nothing of the rest.
 
-    So begin systems that say ``has_light_nodes``: those of all nodes. Modes of a reduced model hardly have such
-    vibrations; it begins with q''_0, as its derivatives and its model in C do.
-
     Parameters
     ----------
     system, start
-        The system, and its state at that time.
+        The system, and its state at time 0.
     step
         Length of the steps of the run, s.
     samples
         Mask of the samples to advance, shape (n_samples,). Others, and those that such a step is too much for, begin
         with their accelerations.
-
-    Returns
-    -------
-    accelerations
-        Of the shape of ``start.a``.
-    n_iterations
-        Newton corrections that they took, all samples together.
     """
-    stepper, found, lost, ends = _ImplicitStep(system, 0.0), start.copy(), ~samples, []
+    stepper, lost, ends = _ImplicitStep(system, 0.0), ~samples, []
     for length in (share * step for share in LENGTHS):
         begun = standing(start, start.a, system.n_samples)
-        after, failed = stepper.take_one(begun, time + length, length, samples)
-        ends.append(after.state.a)
+        after, failed = stepper.take_one(begun, length, length, samples)
+        # to the last digit: what is left of positions is 2 / h^2 times as much of accelerations
+        system.correct(length, after.state, stepper.scheme(length), samples & ~failed, True)
+        stepper.count(samples & ~failed, 0, 1)
+        ends.append(after.state)
         lost |= failed
-    found.a = 2.0 * ends[0] - ends[1]
+    found = replace(start.copy(), a=sum(weight * end.a for weight, end in zip(WEIGHTS, ends)))
     system.restore(found, start, lost)
-    return found.a, int(stepper.counted[0])
+    return First(found.a, ends, lost, int(stepper.counted[0]))
+
+
+def resolved_jump(
+    system: SecondOrderSystem, state: State, before: np.ndarray, step: float, samples: np.ndarray, time: float
+) -> np.ndarray:
+    """Return by how much auxiliary accelerations jump with forces, as `first_accelerations` without what is not linear.
+
+    With the jump F of the forces, M, C and K of the state, ``(M + h C + h^2 / 2 K) x(h) = F``, it is ``2 x(h / 2) -
+    x(h)``: the jump of the accelerations, ``x(0)``, but for what steps do not resolve.
+
+    Parameters
+    ----------
+    system, state, step, samples, time
+        See `first_accelerations`; forces have jumped.
+    before
+        Accelerations before they did, of the shape of ``state.a``.
+    """
+    found = []
+    for share in LENGTHS:
+        trial = replace(state.copy(), a=before.copy())
+        system.begin_iteration()
+        system.correct(time, trial, _ImplicitStep(system, 0.0).scheme(share * step), samples, True)
+        found.append(trial.a - before)
+    return sum(weight * jump for weight, jump in zip(WEIGHTS, found))

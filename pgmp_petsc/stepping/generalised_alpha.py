@@ -33,7 +33,7 @@ import numpy as np
 
 from pgmp_petsc.ranks.petsc import has_options
 from pgmp_petsc.scene.numerics import Simulation, count_steps
-from pgmp_petsc.stepping.alpha_step import AlphaStep, first_accelerations, n_first_steps, put, standing
+from pgmp_petsc.stepping.alpha_step import AlphaStep, first_accelerations, put, resolved_jump, standing
 from pgmp_petsc.stepping.drivers import PREFIX, check_ts_options, driver_here
 from pgmp_petsc.stepping.edge_search import EventLocation
 from pgmp_petsc.stepping.second_order_system import Moment, Observer, SecondOrderSystem, State, Stretch
@@ -157,10 +157,10 @@ class GeneralisedAlpha:
         self.instants, self.stops, self.n_done = instants(duration, n_steps), stops, 0
         self._step = duration / n_steps
         self._moment = standing(start, start.a.copy(), system.n_samples)
-        if n_first_steps(system) and self._alive.any():
-            first, n_iterations = first_accelerations(system, start, self._step, self._alive)
-            self._stepper.count(n_iterations, 0, 0)
-            self._moment = self._moment._replace(auxiliary=first)
+        if self._alive.any():
+            first = first_accelerations(system, start, self._step, self._alive)
+            self._stepper.count(first.n_iterations, 0, 0)
+            self._moment = self._moment._replace(auxiliary=first.auxiliary)
         self._events = EventLocation(system, self._stepper, start) if system.n_events else None
         self._beyond = np.zeros((0, alive.size), dtype=bool) if self._events is None else self._events.beyond
         self._observer, self._pulse = observer, pulse
@@ -233,10 +233,7 @@ class GeneralisedAlpha:
             return
         before = state.a.copy()
         system.accelerate(time, state, samples)
-        auxiliary = self._moment.auxiliary + (state.a - before)
-        if n_first_steps(system):
-            auxiliary, n_iterations = first_accelerations(system, state, self._step, samples, time)
-            self._stepper.count(n_iterations, 0, 0)
+        auxiliary = self._moment.auxiliary + resolved_jump(system, state, before, self._step, samples, time)
         system.beside.jumps = False
         put(system, self._moment, standing(state, auxiliary, system.n_samples), samples)
 

@@ -48,7 +48,6 @@ class LinearSystem(SecondOrderSystem):
     beyond: float = np.inf
     n_corrections: int = 0
     comm: MPI.Comm = field(default_factory=lambda: MPI.COMM_SELF)
-    has_light_nodes: bool = False
     has_range: bool = True
 
     @property
@@ -376,7 +375,8 @@ def test_a_sample_that_does_not_converge_is_tried_three_times_and_then_given_up(
     # four fine steps, then one with both predictions, and with short corrections
     easy = run(two_masses(2), 0.8, 0.1, duration=0.4)
     stalled = done.n_iterations - easy.n_iterations
-    assert stalled == 2 * MAX_ITERATIONS + CAREFUL_ITERATIONS + easy.n_iterations // 8
+    first = first_accelerations(two_masses(2), two_masses(2).start(), 0.1, np.ones(2, dtype=bool)).n_iterations
+    assert stalled == 2 * MAX_ITERATIONS + CAREFUL_ITERATIONS + (easy.n_iterations - first) // 8
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.5, 0.8, 0.99])
@@ -393,7 +393,6 @@ def test_a_load_that_sets_in_at_once_on_a_light_mass_throws_it_no_further_than_i
         force=lambda time: np.array([1.0, 1.0]),
         q=np.zeros((1, 2)),
         v=np.zeros((1, 2)),
-        has_light_nodes=True,
     )
     run(light, radius, step, observer=lambda _, __, state: seen.append(state.copy()))
     assert max(abs(state.q[0, 1]) for state in seen) < 3.0
@@ -408,7 +407,7 @@ def test_a_sample_that_a_step_to_begin_with_is_too_much_for_begins_with_its_acce
             size[1] = np.nan
 
     asked = np.array([True, True, False])
-    found, _ = first_accelerations(two_masses(3, spoil=refuse), two_masses(3).start(), 0.1, asked)
+    found = first_accelerations(two_masses(3, spoil=refuse), two_masses(3).start(), 0.1, asked).auxiliary
     start = two_masses(3).start().a
     assert not np.array_equal(found[0], start[0])
     np.testing.assert_array_equal(found[1:], start[1:])

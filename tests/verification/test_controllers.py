@@ -475,7 +475,8 @@ measures="angel" -> controllers.servo.measures = "angel": there is no such outpu
 joint="hing" -> controllers.servo.joint = "hing": there is no such
 motion="sliding" -> controllers.servo.motion = "sliding": hinge is revolute: allowed is "turning"
 limits=[5.0,-5.0] -> controllers.servo.limits: the first must be below the second, but is 5, not below -5
-limits=[5.0] -> controllers.servo.limits = [5.0]: at least 2
+limits=[5.0] -> controllers.servo.limits = [5.0]: 2 or more entries are needed
+limits=["-5 N m","5 m"] -> controllers.servo.limits = ["-5 N m", "5 m"]: 'm' is the unit of a length; needed is a torque
 limits=[-5.0,"up"] -> controllers.servo.limits[1] = "up": there is no such parameter
 gains={p=1.0,filter=-1e-3} -> controllers.servo.gains.filter = -0.001: a number that is not negative
 gains={p=1.0,kd=1.0} -> controllers.servo.gains.kd = 1.0: unknown key; did you mean 'd'?

@@ -83,7 +83,7 @@ joints: shaft = { type = "revolute", connect = ["ground:origin", "crank:hinge"] 
     pin = { type = "revolute", connect = ["crank:tip", "rod:hinge"] };
     guide = { type = "point_on_line", connect = ["rod:hinge", "ground:pivot"], direction = [1.0, 0.0] }
 coordinates.theta: joint = "shaft"; range = [0.0, 6.283185307179586]; periodic = true
-effects: motor = { type = "torque", joint = "shaft", table = [[0.0, 2.0]] };
+effects: motor = { type = "torque", joint = "shaft", table = [[0.0, TORQUE]] };
     brake = { type = "joint_damping", joint = "shaft", coefficient = 0.15 };
     spring = { type = "spring_damper", joint = "guide", stiffness = 400.0, damping = 2.0, rest = 0.3 };
     rubbing = { type = "joint_friction", joint = "guide", limit = 1.0, speed = 0.02 }; weight = { type = "gravity" }
@@ -319,10 +319,10 @@ def test_nothing_but_libm_and_no_allocation(slider_crank_program) -> None:
     assert wanted - compilers <= libm | {"memset", "memcpy"}
 
 
-@pytest.mark.parametrize(("step", "n_attempts"), [(5e-4, 2), (2e-3, 3)])
-def test_loads_that_set_in_at_once(tmp_path, step, n_attempts) -> None:
+@pytest.mark.parametrize(("step", "torque", "n_attempts"), [(5e-4, 2.0, 2), (5e-3, 20.0, 3)])
+def test_loads_that_set_in_at_once(tmp_path, step, torque, n_attempts) -> None:
     """Steps that fail are tried as the program tries them; with an attempt less a step fails, and is not taken."""
-    model = reduced_model(scene_from_toml(CYLINDER.replace("STEP", str(step)), "."))
+    model = reduced_model(scene_from_toml(CYLINDER.replace("STEP", str(step)).replace("TORQUE", str(torque)), "."))
     exported.assert_same_in_c(model, tmp_path)
     _compiled_again(tmp_path, "reduced", "steps.c", "attempt < N_ATTEMPTS", f"attempt < {n_attempts - 1}")
     _assert_stopped(tmp_path / "run")

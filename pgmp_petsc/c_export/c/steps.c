@@ -185,8 +185,7 @@ void pgmp_start(struct pgmp_model *m) {
     pgmp_accelerate(m, 0.0, 0.0);
     find_depths(m, m->q, depths);
     for (int e = 0; e < N_EDGES; e++) m->beyond[e] = depths[e] > 0.0;
-    for (int i = 0; i < N; i++) m->auxiliary[i] = m->before[i] = m->a[i];
-    if (LIGHT_NODES) find_first(m);
+    find_first(m);
     start_counts(m);
 }
 
@@ -302,16 +301,27 @@ static int try_step(struct pgmp_model *m, double h, double end, int in_part, str
     return 0;
 }
 
-/* Auxiliary accelerations where there are light nodes: of steps that cannot overshoot, see `first_accelerations` in
-   pgmp_petsc. */
+/* Auxiliary accelerations to begin with: of steps that cannot overshoot, see `first_accelerations` in pgmp_petsc. */
 static void find_first(struct pgmp_model *m) {
     static const struct scheme implicit = {0.0, 0.0, 0.5, 1.0};
-    struct trial half = {.scheme = &implicit}, whole = {.scheme = &implicit};
-    const double time = pgmp_time(m);
+    double found[N] = {0};
+    int fine = 1;
     for (int i = 0; i < N; i++) m->auxiliary[i] = m->before[i] = m->a[i];
     m->contraction = FIRST_CONTRACTION;
-    if (try_step(m, 0.5 * STEP, time + 0.5 * STEP, 0, &half) && try_step(m, STEP, time + STEP, 0, &whole))
-        for (int i = 0; i < N; i++) m->auxiliary[i] = 2.0 * half.a[i] - whole.a[i];
+    for (int parts = 2; fine && parts > 0; parts--) {
+        const double h = STEP / parts, gain_a = 2.0 / (h * h), weight = parts == 2 ? 2.0 : -1.0;
+        struct trial t = {.scheme = &implicit};
+        double r[N_ALL];
+        struct acting now;
+        struct matrix matrix;
+        fine = try_step(m, h, h, 0, &t);
+        act(m, h, h, &now);
+        load_friction(m, t.carried);
+        correct(m, &now, t.q, t.v, t.a, t.forces, 2.0 / h, gain_a, 1, 0, &t.response, &matrix, r);
+        load_friction(m, m->carried);
+        for (int i = 0; i < N; i++) found[i] += weight * (t.a[i] - gain_a * r[i]);
+    }
+    if (fine) memcpy(m->auxiliary, found, sizeof found);
     m->contraction = FIRST_CONTRACTION;
 }
 
@@ -328,6 +338,23 @@ static void follow(struct pgmp_model *m, const struct trial *t) {
     count_turns(m, m->q);
 }
 
+/* Lets auxiliary accelerations jump with forces, as far as steps resolve it, see `resolved_jump` in pgmp_petsc; `before` are
+   the accelerations before. */
+static void jump(struct pgmp_model *m, double time, const double before[N]) {
+    static const double none[AT_LEAST_ONE(N_ALL - N)];
+    struct acting now;
+    struct matrix matrix;
+    act(m, time, time, &now);
+    for (int parts = 2; parts > 0; parts--) {
+        const double h = STEP / parts, gain_a = 2.0 / (h * h), weight = parts == 2 ? 2.0 : -1.0;
+        double r[N_ALL], a[N];
+        memcpy(a, before, sizeof a);
+        follow_motions(&now, m->q, m->v, a);
+        correct(m, &now, m->q, m->v, a, none, 2.0 / h, gain_a, 1, 0, 0, &matrix, r);
+        for (int i = 0; i < N; i++) m->auxiliary[i] += weight * (a[i] - gain_a * r[i] - before[i]);
+    }
+}
+
 /* Samples controllers whose time it is; accelerations jump with their forces. */
 static void sample(struct pgmp_model *m) {
     struct response response;
@@ -337,8 +364,8 @@ static void sample(struct pgmp_model *m) {
     follow_response(m, &own_scheme, &response);
     memcpy(before, m->a, sizeof before);
     pgmp_accelerate(m, time, time);
-    for (int i = 0; i < N; i++) m->auxiliary[i] += m->a[i] - before[i], m->before[i] = m->a[i];
-    if (LIGHT_NODES) find_first(m);
+    memcpy(m->before, m->a, sizeof m->before);
+    jump(m, time, before);
     m->sampled = m->number, m->contraction = FIRST_CONTRACTION;
 }
 

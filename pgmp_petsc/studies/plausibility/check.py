@@ -206,10 +206,17 @@ def _breaks(scene: Scene) -> Iterator[Finding]:
         return
     (coordinate,) = scene.coordinates.values()
     low, high = coordinate.range
-    a_turn = reduction.angles / (1.0 if slides(scene, coordinate) else (high - low) / (2 * math.pi))
-    for name, joint in scene.joints.items():
-        if isinstance(joint, CouplingEntry) and any(share.table for share in joint.shares_in(scene)):
-            if a_turn < FEW_ANGLES:
+    turns = 1.0 if slides(scene, coordinate) else (high - low) / (2 * math.pi)
+    couplings = {name: one.shares_in(scene) for name, one in scene.joints.items() if isinstance(one, CouplingEntry)}
+    # what another joint turns for each rad of the coordinate's, where two are geared
+    geared = {
+        (one.joint, other.joint): abs(scene.number(one.factor) * one.times / (scene.number(other.factor) * other.times))
+        for pair in couplings.values() if len(pair) == 2 and not any(share.table for share in pair)
+        for one, other in (pair, pair[::-1])
+    }  # fmt: skip
+    for name, shares in couplings.items():
+        for cam in (share.joint for share in shares if share.table):
+            if reduction.angles / (turns * geared.get((coordinate.joint, cam), 1.0)) < FEW_ANGLES:
                 off = f"few beside joints.{name}, as the spline of its table breaks at every point"
                 cure = f"take {2 * FEW_ANGLES} a turn, or a reduction.sampling_tolerance"
                 yield doubt("reduction.angles", f"{off}; {cure}", reduction.angles)
