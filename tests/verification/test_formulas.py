@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from runs import assert_close, overridden, reduced_model, refused
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.formulas import declared
+from pgmp_petsc.design.sensitivities import difference_remarks
 from pgmp_petsc.effects.formula import WORDS, known, law_of
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.scene import scene_to_toml
@@ -106,6 +108,20 @@ def test_derivatives_with_a_constant() -> None:
     for name in ("x", "swing"):
         largest = np.abs(wanted[name]).max()
         np.testing.assert_allclose(found.derivatives[name]["damping"], wanted[name], rtol=0, atol=1e-5 * largest)
+
+
+@pytest.mark.parametrize(
+    ("force", "jumps"),
+    [("-c * v * (s < 0.31)", True), ("-c * sign(v)", True), ("where(v > c, 1, 2)", True),
+     ("-c * max(s, 0) * (t > 0.1)", False), ("-c * tanh(v / 0.1)", False)],
+)  # fmt: skip
+def test_derivatives_say_that_they_leave_out_jumps_that_move(force: str, jumps: bool) -> None:
+    """Not those at an instant, which is none of the motion."""
+    model = SimpleNamespace(
+        name="reduced", scene=cart(f'effects.e={{type="law",joint="rail",force="{force}",constants={{c=1.0}}}}')
+    )
+    found = [remark.text for remark in difference_remarks(model, 0.0)]
+    assert [text.split(":")[0] for text in found] == ["effects.e.force"] * jumps
 
 
 @needs_compiler
