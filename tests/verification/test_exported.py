@@ -96,9 +96,9 @@ outputs.bent: type = "deformation"; point = "rod:tip"; axis = "y"; frame = "body
 
 @pytest.fixture(scope="module", autouse=True)
 def few_places() -> Iterator[None]:
-    """Tabulate what is rigid at fewer places, which both have in common: tables are most of what is compiled."""
+    """Tabulate what is rigid over more coordinates at fewer places, which both have: tables are most of the code."""
     with pytest.MonkeyPatch.context() as patch:
-        for name, n in (("N_FINE", 128), ("N_FINE_OF_MORE", 24), ("FEWEST_OF_THREE", 8)):
+        for name, n in (("N_FINE_OF_MORE", 24), ("FEWEST_OF_THREE", 8)):
             patch.setattr(of_reduction, name, n)
         yield
 
