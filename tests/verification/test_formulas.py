@@ -117,9 +117,8 @@ def test_derivatives_with_a_constant() -> None:
 )  # fmt: skip
 def test_derivatives_say_that_they_leave_out_jumps_that_move(force: str, jumps: bool) -> None:
     """Not those at an instant, which is none of the motion."""
-    model = SimpleNamespace(
-        name="reduced", scene=cart(f'effects.e={{type="law",joint="rail",force="{force}",constants={{c=1.0}}}}')
-    )
+    law = f'{{type="law",joint="rail",force="{force}",constants={{c=1.0}}}}'
+    model = SimpleNamespace(name="reduced", scene=cart(f"effects.e={law}"))
     found = [remark.text for remark in difference_remarks(model, 0.0)]
     assert [text.split(":")[0] for text in found] == ["effects.e.force"] * jumps
 
