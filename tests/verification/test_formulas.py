@@ -124,8 +124,9 @@ def test_derivatives_say_that_they_leave_out_jumps_that_move(force: str, jumps: 
 
 
 @needs_compiler
+@pytest.mark.usefixtures("coarse")
 def test_formulas_in_c(tmp_path: Path) -> None:
-    model = reduced_model(cart(*START, *LAWS))
+    model = reduced_model(cart(*START, *LAWS, "reduction.angles=6"))
     assert_same_in_c(model, tmp_path)
 
 
