@@ -272,7 +272,7 @@ def scene_of(kind: str, feature: str) -> Scene:
         for name in bare.coordinates:
             extra += [f"coordinates.{name}.range=[-0.3, 0.6]", f"coordinates.{name}.periodic=false"]
     if len(bare.coordinates) > 2:
-        extra.append("reduction.angles=6")
+        extra.append("reduction.angles=5")
     if any("strength" in entry for entry in asked):
         extra.append('parameters.strength={nominal=1.0,distribution={name="uniform",loc=0.9,scale=0.2}}')
     if any('"width"' in entry for entry in asked):

@@ -191,6 +191,15 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make pictures as they are, and write empty ones: to draw one takes half a second."""
+    from matplotlib.figure import Figure
+
+    write = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda _, *names, **given: write(Figure((1.0, 1.0)), *names, **given))
+
+
+@pytest.fixture
 def no_plugins() -> Iterator[None]:
     """Forget the plugins of a test: other tests list what there is."""
     from pgmp_petsc.base.plugins import IN_USE

@@ -4,8 +4,8 @@ import ast
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from functools import cache
-from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -55,11 +55,19 @@ def run_of(path: Path) -> list[ast.stmt]:
     ]
 
 
+def statements(body: list[ast.AST]) -> Iterator[ast.AST]:
+    """Yield statements and those within them."""
+    for node in body:
+        yield node
+        for name in ("body", "handlers", "orelse", "finalbody", "cases"):
+            yield from statements(getattr(node, name, []))
+
+
 @cache
 def imports_of(path: Path, for_types: bool = True) -> set[str]:
     """Return the modules that a file imports anywhere, also within functions and (unless told) for types only."""
-    found, body = set(), tree_of(path).body if for_types else run_of(path)
-    for node in chain.from_iterable(map(ast.walk, body)):
+    found = set()
+    for node in statements(tree_of(path).body if for_types else run_of(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):

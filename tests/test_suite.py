@@ -30,11 +30,18 @@ def repeated(names: list[str]) -> list[str]:
     return [name for name, count in Counter(names).items() if count > 1]
 
 
+def words_of(node: ast.AST) -> str:
+    """Return the text of a node; of names and values, which most are, without printing a tree."""
+    if isinstance(node, ast.Name):
+        return node.id
+    return repr(node.value) if isinstance(node, ast.Constant) else ast.unparse(node)
+
+
 def lost_cases(tree: ast.AST) -> Iterator[str]:
     """Yield keys, tests and names of cases of which only the last one counts."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Dict):
-            yield from (f"key {name}" for name in repeated([ast.unparse(key) for key in node.keys if key]))
+            yield from (f"key {name}" for name in repeated([words_of(key) for key in node.keys if key]))
         if isinstance(node, (ast.Module, ast.ClassDef)):
             defined = [item.name for item in node.body if isinstance(item, (ast.FunctionDef, ast.ClassDef))]
             yield from (f"definition of {name}" for name in repeated(defined))
@@ -48,7 +55,8 @@ def unseeded(tree: ast.AST) -> Iterator[str]:
         generators["random"] = "Random"
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            source, name, given = ast.unparse(node.func.value), node.func.attr, [*node.args, *node.keywords]
+            name, given = node.func.attr, [*node.args, *node.keywords]
+            source = words_of(node.func.value) if isinstance(node.func.value, (ast.Name, ast.Attribute)) else ""
             of_process = source in generators and not (name == generators[source] and given)
             if of_process or (name == "rvs" and not any(word.arg == "random_state" for word in node.keywords)):
                 yield ast.unparse(node)
@@ -63,7 +71,7 @@ def short_limits(tree: ast.AST) -> Iterator[str]:
                 limits += node.args[:1]
             if any(isinstance(limit, ast.Constant) and isinstance(limit.value, (int, float)) for limit in limits):
                 yield ast.unparse(node)
-        if isinstance(node, ast.BinOp) and isinstance(node.right, ast.Constant):
+        if isinstance(node, ast.BinOp) and isinstance(node.right, ast.Constant) and isinstance(node.left, ast.Call):
             if ast.unparse(node.left).startswith(("time.monotonic()", "time.time()", "time.perf_counter()")):
                 yield ast.unparse(node)
 

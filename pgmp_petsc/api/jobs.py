@@ -22,7 +22,7 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.plugins import in_use
 from pgmp_petsc.base.progress import doing
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.bench.finished import Price, step_seconds
+from pgmp_petsc.bench.finished import Price, step_of_samples, step_seconds
 from pgmp_petsc.bench.reference import Demand, Reference, choose_reference, component_model
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
@@ -34,6 +34,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh, refined
 from pgmp_petsc.models import FullModel
+from pgmp_petsc.models.lengths import why_of_one_mesh
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.report.budget import (
     headline_of_build,
@@ -44,6 +45,7 @@ from pgmp_petsc.report.budget import (
 )
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.studies.inputs import coarser_parts, read_scene
 from pgmp_petsc.studies.simulate import simulate_full
 
@@ -173,7 +175,7 @@ class _Job:
         if not self.why_not_reduced:
             return "reduced"
         refused = not self.flexible or why_refused(self.scene, Purpose.COMPONENTS, self.meshes)
-        return "full" if refused else "components"
+        return "full" if refused or why_of_one_mesh(self.scene, uncertain_names(self.scene)) else "components"
 
     @cached_property
     def why_not_reduced(self) -> str:
@@ -341,7 +343,7 @@ class _Job:
             mechanism = component_model(self.scene, self.meshes, comm, None, self.kinematics).kinematics.mechanism
         else:
             mechanism = self.kinematics.mechanism
-        price = Price(step_seconds(mechanism), self.n_steps * n_samples)
+        price = Price(step_of_samples(self.scene, step_seconds(mechanism)), self.n_steps * n_samples)
         text = f"{n_samples} samples are predicted to take {price} of processor time, reference.budget = {budget:g} s"
         fine = price.seconds <= budget
         self._say("ensemble", text if fine else f"left out: {text}; take fewer with -n, or raise it")

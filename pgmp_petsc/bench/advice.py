@@ -24,21 +24,24 @@ from types import MappingProxyType
 
 import numpy as np
 
-from pgmp_petsc.bench.finished import component_step, duration_text, step_seconds
+from pgmp_petsc.bench.finished import BESIDE, component_step, duration_text, step_of_samples, step_seconds
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.full.joint_tree import count_of
 from pgmp_petsc.mechanism.capabilities import SECONDS, SECONDS_PER_UNKNOWN, Purpose, why_refused
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.models.lengths import why_of_one_mesh
 from pgmp_petsc.outputs.stress import points_of
 from pgmp_petsc.results.numbers import share_text, with_unit
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.references import points_used
 
 # s, of a step of a sample of a reduced model: by itself, an entry of its matrices over one coordinate, a local effect
 REDUCED_SAMPLE, REDUCED_ENTRY, REDUCED_EFFECT = 1.0e-7, 2.0e-9, 3.0e-7
-# s, of a step of a sample in a batch, of components and reduced: friction by the force that a joint carries
-CARRIED_BESIDE, CARRIED_IN_LANES = 2e-4, 4.5e-6
+# s, of a step of a sample in a batch: friction by the force that a joint carries, of components and reduced; a
+# controller, of reduced models
+CARRIED_BESIDE, CARRIED_IN_LANES, CONTROLLED_IN_LANES = 2e-4, 4.5e-6, 1e-6
 MODEL = 0.6  # s, of a build besides its configurations
 CONDENSING, CONDENSING_POWER = 9e-6, 1.3  # s, of a body of cells by its unknowns; measured from 5,850 to 298,134
 STRAIN = 1.6e-8  # s, of a strain at a point of a body of cells, from some 80 coordinates of the body condensed
@@ -84,24 +87,26 @@ def prospects(
     n_rigid, fields = len(scene.coordinates), amplitudes(scene, mechanism, scene.reduction.modes)
     answered = scene.reduction.static_modes or not n_loads or scene.reduction.tolerance is not None
     besides, n_carried = STRAIN * n_strains(scene, mechanism), len(scene.carried)
+    of_components = component_step(mechanism, fields) + CARRIED_BESIDE * n_carried + besides
+    of_components += BESIDE * len(scene.controllers)
+    in_lanes = CARRIED_IN_LANES * n_carried + CONTROLLED_IN_LANES * len(scene.controllers) + besides
     share = "0.1 to 1 % of deformations, with static answers to loads"
     if not answered:
         share = "1 to 6 % of deformations, without static answers to loads (reduction.static_modes)"
     found = [
         Prospect(
-            "mesh", why_refused(scene, Purpose.FULL, meshes), mechanism.n_dofs, 0.0, step_seconds(mechanism), 0.0,
-            "errors are those of the elements and of the step",
+            "mesh", why_refused(scene, Purpose.FULL, meshes), mechanism.n_dofs, 0.0,
+            step_of_samples(scene, step_seconds(mechanism)), 0.0, "errors are those of the elements and of the step",
         ),
         Prospect(
-            "components", why_refused(scene, Purpose.COMPONENTS, meshes),
+            "components",
+            why_refused(scene, Purpose.COMPONENTS, meshes) or why_of_one_mesh(scene, uncertain_names(scene)),
             sum(fields.values()) + sum(count_of(mechanism)), condensing(mechanism),
-            component_step(mechanism, fields) + CARRIED_BESIDE * n_carried + besides,
-            0.002, "0.002 to 0.8 % of deformations",
+            step_of_samples(scene, of_components), 0.002, "0.002 to 0.8 % of deformations",
         ),
         Prospect(
             "reduced", why_refused(scene, Purpose.BUILD, meshes), n_flexible + n_rigid, build_seconds(scene, mechanism),
-            reduced_step(n_flexible + n_rigid, n_rigid, n_local) + CARRIED_IN_LANES * n_carried + besides,
-            0.005 if answered else 0.03, share,
+            reduced_step(n_flexible + n_rigid, n_rigid, n_local) + in_lanes, 0.005 if answered else 0.03, share,
         ),
     ]  # fmt: skip
     return [Prospect(one.model, one.refused) if one.refused else one for one in found]

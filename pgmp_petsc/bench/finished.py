@@ -40,6 +40,9 @@ from pgmp_petsc.files.seal import identity
 from pgmp_petsc.full.joint_tree import count_of
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.numerics import count_steps
+from pgmp_petsc.scene.parameters import uncertain_names
+from pgmp_petsc.scene.uses import length_names
 
 FORMAT = 2
 Arrays = dict[str, np.ndarray]
@@ -78,7 +81,10 @@ def _name(kind: str, task: object) -> str:
 LOCAL_EFFECT = 1.5e-6  # s, of a step of a sample, Newton corrections included
 # s, of a step of a sample of a component model: a pair of a body's amplitudes, a body in space, and of the matrix
 PAIR, BODY, CUBE = 1.1e-8, 1.2e-6, 3.3e-11
-CARRIED = 8e-4  # s, the same of friction by the force that a joint carries, which is found between corrections
+# s, of a step of a full-order or component sample: a controller, or friction by the force that a joint carries, which
+# are found between corrections; and where lengths are drawn, which part samples: how often what it takes in a batch
+BESIDE, APART = 8e-4, 4.0
+SETTING_UP = {2: 0.04, 3: 0.4}  # s, of a sample of lengths of its own, by the dimension of space
 
 
 @dataclass(frozen=True)
@@ -99,16 +105,25 @@ class Price:
 
 def step_seconds(mechanism: Mechanism) -> float:
     """Return the predicted processor time of a step of one sample of a full-order or component model, s."""
-    carried = CARRIED * len(mechanism.scene.carried)
+    beside = BESIDE * len(mechanism.scene.beside)
     floating = {body.name: body.n_internal for body in mechanism.bodies if body.blocks("floating")}
     if floating:
-        return carried + component_step(mechanism, floating)
-    return carried + _local(mechanism) + sum(body.step_seconds for body in mechanism.bodies)
+        return beside + component_step(mechanism, floating)
+    return beside + _local(mechanism) + sum(body.step_seconds for body in mechanism.bodies)
+
+
+def step_of_samples(scene: Scene, step: float) -> float:
+    """Return what a step takes in an ensemble of full-order or component samples, s, that takes `step` in a batch: with
+    lengths that are drawn each sample is set up by itself, and taken by itself."""
+    if not {*uncertain_names(scene)} & {*length_names(scene)}:
+        return step
+    n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
+    return (1.0 if scene.beside else APART) * step + SETTING_UP[scene.dimension] / n_steps
 
 
 def component_step(mechanism: Mechanism, fields: Mapping[str, int]) -> float:
     """Return the predicted processor time of a step of a sample of a component model, s, with so many amplitudes a
-    body, and without friction by the force that a joint carries."""
+    body, and without what is found between corrections."""
     pairs, n = sum(m**2 for m in fields.values()), sum(count_of(mechanism)) + sum(fields.values())
     in_space = len(mechanism.bodies) * (mechanism.space.dimension == 3)
     return _local(mechanism) + PAIR * pairs + BODY * in_space + CUBE * n**3

@@ -6,10 +6,11 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, Remark, gathered, nearest_name, note
+from pgmp_petsc.base.errors import InputError, Remark, gathered, nearest_name, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.effects.formula import FormulaEffect
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures, polynomials_of_lengths
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.contacts import Contact
@@ -158,6 +159,15 @@ def difference_remarks(model: AnyModel, off: float) -> Iterator[Remark]:
         off = f"; those of second order differ by {share_text(off)} of the largest" if off else ""
         yield note(
             f"derivatives are differences of runs, four or five beside each one a parameter, because of {why}{off}"
+        )
+        return
+    effects = model.scene.effects.items()
+    jumping = [f"effects.{name}.force" for name, one in effects if isinstance(one, FormulaEffect) and one.jumps]
+    if jumping:
+        yield warning(
+            f"{', '.join(jumping)}: derivatives leave out what a force jumps by where a comparison or a sign changes; "
+            "where such a place moves with a parameter they are wrong: write it without a jump (max, min, tanh), or "
+            "compare runs (--set)"
         )
 
 

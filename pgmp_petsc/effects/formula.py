@@ -17,6 +17,7 @@ by that (`effects.action`).
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import math
 from collections.abc import Iterable, Iterator
@@ -239,6 +240,15 @@ class FormulaEffect(OnJoint):
     constants: dict[str, Annotated[NumberOrParameter, Unit()]] = Field(
         {}, description="names in the formula, each a number or a parameter's name"
     )
+
+    @property
+    def jumps(self) -> bool:
+        """Whether a comparison, or a sign, of more than the time is in it."""
+        for node in ast.walk(ast.parse(self.force.strip(), mode="eval")):
+            if isinstance(node, ast.Compare) or (isinstance(node, ast.Call) and node.func.id == "sign"):
+                if any(isinstance(one, ast.Name) and one.id not in ("t", *FUNCTIONS) for one in ast.walk(node)):
+                    return True
+        return False
 
     @model_validator(mode="after")
     def _one_place(self) -> Self:

@@ -50,6 +50,7 @@ from pgmp_petsc.results.statistics import DOUBT, Band, Chance, Statistics
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.numerics import Event, count_steps
+from pgmp_petsc.scene.uses import length_names
 from pgmp_petsc.stepping.generalised_alpha import instants
 from pgmp_petsc.stepping.static_equilibrium import starts_remarks
 from pgmp_petsc.stepping.status import Status
@@ -124,7 +125,9 @@ def describe_ensemble(
     may_be_retried = not looked and has_steps_left(status, divisors)  # an ensemble with rules is repeated instead
     remarks = (
         *kept.remarks,
-        *failure_remarks(status, *own, origin.model, scene.ensemble.failed_share, may_be_retried),
+        *failure_remarks(
+            status, *own, origin.model, scene.ensemble.failed_share, may_be_retried, length_names(scene)
+        ),
         *step_remarks(status, divisors, scene.simulation.step),
         *sampler_remarks(scene, plan),
         *starts_remarks(scene, numerics["unstable_start"] == 1.0),

@@ -11,7 +11,7 @@ where they fail, with 1/2, 1/4 and so on of it, down to 1/64 where an ensemble e
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,12 +39,14 @@ def failure_remarks(
     model: str,
     hidden: float = 1.0,
     may_be_retried: bool = True,
+    lengths: Sequence[str] = (),
 ) -> Iterator[Remark]:
     """Return what is to be said of failed samples of a model by status (N,) and drawn values (N,) with their units;
     nothing where all are fine.
 
     `hidden` is the largest share of failed samples that the others are described without; `may_be_retried` says whether
-    a further try takes any of them with steps that were not tried.
+    a further try takes any of them with steps that were not tried; `lengths` are parameters with which a mechanism may
+    not close.
     """
     failed = status != Status.FINE
     n, n_failed = failed.size, int(failed.sum())
@@ -52,9 +54,13 @@ def failure_remarks(
         return
     for code in np.unique(status[failed]):
         reason, count = Status(code), int(np.sum(status == code))
-        yield warning(
-            f"{count} of {n} samples failed (status {int(code)}): {reason.meaning}; cure: {reason.cure(model)}"
-        )
+        meaning = reason.meaning
+        if reason == Status.UNPHYSICAL and lengths:
+            meaning += (
+                f"; or a mechanism of its {', '.join(lengths)} cannot be put together over its range, as pgmp check "
+                f"SCENE --set {lengths[0]}=VALUE says"
+            )
+        yield warning(f"{count} of {n} samples failed (status {int(code)}): {meaning}; cure: {reason.cure(model)}")
     if n_failed == n:
         yield warning("no sample is fine, so the outputs have no statistics")
         return

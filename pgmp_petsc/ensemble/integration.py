@@ -38,7 +38,7 @@ from pgmp_petsc.ensemble.watchers import (
     Watcher,
 )
 from pgmp_petsc.estimates.error_indicator import indicator_of
-from pgmp_petsc.models import REDUCED, Model, of_samples
+from pgmp_petsc.models import REDUCED, Model, SeparateLengths, of_samples
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import Pulse, RankGroup, deal_to_groups
 from pgmp_petsc.results.ensemble import Ensemble, ShardSamples
@@ -162,6 +162,8 @@ def run_batch(
     if model.outputs.counts and not any(isinstance(watcher, OverTimeWatcher) for watcher in watchers):
         watchers = [*watchers, OverTimeWatcher(model, False, Settings())]
     alive = physical(scene, values)
+    if isinstance(model, SeparateLengths):
+        alive = model.closes(values, alive)
     n = alive.size
     # an unphysical sample takes the place of a nominal one in the arrays, and is never advanced
     safe = {name: np.where(alive, value, scene.nominal[name]) for name, value in values.items()}

@@ -6,7 +6,7 @@ What these models observe of a sample are its outputs: a deformation is against 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
@@ -59,14 +59,21 @@ def of_samples(model: Model, drawn: Iterable[str]) -> Model:
     drawn = set(drawn)
     if drawn.isdisjoint(length_names(model.scene)):
         return model
-    lines = (body.line for body in model.scene.bodies.values() if body.line is not None)
-    meshed = next((line.length for line in lines if line.length in drawn), None)
-    if isinstance(model, ComponentModel) and meshed is not None:
-        raise InputError(
-            f"parameters.{meshed}: a body's length that is drawn; component modes are of one mesh, so take the "
-            "reduced model (pgmp build) or --full, or give the length with --set or a number"
-        )
+    if isinstance(model, ComponentModel) and (why := why_of_one_mesh(model.scene, drawn)):
+        raise InputError(why)
     return LengthLanes(model) if isinstance(model, ReducedModel) else SeparateLengths(model)
+
+
+def why_of_one_mesh(scene: Scene, drawn: Iterable[str]) -> str:
+    """Return why component models have no samples with some parameters drawn; empty where they have."""
+    lines = (body.line for body in scene.bodies.values() if body.line is not None)
+    meshed = next((line.length for line in lines if line.length in drawn), None)
+    if meshed is None:
+        return ""
+    return (
+        f"parameters.{meshed}: a body's length that is drawn; component modes are of one mesh, so take the "
+        "reduced model (pgmp build) or --full, or give the length with --set or a number"
+    )
 
 
 class SeparateLengths:
@@ -86,7 +93,8 @@ class SeparateLengths:
         self.scene, self.kinematics = model.scene, model.kinematics
         self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts)
         self.lengths = length_names(model.scene)
-        self._models: WeakKeyDictionary[SecondOrderSystem, Model] = WeakKeyDictionary()
+        self._models: WeakKeyDictionary[SecondOrderSystem, FullModel] = WeakKeyDictionary()
+        self._last: tuple[dict[str, float], FullModel] = {}, model
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> SecondOrderSystem:
         """Return a system of one sample on this rank."""
@@ -116,8 +124,27 @@ class SeparateLengths:
         own = self._models[system]
         return _stacked(own.outputs.evaluate(own.observed(system, state, time)), system.n_samples)
 
-    def _at(self, lengths: Mapping[str, float]) -> FullModel:
-        return self.model.at_lengths(self.scene.with_values(lengths))
+    def observed_over(
+        self, system: SecondOrderSystem, states: State, frames: np.ndarray, times: Sequence[float]
+    ) -> np.ndarray:
+        """Return the outputs in states of the only sample, shape (n_outputs, n); see `FullModel.observed_over`."""
+        own = self._models[system]
+        return _stacked(own.outputs.evaluate(own.observed_over(system, states, frames, times)), len(times))
+
+    def closes(self, values: Mapping[str, np.ndarray], alive: np.ndarray) -> np.ndarray:
+        """Return which samples, of those `alive`, shape (n,), have lengths of which a mechanism can be put together."""
+        closed = alive.copy()
+        for k in np.flatnonzero(alive):
+            try:
+                self._at({name: float(values[name][k]) for name in self.lengths})
+            except InputError:
+                closed[k] = False
+        return closed
+
+    def _at(self, lengths: dict[str, float]) -> FullModel:
+        if lengths != self._last[0]:  # a sample is looked at first, and tried again with smaller steps
+            self._last = lengths, self.model.at_lengths(self.scene.with_values(lengths))
+        return self._last[1]
 
 
 class LengthLanes:

@@ -150,6 +150,7 @@ def _component(name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, Compone
 
 
 POOR_COSINE = 0.5  # between neighbouring spaces of modes; tables between them are then of neither
+CROSSED = 0.1  # below it modes have changed places: an exact crossing has no angle between
 
 
 def build_rom(
@@ -299,10 +300,13 @@ def _forces_change(scene: Scene, mechanism: Mechanism) -> bool:
 def _doubts(cosine: float, n_redundant: int, indefinite: str) -> Iterator[Remark]:
     """Return what is doubtful about a basis and its tables, and which constraints are not in it."""
     if cosine < POOR_COSINE:
-        yield warning(
-            f"the space of modes turns away between neighbouring angles (least cosine {cosine:.2g}); take more "
-            "reduction.angles, or another number of reduction.modes if the last mode crosses the next one"
-        )
+        cure = "take more reduction.angles, or another number of reduction.modes if the last mode crosses the next one"
+        if cosine < CROSSED:
+            cure = (
+                "the last mode crosses the next one, and outputs may be wrong by all of their size: take one more of "
+                "reduction.modes, or one less, until this is not said; more angles do not help"
+            )
+        yield warning(f"the space of modes turns away between neighbouring angles (least cosine {cosine:.2g}); {cure}")
     if indefinite:
         yield warning(indefinite)
     if n_redundant:

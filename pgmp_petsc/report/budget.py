@@ -618,7 +618,8 @@ def headline_of_ensemble(path: Path, *runs: Path) -> str:
     ensemble = Ensemble.read(path)
     sources = [source for scene in read_sources(runs)[0] for source in scene] if runs else []
     meshes = [other for _, other in mesh_twins(sources)]
-    error = model_error(sources, paired([source.result for source in sources if source not in meshes]))
+    singles = [one.result for one in sources if isinstance(one.result, Trajectory) and one not in meshes]
+    error = model_error(sources, paired(singles))
     failed = int(np.count_nonzero(ensemble.status))
     answer = ensemble.answer(lambda label: _of_runs(ensemble, label, error), _full_order_stops(sources))
     return f"{len(ensemble.status)} samples, {failed} failed; {answer}{_remarks(ensemble.record)}"

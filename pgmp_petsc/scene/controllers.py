@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.declare.ideas import CONTROLLERS, Found, refuse
@@ -20,6 +20,7 @@ from pgmp_petsc.scene.fields import (
     NumberOrParameter,
     Table,
     Time,
+    Unit,
     exactly_one,
     refusal,
 )
@@ -100,6 +101,11 @@ class ControllerEntry(Table):
     )
     #: Motions of which the joint that it acts on leaves one free.
     joints: ClassVar[tuple[str, ...]] = ("turning", "sliding")
+
+    @field_validator("limits", mode="before")
+    @classmethod
+    def _with_units(cls, limits: object, info: ValidationInfo) -> object:
+        return Unit("N m", "N").numbers(limits, info)  # no note: the law has its numbers in the scene's units
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:

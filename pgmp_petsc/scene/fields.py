@@ -69,15 +69,15 @@ class Unit:
         return self.on_sliding or self.on_turning if slides else self.on_turning
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return core_schema.with_info_before_validator_function(self._numbers, handler(source))
+        return core_schema.with_info_before_validator_function(self.numbers, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         return _or_text(handler(schema))
 
-    def _numbers(self, value: object, info: ValidationInfo) -> object:
+    def numbers(self, value: object, info: ValidationInfo) -> object:
         """Return numbers in the units of the scene; texts that are none, such as names of parameters, as they are."""
         if isinstance(value, (list, tuple)):
-            return [self._numbers(one, info) for one in value]
+            return [self.numbers(one, info) for one in value]
         units = tuple(filter(None, dict.fromkeys((self.on_turning, self.on_sliding))))
         try:
             number = number_of(value, units, (info.context or {}).get("system", SI)) if isinstance(value, str) else None

@@ -32,7 +32,7 @@ ALLOWED = {
     "model_attributes_type": "a table is needed",
     "dict_type": "a table is needed",
     "tuple_type": "a list in brackets is needed",
-    "too_short": "at least {min_length} entry is needed",
+    "too_short": "{min_length} or more entries are needed",
     "greater_than": "must be greater than {gt}",
     "greater_than_equal": "must be at least {ge}",
     "less_than": "must be less than {lt}",

@@ -14,7 +14,7 @@ from pgmp_petsc.results.tradeoff import Tradeoff
 QUICK = overridden("reduction.modes=3", "simulation.duration=0.02")
 
 
-def test_a_run_and_its_picture(tmp_path: Path) -> None:
+def test_a_run_and_its_picture(tmp_path: Path, undrawn: None) -> None:
     found, full = tmp_path / "components.h5", tmp_path / "full.h5"
     said = pgmp("simulate", PAPER_SCENE, "--components", *QUICK, "-o", found).stdout
     assert "components model" in said

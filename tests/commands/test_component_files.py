@@ -47,7 +47,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_run_is_that_of_the_scene(case: str, tmp_path: Path) -> None:
     """To the last bit, with its frames, fields, energies and estimates."""
     name, *changes = CASES[case]
-    source, changes = SCENES / f"{name}.toml", (SHORT, *changes)
+    source, changes = SCENES / f"{name}.toml", ("simulation.duration=6e-3", *changes)
     model = interface.build(source, components=True, overrides=changes, output=tmp_path / "model.h5")
     runs = {
         "file": interface.simulate(tmp_path / "model.h5", output=tmp_path / "file.h5"),

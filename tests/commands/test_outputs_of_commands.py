@@ -112,7 +112,7 @@ def test_nothing_else_is_overwritten(
     assert contents(folder) == before
 
 
-def test_pictures_of_somebody_else_are_not_overwritten(folder: Path) -> None:
+def test_pictures_of_somebody_else_are_not_overwritten(folder: Path, undrawn: None) -> None:
     (folder / "frequencies.png").write_bytes(b"a photograph")
     refused = one_message("plot", folder / "modes.h5", "-o", folder)
     assert "frequencies.png' exists and is not a picture of this program" in refused

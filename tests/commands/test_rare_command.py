@@ -98,7 +98,7 @@ def test_an_event_at_any_time_is_at_least_as_likely_as_at_the_end(model: Reduced
 
 
 def test_what_a_file_holds_is_told_and_drawn_and_what_cannot_be_is_refused(
-    folder: Path, found: tuple[RareEvent, str]
+    folder: Path, found: tuple[RareEvent, str], undrawn: None
 ) -> None:
     rare, many, other = folder / "rare.h5", ["montecarlo", folder / "rom.h5", "-n"], folder / "other.h5"
     commands = [

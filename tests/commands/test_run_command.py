@@ -47,6 +47,12 @@ def first(scene: Path) -> str:
     return out
 
 
+@pytest.fixture
+def no_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave pages empty, which take as long as all other steps."""
+    monkeypatch.setattr("pgmp_petsc.report.page.write_report", lambda files, page: Path(page).touch() or [])
+
+
 def test_every_step_says_a_line_and_leaves_a_file(scene: Path, first: str) -> None:
     lines, folder = told(first), scene.with_name("mine_results")
     assert list(lines) == list(STEPS)
@@ -64,7 +70,7 @@ def test_every_step_says_a_line_and_leaves_a_file(scene: Path, first: str) -> No
     assert names == {"rom.h5", "run.h5", "better.h5", "finer.h5", "samples.h5", "report.html", "steps.json"}
 
 
-def test_a_later_run_takes_what_is_finished(scene: Path, first: str) -> None:
+def test_a_later_run_takes_what_is_finished(scene: Path, first: str, no_page: None) -> None:
     folder = scene.with_name("mine_results")
     before = {path.name: path.stat().st_mtime_ns for path in folder.glob("*.h5")}
     lines = told(said("run", scene, "-n", 32, *SHORT)[0])
@@ -78,7 +84,7 @@ def test_a_later_run_takes_what_is_finished(scene: Path, first: str) -> None:
     assert again == ["build", "simulate", "compare", "mesh"] and "24 samples" in lines["ensemble"][-1] and page.exists()
 
 
-def test_another_scene_is_done_anew(scene: Path, first: str) -> None:
+def test_another_scene_is_done_anew(scene: Path, first: str, no_page: None) -> None:
     other = overridden("materials.steel.rho=7900.0")
     out, _ = said("run", scene, "-n", 8, *SHORT, *other)
     assert "(finished before" not in out
@@ -109,7 +115,7 @@ RIGID = overridden(
 )  # fmt: skip
 
 
-def test_what_is_left_out_is_said(tmp_path: Path) -> None:
+def test_what_is_left_out_is_said(tmp_path: Path, no_page: None) -> None:
     scene = write_template("slider_crank", tmp_path / "rigid.toml")[0]
     lines = told(said("run", scene, "-o", tmp_path / "out", *SHORT, *RIGID)[0])
     assert lines["build"] == ["left out: no reduced model (all bodies are rigid); runs are of the full-order model"]
@@ -197,7 +203,9 @@ def test_figures_as_json_are_those_of_the_files(scene: Path, first: str, tmp_pat
     assert out == "" and err.count("stopped at") == 1, err
 
 
-def test_commands_without_figures_can_be_quiet_too(scene: Path, first: str, tmp_path: Path) -> None:
+def test_commands_without_figures_can_be_quiet_too(
+    scene: Path, first: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
     folder = scene.with_name("mine_results")
     made = {
         ("new", "slider_crank"): tmp_path / "other.toml",
@@ -209,6 +217,7 @@ def test_commands_without_figures_can_be_quiet_too(scene: Path, first: str, tmp_
     }
     for words, path in made.items():
         assert said(*words, path, "--quiet") == ("", "") and path.exists(), words
+    request.getfixturevalue("no_page")
     assert said("run", scene, "-o", tmp_path / "out", "-n", 8, *SHORT, "--quiet") == ("", "")
 
 
@@ -230,7 +239,7 @@ def test_every_command_has_figures(scene: Path, first, tmp_path: Path, command: 
         assert json.loads(said("info", tmp_path / "one.h5", "--json")[0])[figure] == found[figure]
 
 
-def test_what_reduced_models_refuse_runs_as_component_models(tmp_path: Path) -> None:
+def test_what_reduced_models_refuse_runs_as_component_models(tmp_path: Path, no_page: None) -> None:
     path, why = tmp_path / "cart.toml", "forces in joints of reduced models do not know those of controllers"
     servo = 'controllers.hold={type="pid",measures="swing",joint="pivot",gains={p=10.0,d=0.3}}'
     rubs = 'effects.rubs={type="joint_friction",joint="pivot",coefficient=0.1,radius=0.01,speed=0.01}'
@@ -244,9 +253,19 @@ def test_what_reduced_models_refuse_runs_as_component_models(tmp_path: Path) -> 
     lines = told(said("run", path, "-o", tmp_path / "cart")[0])
     assert lines["build"][0].startswith("left out: no reduced model (controllers.hold") and why in lines["build"][0]
     assert lines["simulate"][0].startswith("component") and lines["compare"][-1].startswith("differs from full order")
+    # a drawn length takes the mesh, as samples of component modes are of one length
+    drawn = (
+        'parameters.long={nominal=0.5,distribution={name="uniform",loc=0.495,scale=0.01}}',
+        'bodies.pole.line.length="long"',
+    )
+    lines = told(said("run", path, "-o", tmp_path / "drawn", "-n", 3, *overridden(*drawn))[0])
+    assert (
+        lines["build"][0].endswith("runs are of the full-order model")
+        and "3 samples, 0 failed" in lines["ensemble"][-1]
+    )
 
 
-def test_scenes_of_many_coordinates_run_as_component_models(tmp_path: Path) -> None:
+def test_scenes_of_many_coordinates_run_as_component_models(tmp_path: Path, no_page: None) -> None:
     short = overridden("simulation.duration=0.01", "simulation.step=1e-3", "simulation.frames=3")
     arm = ROOT / "scenes" / "six_joint_arm.toml"
     lines = told(said("run", arm, "-o", tmp_path / "arm", "-n", 4, *short)[0])

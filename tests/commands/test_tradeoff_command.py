@@ -68,7 +68,7 @@ def test_info_shows_the_table_and_the_advice(printed: str, folder: Path) -> None
     assert set(without_times) <= {line.strip() for line in shown.splitlines()}
 
 
-def test_plot_draws_three_pictures(printed: str, folder: Path) -> None:
+def test_plot_draws_three_pictures(printed: str, folder: Path, undrawn: None) -> None:
     done = pgmp("plot", folder / "f.h5", "-o", folder / "out")
     names = ("tradeoff.png", "tradeoff_total.png", "tradeoff_mesh.png")
     assert done.stdout.splitlines() == [str(folder / "out" / name) for name in names]

@@ -77,7 +77,7 @@ def test_figures_over_time_are_those_of_single_runs(folder: Path, rom: Path, sob
     assert ensemble.statistics["crank_angle.max"].mean == pytest.approx(ensemble.extremes["crank_angle/max"].mean())
 
 
-def test_the_terminal_says_what_the_file_holds(sobol: tuple[Ensemble, str], folder: Path) -> None:
+def test_the_terminal_says_what_the_file_holds(sobol: tuple[Ensemble, str], folder: Path, undrawn: None) -> None:
     ensemble, said = sobol
     assert "95 % interval" in said and "crank_angle below 0 rad at the end, 0 of 64 samples" in said
     assert "note: intervals follow from the spread between 8 scrambled Sobol sequences" in said

@@ -243,13 +243,11 @@ def printing(folder: Path) -> subprocess.Popen:
 
 
 def test_what_is_printed_is_kept_by_several_processes_and_printed_anew_if_damaged(tmp_path: Path) -> None:
+    path = tmp_path / Path(STOP.code.__file__).name
+    path.write_text(Path(STOP.code.__file__).read_text()[:200])
     both = [printing(tmp_path) for _ in range(2)]
-    (path, _), _ = [one.communicate(timeout=TIMEOUT_SECONDS)[0].split() for one in both]
-    assert Path(path).parent == tmp_path and [part.name for part in tmp_path.glob("pgmp_printed_stop*.py")] == [
-        Path(path).name
-    ]
-    assert printing(tmp_path).communicate(timeout=TIMEOUT_SECONDS)[0].split() == [path, "False"], (
-        "sympy is for printing alone"
-    )
-    Path(path).write_text(Path(path).read_text()[:200])
-    assert printing(tmp_path).communicate(timeout=TIMEOUT_SECONDS)[0].split() == [path, "True"]
+    said = [one.communicate(timeout=TIMEOUT_SECONDS)[0].split() for one in both]
+    assert all(one[0] == str(path) for one in said) and [str(path), "True"] in said
+    assert [*tmp_path.glob("pgmp_printed_stop*.py")] == [path]
+    last = printing(tmp_path).communicate(timeout=TIMEOUT_SECONDS)[0].split()
+    assert last == [str(path), "False"], "sympy is for printing alone"

@@ -211,7 +211,7 @@ def test_sobol_indices_are_bars_with_their_intervals(total):
     assert_inside(figure)
 
 
-def test_a_file_of_an_ensemble_has_all_its_pictures(tmp_path):
+def test_a_file_of_an_ensemble_has_all_its_pictures(tmp_path, undrawn):
     ensemble = synthetic.ensemble()
     known = {name: synthetic.band((0.1, 0.5, 0.9)) for name in ensemble.outputs}
     indices = {name: synthetic.sensitivity(True) for name in ensemble.outputs}
@@ -278,7 +278,7 @@ def test_settings_of_the_process_are_left_alone(tmp_path):
     assert dict(matplotlib.rcParams) == before
 
 
-def test_files_are_grouped_into_pictures(tmp_path):
+def test_files_are_grouped_into_pictures(tmp_path, undrawn):
     runs = synthetic.trajectory("full", n_frames=3), synthetic.trajectory("reduced", n_frames=0)
     many = (synthetic.ensemble(model, 50) for model in ("reduced", "full"))
     paths = written(tmp_path, synthetic.modes_table(), *runs, *many)

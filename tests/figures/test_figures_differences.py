@@ -100,7 +100,7 @@ def test_reduced_runs_share_a_full_order_one() -> None:
     assert_inside(figure)
 
 
-def test_scenes_have_pictures_of_their_own(tmp_path: Path) -> None:
+def test_scenes_have_pictures_of_their_own(tmp_path: Path, undrawn: None) -> None:
     four, five = record(), record(name="five bar")
     results = [run(of=four), run(of=five), replace(synthetic.modes_table(), record=five)]
     lines = draw(written(tmp_path, *results), tmp_path / "out")
@@ -156,7 +156,7 @@ def test_warnings_of_results_are_in_their_pictures() -> None:
     assert_inside(figure)
 
 
-def test_ensembles_of_one_model_are_told_apart(tmp_path: Path) -> None:
+def test_ensembles_of_one_model_are_told_apart(tmp_path: Path, undrawn: None) -> None:
     one, other = (replace(synthetic.ensemble("reduced", 40, 0), record=record(seed=seed)) for seed in (1, 2))
     assert legend_texts(densities([one, other]))[:2] == ["reduced, 40 samples, seed 1", "reduced, 40 samples, seed 2"]
     few = [dict(values) for values in (other.outputs, other.statistics)]
@@ -170,7 +170,7 @@ def test_ensembles_of_one_model_are_told_apart(tmp_path: Path) -> None:
     assert not any("standard deviation" in key.get_label() for key in keys_of(figure))
 
 
-def test_a_picture_that_cannot_be_drawn_leaves_the_others(tmp_path: Path) -> None:
+def test_a_picture_that_cannot_be_drawn_leaves_the_others(tmp_path: Path, undrawn: None) -> None:
     ensemble = synthetic.ensemble("full", 20)
     nothing = {name: synthetic.statistics(np.full(20, np.nan)) for name in ensemble.statistics}
     lost = replace(ensemble, status=np.full(20, 2), statistics=nothing)

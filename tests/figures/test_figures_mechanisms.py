@@ -157,7 +157,7 @@ def test_a_point_mass_is_a_square_and_pins_at_rest_stand_on_the_ground():
     assert sum(not isinstance(marker, str) for marker in markers) == 1  # the crank's hinge alone
 
 
-def test_the_first_run_that_has_them_gives_the_pictures(tmp_path):
+def test_the_first_run_that_has_them_gives_the_pictures(tmp_path, undrawn):
     results = [planar_table(), planar_table(), synthetic.trajectory(n_frames=0), planar_run(), balanced()]
     paths = written(tmp_path, *results)
     # the plane's tables and runs are of other scenes than the rest

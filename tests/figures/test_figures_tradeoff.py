@@ -130,7 +130,7 @@ def test_little_to_draw_is_drawn(study: Tradeoff) -> None:
         assert_inside(picture(study))
 
 
-def test_studies_are_drawn_one_by_one(tmp_path: Path) -> None:
+def test_studies_are_drawn_one_by_one(tmp_path: Path, undrawn: None) -> None:
     paths = written(tmp_path, *2 * [synthetic.tradeoff()])
     names = ["tradeoff.png", "tradeoff_total.png", "tradeoff_mesh.png"]
     assert draw(paths[:1], tmp_path / "one") == [str(tmp_path / "one" / name) for name in names]

@@ -10,6 +10,7 @@ from solid_scenes import solid_meshes, solid_slider_crank
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.full.energy import EnergyNames, energies_of
+from pgmp_petsc.full.part_reference import Reference
 from pgmp_petsc.full.problem import FullEquations, Sources
 from pgmp_petsc.lanes.lane_items import SampleBlocks
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -59,8 +60,9 @@ def energies(q: np.ndarray, v: np.ndarray, rank: int = 0, size: int = 1) -> dict
     here = equations.layout.needed[: equations.layout.n_unknowns]
     n_bound = equations.layout.needed.size - here.size
     table = energies_of(
-        equations.problem, np.zeros(0, dtype=bool), Sources((), (), ()).at(np.zeros(1)), np.zeros(1, dtype=np.int64),
-        q[None, here, None], v[None, here, None], np.zeros((1, n_bound, 1)), np.zeros((1, 0, 1)),
+        Reference(equations.problem), np.zeros(0, dtype=bool), Sources((), (), ()).at(np.zeros(1)),
+        np.zeros(1, dtype=np.int64), q[None, here, None], v[None, here, None], np.zeros((1, n_bound, 1)),
+        np.zeros((1, 0, 1)),
     )  # fmt: skip
     names = EnergyNames.of(equations, ())
     found = names.energies(table[0])

@@ -66,14 +66,6 @@ def test_refused_of_gears(asked, said):
     check_said(refusal(gears, asked), said, asked)
 
 
-def test_refused_on_several_ranks(tmp_path):
-    scene = tmp_path / "scene.toml"
-    scene.write_text(scene_to_toml(worn()))
-    asked = (REFUSED[0][0], REFUSED[6][0])
-    for said in refused(3, [["check", scene, *overridden(one)] for one in asked]):
-        assert said.count("joints.pin.clearance") == 1
-
-
 def test_what_knows_no_released_directions_says_so():
     with pytest.raises(InputError, match="joints.pin.clearance: sizes of effects are those on joints without room"):
         check_capabilities(worn(), Purpose.SIZES)
@@ -141,20 +133,21 @@ def test_refused_of_elastic_joints(scene, asked, said):
     check_said(refusal(lambda: mechanism(scene(asked))), said, asked)
 
 
-def test_elastic_joints_refused_on_several_ranks(tmp_path):
-    scene = tmp_path / "scene.toml"
-    scene.write_text(scene_to_toml(rotor()))
-    asked = (IN_SPACE[5][0], IN_SPACE[1][0])
-    for said in refused(3, [["modes", scene, *overridden(one), "-o", tmp_path / "m.h5"] for one in asked]):
-        assert said.count("joints.left.elastic") == 1
-
-
-def test_offsets_that_nothing_holds_are_refused_on_several_ranks(tmp_path):
-    scene, given = tmp_path / "scene.toml", "joints.one.elastic={reference=[[1.0,0.0]],stiffness=[1e6,0.0],"
-    loose = given + "turning_stiffness=[0.0]}", "joints.one.offset={place=[0.0,1e-3]}", "effects={}"
-    scene.write_text(scene_to_toml(machine(*loose)))
-    for said in refused(3, [["check", scene], ["simulate", scene, "--full", "-o", tmp_path / "f.h5"]]):
-        assert said.count("nothing holds what joints.one.elastic.stiffness = [1e+06, 0] releases") == 1
+def test_refused_on_several_ranks(tmp_path):
+    """Clearances, elastic joints and offsets that nothing holds, each with one message of all ranks."""
+    given = "joints.one.elastic={reference=[[1.0,0.0]],stiffness=[1e6,0.0],turning_stiffness=[0.0]}"
+    loose = machine(given, "joints.one.offset={place=[0.0,1e-3]}", "effects={}")
+    paths = [tmp_path / f"{name}.toml" for name in ("worn", "rotor", "loose")]
+    for path, written in zip(paths, (worn(), rotor(), loose)):
+        path.write_text(scene_to_toml(written))
+    room, elastic, held = paths
+    commands = [["check", room, *overridden(REFUSED[row][0])] for row in (0, 6)]
+    commands += [["modes", elastic, *overridden(IN_SPACE[row][0]), "-o", tmp_path / "m.h5"] for row in (5, 1)]
+    commands += [["check", held], ["simulate", held, "--full", "-o", tmp_path / "f.h5"]]
+    words = ["joints.pin.clearance", "joints.left.elastic"]
+    words.append("nothing holds what joints.one.elastic.stiffness = [1e+06, 0] releases")
+    for said, word in zip(refused(3, commands), [word for word in words for _ in range(2)]):
+        assert said.count(word) == 1
 
 
 def test_infinity_is_written_and_read():

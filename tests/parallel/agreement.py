@@ -1,4 +1,4 @@
-"""Run one case of agreement between ranks and print what each saw. Used by test_runtime_agreement.py."""
+"""Run cases of agreement between ranks and print what each saw. Used by test_groups.py."""
 
 import sys
 
@@ -64,8 +64,9 @@ def main(case: str) -> None:
     except PgmpError as error:
         outcome = f"raised {type(error).__name__} {error.exit_status}: {error}"
     for line in comm.gather(outcome, root=0) or ():
-        print(line)
+        print(case, line)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    for asked in sys.argv[1:]:
+        main(asked)

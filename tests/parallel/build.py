@@ -11,7 +11,7 @@ from pathlib import Path
 from two_coordinates import double_pendulum, five_bar, over
 
 from pgmp_petsc.ranks.petsc import start_petsc
-from scenes import four_bar, meshes_of, slider_crank, trammel
+from scenes import four_bar, meshes_of, slider_crank
 
 start_petsc()
 
@@ -32,10 +32,6 @@ SECOND = "reduction.second_order=true"
 SPLINE = 'reduction.interpolation="spline"'
 EXTENDED = (STATIC, "reduction.inertia_modes=true", "reduction.parameter_modes=2", "reduction.modes=3")
 UNCERTAIN = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5.6e-4}}'
-UNCERTAIN_BAR = (
-    'parameters.r={nominal=5e-3, distribution={name="uniform", loc=4e-3, scale=2e-3}}',
-    'bodies.coupler.section={shape="circle", radius="r"}',
-)
 PART = (
     "coordinates.theta.range=[0.2,1.4]", "coordinates.theta.periodic=false", "simulation.initial.theta.position=0.2",
 )  # fmt: skip
@@ -48,23 +44,14 @@ CASES = {
     "weight": lambda: slider_crank(GRAVITY, "reduction.angles=8", "reduction.modes=3"),
     "few": lambda: slider_crank("reduction.angles=4", "reduction.modes=3"),
     "reflected": lambda: four_bar(GRAVITY, FEW),
-    "static": lambda: slider_crank(GRAVITY, STATIC, *SHARE, "reduction.modes=3"),
     "static_reflected": lambda: four_bar(GRAVITY, STATIC, FEW),
     "curved": lambda: slider_crank(GRAVITY, STATIC, SECOND, *SHARE, "reduction.modes=3"),
-    "curved_reflected": lambda: four_bar(GRAVITY, SECOND, FEW),
     "curved_turning": lambda: quick_return(STATIC, SECOND, *SHARE, "reduction.modes=3"),
-    "chebyshev": lambda: trammel(*PART, 'reduction.interpolation="spectral"'),
-    "adaptive": lambda: slider_crank(
-        'reduction.interpolation="spline"', "reduction.sampling_tolerance=0.3", "reduction.angles=6",
-        "reduction.modes=3",),
     "extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SPLINE, *SHARE),
-    "extended_reflected": lambda: four_bar(*UNCERTAIN_BAR, SPLINE, "reduction.parameter_modes=1", FEW),
     "extended_adaptive": lambda: slider_crank(UNCERTAIN, *EXTENDED, SPLINE, "reduction.sampling_tolerance=0.3", FEW),
-    "curved_extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SECOND, SPLINE, *SHARE),
     "two": lambda: over(double_pendulum(GRAVITY), (5, 6)),
     "two_static": lambda: over(double_pendulum(GRAVITY, STATIC, "reduction.inertia_modes=true", *LIMITED), (3, 5)),
     "two_crossing": lambda: five_bar("reduction.modes=2", "reduction.angles=14"),
-    "part": lambda: trammel(*PART),
     "fails": lambda: slider_crank("reduction.angles=8", "reduction.modes=3"),
     "refused": lambda: slider_crank("reduction.modes=31"),
 }  # fmt: skip

@@ -11,7 +11,7 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.studies.simulate import simulate_full
 
-N_SPLITS, N_RUNS = 300, 20
+N_SPLITS, N_RUNS = 50, 4
 
 
 def next_handle() -> int:

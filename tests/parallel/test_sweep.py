@@ -3,15 +3,20 @@
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 from sweep import SCENES, sweep, table
 
 # on two ranks, what no test of its own has on several: all effects, and solids in the plane; the script takes all
 ON_TWO_RANKS = ("slider_crank_effects", "slider_crank_solid2d")
+# whose pictures are drawn: in the plane, in space and of three coordinates
+DRAWN = ("slider_crank_effects", "rssr_beams", "platform_3rrr")
 CASES = [(scene, 1) for scene in SCENES] + [(scene, 2) for scene in SCENES if scene.stem in ON_TWO_RANKS]
 
 
 @pytest.mark.parametrize(("scene", "ranks"), CASES, ids=[f"{scene.stem}-{ranks}" for scene, ranks in CASES])
-def test_every_command_ends_as_it_should(scene: Path, ranks: int, tmp_path: Path) -> None:
+def test_every_command_ends_as_it_should(scene: Path, ranks: int, tmp_path: Path, monkeypatch) -> None:
+    if scene.stem not in DRAWN:
+        monkeypatch.setattr(Figure, "savefig", lambda _, path, **given: path.touch())
     endings = sweep(scene, ranks, tmp_path)
     print("\n".join(table(endings, ranks)))
     assert not [(ending.command, ending.faults) for ending in endings if ending.faults]

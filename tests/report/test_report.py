@@ -32,7 +32,10 @@ from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.texts.ensemble_table import lines_of
 from scenes import tables
 
-pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
+# pictures are drawn in the page of all results and where tests are about them
+pytestmark = [
+    pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning"), pytest.mark.usefixtures("undrawn"),
+]  # fmt: skip
 
 EVENT = tables("""
 parameters.push: nominal = 1.0
@@ -252,7 +255,8 @@ def test_what_parts_are_sized_by(tmp_path: Path) -> None:
     assert_stored(tmp_path, tree)
 
 
-def test_what_is_constant_has_no_deviation_and_no_density(tmp_path: Path) -> None:
+def test_what_is_constant_has_no_deviation_and_no_density(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
     found = synthetic.described()
     same = replace(found.statistics["crank_angle"], constant=True, std=0.0, std_interval=np.zeros(2))
     tree = page_with(tmp_path, many=replace(found, statistics=found.statistics | {"crank_angle": same}))
@@ -495,8 +499,9 @@ def test_a_reduced_model_alone_is_no_report(folder: Path) -> None:
     assert not (folder / "alone.html").exists()
 
 
-def test_results_with_little_in_them_are_shown(folder: Path) -> None:
+def test_results_with_little_in_them_are_shown(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No samples that are fine, no errors, no frames: the page says so instead of failing."""
+    monkeypatch.undo()
     lost = synthetic.ensemble("reduced", 10, 10)
     short = synthetic.trajectory("reduced", n_frames=0, n_times=2)
     lost = replace(lost, errors={}, errors_at_end={}, validity={})
@@ -635,8 +640,9 @@ def test_marks_of_samples_that_failed_are_counted() -> None:
     assert found.caption == said
 
 
-def test_values_that_hardly_differ_are_told_apart(tmp_path: Path) -> None:
+def test_values_that_hardly_differ_are_told_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Samples that lie within a millionth of their mean have digits enough, in words and on the axis."""
+    monkeypatch.undo()
     plain = synthetic.ensemble("reduced", 60)
     values = 5.286 * (1.0 + 1e-6 * np.linspace(-1.0, 1.0, 60))
     statistics = plain.statistics | {"crank_angle": synthetic.statistics(values)}

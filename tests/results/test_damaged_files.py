@@ -128,7 +128,7 @@ def damaged(whole: bytes, change: tuple) -> bytes:
     return whole[:place] + bytes(end - place) + whole[end:]
 
 
-@cases(60)
+@cases(40)
 @given(kind=kinds, change=byte_changes)
 def test_bytes_that_changed_are_told(folder: Path, kind: str, change: tuple) -> None:
     whole = (folder / f"{kind}.h5").read_bytes()
@@ -188,7 +188,7 @@ def restructure(file: h5py.File, change: tuple) -> None:
         file[name].attrs.update(kept)
 
 
-@cases(200)
+@cases(120)
 @given(kind=kinds, changes=st.lists(structure_changes, min_size=1, max_size=2))
 def test_a_structure_that_changed_is_told_or_does_not_matter(folder: Path, kind: str, changes: list[tuple]) -> None:
     """With a seal that fits: the readers check what they read."""

@@ -93,7 +93,7 @@ joints.lift.table=[[0.0, 0.0], [6.283185307179586, 0.0]] -> joints.lift.table
 joints.lift.table=3 -> joints.lift.table = 3
 joints.lift.table=[[0.0, "a"], [1.0, 0.1], [3.0, 0.1], [6.283185307179586, 0.0]] -> \
     joints.lift.table[0] = | two finite numbers in brackets are needed || \
-    joints.lift.table = | entry is needed
+    joints.lift.table = | entries are needed
 """,
 }
 

@@ -38,7 +38,7 @@ effects.e={type="spring_damper", points=["ground:origin", "rod:tip"], stiffness=
     effects.e.rest: a spring between points needs the distance without force (m)
 effects.e={type="structural_damping"} -> = { type = "structural_damping" }: at least one of stiffness, mass and ratios
 effects.e={type="structural_damping", ratios=[0.1, 1.0]} -> effects.e.ratios[1] = 1.0: must be less than 1.0
-effects.e={type="structural_damping", mass=1, bodies=[]} -> effects.e.bodies = []: at least 1 entry is needed
+effects.e={type="structural_damping", mass=1, bodies=[]} -> effects.e.bodies = []: 1 or more entries are needed
 effects.e={type="end_stop", joint="hinge", stiffness=1} -> \
     = { type = "end_stop", joint = "hinge", stiffness = 1 }: at least one of lower and upper is needed
 effects.e={type="end_stop", joint="hinge", stiffness=1, lower=1, upper=0.5} -> \

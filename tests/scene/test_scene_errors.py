@@ -17,7 +17,7 @@ scene.name="" -> = "": text that is not empty is needed
 scene.name=3 -> = 3: text in quotes is needed
 bodies=1 -> = 1: a table is needed
 bodies.crank=1 -> = 1: a table is needed
-coordinates={} -> = {}: at least 1 entry is needed
+coordinates={} -> = {}: 1 or more entries are needed
 materials.steel.nu="r1" -> = "r1": numbers are needed, no parameter: stiffness is no sum of products of parameters with
 materials.steel.nu=0.5 -> = 0.5: must be less than 0.5
 materials.steel.nu=-1 -> = -1: must be greater than -1.0
@@ -47,7 +47,7 @@ coordinates.theta.range=[0, 1] -> = [0, 1]: the range of a periodic coordinate i
 coordinates.theta.range=[1, 1] -> = [1, 1]: the first number must be below the second
 coordinates.theta.range=[1] -> = [1]: two finite numbers in brackets are needed, such as [0.0, 1.0]
 joints.slider.direction=[0, 0] -> = [0, 0]: a direction other than [0, 0] is needed
-effects.motor.table=[] -> = []: at least 1 entry is needed
+effects.motor.table=[] -> = []: 1 or more entries are needed
 effects.motor.table=[[0, 1], [1, nan]] -> effects.motor.table[1] = [1, nan]: a finite number, and one or the name of a
 effects.motor.table=[[0, 1], ["r1", 1]] -> effects.motor.table[1] = ["r1", 1]: a finite number, and one or the name of a
 effects.motor={type="torque",joint="crank_hinge",harmonic={amplitude="p",frequency_hz=2.0}} -> \

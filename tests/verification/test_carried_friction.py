@@ -17,7 +17,7 @@ from spatial_beams import slider_crank_of_beams
 from test_moving_mass import moving
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bench.finished import CARRIED, step_seconds
+from pgmp_petsc.bench.finished import BESIDE, step_seconds
 from pgmp_petsc.bench.history import run_history
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
@@ -123,7 +123,7 @@ effects.in_main: type = "joint_friction"; joint = "main"; coefficient = "mu"; ra
 effects.in_pin: type = "joint_friction"; joint = "pin"; coefficient = "mu"; radius = 0.02; speed = 1.0
 effects.in_guide: type = "joint_friction"; joint = "guide"; coefficient = "mu"; speed = 0.1
 reduction: modes = 6; angles = 32; static_modes = true; second_order = true
-simulation: duration = 0.06; step = 1e-4; initial = { theta = { position = 0.5, velocity = 30.0 } }
+simulation: duration = 0.04; step = 1e-4; initial = { theta = { position = 0.5, velocity = 30.0 } }
 outputs.theta: type = "angle"; joint = "main"
 outputs.pin: type = "joint_force"; joint = "pin"
 """)
@@ -141,9 +141,9 @@ def full_run() -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("model", ["components", "reduced"])
 def test_all_models_rub_alike(model, full_run) -> None:
-    """A third of the speed is lost; models differ by less than a hundredth of what friction changes."""
+    """Much of the speed is lost; models differ by less than a hundredth of what friction changes."""
     _, found = run(slider(), model, 10)
-    lost = 0.5 + 30.0 * 0.06 - full_run["theta"][-1]
+    lost = 0.5 + 30.0 * 0.04 - full_run["theta"][-1]
     assert lost > 0.1
     assert np.abs(found["theta"] - full_run["theta"]).max() < 0.01 * lost
     assert np.abs(found["pin"] - full_run["pin"]).max() < 0.03 * full_run["pin"].max()
@@ -221,7 +221,7 @@ IN_LANES = {
         "joints.pin.clearance={radius=1e-4,stiffness=1e8,restitution=0.9,restitution_speed=0.1}",
     ),
     "space": lambda: slider_crank_of_beams("reduction.modes=4", "reduction.angles=24", rubbing("crank_hinge")),
-    "two coordinates": lambda: cart(rubbing("rail", ""), rubbing("pivot")),
+    "two coordinates": lambda: cart(rubbing("rail", ""), rubbing("pivot"), "reduction.angles=6"),
     "prescribed": lambda: load_scene(ROOT / "scenes/quick_return.toml", (rubbing("ram", ""), rubbing("rocker_hinge"))),
 }  # fmt: skip
 
@@ -310,4 +310,4 @@ def test_predicted_times_count_it():
         step_seconds(Mechanism.from_scene(scene, read_meshes(scene)))
         for scene in (slider(), slider('effects.in_pin={type="joint_friction",joint="pin",limit=1.0,speed=1.0}'))
     )
-    assert rubbing - limited == pytest.approx(CARRIED, rel=1e-9) and 1e-3 < rubbing < 5e-3
+    assert rubbing - limited == pytest.approx(BESIDE, rel=1e-9) and 1e-3 < rubbing < 5e-3

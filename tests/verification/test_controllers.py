@@ -191,7 +191,7 @@ CONTINUOUS_OR_SAMPLED = pytest.mark.parametrize("entries", [ARM, (*ARM, *SAMPLED
 @CONTINUOUS_OR_SAMPLED
 def test_controllers_in_every_model(entries: tuple[str, ...]) -> None:
     """Two controllers at once, one with limits; what is left apart is the reduction's."""
-    full, components, reduced = (run(cart(*entries), model)[1] for model in MODELS)
+    full, components, reduced = (run(cart(*entries, "simulation.duration=0.2"), model)[1] for model in MODELS)
     assert_close(full, reduced, components, x=2e-4, swing=2e-4, bent=0.03)
 
 
@@ -275,9 +275,11 @@ CORNERED = "controllers.place.reference={table=[[0.0,0.0],[0.0503,0.08],[0.1,0.0
     [(*ARM, CORNERED, STOPPED), (*ARM, *SAMPLED, STOPPED), HANGING, (*SEEN, "controllers.seer.sample_time=2e-3")],
     ids=["continuous", "sampled", "hanging", "several measures"],
 )  # fmt: skip
+@pytest.mark.usefixtures("coarse")
 def test_models_in_c(entries: tuple[str, ...], tmp_path: Path) -> None:
     """Equal to 1e-9 of the largest, over contacts too; a gain that is set is one of the model."""
-    model = reduced_model(cart(*entries, "parameters.lead={nominal=30.0}", "simulation.duration=0.15"))
+    short = "parameters.lead={nominal=30.0}", "simulation.duration=0.15", "reduction.angles=6"
+    model = reduced_model(cart(*entries, *short))
     program = compiled(model, tmp_path)
     for lead in (30.0, 20.0) if entries[0] is ARM[0] else (30.0,):
         wanted = history(model, samples(model.scene, 1, lead=np.array([lead])), 1)[1]
@@ -327,9 +329,10 @@ def test_forces_in_joints_under_control(entries: tuple[str, ...]) -> None:
 
 
 @needs_compiler
+@pytest.mark.usefixtures("coarse")
 def test_units_for_others(tmp_path: Path) -> None:
     """FMUs take a gain, and model exchange, whose integrator does not know the states, is refused."""
-    scene = cart(*ARM, *SAMPLED, "simulation.duration=0.05")
+    scene = cart(*ARM, *SAMPLED, "simulation.duration=0.05", "reduction.angles=6")
     model, step, n = reduced_model(scene), scene.simulation.step, 50
     write_fmu(constants_of(model, "it"), tmp_path / "cart.fmu", VERSIONS[-1])
     text = zipfile.ZipFile(tmp_path / "cart.fmu").read("modelDescription.xml").decode()
@@ -361,7 +364,7 @@ def test_what_models_in_c_do_not_measure(tmp_path: Path) -> None:
 @pytest.mark.parametrize("entries", [SEEN, (*SEEN, "controllers.seer.sample_time=2e-3")], ids=["continuous", "sampled"])
 def test_several_measures_in_every_model(entries: tuple[str, ...]) -> None:
     """What is left apart is the reduction's, more so of the cart, which goes back 0.3 mm where the pole goes 0.1 m."""
-    full, components, reduced = (run(cart(*entries), model)[1] for model in MODELS)
+    full, components, reduced = (run(cart(*entries, "simulation.duration=0.2"), model)[1] for model in MODELS)
     assert_close(full, reduced, components, x=3e-3, swing=1e-3, seen=1e-3)
 
 
@@ -472,7 +475,8 @@ measures="angel" -> controllers.servo.measures = "angel": there is no such outpu
 joint="hing" -> controllers.servo.joint = "hing": there is no such
 motion="sliding" -> controllers.servo.motion = "sliding": hinge is revolute: allowed is "turning"
 limits=[5.0,-5.0] -> controllers.servo.limits: the first must be below the second, but is 5, not below -5
-limits=[5.0] -> controllers.servo.limits = [5.0]: at least 2
+limits=[5.0] -> controllers.servo.limits = [5.0]: 2 or more entries are needed
+limits=["-5 N m","5 m"] -> controllers.servo.limits = ["-5 N m", "5 m"]: 'm' is the unit of a length; needed is a torque
 limits=[-5.0,"up"] -> controllers.servo.limits[1] = "up": there is no such parameter
 gains={p=1.0,filter=-1e-3} -> controllers.servo.gains.filter = -0.001: a number that is not negative
 gains={p=1.0,kd=1.0} -> controllers.servo.gains.kd = 1.0: unknown key; did you mean 'd'?

@@ -134,7 +134,7 @@ def test_the_decay_of_a_mode(name: str) -> None:
     np.testing.assert_allclose(rotation, [0.0, brake], rtol=0, atol=1e-4)
 
 
-# --- against the full-order model: effects of sliding joints, and those of the whole mechanism -----------------------
+# --- against the full-order model: effects of sliding joints ---------------------------------------------------------
 
 MODES = (
     "reduction.modes=4", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
@@ -151,9 +151,6 @@ FOLLOWED = {
     "spring of the slider": 'effects.extra={type="spring_damper",joint="slider",stiffness=200.0,damping=2.0,rest=0.95}',
     "friction of the slider": 'effects.extra={type="joint_friction",joint="slider",limit=2.0,speed=0.05}',
     "stop of the slider": 'effects.extra={type="end_stop",joint="slider",lower=0.955,stiffness=5000.0,damping=0.2}',
-    "gravity": 'effects.extra={type="gravity"}',
-    "point mass": 'effects.extra={type="point_mass",point="rod:tip",mass=0.4}',
-    "fixed force": 'effects.extra={type="force",point="rod:tip",direction=[-1.0,0.0],table=[[0.0,0.0],[0.1,5.0]]}',
 }
 
 

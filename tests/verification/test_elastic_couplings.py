@@ -300,14 +300,30 @@ def test_reduced_runs_are_those_of_full_order_and_of_c(kind: str, tmp_path: Path
         exported.assert_equal(exported.outputs_of(exported.compiled(model, tmp_path)), found)
 
 
+SLOWLY = (  # a motor that turns the cam by a quarter of what it turns
+    "bodies.motor={rigid={mass=1.0,inertia=0.01}};joints.motor={type='revolute',connect=['ground:origin','motor:centre']};"
+    "joints.mesh={type='gear',joints=['motor','axle'],ratio=-0.25};coordinates.phi={joint='motor',range=[0.0,6.0]}"
+)
+
+
 @pytest.mark.parametrize(
     ("override", "said"),
-    [("angles=256", False), ("angles=64", True), ("sampling_tolerance=1e-3,interpolation='spline'", False)],
+    [
+        ("reduction={angles=256}", False),
+        ("reduction={angles=64}", True),
+        ("reduction={sampling_tolerance=1e-3,interpolation='spline'}", False),
+        (f"reduction={{angles=64}};{SLOWLY}", False),
+    ],
 )
 def test_few_angles_of_a_cam_are_warned_of(override: str, said: bool) -> None:
-    """Its table has a few points alone; with a tolerance the build adds angles itself."""
-    few = [remark.text for remark in plausibility(with_arm("cam", f"reduction={{{override}}}"))]
+    """Its table has a few points alone; with a tolerance the build adds angles itself. Turns are those of the cam."""
+    few = [remark.text for remark in plausibility(with_arm("cam", *override.split(";")))]
     assert any(text.startswith("reduction.angles = 64: few beside joints.lift") for text in few) == said
+
+
+def test_many_turns_of_a_motor_that_is_geared_are_no_degrees() -> None:
+    turns = "coordinates.phi.periodic=false", "coordinates.phi.range=[-1.0,60.0]"
+    assert not any("degrees" in remark.text for remark in plausibility(with_arm("cam", *turns, *SLOWLY.split(";")[:3])))
 
 
 @pytest.mark.parametrize("kind", ON_ARMS)

@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import zipfile
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -16,7 +17,7 @@ from exported import COMPILER, FMPY, Unit, assert_equal, needs_compiler, scene_o
 from runs import components_model, motion, reduced_model
 from scipy.integrate import solve_ivp
 
-from pgmp_petsc.c_export import source
+from pgmp_petsc.c_export import fmu, source
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.fmu import CORRECTION, FOLLOWS, OUTPUTS, STRENGTHS, TIME, VALID, VALIDITY, VERSIONS, write_fmu
 from pgmp_petsc.c_export.source import _weigh, _weigh_gaps
@@ -38,6 +39,14 @@ print(json.dumps([problems, {name: found[name].tolist() for name in found.dtype.
 """
 STEP = 5e-4
 THREADS = Path(__file__).with_name("instances_in_threads.c")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quickly_compiled() -> Iterator[None]:
+    """Compile without optimisation, which changes round-off alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fmu, "OPTIONS", ("-O0", *(option for option in fmu.OPTIONS if option != "-O2")))
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -265,9 +274,9 @@ print(*(variable.name for variable in read_model_description(sys.argv[1]).modelV
 """
 
 
-def described(fmu: Path) -> dict[str, dict[str, str]]:
+def described(unit: Path) -> dict[str, dict[str, str]]:
     """Return unit, range and start of the variables of an FMU by name."""
-    with zipfile.ZipFile(fmu) as archive:
+    with zipfile.ZipFile(unit) as archive:
         root = ElementTree.fromstring(archive.read("modelDescription.xml"))
     found = root.find("ModelVariables")
     entries = {entry.get("name"): entry.attrib | (entry[0].attrib if len(entry) else {}) for entry in found}

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from runs import assert_close, overridden, reduced_model, refused
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.formulas import declared
+from pgmp_petsc.design.sensitivities import difference_remarks
 from pgmp_petsc.effects.formula import WORDS, known, law_of
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.scene import scene_to_toml
@@ -108,9 +110,23 @@ def test_derivatives_with_a_constant() -> None:
         np.testing.assert_allclose(found.derivatives[name]["damping"], wanted[name], rtol=0, atol=1e-5 * largest)
 
 
+@pytest.mark.parametrize(
+    ("force", "jumps"),
+    [("-c * v * (s < 0.31)", True), ("-c * sign(v)", True), ("where(v > c, 1, 2)", True),
+     ("-c * max(s, 0) * (t > 0.1)", False), ("-c * tanh(v / 0.1)", False)],
+)  # fmt: skip
+def test_derivatives_say_that_they_leave_out_jumps_that_move(force: str, jumps: bool) -> None:
+    """Not those at an instant, which is none of the motion."""
+    law = f'{{type="law",joint="rail",force="{force}",constants={{c=1.0}}}}'
+    model = SimpleNamespace(name="reduced", scene=cart(f"effects.e={law}"))
+    found = [remark.text for remark in difference_remarks(model, 0.0)]
+    assert [text.split(":")[0] for text in found] == ["effects.e.force"] * jumps
+
+
 @needs_compiler
+@pytest.mark.usefixtures("coarse")
 def test_formulas_in_c(tmp_path: Path) -> None:
-    model = reduced_model(cart(*START, *LAWS))
+    model = reduced_model(cart(*START, *LAWS, "reduction.angles=6"))
     assert_same_in_c(model, tmp_path)
 
 

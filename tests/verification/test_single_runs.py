@@ -23,7 +23,7 @@ OF_ENERGIES = 1e-8  # of the most energy that is moved around, and 1 nJ
 
 SCENES = (
     "double_four_bar", "double_pendulum", "five_bar", "four_bar", "quick_return", "slider_crank",
-    "slider_crank_effects", "slider_crank_paper", "spinning_beam",
+    "slider_crank_effects", "spinning_beam",
 )  # fmt: skip
 WEIGHT = 'effects.load={type="gravity"}'
 PUSH = 'effects.push={type="torque", joint="crank_hinge", table=[[0.0, %g], [1.0, %g]]}'
@@ -47,7 +47,7 @@ class Distributed(FullModel):
         return self.distributed(values, comm)
 
 
-def both(name: str, *overrides: str, n_steps: int = 40) -> tuple[Trajectory, Trajectory]:
+def both(name: str, *overrides: str, n_steps: int = 20) -> tuple[Trajectory, Trajectory]:
     """Run a scene of the repository for some steps, in lanes and with PETSc's matrices."""
     scene, meshes = read_scene(ROOT / "scenes" / f"{name}.toml", overrides, (), MPI.COMM_SELF, Purpose.CHECK)
     simulation = scene.simulation.model_copy(update={"duration": n_steps * scene.simulation.step})

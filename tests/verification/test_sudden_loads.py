@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from runs import MODELS, full_model, motion, trajectory
+from runs import MODELS, motion, trajectory
 
 from pgmp_petsc.results import Balance
 from pgmp_petsc.scene import scene_from_toml

@@ -115,6 +115,8 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) 
     simulation = scene.simulation
     if simulation.tolerance is None or "step" in simulation.model_fields_set:
         yield from _steps(scene, sizes, first)
+    couplings = (joint.shares_in(scene) for joint in scene.joints.values() if isinstance(joint, CouplingEntry))
+    geared = {share.joint for shares in couplings for share in shares}  # these turn often
     for name, coordinate in scene.coordinates.items():
         low, high = coordinate.range
         if slides(scene, coordinate):
@@ -125,7 +127,7 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) 
         )
         if high - low < SMALL_RANGE:
             yield doubt(entry, "hardly a range; it is in rad, and a run ends where it leaves it", [low, high])
-        elif _like_degrees(low, high):
+        elif _like_degrees(low, high) and coordinate.joint not in geared:
             yield doubt(entry, what, [low, high])
     for name, body in scene.bodies.items():
         if (given := body.placement) is None:
@@ -206,10 +208,17 @@ def _breaks(scene: Scene) -> Iterator[Finding]:
         return
     (coordinate,) = scene.coordinates.values()
     low, high = coordinate.range
-    a_turn = reduction.angles / (1.0 if slides(scene, coordinate) else (high - low) / (2 * math.pi))
-    for name, joint in scene.joints.items():
-        if isinstance(joint, CouplingEntry) and any(share.table for share in joint.shares_in(scene)):
-            if a_turn < FEW_ANGLES:
+    turns = 1.0 if slides(scene, coordinate) else (high - low) / (2 * math.pi)
+    couplings = {name: one.shares_in(scene) for name, one in scene.joints.items() if isinstance(one, CouplingEntry)}
+    # what another joint turns for each rad of the coordinate's, where two are geared
+    geared = {
+        (one.joint, other.joint): abs(scene.number(one.factor) * one.times / (scene.number(other.factor) * other.times))
+        for pair in couplings.values() if len(pair) == 2 and not any(share.table for share in pair)
+        for one, other in (pair, pair[::-1])
+    }  # fmt: skip
+    for name, shares in couplings.items():
+        for cam in (share.joint for share in shares if share.table):
+            if reduction.angles / (turns * geared.get((coordinate.joint, cam), 1.0)) < FEW_ANGLES:
                 off = f"few beside joints.{name}, as the spline of its table breaks at every point"
                 cure = f"take {2 * FEW_ANGLES} a turn, or a reduction.sampling_tolerance"
                 yield doubt("reduction.angles", f"{off}; {cure}", reduction.angles)
