@@ -532,6 +532,7 @@ def _steps(scene: Scene) -> dict[str, int | float]:
         "ALPHA_F": scheme.alpha_f,
         "BETA": scheme.beta,
         "GAMMA": scheme.gamma,
+        "GOES_ON_RESOLVED": int(alpha_step.goes_on_resolved(simulation.spectral_radius)),
         "STARTING_CORRECTIONS": STARTING_CORRECTIONS,
         "MAX_ITERATIONS": alpha_step.MAX_ITERATIONS,
         "SETTLED": running.SETTLED,

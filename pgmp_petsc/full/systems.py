@@ -209,11 +209,6 @@ class FullSystem(SecondOrderSystem):
         self._correct(time, trial, (0.0, 1.0, 0.0), drift, samples, fresh)
         return State(state.q, state.v, trial.a, trial.multipliers, state.turns, state.beside)
 
-    def accelerate(self, time: float, state: State, samples: np.ndarray) -> None:
-        """Give samples their accelerations; see `SecondOrderSystem`. Collective on `comm`."""
-        drift = self._against(self._drift(time, self.unpack(state.q), self.unpack(state.v)))
-        self.restore(state, self._accelerated(time, state, drift, samples, True), samples)
-
     def control(self, controls: Controls) -> None:
         """Let controllers act on the only sample."""
         self.beside = self._sources.controls = controls

@@ -54,7 +54,8 @@ class Contacts:
     """The steps of a run of one sample that cross edges of laws, with what was met and left so far.
 
     The linearisation is that of the sample; times, shape (n_t,), and states, arrays of shape (n_t, n_eta), are those of
-    the whole run, the first ones with the accelerations that its steps began with.
+    the whole run, the first ones with the accelerations that its steps began with, beside
+    `auxiliary` ones (n_eta,).
     """
 
     def __init__(
@@ -64,13 +65,14 @@ class Contacts:
         linearisation: Linearisation,
         times: np.ndarray,
         states: State,
+        auxiliary: np.ndarray,
     ) -> None:
         self._model, self._linearisation, self._times, self._states = model, linearisation, times, states
         self._radius, self._step = model.scene.simulation.spectral_radius, times[-1] / (len(times) - 1)
         self._free = ~model.terms.tables.prescribed(model.motions)
         self._beyond = linearisation.depths(times, states) > 0.0
         self._location: EventLocation | None = None
-        self._known = 0, states.a[0].copy()  # an instant, and the auxiliary accelerations there
+        self._known = 0, auxiliary  # an instant, and the auxiliary accelerations there
         self.found: list[Contact] = []
         if (self._beyond[1:] != self._beyond[:-1]).any():
             system = model.batch({name: np.array([value]) for name, value in values.items()}, 1)

@@ -58,7 +58,7 @@ from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel, Separat
 from pgmp_petsc.models.reduced_statics import JointAngles
 from pgmp_petsc.outputs.rainflow import counted_after, counted_changes
 from pgmp_petsc.scene.uses import offset_directions, velocity_names
-from pgmp_petsc.stepping.alpha_step import LENGTHS, WEIGHTS, First, first_accelerations
+from pgmp_petsc.stepping.alpha_step import LENGTHS, WEIGHTS, First, first_accelerations, goes_on_resolved
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, StateRecord, integrate, integrate_with_smaller_steps
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 from pgmp_petsc.stepping.status import Status
@@ -133,9 +133,10 @@ def differentiate(
         return _compared(model, values, names, beside, times, each, states.q[:, 0], changes, attempt.divisor)
     times, states = trail.states()
     linearisation = Linearisation(model, values, names)
-    first = first_accelerations(system, system.start(), times[-1] / (len(times) - 1), np.ones(1, dtype=bool))
+    step, radius = times[-1] / (len(times) - 1), model.scene.simulation.spectral_radius
+    first = first_accelerations(system, system.start(), step, np.ones(1, dtype=bool), radius)
     begun = replace(states, a=np.concatenate([first.a, states.a[1:]]))
-    contacts = Contacts(model, values, linearisation, times, begun)
+    contacts = Contacts(model, values, linearisation, times, begun, first.auxiliary[0])
     changes = _propagated(model, first, linearisation, contacts, times, states)
     with np.errstate(all="ignore"):
         observed = ObservedChanges(model, values, times, states)
@@ -241,13 +242,15 @@ def _propagated(
     n_t, n_parameters, n_eta)."""
     n_t, n = states.q.shape
     step = times[-1] / (n_t - 1)
-    scheme = Scheme.of(model.scene.simulation.spectral_radius, step)
+    radius = model.scene.simulation.spectral_radius
+    scheme = Scheme.of(radius, step)
     prescribed = model.terms.tables.prescribed(model.motions)
     moment = start_of_sensitivities(model, linearisation, _part(states, slice(0, 1)))
     result = np.empty((3, n_t, len(linearisation.names), n))
     result[:, 0] = moment[:3]
     if not begun.lost.any():
-        moment[2] = moment[3] = _of_first(moment, linearisation, begun.ends, step, ~prescribed)
+        moment[3] = _of_first(moment, linearisation, begun.ends, step, ~prescribed)
+    moment[2] = moment[3] if goes_on_resolved(radius) else moment[2]
     at_once, first = max(16, MOST_NUMBERS // (3 * n * n)), 1
     while first < n_t:
         crossing = contacts.following(first)
@@ -341,7 +344,7 @@ def propagate(by_q, by_v, by_a, by_parameters, scheme, step, prescribed, moment,
 def _of_first(
     moment: np.ndarray, linearisation: Linearisation, ends: Sequence[State], step: float, free: np.ndarray
 ) -> np.ndarray:
-    """Return S_a and S_A that steps begin with, of `first_accelerations`: at the end of a step of length l ``(by_a + l
+    """Return S_A that steps begin with, of `first_accelerations`: at the end of a step of length l ``(by_a + l
     by_v + l^2 / 2 by_q) S_a = - (by_p + by_q (S_q + l S_v) + by_v S_v)``, of free coordinates."""
     found = np.zeros_like(moment[3])
     for length, weight, end in zip(np.multiply(LENGTHS, step), WEIGHTS, ends):

@@ -6,6 +6,7 @@ What acts on reduced models over time: amplitudes of loads and of local effects,
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
@@ -200,22 +201,20 @@ class ReducedSystem(SecondOrderSystem):
         state = State(q, v, np.zeros_like(q), np.zeros(0))
         if self.beside is not None:
             self.beside.start(state)
-        everyone = np.ones(self.n_samples, dtype=bool)
-        self.accelerate(0.0, state, everyone)
+        self._accelerate(state)
         for _ in range(MOST_STARTS if self.beside is not None else 0):
             if not self.beside.settle(state):
                 break
-            self.accelerate(0.0, state, everyone)
+            self._accelerate(state)
         return state if self.settled is None else self.settled.at_rest(state, len(self._motions))
 
-    def accelerate(self, time: float, state: State, samples: np.ndarray) -> None:
-        """Give samples their accelerations; see `SecondOrderSystem`."""
+    def _accelerate(self, state: State) -> None:
+        """Give all samples the accelerations that the equations have at time 0, in place."""
         # they enter linearly: with stiffness negligible in the matrix, a correction solves M a = -r
-        trial = state.copy()
-        trial.a[:] = 0.0
-        self.correct(time, trial, Scheme(0.0, 0.0, 0.0, 0.0, gain_v=0.0, gain_a=LARGE), samples, fresh=True)
-        state.a[samples] = trial.a[samples]
-        self._strengths.prescribe(time, state, samples)
+        trial, everyone = replace(state.copy(), a=np.zeros_like(state.a)), np.ones(self.n_samples, dtype=bool)
+        self.correct(0.0, trial, Scheme(0.0, 0.0, 0.0, 0.0, gain_v=0.0, gain_a=LARGE), everyone, fresh=True)
+        state.a[:] = trial.a
+        self._strengths.prescribe(0.0, state, everyone)
 
     def _answer_offsets(self, q: np.ndarray) -> None:
         """Give the flexible coordinates of q what they add to the static answer to offsets, without loads, in place:

@@ -361,16 +361,25 @@ class _ImplicitStep(AlphaStep):
         return Scheme(0.0, 0.0, 0.5, 1.0, gain_v=2.0 / step, gain_a=2.0 / step**2)
 
 
+def goes_on_resolved(spectral_radius: float) -> bool:
+    """Return whether a run goes on from accelerations that its steps resolve; see `first_accelerations`."""
+    return spectral_radius < DAMPED
+
+
 class First(NamedTuple):
     """What a run begins with; see `first_accelerations`."""
 
-    a: np.ndarray  # of the shape of those of a state
+    #: a, auxiliary: accelerations, and auxiliary ones, of the shape of those of a state
+    a: np.ndarray
+    auxiliary: np.ndarray
     ends: list[State]  # of the steps that they are taken of
     lost: np.ndarray  # mask of the samples that begin with their accelerations, (n_samples,)
     n_iterations: int  # Newton corrections that they took, all samples together
 
 
-def first_accelerations(system: SecondOrderSystem, start: State, step: float, samples: np.ndarray) -> First:
+def first_accelerations(
+    system: SecondOrderSystem, start: State, step: float, samples: np.ndarray, spectral_radius: float
+) -> First:
     """Return the accelerations that a run begins with, auxiliary ones too. Collective on ``system.comm``.
 
     The scheme may begin with any A_0 within O(h) of q''_0, and keeps its order (Arnold and Bruls 2007). With q''_0
@@ -383,16 +392,17 @@ def first_accelerations(system: SecondOrderSystem, start: State, step: float, sa
 
     (Newmark's with beta = 1/2, gamma = 1). Where they resolve a motion, q''_1 = q''_0 + h q'''_0 + O(h^2); where not,
     it is q''_0 / (1 + (h omega)^2 / 2) from rest. Twice that of a step of half the length, less that of a whole one, is
-    q''_0 + O(h^2) of what is resolved, and next to nothing of the rest. The scheme goes on from it in place of q''_0
-    too: what that has of the rest would come back in the accelerations after the first steps, times minus the spectral
-    radius in each, and in forces in joints.
+    q''_0 + O(h^2) of what is resolved, and next to nothing of the rest. Where the scheme damps what alternates
+    (`DAMPED`) it goes on from it in place of q''_0 too: what that has of the rest would come back in the accelerations
+    after the first steps, times minus the spectral radius in each, and in forces in joints. Without numerical damping
+    it stays, as energy does.
 
     Parameters
     ----------
     system, start
         The system, and its state at time 0.
-    step
-        Length of the steps of the run, s.
+    step, spectral_radius
+        Length of the steps of the run, s, and spectral radius of its scheme.
     samples
         Mask of the samples to advance, shape (n_samples,). Others, and those that such a step is too much for, begin
         with their accelerations.
@@ -408,7 +418,8 @@ def first_accelerations(system: SecondOrderSystem, start: State, step: float, sa
         lost |= failed
     found = replace(start.copy(), a=sum(weight * end.a for weight, end in zip(WEIGHTS, ends)))
     system.restore(found, start, lost)
-    return First(found.a, ends, lost, int(stepper.counted[0]))
+    a = found.a.copy() if goes_on_resolved(spectral_radius) else start.a
+    return First(a, found.a, ends, lost, int(stepper.counted[0]))
 
 
 def resolved_jump(system: SecondOrderSystem, state: State, step: float, samples: np.ndarray, time: float) -> np.ndarray:

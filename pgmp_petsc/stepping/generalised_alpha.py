@@ -158,9 +158,9 @@ class GeneralisedAlpha:
         self._step = duration / n_steps
         self._moment = standing(start, start.a.copy(), system.n_samples)
         if self._alive.any():
-            first = first_accelerations(system, start, self._step, self._alive)
+            first = first_accelerations(system, start, self._step, self._alive, spectral_radius)
             self._stepper.count(first.n_iterations, 0, 0)
-            self._moment = standing(replace(start, a=first.a), first.a.copy(), system.n_samples)
+            self._moment = standing(replace(start, a=first.a), first.auxiliary, system.n_samples)
         self._events = EventLocation(system, self._stepper, start) if system.n_events else None
         self._beyond = np.zeros((0, alive.size), dtype=bool) if self._events is None else self._events.beyond
         self._observer, self._pulse = observer, pulse

@@ -351,10 +351,6 @@ class SecondOrderSystem:
     def project(self, time: float, state: State, step: float, samples: np.ndarray) -> None:
         """Make velocities and accelerations of some samples consistent with the constraints at the end of a step."""
 
-    def accelerate(self, time: float, state: State, samples: np.ndarray) -> None:
-        """Give some samples, a mask, the accelerations that the equations have in their state, in place."""
-        raise NotImplementedError
-
     def take_steps(self, asked: StepsAsked) -> StepsTaken | None:
         """Take equal steps, up to one in which an iteration fails; None where they are taken by corrections."""
 

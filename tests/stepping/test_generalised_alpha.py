@@ -375,7 +375,7 @@ def test_a_sample_that_does_not_converge_is_tried_three_times_and_then_given_up(
     # four fine steps, then one with both predictions, and with short corrections
     easy = run(two_masses(2), 0.8, 0.1, duration=0.4)
     stalled = done.n_iterations - easy.n_iterations
-    first = first_accelerations(two_masses(2), two_masses(2).start(), 0.1, np.ones(2, dtype=bool)).n_iterations
+    first = first_accelerations(two_masses(2), two_masses(2).start(), 0.1, np.ones(2, dtype=bool), 0.8).n_iterations
     assert stalled == 2 * MAX_ITERATIONS + CAREFUL_ITERATIONS + (easy.n_iterations - first) // 8
 
 
@@ -407,7 +407,7 @@ def test_a_sample_that_a_step_to_begin_with_is_too_much_for_begins_with_its_acce
             size[1] = np.nan
 
     asked = np.array([True, True, False])
-    found = first_accelerations(two_masses(3, spoil=refuse), two_masses(3).start(), 0.1, asked).a
+    found = first_accelerations(two_masses(3, spoil=refuse), two_masses(3).start(), 0.1, asked, 0.8).a
     start = two_masses(3).start().a
     assert not np.array_equal(found[0], start[0])
     np.testing.assert_array_equal(found[1:], start[1:])

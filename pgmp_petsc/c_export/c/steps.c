@@ -322,7 +322,8 @@ static void find_first(struct pgmp_model *m) {
         load_friction(m, m->carried);
         for (int i = 0; i < N; i++) found[i] += weight * (t.a[i] - gain_a * r[i]);
     }
-    for (int i = 0; fine && i < N; i++) m->auxiliary[i] = m->recent[i] = m->before[i] = found[i];
+    for (int i = 0; fine && i < N; i++) m->auxiliary[i] = found[i];
+    for (int i = 0; GOES_ON_RESOLVED && i < N; i++) m->recent[i] = m->before[i] = m->auxiliary[i];
     m->contraction = FIRST_CONTRACTION;
 }
 
