@@ -220,7 +220,7 @@ class Controls:
 
     def begin(self, time: float, state, scheme) -> None:
         """Begin the iteration of a step that ends at a time, from the numbers beside at its beginning."""
-        self.iterates, self._number, s = True, 0, scheme
+        self._number, s = 0, scheme
         self._carried[:] = state.beside[:, : len(self._carried)].T
         step, kappa = s.gamma / (s.beta * s.gain_v), s.gain_v / s.gain_a
         for one in self.each:
@@ -233,6 +233,7 @@ class Controls:
 
     def act(self, time: float, state) -> None:
         """Give the mechanics the forces about an iterate."""
+        self.iterates = True
         self._look(time, state)
         for one, rows in zip(self.each, self._rows):
             acting = self._acting[rows]

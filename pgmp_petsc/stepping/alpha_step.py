@@ -412,8 +412,13 @@ def first_accelerations(
         begun = standing(start, start.a, system.n_samples)
         after, failed = stepper.take_one(begun, length, length, samples)
         # to the last digit: what is left of positions is 2 / h^2 times as much of accelerations
-        system.correct(length, after.state, stepper.scheme(length), samples & ~failed, True)
-        stepper.count(samples & ~failed, 0, 1)
+        if (samples & ~failed).any():
+            if system.beside is not None:
+                system.beside.act(length, after.state)
+            system.correct(length, after.state, stepper.scheme(length), samples & ~failed, True)
+            stepper.count(samples & ~failed, 0, 1)
+            if system.beside is not None:
+                system.beside.put_nothing()
         ends.append(after.state)
         lost |= failed
     found = replace(start.copy(), a=sum(weight * end.a for weight, end in zip(WEIGHTS, ends)))
