@@ -307,6 +307,11 @@ class Controls:
         self.now[:] = self._forces(state)[:, None]
 
     @property
+    def n_carried(self) -> int:
+        """Number of the forces that joints carry."""
+        return len(self._carried)
+
+    @property
     def unsettled(self) -> np.ndarray:
         """Mask (n_samples,) of the samples in which the forces carried changed between the last two corrections."""
         return np.any(self._changes > SETTLED_IN_STEP * np.abs(self._carried), axis=0)

@@ -412,12 +412,13 @@ def first_accelerations(
         begun = standing(start, start.a, system.n_samples)
         after, failed = stepper.take_one(begun, length, length, samples)
         # to the last digit: what is left of positions is 2 / h^2 times as much of accelerations
-        if (samples & ~failed).any():
-            if system.beside is not None:
+        alone = system.beside is None
+        if (samples & ~failed).any() and (alone or not system.beside.n_carried):
+            if not alone:
                 system.beside.act(length, after.state)
             system.correct(length, after.state, stepper.scheme(length), samples & ~failed, True)
             stepper.count(samples & ~failed, 0, 1)
-            if system.beside is not None:
+            if not alone:
                 system.beside.put_nothing()
         ends.append(after.state)
         lost |= failed

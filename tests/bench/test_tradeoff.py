@@ -87,7 +87,7 @@ def test_a_setting_that_fails_is_recorded_and_the_others_go_on() -> None:
 
 
 def test_leaving_a_limited_range_is_a_reason() -> None:
-    fast = "simulation.initial.theta.velocity=100.0"
+    fast = "simulation.initial.theta.velocity=120.0"
     result = study(small_scene(LIMITED, fast), replace(LEAST, component_modes=(3,), surfaces=1))
     for family, reason in zip(result.families, result.reasons):
         if family == "reduced":

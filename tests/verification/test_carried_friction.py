@@ -199,10 +199,11 @@ IN_C = {
 
 
 @pytest.mark.parametrize(
-    ("make", "name", "share"), [(reduced_model, name, 1e-9) for name in IN_C] + [(components_model, "plane", 1e-8)]
+    ("make", "name", "share"), [(reduced_model, name, 1e-9) for name in IN_C] + [(components_model, "plane", 3e-6)]
 )
 def test_models_in_c_rub_alike(make, name, share, tmp_path) -> None:
-    """Round-off of places, 1e-16 m in steps of 0.1 ms, is one of some 1e-8 of the force in the pin of components."""
+    """What iterations leave of the first steps, 1e-12 of the size, is 8 / h^2 times as much of accelerations, and 1e-6 of
+    the force in the pin of components."""
     assert_same_in_c(make(IN_C[name]()), tmp_path, share)
 
 

@@ -131,7 +131,7 @@ def test_no_number_depends_on_neighbours_or_on_the_steps_of_a_call(name: str, mo
 
 
 # nominal or nearly, stiffer than steps resolve, and so stiff that Newton's iteration fails for good
-TOO_STIFF = 1e14
+TOO_STIFF = 1e16
 STIFFER = {"loads": (2e4, 3e6, 1.7e4, TOO_STIFF), "drive": (3e3, 10**10.5, 2.5e3, TOO_STIFF)}
 
 
@@ -174,7 +174,7 @@ def test_a_sample_that_leaves_the_range_within_a_search_stands_where_it_was() ->
     expected, _, other = motion_of(model, values, one_by_one=True)
     np.testing.assert_array_equal(other.status, run.status)
     np.testing.assert_array_equal(run.failure_time, other.failure_time)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=2e-8)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7)  # as above; this one is faster: 5e-8
     for sample in range(N):
         alone, _, own = motion_of(model, values_of(model, np.array([sample])))
         assert own.failure_time[0] == run.failure_time[sample]

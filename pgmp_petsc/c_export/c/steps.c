@@ -317,13 +317,8 @@ static void find_first(struct pgmp_model *m) {
         struct matrix matrix;
         fine = try_step(m, h, h, 0, &t);
         act(m, h, h, &now);
-        load_friction(m, t.carried);
-#if N_CARRIED > 0
-        find_carried(m, &now, t.forces, t.q, t.v, t.a, t.carried);
-        load_friction(m, t.carried);
-#endif
-        correct(m, &now, t.q, t.v, t.a, t.forces, 2.0 / h, gain_a, 1, 0, &t.response, &matrix, r);
-        load_friction(m, m->carried);
+        memset(r, 0, sizeof r);
+        if (N_CARRIED == 0) correct(m, &now, t.q, t.v, t.a, t.forces, 2.0 / h, gain_a, 1, 0, &t.response, &matrix, r);
         for (int i = 0; i < N; i++) found[i] += weight * (t.a[i] - gain_a * r[i]);
     }
     for (int i = 0; fine && i < N; i++) m->auxiliary[i] = found[i];
