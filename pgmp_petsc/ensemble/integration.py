@@ -230,7 +230,7 @@ def _with_outputs(
 
 
 class Watching:
-    """Follows the runs of a model's samples; `share` and `block` are of those whose errors are estimated (`block_of`)."""
+    """Follows runs of a model's samples; `share` and `block` are of those whose errors are estimated (`block_of`)."""
 
     def __init__(self, model: Model) -> None:
         self.share, self.block = share_of(model), block_of(model.scene, model.name)

@@ -202,8 +202,8 @@ IN_C = {
     ("make", "name", "share"), [(reduced_model, name, 1e-9) for name in IN_C] + [(components_model, "plane", 3e-6)]
 )
 def test_models_in_c_rub_alike(make, name, share, tmp_path) -> None:
-    """What iterations leave of the first steps, 1e-12 of the size, is 8 / h^2 times as much of accelerations, and 1e-6 of
-    the force in the pin of components."""
+    """What iterations leave of the first steps, 1e-12 of the size, is 8 / h^2 times as much of accelerations, and 1e-6
+    of the force in the pin of components."""
     assert_same_in_c(make(IN_C[name]()), tmp_path, share)
 
 
