@@ -205,10 +205,10 @@ def test_energy_is_kept_without_loads_and_numerical_damping() -> None:
 
 
 def test_numerical_damping_only_takes_energy() -> None:
-    lossy = energies(free(1e-3, 0.5))
+    # no step of a nonlinear system does so exactly: with 1 ms it gains 1.6e-4 in the end
+    lossy = energies(free(2.5e-4, 0.5))
     assert lossy[-1] < lossy[0]
-    # the first step gives what it half resolves of the vibrations that the start sets off 2.2e-3 more than they have
-    assert lossy.max() < lossy[0] * (1 + 3e-3)
+    assert lossy.max() < lossy[0] * (1 + 1e-6)
 
 
 def test_no_sample_of_a_batch_changes_another_bit_for_bit() -> None:
