@@ -5,20 +5,20 @@ Contents of a scene as plain data, for `pgmp check --json`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, counted
+from pgmp_petsc.base.errors import InputError, Remark, counted, gathered, warning
 from pgmp_petsc.bench.advice import Prospect, choice, prospects
 from pgmp_petsc.bench.cases import own_steps
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.assembled import MassProperties
 from pgmp_petsc.bodies.component import directors
 from pgmp_petsc.bodies.matrices import assemble
-from pgmp_petsc.bodies.shape import BodyShape, given_properties
+from pgmp_petsc.bodies.shape import BodyShape, at_lengths, given_properties
 from pgmp_petsc.effects import Effect, Load, Patterns, actions_of, effects_of, loads_of, patterns_of, start_of
 from pgmp_petsc.effects.clearance import impacts
 from pgmp_petsc.effects.springs import spring_force
@@ -30,14 +30,16 @@ from pgmp_petsc.mechanism.kinematics import MOST_FOLLOWED, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import in_own_units
+from pgmp_petsc.scene.border import in_own_units, to_own
 from pgmp_petsc.scene.references import parts_of, points_used
+from pgmp_petsc.scene.uses import length_names
 
 if TYPE_CHECKING:
     from pgmp_petsc.components.condensing import Trial
 
 BYTES = 8
 ROUND_OFF = 1e-12  # of the largest moment of inertia
+QUANTILES = np.array([0.2, 0.8])  # of what is drawn, at which a mechanism is put together
 AWAY = 1e-3  # rad, or of the mechanism's size, from which on a start is elsewhere than bodies are placed
 
 
@@ -108,7 +110,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
         models = _models(scene, meshes, mechanism, patterns)
         lines += [f"  model         {one.text}" for one in models]
         lines.append(f"  take          {choice(scene, meshes, models, own_steps(scene))}")
-    lines += [f"  {remark}" for remark in kinematics.remarks]
+    lines += [f"  {remark}" for remark in (*kinematics.remarks, *_drawn(scene, meshes))]
     lines.append(
         f"  outputs       {', '.join(f'{n} ({scene.system.unit(u)})' for n, u in outputs.units.items()) or 'none'}"
     )
@@ -117,6 +119,21 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     elif not left_open and reducible:
         lines += _memory(scene, mechanism, matrices, len(loads), sum(flexible.values()))
     return "\n".join(lines)
+
+
+@gathered
+def _drawn(scene: Scene, meshes: Mapping[str, BodyShape]) -> Iterator[Remark]:
+    """Return a warning where a mechanism of drawn lengths, places or ratios cannot be put together."""
+    given = ((name, scene.parameters[name]) for name in length_names(scene))
+    drawn = {name: parameter.quantiles(QUANTILES) for name, parameter in given if parameter.distribution is not None}
+    for values in zip(*drawn.values()):
+        other = scene.with_values({name: float(value) for name, value in zip(drawn, values)})
+        try:
+            RigidKinematics(Mechanism.from_scene(other, at_lengths(other, meshes)))
+        except InputError as error:
+            at = ", ".join(f"{name} = {to_own(scene, name) * other.values[name]:.6g}" for name in drawn)
+            yield warning(f"samples fail whose mechanism cannot be put together, as with {at}: {error}")
+            return
 
 
 def _models(scene: Scene, meshes: Mapping[str, BodyShape], mechanism: Mechanism, patterns: Patterns) -> list[Prospect]:
@@ -379,7 +396,7 @@ def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str,
         "constraints": mechanism.n_constraints,
         "models": {one.model: asdict(one) for one in models},
         "take": choice(scene, meshes, models, own_steps(scene)) if models else "",
-        "remarks": [asdict(remark) for remark in scene.remarks],
+        "remarks": [asdict(remark) for remark in (*scene.remarks, *_drawn(scene, meshes))],
     }
 
 

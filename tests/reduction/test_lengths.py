@@ -31,6 +31,7 @@ from pgmp_petsc.reduction.rom import LengthCheck, ReducedOrderModel, check_sampl
 from pgmp_petsc.reduction.sample_grid import LengthGrid
 from pgmp_petsc.scene.uses import length_names, length_range
 from pgmp_petsc.stepping.status import Status
+from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.inputs import with_meshes
 
 TWO = LengthGrid(("a", "b"), ((0.6, 0.8), (-1.0, 2.0)), 4)
@@ -244,6 +245,10 @@ def test_a_sample_that_does_not_close_is_a_record_and_not_the_end_of_the_others(
         assert run_batch(model, values | {"rod_length": np.full(1, length)}).status == [status]
     said = failure_remarks(np.array([Status.UNPHYSICAL, 0]), {}, {}, model.name, lengths=model.lengths)[0].text
     assert "a mechanism of its rod_length cannot be put together over its range, as pgmp check SCENE --set" in said
+    for low, told in ((0.1, True), (0.69, False)):  # at a fifth of what is drawn
+        law = f"parameters.rod_length={{nominal=0.7,distribution={{name='uniform',loc={low},scale={0.75 - low}}}}}"
+        described = describe_scene(*with_meshes(long_crank(*SMALL, law), Purpose.CHECK))
+        assert ("samples fail whose mechanism cannot be put together, as with rod_length = 0.23" in described) == told
 
 
 def test_a_model_of_other_lengths_than_its_own_is_not_run(rom: ReducedOrderModel) -> None:
