@@ -26,6 +26,7 @@ from matplotlib.patches import Patch
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures import captions, style
 from pgmp_petsc.figures.captions import same_case, tell_apart
+from pgmp_petsc.figures.loads import OF_JOINTS, outputs_of
 from pgmp_petsc.results import Derivatives, Design, Fit, Trajectory
 from pgmp_petsc.results.gradients import FittedParameter
 from pgmp_petsc.results.numbers import ROUND_OFF, plain, sizes_of
@@ -85,13 +86,15 @@ class Comparison:
     def error_percent(self, output: str) -> tuple[np.ndarray, np.ndarray] | None:
         """Return time (s) and error of the reduced output in % of the full-order output's maximum.
 
-        The reduced output is interpolated linearly to the full-order instants that it covers. None where one
+        The reduced output is interpolated linearly to the full-order instants that it covers, but for the start of
+        forces in joints: what a joint carries there of undeformed bodies hangs on the mesh alone. None where one
         of the runs is absent, one of them did no step, or the full-order output is zero throughout but for round-off of
         the largest output of its unit, of an angle of 1 rad, or of the mechanism's lengths where frames tell them.
         """
         if self.full is None or self.reduced is None:
             return None
         covered = self.full.time <= self.reduced.time[-1] * (1 + 1e-12)
+        covered[:1] = output not in outputs_of(self.full, OF_JOINTS)
         time, exact = self.full.time[covered], self.full.outputs[output][covered]
         largest = np.max(np.abs(exact), initial=0.0)
         of_part = {name: values[covered] for name, values in self.full.outputs.items()}
