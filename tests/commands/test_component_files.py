@@ -45,7 +45,8 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("case", CASES)
 def test_a_run_is_that_of_the_scene(case: str, tmp_path: Path) -> None:
-    """To the last bit, with its frames, fields, energies and estimates."""
+    """To the last bit, with its energies and estimates; places of frames and fields to round-off of some meters, as what
+    LAPACK finds of a loop hangs on where numbers lie in memory."""
     name, *changes = CASES[case]
     source, changes = SCENES / f"{name}.toml", ("simulation.duration=6e-3", *changes)
     model = interface.build(source, components=True, overrides=changes, output=tmp_path / "model.h5")
@@ -56,10 +57,18 @@ def test_a_run_is_that_of_the_scene(case: str, tmp_path: Path) -> None:
     }
     assert {run.data.model for run in runs.values()} == {"components"} and runs["file"].time.size > 2
     found = {name: contents(tmp_path / f"{name}.h5") for name in runs}
-    assert found["file"] == found["object"]
+    assert_alike(found["file"], found["object"])
     for one in found.values():
         one.pop("remarks")  # a scene with its meshes says more of these
-    assert found["file"] == found["scene"]
+    assert_alike(found["file"], found["scene"])
+
+
+def assert_alike(found: dict[str, bytes], expected: dict[str, bytes]) -> None:
+    assert found.keys() == expected.keys()
+    for name in [name for name in found if found[name] != expected[name]]:
+        assert name.startswith(("fields/", "frames/")), name
+        one, other = (np.frombuffer(values) for values in (found[name], expected[name]))
+        np.testing.assert_allclose(one, other, rtol=0, atol=4e-15, err_msg=name)
 
 
 def test_what_a_file_keeps_from_call_to_call_changes_no_number(arm: Path) -> None:
