@@ -45,7 +45,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("case", CASES)
 def test_a_run_is_that_of_the_scene(case: str, tmp_path: Path) -> None:
-    """To the last bit, with its energies and estimates; places of frames and fields to round-off of some meters, as what
+    """To the last bit, with its energies and estimates; places of frames and fields to round-off, as what
     LAPACK finds of a loop hangs on where numbers lie in memory."""
     name, *changes = CASES[case]
     source, changes = SCENES / f"{name}.toml", ("simulation.duration=6e-3", *changes)
