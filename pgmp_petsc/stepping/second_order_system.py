@@ -243,6 +243,7 @@ class Beside(Protocol):
     """States beside the mechanics; a step takes them along (`alpha_step.iterate`)."""
 
     jumps: bool  # whether forces jump between two steps
+    n_carried: int  # forces that joints carry, which are found between corrections
 
     def start(self, state: State) -> None:
         """Begin a run, before the first accelerations are known."""
@@ -258,6 +259,9 @@ class Beside(Protocol):
 
     def end(self, time: float, state: State, scheme: Scheme, samples: np.ndarray) -> None:
         """Take what is beside some samples, a mask, to the end of the step."""
+
+    def put_nothing(self) -> None:
+        """Let the mechanics have no forces of an iterate, but those that are known of an instant."""
 
     def sample(self, time: float, state: State, samples: np.ndarray) -> bool:
         """Change forces of some samples that jump between two steps; return whether any did. Until `jumps` is put back
