@@ -225,7 +225,7 @@ def test_a_reduced_run_on_soft_mounts_estimates_what_it_is_off_by() -> None:
         ("soft", "full", (), 5 * (1e-6,)),
         # Exudyn begins with the accelerations at time zero: the rod's vibration is another one by 6e-6 of its bend
         ("stiff", "full", (), (*4 * (1e-6,), 1e-5)),
-        # linear in frames of bodies; the step's own error is not that of Exudyn's coordinates
+        # linear in frames of bodies; the step's own error is not that of Exudyn's coordinates, nor is the start
         ("soft", "components", (), (3e-5, 2e-4, 1e-4, 1e-4, 0.08)),
         ("stiff", "components", (), (3e-7, 1e-6, 1.5e-6, 1.5e-6, 2e-4)),
         # the rod's bend is that of a beam without what the forces along it do
