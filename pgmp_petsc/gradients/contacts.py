@@ -54,8 +54,7 @@ class Contacts:
     """The steps of a run of one sample that cross edges of laws, with what was met and left so far.
 
     The linearisation is that of the sample; times, shape (n_t,), and states, arrays of shape (n_t, n_eta), are those of
-    the whole run, the first ones with the accelerations that its steps began with, beside
-    `auxiliary` ones (n_eta,).
+    the whole run, the first ones with the accelerations that its steps began with, beside `auxiliary` ones (n_eta,).
     """
 
     def __init__(

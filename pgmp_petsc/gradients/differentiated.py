@@ -14,12 +14,11 @@ off are parameters themselves, ``S_q = 1`` from the start on.
 
 Sensitivities at the start of a run.
 
-An undeformed start depends on no parameter, velocities on those that are some of them; first accelerations follow
-from the equations of motion, ``by_a S_a = - (by_p + by_q S_q + by_v S_v)``, and auxiliary ones from the steps that they
-are taken of (`alpha_step.first_accelerations`). Where joints are off it is the static
-answer to that, ``by_q S_q = - by_p`` of flexible coordinates without loads. In static equilibrium with free coordinates
-the residual at rest vanishes, ``by_q S_q = - by_p``. With held ones the angles s of their joints are given and torques
-mu hold them,
+An undeformed start depends on no parameter, velocities on those that are some of them; first accelerations follow from
+the equations of motion, ``by_a S_a = - (by_p + by_q S_q + by_v S_v)``, and those that steps begin with from the steps
+that they are taken of (`alpha_step.first_accelerations`). Where joints are off it is the static answer to that, ``by_q
+S_q = - by_p`` of flexible coordinates without loads. In static equilibrium with free coordinates the residual at rest
+vanishes, ``by_q S_q = - by_p``. With held ones the angles s of their joints are given and torques mu hold them,
 
     R(eta, p) + G^T mu = 0,     s(eta) = s_0,     G = ds/d eta,
     [by_q + sum_k mu_k d2 s_k/d eta2   G^T] [S_q ]     [by_p + (d G/dp)^T mu]
@@ -250,7 +249,8 @@ def _propagated(
     result[:, 0] = moment[:3]
     if not begun.lost.any():
         moment[3] = _of_first(moment, linearisation, begun.ends, step, ~prescribed)
-    moment[2] = moment[3] if goes_on_resolved(radius) else moment[2]
+    if goes_on_resolved(radius):
+        moment[2] = moment[3]
     at_once, first = max(16, MOST_NUMBERS // (3 * n * n)), 1
     while first < n_t:
         crossing = contacts.following(first)
