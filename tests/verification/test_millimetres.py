@@ -221,7 +221,7 @@ CASES = {
     "four bar": Case(FOUR_BAR, "thick", "minimise max(abs(stress))", ("code", "unit", "trade-off", *OF_CHOICE)),
     "four bar, chosen": Case(FOUR_BAR, "thick", "minimise max(abs(stress))", ("code", "unit", "trade-off")),
     "cart": Case(CART, "drag", "minimise max(abs(x))", (*SEEN_ONCE, "fit", *OF_CHOICE, "trade-off")),
-    "rotor": Case(ROTOR, without=(*SEEN_ONCE, *OF_PARAMETERS, "effects", "code", "page", *OF_CHOICE, "trade-off")),
+    "rotor": Case(ROTOR, without=(*SEEN_ONCE, *OF_PARAMETERS, "effects", "code", "unit", "page", *OF_CHOICE, "trade-off")),
     "solid": Case(SOLID, "thick", "minimise max(abs(bent))", ("code", "unit", *OF_CHOICE, "trade-off")),
     "geared": Case(TEETH, without=(*OF_ROM, "effects", "trade-off")),
     "off": Case(CLAMPED_OFF,
