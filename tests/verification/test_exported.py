@@ -195,7 +195,7 @@ IN_C = {
     "friction that sticks": lambda: scene_from_toml(
         KINDS, ".", ("effects.rubbing.limit=30.0", "effects.rubbing.speed=1e-4", "simulation.step=2.5e-4")
     ),
-    "three coordinates": lambda: exported.scene_of("platform_3rrr", "reduction.angles=4", "reduction.modes=2",
+    "three coordinates": lambda: exported.scene_of("platform_3rrr", "reduction.angles=4", "reduction.modes=3",
                                                    "simulation.duration=0.05",
                                                    *forces_in("first_elbow", joint_force=("x",))),
 }  # fmt: skip

@@ -389,7 +389,7 @@ def test_the_multipliers_of_simeons_flexible_slider_crank() -> None:
 
 BASIS = (
     "reduction.static_modes=true", "reduction.inertia_modes=true", 'reduction.interpolation="spline"',
-    "reduction.angles=64", "reduction.modes=4", "simulation.duration=0.6", "simulation.step=5e-4",
+    "reduction.angles=64", "reduction.modes=4", "simulation.duration=1.0", "simulation.step=5e-4",
 )  # fmt: skip
 ALL = (*outputs("crank_hinge", **{f"pin_{axis}": f'component="{axis}"' for axis in "xy"}), *outputs("slider", n=""),
        *outputs("elbow", **along("x", "y")))  # fmt: skip

@@ -120,7 +120,8 @@ def test_loads_over_the_other_joint_move_a_cart_and_a_pole(model: str) -> None:
     stiff = ("materials.steel.E=2e14", *near) if model == "reduced" else RIGID
     times, found = run(cart(*stiff, *ACROSS, "simulation.step=5e-4"), model)
     exact = CartAndPole().motion(times, (0.0, 0.0, 0.3, 0.0), force, torque)
-    # the step leaves 2e-6, and a quarter of it at half the step; angles as near as 28 of the whole range 6e-6, half as many 8e-5
+    # the step leaves 2e-6, a quarter of it at half the step; the distances of 28 angles in the whole range 6e-6, twice
+    # as large ones 8e-5
     for name, values in zip(("x", "swing"), exact):
         np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-5 * np.abs(values).max())
 
