@@ -33,7 +33,7 @@ much as that where it is a little earlier.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -41,16 +41,14 @@ import numpy as np
 
 from pgmp_petsc.base.errors import Remark, gathered, warning
 from pgmp_petsc.base.errors import note as said
-from pgmp_petsc.base.progress import Progress
-from pgmp_petsc.models import Model, ReducedModel
-from pgmp_petsc.outputs.rainflow import counted_after
+from pgmp_petsc.models import Model, OutputRecord, ReducedModel
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.controllers import derivatives_read
 from pgmp_petsc.scene.numerics import Simulation, count_steps
 from pgmp_petsc.scene.outputs import models_alone
 from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Run, StateRecord, integrate
-from pgmp_petsc.stepping.second_order_system import PooledObserver, Scheme, SecondOrderSystem, State
+from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem
 from pgmp_petsc.stepping.status import Status
 
 TIMES = 5  # steps of the run in one of the coarser run
@@ -103,15 +101,15 @@ def run_coarser(
     simulation: Simulation,
     alive: np.ndarray,
     of: Run | None = None,
-    bar: Progress | None = None,
+    pulse: Callable[[int], object] = lambda n_steps: None,
 ) -> CoarserRun:
     """Run the samples `alive`, shape (n_samples,), of a system again, with a coarser step than the run's. Collective on
     ``system.comm``.
 
-    The run `of` says what it took; there is no limit where it is not given.
+    The run `of` says what it took; there is no limit where it is not given. `pulse` is called with numbers of steps.
     """
     coarse = coarser(simulation)
-    n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, bar)
+    n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, pulse)
     stepper = GeneralisedAlpha(
         system, coarse.spectral_radius, coarse.duration, n_steps, alive, np.array([0]), record, pulse=None, parts=TIMES
     )
@@ -140,34 +138,6 @@ def run_coarser(
         coarse.duration / n_steps, time, outputs, stepper.status, stepper.failure_time, divided,
         stepper.shortest_crossing,
     )  # fmt: skip
-
-
-class OutputRecord(PooledObserver):
-    """Keeps what the outputs are made of after every step; observes a run."""
-
-    def __init__(self, model: Model, system: SecondOrderSystem, bar: Progress | None = None) -> None:
-        self._model, self._system = model, system
-        self._observed: list[np.ndarray] = []
-        self._together = system.n_samples == 1 and hasattr(model, "observed_over")
-        super().__init__(system.instants_at_once if self._together else 1, bar)
-
-    def see(self, first: int, states: State) -> None:
-        """Evaluate states."""
-        times = self.times[first:]
-        if self._together:
-            frames = self._system.frames_over(states)
-            self._observed.append(self._model.observed_over(self._system, states, frames, times))
-        else:
-            self._observed += [self._model.observed(self._system, states.at(k), at) for k, at in enumerate(times)]
-
-    def outputs(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the instants (n_t,), s, and every output (n_t, n_samples)."""
-        self.finish()
-        time = np.array(self.times)
-        with np.errstate(all="ignore"):
-            found = self._model.outputs.evaluate(np.concatenate(self._observed, axis=-1))
-        found = {name: values.reshape(time.size, -1) for name, values in found.items()}
-        return time, counted_after(self._model.outputs.counts, time, found, self._system.values)
 
 
 def coarser(simulation: Simulation) -> Simulation:

@@ -61,7 +61,8 @@ class Symbolic:
         n_below = np.diff(self.starts)
         firsts = np.concatenate([[0], np.cumsum(n_below * (n_below + 1) // 2)])
         if firsts[-1] > MOST_LISTED:
-            found = np.empty((2, _stretches(self.starts, self.rows, np.empty((2, 0), dtype=np.uint32))), dtype=np.uint32)
+            n = _stretches(self.starts, self.rows, np.empty((2, 0), dtype=np.uint32))
+            found = np.empty((2, n), dtype=np.uint32)
             _stretches(self.starts, self.rows, found)
             return firsts[:0], np.zeros(0, dtype=np.uint32), found[1], found[0]
         return firsts, *_listed(self.starts, self.rows, firsts)

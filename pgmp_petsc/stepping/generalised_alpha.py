@@ -78,6 +78,11 @@ class Together(Observer):
         for observer in self.observers:
             observer.over(numbers, times, trail)
 
+    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        """Show the states after many steps of another system to all."""
+        for observer in self.observers:
+            observer.over_states(numbers, times, states)
+
 
 class StateRecord(Observer):
     """Keeps all states of a batch of reduced runs; `pulse` is called with numbers of steps."""

@@ -11,7 +11,7 @@ from runs import PAPER_SCENE, full_model
 from pgmp_petsc.estimates import coarser_run
 from pgmp_petsc.estimates.own_error import step_remarks, too_few_steps
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.models import FullModel
+from pgmp_petsc.models import FullModel, OutputRecord
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.stepping.alpha_step import AlphaStep
 from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha
@@ -142,7 +142,7 @@ def test_a_step_that_fails_is_taken_in_parts(monkeypatch: pytest.MonkeyPatch) ->
     model, alive, take = FullModel(scene, meshes), np.ones(1, dtype=bool), AlphaStep.take
 
     def angle(system: SecondOrderSystem, n_steps: int, parts: int) -> np.ndarray:
-        record = coarser_run.OutputRecord(model, system)
+        record = OutputRecord(model, system)
         stepper = GeneralisedAlpha(system, RADIUS, 0.2, n_steps, alive, np.array([0, n_steps]), record, None, parts)
         stepper.advance()
         assert stepper.status[0] == Status.FINE and stepper.n_divided[0] == (n_steps if parts > 1 else 0)
