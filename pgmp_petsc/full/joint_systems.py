@@ -408,7 +408,7 @@ class JointBatch(FullBatch):
         """Return states with a leading axis in unknowns; frames, energies and outputs ask for the same ones."""
         if self._shown[0] is not states:
             shape = states.q.shape[:2]
-            every = self._in_unknowns(State(*(part.reshape(-1, *part.shape[2:]) for part in states.parts())))
+            every = self._in_unknowns(states.merged())
             self._shown = states, State(*(part.reshape(*shape, *part.shape[1:]) for part in every.parts()))
         return self._shown[1]
 

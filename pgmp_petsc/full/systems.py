@@ -423,9 +423,11 @@ class FullBatch(FullSystem):
     def energies_over(self, times: Sequence[float], states: State) -> Energies:
         """Return energies and powers in states with a leading axis; see `FullSystem`."""
         n, shape = self._blocks.n_blocks, states.q.shape[:2]
-        parts = (part.reshape(-1, *part.shape[2:]) for part in (states.q, states.v, states.multipliers, states.turns))
+        flat = states.merged()
         strengths, blocks = self._sources.at(np.repeat(times, n)), np.tile(np.arange(n), len(times))
-        table = energies_of(self._reference, self._conservative, strengths, blocks, *parts)
+        table = energies_of(
+            self._reference, self._conservative, strengths, blocks, flat.q, flat.v, flat.multipliers, flat.turns
+        )  # fmt: skip
         return self._names.energies(self._columns(table.reshape(*shape, *table.shape[1:])))
 
     def _columns(self, parts: np.ndarray) -> np.ndarray:

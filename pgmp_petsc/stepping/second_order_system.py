@@ -7,6 +7,7 @@ The balance of energy of many samples, summed up while they run; `results.estima
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
@@ -50,6 +51,10 @@ class State:
     def along(cls, states: Sequence[State], join: Callable = np.stack) -> State:
         """Return the mechanics of states with a leading axis of instants; `np.concatenate` joins those with one."""
         return cls(*(join(parts) for parts in zip(*(state.parts() for state in states))))
+
+    def merged(self) -> State:
+        """Return the mechanics with the first two axes of all arrays as one."""
+        return State(*(part.reshape(math.prod(part.shape[:2]), *part.shape[2:]) for part in self.parts()))
 
     def at(self, number: int | slice) -> State:
         """Return one or some of states whose arrays have a leading axis of instants, sharing memory."""
