@@ -20,7 +20,7 @@ is within a factor of 3.5 of the order two and of the order 0.6; that estimate i
 
 The coarser run has a fifth of the steps and no other record than the outputs. A step whose iteration fails is taken in
 `TIMES` parts, the steps of the run itself, instead of being tried again. It is given up where its work would be more
-than a share of the run's (`MOST`), and the estimate then ends there.
+than a share of the run's (`MOST`). The estimate ends there, or where most steps begin to be taken in parts.
 
 How far impacts carry a small difference of the start, from a second run of a reduced model.
 
@@ -68,6 +68,7 @@ RUBS = 0.015  # of it, from which on they move what has friction or stops
 BRIEF = 10.0  # steps of the coarser run in a contact whose force it follows
 ROUGH = 7.0  # the mean, on a logarithmic scale, of 24 and 2
 SOME = 0.1  # of the steps, taken in parts, from which on an estimate is unsure
+CROWDED = 0.5  # of `APART` of them, from which on it ends: changes of step set off what is seen then
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,7 @@ class CoarserRun:
     status: np.ndarray  # status, failure_time: of every sample; FINE and NaN where only the work was too much
     failure_time: np.ndarray
     divided: np.ndarray  # share of the steps that were taken in parts, shape (n_samples,)
+    until: np.ndarray  # time from which on most were, shape (n_samples,), s; infinite where there is none
     #: time between two crossings of an edge, the shortest, shape (n_samples,), s; infinite where there is none
     shortest: np.ndarray
 
@@ -131,13 +133,27 @@ def run_coarser(
         spent = work(stepper, stepper.n_done)
         dearest = max(dearest, (spent - before) / (stepper.n_done - begun))
     time, found = record.outputs()
+    until, divided = _taken_in_parts(stepper)
     failed = time[:, None] >= np.where(stepper.status == Status.FINE, np.inf, stepper.failure_time)
+    failed |= time[:, None] > until
     outputs = {name: np.where(failed, np.nan, values) for name, values in found.items()}
-    divided = stepper.n_divided / max(stepper.n_done, 1)
     return CoarserRun(
-        coarse.duration / n_steps, time, outputs, stepper.status, stepper.failure_time, divided,
+        coarse.duration / n_steps, time, outputs, stepper.status, stepper.failure_time, divided, until,
         stepper.shortest_crossing,
     )  # fmt: skip
+
+
+def _taken_in_parts(stepper: GeneralisedAlpha) -> tuple[np.ndarray, np.ndarray]:
+    """Return from what time on most steps of a run were taken in parts, s, infinite where there is none, and the share
+    of those before, each (n_samples,)."""
+    parted = np.zeros((stepper.n_done + 1, stepper.status.size))
+    for number, samples in stepper.divided:
+        parted[number + 1] += samples
+    before = parted.cumsum(axis=0)
+    crowded = before[APART:] - before[:-APART] > CROWDED * APART
+    first = np.where(crowded.any(axis=0), crowded.argmax(axis=0) if len(crowded) else 0, stepper.n_done)
+    share = np.take_along_axis(before, first[None], axis=0)[0] / np.maximum(first, 1)
+    return np.where(first < stepper.n_done, stepper.instants[first], np.inf), share
 
 
 def coarser(simulation: Simulation) -> Simulation:
