@@ -13,6 +13,7 @@ from pathlib import Path
 import hypothesis
 import pytest
 import warm_start
+from hypothesis.internal.conjecture import providers
 
 ROOT = Path(__file__).resolve().parent.parent
 SCRIPTS = Path(__file__).resolve().parent / "parallel"
@@ -92,6 +93,8 @@ LONG = ("parallel/", "verification/", "commands/", "hard_cases/")
 # Random cases are the same in every run, and none has a limit of time: neither luck nor load decides about a test.
 hypothesis.settings.register_profile("suite", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("suite")
+# nor has it the numbers of the modules that happen to be imported, which took seconds to be found
+providers._get_local_constants = lambda: providers._local_constants
 
 
 def run_mpi(n: int, *command: object, check_status: int | None = 0) -> subprocess.CompletedProcess[str]:

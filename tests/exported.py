@@ -25,7 +25,8 @@ COMPILER = shutil.which("cc") or shutil.which("gcc")
 FMPY = os.environ.get("PGMP_FMPY_PYTHON", str(ROOT / ".venv/fmpy/bin/python"))
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler (cc, gcc) in PATH")
 # without optimisation, which takes half of the time of compiling: how a program is compiled changes round-off alone
-OPTIONS = ("-std=c99", "-O0", "-Wall", "-Wextra", "-pedantic", "-Werror")
+OPTIONS = ("-std=c99", "-O0", "-Wall", "-Wextra", "-pedantic", "-Werror", "-fsanitize=bounds",
+           "-fsanitize-undefined-trap-on-error")  # fmt: skip
 SMALL = ("reduction.angles=24", "simulation.duration=0.2", "simulation.step=5e-4")
 
 

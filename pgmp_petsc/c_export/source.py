@@ -121,7 +121,7 @@ def _array(values: np.ndarray) -> str:
 
 
 def _tables(constants: Constants) -> str:
-    parts = ['#include "tables.h"\n\n#include <math.h>\n']
+    parts = ['#include "tables.h"\n\n#include <math.h>\n#include <stdbool.h>\n']
     for name, (shape, table) in constants.tables.items():
         number = "int" if table.dtype.kind in "ib" else "double"
         parts.append(f"const {number} {name}{shape} = {_array(table) if table.size else '{0}'};\n")

@@ -398,6 +398,5 @@ class Dimensions:
         if name in ("abs", "sqrt"):
             return given[0] if name == "abs" else given[0] ** Measured((0.0, 0.0, 0.0), value=0.5)
         if any(given[0].dimension or ()):
-            takes = "it takes numbers and angles, and a number that has a unit is a parameter with it"
-            raise DimensionError(f"gives {name} {given[0].text}; {takes}")
+            raise DimensionError(f"gives {name} {given[0].text}, which takes numbers and angles")
         return NUMBER

@@ -144,6 +144,8 @@ def step_remarks(
     why = f"would take more than {100 * MOST:g} % of the run's own price, and was given up"
     if other.status[0] != Status.FINE:
         why = f"stopped at {other.failure_time[0]:.4g} s ({Status(other.status[0]).meaning})"
+    if np.isfinite(other.until[0]):
+        why = f"failed in most of its steps from {other.until[0]:.4g} s on"
     if errors is None:
         half = f"compare with half the step (--override simulation.step={0.5 * model.scene.simulation.step:.3g})"
         unknown = warning(f"errors of the time step were not estimated: {with_step} {why}; {half}")
@@ -281,7 +283,7 @@ def condensed_alone(model: ComponentModel) -> Iterator[Remark]:
 
 COMPARABLE = 0.05  # of a figure
 FEWEST = 5  # checked samples that tell of a deviation
-CURE = "a better basis (reduction.tolerance) makes it smaller, and full-order runs (--full) do without it"
+CURE = "a better basis (reduction.tolerance) makes it smaller"
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,7 +339,8 @@ def of_statistics(
     samples that are checked, and those that are `fine` are described, what goes by the mean, and what by the spread.
     Errors of other models than the reduced one are those of their time step; they are said in units of the system.
     """
-    whose, cure = ("the reduced model", CURE) if model == "reduced" else ("the time step", SMALLER_ERRORS[model])
+    own = "the reduced model", f"{CURE}, and full-order runs (--full) do without it"
+    whose, cure = own if model == "reduced" else ("the time step", SMALLER_ERRORS[model])
     told, n_checked = [], 0
     for name, values in quantities:
         if name in errors:

@@ -132,7 +132,8 @@ class FormulaOfOutputs(OutputEntry):
         try:
             found = self._measured(scene)
         except DimensionError as error:
-            yield problem(entry, f"{error}; units must fit", self.formula)
+            words = f"{error}; units must fit: a number that has a unit is a parameter with it"
+            yield problem(entry, words, self.formula)
             return
         yield from self._of_unit(scene, f"outputs.{name}.unit", found)
 

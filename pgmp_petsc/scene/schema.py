@@ -277,7 +277,7 @@ class Scene(Table):
     @classmethod
     def _defaults_of_the_reduction(cls, data: Any) -> Any:
         """Take ``effects = "auto"`` for a choice without loads, fewer angles along each of several coordinates, and
-        splines over three, whose samples are far apart."""
+        splines over three, whose samples are far apart, and where joints are elastic (`interpolation`)."""
         if not isinstance(data, dict) or not isinstance(data.get("reduction", {}), dict):
             return data
         reduction = dict(data.get("reduction", {}))
@@ -285,11 +285,13 @@ class Scene(Table):
         if automatic:
             reduction["effects"] = "auto"
         n = len(data["coordinates"]) if isinstance(data.get("coordinates"), dict) else 1
-        if n > 1 and reduction.get("tolerance") is None:  # which leaves to the choice what is not given
-            if n == 3:
+        if reduction.get("tolerance") is None:  # which leaves to the choice what is not given
+            joints = data["joints"].values() if isinstance(data.get("joints"), dict) else ()
+            if n == 3 or any(isinstance(one, dict) and "elastic" in one for one in joints):
                 reduction.setdefault("interpolation", "spline")
-            few = ANGLES_OF_SEVERAL[min(n, max(ANGLES_OF_SEVERAL))]
-            reduction.setdefault("angles", max(few, *map(_along, data["coordinates"].values())) if n == 3 else few)
+            if n > 1:
+                few = ANGLES_OF_SEVERAL[min(n, max(ANGLES_OF_SEVERAL))]
+                reduction.setdefault("angles", max(few, *map(_along, data["coordinates"].values())) if n == 3 else few)
         changed = {**data, "reduction": reduction} if reduction else data
         return {**changed, "effects": {}} if automatic else changed
 

@@ -118,6 +118,8 @@ def test_the_resolved_scene_reads_back_unchanged(slider_crank: Scene) -> None:
     assert scene_to_toml(scene_from_toml(text, scene.directory)) == text
     assert "spectral_radius = 0.8" in text and "batch = 512" in text
     assert str(ROOT) not in text
+    soft = "joints.elbow.elastic={reference=[[1.0, 0.0]], stiffness=[1e7, 1e7]}"  # has splines by default, in files too
+    assert 'interpolation = "spline"' in scene_to_toml(load_scene(SLIDER_CRANK.with_stem("slider_crank_paper"), [soft]))
 
 
 def test_set_gives_the_value_of_a_run_and_keeps_the_nominal_one() -> None:

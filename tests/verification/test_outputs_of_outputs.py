@@ -144,8 +144,9 @@ outputs={o={type="rate",of="q"},q={type="formula",formula="2 * o"}} -> \
 outputs.o={type="formula",formula="x + bemt"} -> outputs.o.formula = "x + bemt": names 'bemt' | did you mean 'bent'
 outputs.o={type="formula",formula="sine(x)"} -> outputs.o.formula = "sine(x)": calls 'sine' | did you mean 'sin'
 outputs.o={type="formula",formula="swing +"} -> outputs.o.formula = "swing +": is no formula
-outputs.o={type="formula",formula="x + swing"} -> outputs.o.formula = "x + swing": adds or compares m and rad
-outputs.o={type="formula",formula="sin(x)"} -> outputs.o.formula = "sin(x)": gives sin m; it takes numbers and angles, and a
+outputs.o={type="formula",formula="x + swing"} -> \
+    outputs.o.formula = "x + swing": adds or compares m and rad | is a parameter
+outputs.o={type="formula",formula="sin(x)"} -> outputs.o.formula = "sin(x)": gives sin m, which takes numbers and angles
 outputs.o={type="formula",formula="x ** swing"} -> outputs.o.formula = "x ** swing": raises m to a power
 outputs.o={type="formula",formula="x * swing",unit="N"} -> outputs.o.unit = "N": the formula is in m
 outputs.o={type="formula",formula="x * swing",unit="nonsense"} -> outputs.o.unit = "nonsense": no such unit

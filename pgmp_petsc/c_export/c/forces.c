@@ -58,10 +58,11 @@ static void find_multipliers(const struct pgmp_model *m, const double strengths[
     into = weigh_factors(stiff, GAPS_CURVED ? bent : M, own += GAP_MASS, GAP_STIFFNESS, into);
     into = weigh_factors(worked, GAPS_CURVED ? 1 + M : 1, own += GAP_STIFFNESS, N_LOAD_TERMS, into);
     into = weigh_factors(m->v, N, own + N_LOAD_TERMS, GAP_DAMPING, into);
-    for (int f = 0; f < N_ACTION_NODES * N_DOFS; f++) {
-        *into++ = -loads[0][f];
-        for (int i = 0; GAPS_CURVED && i < M; i++) *into++ = -loads[0][f] * d[i];
-    }
+    for (int node = 0; node < N_ACTION_NODES; node++)
+        for (int f = 0; f < N_DOFS; f++) {
+            *into++ = -loads[node][f];
+            for (int i = 0; GAPS_CURVED && i < M; i++) *into++ = -loads[node][f] * d[i];
+        }
     for (int k = 0; k < R; k++) weigh_factors(changed[k], N_ALONG, weights, GAP_MASS, slopes[k]);
     find_stencil(axes, m->q, &stencil);
     for (int g = 0; g < N_GAPS; g++) {
