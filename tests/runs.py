@@ -253,7 +253,7 @@ def history(
         observed = model.observed_of(np.repeat(times, n), states, each)
     elif alone:
         along = State.along(kept)
-        observed = model.observed_over(system, along, system.frames_over(along), times)
+        observed = model.observed_over(system, along, times)
     else:
         observed = np.concatenate(kept, axis=1)
     outputs = model.outputs.evaluate(observed)

@@ -4,10 +4,13 @@ A round shaft with a disc in the middle, on a coarse mesh whose first free frequ
 so. The mesh's own error is 2.6 %, which finer ones show; readers have to hand over the same body.
 """
 
+import io
 import re
+import runpy
 import shutil
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 from functools import cache
 from pathlib import Path
 
@@ -27,6 +30,7 @@ from solids import body_of, matrices_of
 from pgmp_petsc.bodies.assembled_reading import read_assembled
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.mesh.matrix_files import in_order_of_nodes, read_matrix, read_nodes
+from pgmp_petsc.mesh.reading import made_by
 from pgmp_petsc.mesh.solid_mesh import cell_faces, reference_element
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 from pgmp_petsc.results import ModesTable
@@ -146,6 +150,25 @@ def folder(tmp_path_factory) -> Path:
     np.savez(folder / "rod.npz", labels=labels, **matrices)
     (folder / "rod.npz").rename(folder / "rod.full")
     return folder
+
+
+@pytest.fixture(autouse=True)
+def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read files in this process, each once: a process of its own takes a second to load its library.
+
+    OP2 and what is written for a test alone have one, and all files on several ranks.
+    """
+    monkeypatch.setattr("pgmp_petsc.mesh.matrix_files.made_by", lambda *asked: read_once(*asked[:2]))
+
+
+@cache
+def read_once(program: Path, words: tuple) -> dict[str, np.ndarray] | str:
+    form, kind, path = words
+    if form in ("op2", "full") and path.name != "file.full":
+        return made_by(program, words, 60.0)
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        found = runpy.run_path(str(program))["main"](form, kind, str(path))
+    return str(found["refused"]) if "refused" in found else found
 
 
 def craig_bampton(k: np.ndarray, m: np.ndarray, n_modes: int) -> np.ndarray:
