@@ -56,10 +56,10 @@ def oscillation(time: np.ndarray, inertia: float) -> np.ndarray:
 @pytest.mark.parametrize("model", ["full", "reduced"])
 def test_the_period_of_an_oscillator_through_a_gap(model: str) -> None:
     if model == "full":
-        run = recorded(bar(PLAY, 1.6, velocity=SPEED))
+        run = recorded(bar(PLAY, 0.9, velocity=SPEED))
         time, angle, inertia = run.time, run.angle, BAR_INERTIA
     else:
-        found = run_of(PLAY, 1.6, velocity=SPEED)
+        found = run_of(PLAY, 0.9, velocity=SPEED)
         time, angle, inertia = found.time, found.outputs["angle"], INERTIA
     # a period is 0.86 s; (omega h)^2 / 12 of omega t, omega = 17 / s
     np.testing.assert_allclose(angle, oscillation(time, inertia), rtol=0, atol=4e-4)
