@@ -12,7 +12,7 @@ import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from runs import PAPER_SCENE, SMALL, overridden
 
-QUICK = (*SMALL, "ensemble.bands=10", "simulation.frames=9")
+QUICK = (*SMALL, "ensemble.bands=10")
 KINDS = ("rom", "run", "ensemble", "derivatives")
 # runs several commands one after the other and prints the exit status of each
 ONE_BY_ONE = """

@@ -62,7 +62,10 @@ for argv in json.loads(sys.argv[1]):
         print(json.dumps(statuses), flush=True)
 """
 # few modes and angles, and a tenth of the time: enough for everything but accuracy
-SMALL = ("reduction.modes=4", "reduction.angles=24", "simulation.duration=0.05", "simulation.step=1e-3")
+SMALL = (
+    "reduction.modes=4", "reduction.angles=24", "simulation.duration=0.05", "simulation.step=1e-3",
+    "simulation.frames=9",
+)  # fmt: skip
 
 # A quick-return: the crank's pin slides along the rocker, so the line of the joint `pin` turns with a flexible body.
 QUICK_RETURN = HEADER + tables("""
@@ -250,7 +253,7 @@ def history(
         observed = model.observed_of(np.repeat(times, n), states, each)
     elif alone:
         along = State.along(kept)
-        observed = model.observed_over(system, along, system.frames_over(along), times)
+        observed = model.observed_over(system, along, times)
     else:
         observed = np.concatenate(kept, axis=1)
     outputs = model.outputs.evaluate(observed)

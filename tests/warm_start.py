@@ -23,7 +23,7 @@ import sys
 import tempfile
 import types
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from contextlib import redirect_stderr, suppress
 from functools import cache
 from pathlib import Path
 from typing import NoReturn
@@ -214,7 +214,28 @@ def _preload() -> None:
         found = list(Path(importlib.util.find_spec(package).origin).parent.rglob(f"{name}.*.so"))
         if len(found) == 1:  # of several a process chooses
             ctypes.CDLL(str(found[0]))
+    _rehearse()
     assert not {"mpi4py.MPI", "petsc4py.PETSc"} & set(sys.modules), "a module starts MPI or PETSc when it is imported"
+
+
+def _rehearse() -> None:
+    """Do small runs as where there is no PETSc: what first runs make ready, compiled functions above all, every process
+    then has."""
+    import pgmp_petsc as interface
+    from pgmp_petsc.base import surroundings
+    from pgmp_petsc.ranks import petsc
+
+    scene = Path(__file__).resolve().parent.parent / "scenes" / "slider_crank_effects.toml"
+    short = ("reduction.angles=12", "reduction.modes=2", "simulation.duration=3e-3", "simulation.step=1e-3")
+    is_there, surroundings._is_there = surroundings._is_there, lambda name: False
+    with tempfile.TemporaryDirectory() as folder, open(os.devnull, "w") as nowhere, redirect_stderr(nowhere):
+        model = interface.build(scene, overrides=short)
+        interface.simulate(model, output=Path(folder, "run.h5"))
+        interface.montecarlo(model, 3)
+        for kind in ("full", "components"):
+            interface.simulate(scene, model=kind, overrides=short)
+    surroundings._is_there = is_there
+    petsc.log_event.cache_clear()
 
 
 @cache

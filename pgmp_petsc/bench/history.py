@@ -134,8 +134,9 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, values
             if model.outputs.takes_beside:
                 forces.append(system.forces_beside(np.array([time]))[0])
             return
-        frames = system.frames(state)
-        kept.append(model.observed_in(system, state, frames, time))
+        along = State.along([state])
+        frames = system.frames_over(along)
+        kept.append(model.observed_over(system, along, [time], frames))
         of_joints.append(frames[nodes])
 
     run = integrate(system, with_steps(model.scene, n_steps).simulation, observer=record)

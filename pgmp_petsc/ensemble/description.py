@@ -229,13 +229,11 @@ def _bands(
 
 def _quantiles(values: np.ndarray, probabilities: Sequence[float]) -> np.ndarray:
     """Return quantiles of each column of values (n_samples, n_t), shape (n_t, n); NaN where one is no number."""
-    rows = [
-        np.quantile(column, probabilities)
-        if column.size and np.isfinite(column).all()
-        else np.full(len(probabilities), np.nan)
-        for column in np.ascontiguousarray(values.T)
-    ]
-    return np.array(rows).reshape(values.shape[1], len(probabilities))
+    columns = np.ascontiguousarray(values.T)
+    known = np.isfinite(columns).all(axis=1) & (len(values) > 0)
+    found = np.full((len(columns), len(probabilities)), np.nan)
+    found[known] = np.quantile(columns[known], probabilities, axis=1).T if known.any() else 0.0
+    return found
 
 
 @gathered

@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.estimates.coarser_run import OutputRecord, run_coarser, step_errors
+from pgmp_petsc.estimates.coarser_run import run_coarser, step_errors
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator
 from pgmp_petsc.estimates.validity import Validity
-from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, SeparateLengths
+from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, OutputRecord, ReducedModel, SeparateLengths
 from pgmp_petsc.outputs.rainflow import Counting
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY
@@ -151,12 +151,19 @@ class _BalanceWatch(Observer):
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
         """Take in the states after many steps of reduced samples."""
+        self._over(times, trail.__getitem__)
+
+    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        """Take in the states after many steps of other samples."""
+        self._over(times, states.at)
+
+    def _over(self, times: np.ndarray, states: Callable[[slice], np.ndarray | State]) -> None:
         n = self._system.n_samples
         together = max(1, TOGETHER // n)
         for first in range(0, times.size, together):
             some = slice(first, first + together)
             with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
-                energies = self._system.energies_over(times[some], trail[some])
+                energies = self._system.energies_over(times[some], states(some))
             for k, time in enumerate(times[some]):
                 self._add(float(time), energies[n * k : n * (k + 1)])
 
@@ -273,16 +280,22 @@ class _OverTimeWatch(Observer):
         """Take in the state after a step."""
         if isinstance(self._model, REDUCED):
             self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
-        elif self._looks_always or number in self._steps:
-            self._see(number, time, state)
+        else:
+            self.over_states(np.array([number]), np.array([time]), State.along([state]))
+
+    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        """Take in the states after many steps of full-order or component samples; see `Observer`."""
+        looked_at, system = self._looked_at(numbers), self._begun.system
+        for first in range(0, looked_at.size, system.instants_at_once):
+            some = looked_at[first : first + system.instants_at_once]
+            with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
+                observed = self._model.observed_over(system, states.at(some), times[some])
+                found = self._model.outputs.evaluate(observed)
+            self._take(numbers[some], times[some], {name: row.reshape(some.size, -1) for name, row in found.items()})
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Take in the states after many steps; see `Observer`."""
-        looked_at = np.arange(numbers.size) if self._looks_always else self._of_bands(numbers)[0]
-        if not isinstance(self._model, REDUCED):
-            for k in looked_at:
-                self._see(int(numbers[k]), float(times[k]), State(*trail[k], np.zeros(0)))
-            return
+        """Take in the states after many steps of reduced samples; see `Observer`."""
+        looked_at = self._looked_at(numbers)
         # what is observed of reduced samples is cheap for many at once, so a few states wait for others
         together = max(1, LARGEST // self._begun.system.n_samples)
         for first in range(0, looked_at.size, together):
@@ -297,12 +310,6 @@ class _OverTimeWatch(Observer):
             self._waiting.append((numbers[some], times[some], trail[some], forces))
             if self._n_waiting >= together:
                 self._evaluate()
-
-    def _see(self, number: int, time: float, state: State) -> None:
-        """Evaluate the outputs in a state."""
-        with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
-            found = self._model.outputs.evaluate(self._model.observed(self._begun.system, state, time))
-        self._take(np.array([number]), np.array([time]), {name: values[None] for name, values in found.items()})
 
     def _evaluate(self) -> None:
         """Evaluate the outputs in the states that wait."""
@@ -329,6 +336,10 @@ class _OverTimeWatch(Observer):
         of_bands, places = self._of_bands(numbers)
         for name, band in self._bands.items():
             band[:, places] = outputs[name][of_bands].T
+
+    def _looked_at(self, numbers: np.ndarray) -> np.ndarray:
+        """Return which of these steps are looked at."""
+        return np.arange(numbers.size) if self._looks_always else self._of_bands(numbers)[0]
 
     def _of_bands(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return which of these steps are steps of the bands, and which of those they are."""

@@ -168,6 +168,9 @@ class ErrorSystem(SecondOrderSystem):
     def limited(self) -> np.ndarray:
         return self._full.limited()
 
+    def steps_between_looks(self, every: int | None) -> int:
+        return self._full.steps_between_looks(every)
+
     def take_steps(self, asked: StepsAsked) -> StepsTaken:
         """Take steps of the error; see `FullBatch.take_steps`."""
         return self._full.take_steps(asked, self._motion.over(round(asked.ends[0] / self._interval), asked.ends.size))

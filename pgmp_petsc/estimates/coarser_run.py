@@ -20,7 +20,7 @@ is within a factor of 3.5 of the order two and of the order 0.6; that estimate i
 
 The coarser run has a fifth of the steps and no other record than the outputs. A step whose iteration fails is taken in
 `TIMES` parts, the steps of the run itself, instead of being tried again. It is given up where its work would be more
-than a share of the run's (`MOST`), and the estimate then ends there.
+than a share of the run's (`MOST`). The estimate ends there, or where most steps begin to be taken in parts.
 
 How far impacts carry a small difference of the start, from a second run of a reduced model.
 
@@ -33,7 +33,7 @@ much as that where it is a little earlier.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -41,16 +41,14 @@ import numpy as np
 
 from pgmp_petsc.base.errors import Remark, gathered, warning
 from pgmp_petsc.base.errors import note as said
-from pgmp_petsc.base.progress import Progress
-from pgmp_petsc.models import Model, ReducedModel
-from pgmp_petsc.outputs.rainflow import counted_after
+from pgmp_petsc.models import Model, OutputRecord, ReducedModel
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.controllers import derivatives_read
 from pgmp_petsc.scene.numerics import Simulation, count_steps
 from pgmp_petsc.scene.outputs import models_alone
 from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Run, StateRecord, integrate
-from pgmp_petsc.stepping.second_order_system import PooledObserver, Scheme, SecondOrderSystem, State
+from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem
 from pgmp_petsc.stepping.status import Status
 
 TIMES = 5  # steps of the run in one of the coarser run
@@ -70,6 +68,7 @@ RUBS = 0.015  # of it, from which on they move what has friction or stops
 BRIEF = 10.0  # steps of the coarser run in a contact whose force it follows
 ROUGH = 7.0  # the mean, on a logarithmic scale, of 24 and 2
 SOME = 0.1  # of the steps, taken in parts, from which on an estimate is unsure
+CROWDED = 0.5  # of `APART` of them, from which on it ends: changes of step set off what is seen then
 
 
 @dataclass(frozen=True)
@@ -83,6 +82,7 @@ class CoarserRun:
     status: np.ndarray  # status, failure_time: of every sample; FINE and NaN where only the work was too much
     failure_time: np.ndarray
     divided: np.ndarray  # share of the steps that were taken in parts, shape (n_samples,)
+    until: np.ndarray  # time from which on most were, shape (n_samples,), s; infinite where there is none
     #: time between two crossings of an edge, the shortest, shape (n_samples,), s; infinite where there is none
     shortest: np.ndarray
 
@@ -103,15 +103,15 @@ def run_coarser(
     simulation: Simulation,
     alive: np.ndarray,
     of: Run | None = None,
-    bar: Progress | None = None,
+    pulse: Callable[[int], object] = lambda n_steps: None,
 ) -> CoarserRun:
     """Run the samples `alive`, shape (n_samples,), of a system again, with a coarser step than the run's. Collective on
     ``system.comm``.
 
-    The run `of` says what it took; there is no limit where it is not given.
+    The run `of` says what it took; there is no limit where it is not given. `pulse` is called with numbers of steps.
     """
     coarse = coarser(simulation)
-    n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, bar)
+    n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, pulse)
     stepper = GeneralisedAlpha(
         system, coarse.spectral_radius, coarse.duration, n_steps, alive, np.array([0]), record, pulse=None, parts=TIMES
     )
@@ -133,41 +133,27 @@ def run_coarser(
         spent = work(stepper, stepper.n_done)
         dearest = max(dearest, (spent - before) / (stepper.n_done - begun))
     time, found = record.outputs()
+    until, divided = _taken_in_parts(stepper)
     failed = time[:, None] >= np.where(stepper.status == Status.FINE, np.inf, stepper.failure_time)
+    failed |= time[:, None] > until
     outputs = {name: np.where(failed, np.nan, values) for name, values in found.items()}
-    divided = stepper.n_divided / max(stepper.n_done, 1)
     return CoarserRun(
-        coarse.duration / n_steps, time, outputs, stepper.status, stepper.failure_time, divided,
+        coarse.duration / n_steps, time, outputs, stepper.status, stepper.failure_time, divided, until,
         stepper.shortest_crossing,
     )  # fmt: skip
 
 
-class OutputRecord(PooledObserver):
-    """Keeps what the outputs are made of after every step; observes a run."""
-
-    def __init__(self, model: Model, system: SecondOrderSystem, bar: Progress | None = None) -> None:
-        self._model, self._system = model, system
-        self._observed: list[np.ndarray] = []
-        self._together = system.n_samples == 1 and hasattr(model, "observed_over")
-        super().__init__(system.instants_at_once if self._together else 1, bar)
-
-    def see(self, first: int, states: State) -> None:
-        """Evaluate states."""
-        times = self.times[first:]
-        if self._together:
-            frames = self._system.frames_over(states)
-            self._observed.append(self._model.observed_over(self._system, states, frames, times))
-        else:
-            self._observed += [self._model.observed(self._system, states.at(k), at) for k, at in enumerate(times)]
-
-    def outputs(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the instants (n_t,), s, and every output (n_t, n_samples)."""
-        self.finish()
-        time = np.array(self.times)
-        with np.errstate(all="ignore"):
-            found = self._model.outputs.evaluate(np.concatenate(self._observed, axis=-1))
-        found = {name: values.reshape(time.size, -1) for name, values in found.items()}
-        return time, counted_after(self._model.outputs.counts, time, found, self._system.values)
+def _taken_in_parts(stepper: GeneralisedAlpha) -> tuple[np.ndarray, np.ndarray]:
+    """Return from what time on most steps of a run were taken in parts, s, infinite where there is none, and the share
+    of those before, each (n_samples,)."""
+    parted = np.zeros((stepper.n_done + 1, stepper.status.size))
+    for number, samples in stepper.divided:
+        parted[number + 1] += samples
+    before = parted.cumsum(axis=0)
+    crowded = before[APART:] - before[:-APART] > CROWDED * APART
+    first = np.where(crowded.any(axis=0), crowded.argmax(axis=0) if len(crowded) else 0, stepper.n_done)
+    share = np.take_along_axis(before, first[None], axis=0)[0] / np.maximum(first, 1)
+    return np.where(first < stepper.n_done, stepper.instants[first], np.inf), share
 
 
 def coarser(simulation: Simulation) -> Simulation:

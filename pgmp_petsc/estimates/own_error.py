@@ -144,6 +144,8 @@ def step_remarks(
     why = f"would take more than {100 * MOST:g} % of the run's own price, and was given up"
     if other.status[0] != Status.FINE:
         why = f"stopped at {other.failure_time[0]:.4g} s ({Status(other.status[0]).meaning})"
+    if np.isfinite(other.until[0]):
+        why = f"failed in most of its steps from {other.until[0]:.4g} s on"
     if errors is None:
         half = f"compare with half the step (--override simulation.step={0.5 * model.scene.simulation.step:.3g})"
         unknown = warning(f"errors of the time step were not estimated: {with_step} {why}; {half}")

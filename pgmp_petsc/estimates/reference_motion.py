@@ -37,7 +37,7 @@ from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.mechanism import Mechanism
 
 # us of one core: an unknown of a beam with its neighbours, a pair of unknowns of a condensed body
-OF_BEAM, OF_PAIR = 0.8, 0.17
+OF_BEAM, OF_PAIR = 0.8, 0.02
 DEAR = 4e6  # us that the evaluations of a sample may take
 FINER = 4  # steps of the run that is followed in one of the run itself
 MOST, LEAST = 8000, 100  # evaluations
@@ -109,7 +109,7 @@ def price_of_evaluation(mechanism: Mechanism) -> float:
     price = 0.0
     for body in mechanism.bodies:
         n = mechanism.space.n_pose * body.n_nodes + body.n_internal
-        price += OF_PAIR * n**2 if body.dense else OF_BEAM * n
+        price += OF_PAIR * n**2 if body.dense or body.blocks("floating") else OF_BEAM * n
     return price
 
 

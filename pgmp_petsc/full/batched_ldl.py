@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import fused
 
-MOST_LISTED, MOST_TARGETS = 2**15, 2**19  # products
+MOST_LISTED = 2**15  # products
 
 
 @dataclass(frozen=True)
@@ -50,19 +50,22 @@ class Symbolic:
 
     @cached_property
     def products(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Products that the factorisation takes off, column by column: the first of each column, shape (n + 1,), and
-        both factors of each and what it is taken from, (n_products,), numbered with the diagonal in front.
+        """Products that the factorisation takes off, column by column.
 
-        Columns of a mechanism of beams have a few entries each, and loops over them end before a processor has guessed
-        that they will. Of larger matrices factors are not listed, which lie one behind the other; of the largest ones
-        nothing is, as the list would not stay in the cache.
+        Of small matrices the first of each column, shape (n + 1,), and both factors of each and what it is taken from,
+        (n_products,), numbered with the diagonal in front: columns of a mechanism of beams have a few entries each, and
+        loops over them end before a processor has guessed that they will. Of larger ones nothing but, in place of what
+        one product is taken from, where the stretches begin whose entries lie one behind the other in both columns, and
+        how long they are, (n_stretches,).
         """
         n_below = np.diff(self.starts)
-        firsts, none = np.concatenate([[0], np.cumsum(n_below * (n_below + 1) // 2)]), np.zeros(0, dtype=np.uint32)
-        if firsts[-1] > MOST_TARGETS:
-            return firsts[:0], none, none, none
-        one, other, target = _listed(self.starts, self.rows, firsts)
-        return (firsts[:0], none, none, target) if firsts[-1] > MOST_LISTED else (firsts, one, other, target)
+        firsts = np.concatenate([[0], np.cumsum(n_below * (n_below + 1) // 2)])
+        if firsts[-1] > MOST_LISTED:
+            n = _stretches(self.starts, self.rows, np.empty((2, 0), dtype=np.uint32))
+            found = np.empty((2, n), dtype=np.uint32)
+            _stretches(self.starts, self.rows, found)
+            return firsts[:0], np.zeros(0, dtype=np.uint32), found[1], found[0]
+        return firsts, *_listed(self.starts, self.rows, firsts)
 
     def position(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
         """Return where matrix entries (unknown numbers) are stored: entry of L, or ``-1 - k`` on the diagonal."""
@@ -139,6 +142,27 @@ def _listed(starts, rows, firsts):
 
 
 @njit(cache=True, error_model="numpy")
+def _stretches(starts, rows, found):
+    """Count the stretches of products below the diagonal, and fill beginnings and lengths, (2, n), as far as there is
+    room; see `Symbolic.products`."""
+    n, count = starts.size - 1, 0
+    for k in range(n):
+        for b in range(starts[k], starts[k + 1]):
+            a, at = b + 1, starts[rows[b]]
+            while a < starts[k + 1]:
+                # the rows below are among those of their column
+                while rows[at] != rows[a]:
+                    at += 1
+                first = at
+                while a < starts[k + 1] and at < starts[rows[b] + 1] and rows[at] == rows[a]:
+                    a, at = a + 1, at + 1
+                if count < found.shape[1]:
+                    found[0, count], found[1, count] = n + first, at - first
+                count += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy")
 def factorise(starts, rows, products, matrix):
     """Factorise in place: the diagonal becomes the inverse of D, and the rest ``L D``.
 
@@ -158,30 +182,19 @@ def factorise(starts, rows, products, matrix):
             for at in range(firsts[k], firsts[k + 1]):
                 matrix[target[at]] = fused(-(matrix[one[at]] * inverse), matrix[other[at]], matrix[target[at]])
         return
-    if target.size:
-        product = 0
-        for k in range(n):
-            inverse, end = 1.0 / matrix[k], n + starts[k + 1]
-            matrix[k] = inverse
-            for b in range(n + starts[k], end):
-                scaled = -(matrix[b] * inverse)
-                for a in range(b, end):
-                    at = target[product]
-                    matrix[at] = fused(scaled, matrix[a], matrix[at])
-                    product += 1
-        return
+    stretch = 0
     for k in range(n):
         inverse, end = 1.0 / matrix[k], n + starts[k + 1]
         matrix[k] = inverse
         for b in range(n + starts[k], end):
-            column, scaled = rows[b - n], -(matrix[b] * inverse)
+            column, scaled, a = rows[b - n], -(matrix[b] * inverse), b + 1
             matrix[column] = fused(scaled, matrix[b], matrix[column])
-            # the rows below are among those of their column: where one lies, the next lies behind it
-            at = n + starts[column]
-            for a in range(b + 1, end):
-                while rows[at - n] != rows[a - n]:
-                    at += 1
-                matrix[at] = fused(scaled, matrix[a], matrix[at])
+            while a < end:
+                at, length = target[stretch], other[stretch]
+                source, into = matrix[a : a + length], matrix[at : at + length]
+                for i in range(length):  # views, so that the loop is one of vectors
+                    into[i] = fused(scaled, source[i], into[i])
+                a, stretch = a + length, stretch + 1
 
 
 @njit(cache=True, error_model="numpy")

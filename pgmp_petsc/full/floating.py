@@ -59,6 +59,20 @@ def _read(dofs, axes, alpha, q, v, a, one):
         one.x[i], one.x1[i], one.x2[i] = q[dof], v[dof], a[dof] + alpha * v[dof]
 
 
+@njit(error_model="numpy", forceinline=True)
+def _add_row(table, place, first, last, columns, x, into):
+    """Add entries of a row, numbered from the place of their matrix in the table, times x."""
+    length = last - first
+    if length and columns[last - 1] - columns[first] == length - 1:
+        row, some = table[place + first : place + last], into[columns[first] : columns[first] + length]
+        for k in range(length):  # one behind the other in both views, so that the loop is one of vectors
+            some[k] = fused(row[k], x, some[k])
+    else:
+        for entry in range(first, last):
+            column = columns[entry]
+            into[column] = fused(table[place + entry], x, into[column])
+
+
 @njit(error_model="numpy")
 def _shape(body, axes, one, shaped):
     """Fill the moments of the deformed body, a `View`."""
@@ -77,16 +91,14 @@ def _shape(body, axes, one, shaped):
         shaped.h[j] = zero
     for l in range(d):
         for k in range(d):
-            at = (l * d + k) * n
-            spin = one.spin[k, l]
+            at, g = (l * d + k) * n, shaped.g[l, k]
             shaped.bent[l, k] = shaped.bending[l, k] = zero
             for j in range(n):
-                total, rate = table[mixed + at + j], zero
-                for entry in range(rows[at + j], rows[at + j + 1]):
-                    total = fused(table[both + entry], one.x[columns[entry]], total)
-                    rate = fused(table[both + entry], one.x1[columns[entry]], rate)
-                shaped.g[l, k, j] = total  # int rho w_l Psi_k
-                shaped.h[j] = fused(spin, rate, shaped.h[j])
+                g[j] = table[mixed + at + j]  # int rho w_l Psi_k
+            for i in range(n):
+                row = (k * d + l) * n + i  # int rho Psi_l,i Psi_k
+                _add_row(table, both, rows[row], rows[row + 1], columns, one.x[i], g)
+                _add_row(table, both, rows[row], rows[row + 1], columns, one.spin[k, l] * one.x1[i], shaped.h)
             for i in range(n if bends >= 0 else 0):
                 total, rate, row = zero, zero, bends + at + i
                 for entry in range(rows[row], rows[row + 1]):
@@ -144,13 +156,12 @@ def _push(body, axes, beta, one, shaped, force, pull):
                 turned += one.d[k, c] * one.d2[l, c]  # d_k.d_l''
             for j in range(n):
                 force[d + d * d + j] = fused(turned, shaped.g[l, k, j], force[d + d * d + j])
-    for j in range(n):
-        total = force[d + d * d + j]
-        for entry in range(rows[d * d * n + j], rows[d * d * n + j + 1]):
-            i = columns[entry]
-            total = fused(table[own + entry], one.x2[i], total)
-            total = fused(table[stiffness + entry], fused(beta, one.x1[i], one.x[i]), total)
-        force[d + d * d + j] = total
+    on_amplitudes = force[d + d * d :]
+    for i in range(n):
+        row = d * d * n + i
+        _add_row(table, own, rows[row], rows[row + 1], columns, one.x2[i], on_amplitudes)
+        stretched = fused(beta, one.x1[i], one.x[i])
+        _add_row(table, stiffness, rows[row], rows[row + 1], columns, stretched, on_amplitudes)
 
 
 @njit(error_model="numpy")

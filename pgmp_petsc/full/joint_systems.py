@@ -393,26 +393,23 @@ class JointBatch(FullBatch):
         return self.full.frames(self._in_unknowns(state))
 
     def unknowns_over(self, states: State) -> list[np.ndarray]:
-        """Return the unknowns of all frames, their velocities and accelerations, (n_dofs, n) each."""
+        """Return the unknowns of all frames, their velocities and accelerations; see `FullSystem`."""
         return self.full.unknowns_over(self._all_in_unknowns(states))
 
     def frames_over(self, states: State) -> np.ndarray:
-        """Return the frames of all nodes of the only sample in these states, shape (n_nodes, n_frame, n)."""
+        """Return the frames of all nodes in states with a leading axis; see `FullSystem`."""
         return self.full.frames_over(self._all_in_unknowns(states))
 
-    def energies(self, time: float, state: State) -> Energies:
-        """Return energies and powers at an instant, each of shape (n_samples,)."""
-        return self.full.energies(time, self._in_unknowns(state))
-
     def energies_over(self, times: Sequence[float], states: State) -> Energies:
-        """Return energies and powers of the only sample in these states, each of shape (n,)."""
+        """Return energies and powers in states with a leading axis; see `FullSystem`."""
         return self.full.energies_over(times, self._all_in_unknowns(states))
 
     def _all_in_unknowns(self, states: State) -> State:
-        """Return states of the only sample in its unknowns; frames, energies and outputs ask for the same ones."""
+        """Return states with a leading axis in unknowns; frames, energies and outputs ask for the same ones."""
         if self._shown[0] is not states:
-            every = self._in_unknowns(State(*(part[:, 0] for part in states.parts())))
-            self._shown = states, State(*(part[:, None] for part in every.parts()))
+            shape = states.q.shape[:2]
+            every = self._in_unknowns(states.merged())
+            self._shown = states, State(*(part.reshape(*shape, *part.shape[1:]) for part in every.parts()))
         return self._shown[1]
 
 

@@ -44,6 +44,7 @@ from pgmp_petsc.stepping.status import Status
 # A call from Python costs what some tens of steps of a small mechanism do. What lies behind an edge that is crossed is
 # taken again
 STEPS_AT_ONCE, BEFORE_EDGES = 200, 32
+STATES_AT_ONCE = 256  # of all samples, whose frames and energies are evaluated together
 LARGEST = 2**18  # unknowns of all samples and steps that are kept from a call
 Gains = tuple[float, float, float]  # of velocities, accelerations and stiffness
 
@@ -53,11 +54,13 @@ class FullSystem(SecondOrderSystem):
 
     They start from `settled`, the static equilibrium of every sample, or, where joints that are off deform the
     mechanism, from `built_in`, unknowns and velocities, each (n_dofs, 1 or n_samples); without these the mechanism is
-    undeformed. `sources` change with time, `comm` shares the model, and `instants_at_once` counts states of a run whose
-    frames and energies are best evaluated together.
+    undeformed. `sources` change with time, and `comm` shares the model.
     """
 
-    instants_at_once = 1
+    @property
+    def instants_at_once(self) -> int:
+        """Instants of a run whose frames and energies are best evaluated together."""
+        return 1
 
     def __init__(
         self,
@@ -224,16 +227,17 @@ class FullSystem(SecondOrderSystem):
         self._equations.problem.actions.about[:] = np.nan
 
     def unknowns_over(self, states: State) -> list[np.ndarray]:
-        """Return what `unknowns` does of the only sample in states with a leading axis, shape (n_dofs, n) each."""
+        """Return what `unknowns` does of states with a leading axis of n_t instants, (n_dofs, n_t n_samples) each,
+        instant after instant."""
         each = (self.unknowns(states.at(k)) for k in range(len(states.q)))
         return [np.concatenate(parts, axis=1) for parts in zip(*each)]
 
     def frames_over(self, states: State) -> np.ndarray:
-        """Return the frames of all nodes of the only sample in these states, shape (n_nodes, n_frame, n)."""
+        """Return the frames of all nodes in these states, shape (n_nodes, n_frame, n_t n_samples)."""
         return np.concatenate([self.frames(states.at(k)) for k in range(len(states.q))], axis=-1)
 
     def energies_over(self, times: Sequence[float], states: State) -> Energies:
-        """Return energies and powers of the only sample in these states, each of shape (n,)."""
+        """Return energies and powers in these states, each of shape (n_t n_samples,)."""
         return joined([self.energies(time, states.at(k)) for k, time in enumerate(times)])
 
 
@@ -246,7 +250,6 @@ class FullBatch(FullSystem):
     is to be stepped `in_joints`, by a `JointBatch`, has no matrix of its own.
     """
 
-    instants_at_once = 256
     _joints: Reference | None = None  # in joint coordinates what these are
 
     def __init__(
@@ -285,6 +288,11 @@ class FullBatch(FullSystem):
     def typical_mass(self) -> np.ndarray:
         """Whose inertia the constraints are scaled to, of every sample, kg, shape (n_samples,)."""
         return self._typical_mass.ravel()[: self.n_samples]
+
+    @property
+    def instants_at_once(self) -> int:
+        """See `FullSystem`."""
+        return max(1, STATES_AT_ONCE // self.n_samples)
 
     def steps_between_looks(self, every: int | None) -> int:
         """Return how many steps make one of PETSc's TS where it does not look; see `SecondOrderSystem`."""
@@ -401,26 +409,28 @@ class FullBatch(FullSystem):
         return self._equations.frames(self.unpack(state.q), self.unpack(state.turns))
 
     def unknowns_over(self, states: State) -> list[np.ndarray]:
-        """Return the unknowns, velocities and accelerations of the only sample, (n_dofs, n); see `FullSystem`."""
-        return [part[:, 0, :, 0].T for part in (states.q, states.v, states.a)]
+        """Return unknowns, velocities and accelerations in states with a leading axis; see `FullSystem`."""
+        return [self._columns(part) for part in (states.q, states.v, states.a)]
 
     def frames_over(self, states: State) -> np.ndarray:
-        """Return the frames of the only sample, shape (n_nodes, n_frame, n); see `FullSystem`."""
-        return self._equations.frames(states.q[:, 0, :, 0].T, states.turns[:, 0, :, 0].T)
+        """Return the frames of all nodes in states with a leading axis; see `FullSystem`."""
+        return self._equations.frames(self._columns(states.q), self._columns(states.turns))
 
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, each of shape (n_samples,)."""
-        n = self._blocks.n_blocks
-        table = energies_of(
-            self._reference, self._conservative, self._sources.at(np.full(n, time)), np.arange(n), state.q, state.v,
-            state.multipliers, state.turns,
-        )  # fmt: skip
-        return self._names.energies(self.unpack(table))
+        return self.energies_over([time], State.along([state]))
 
     def energies_over(self, times: Sequence[float], states: State) -> Energies:
-        """Return energies and powers of the only sample, each of shape (n,); see `FullSystem`."""
-        parts = (states.q[:, 0], states.v[:, 0], states.multipliers[:, 0], states.turns[:, 0])
-        strengths = self._sources.at(np.array(times))
-        first = np.zeros(len(states.q), dtype=np.int64)
-        table = energies_of(self._reference, self._conservative, strengths, first, *parts)
-        return self._names.energies(table[..., 0].T)
+        """Return energies and powers in states with a leading axis; see `FullSystem`."""
+        n, shape = self._blocks.n_blocks, states.q.shape[:2]
+        flat = states.merged()
+        strengths, blocks = self._sources.at(np.repeat(times, n)), np.tile(np.arange(n), len(times))
+        table = energies_of(
+            self._reference, self._conservative, strengths, blocks, flat.q, flat.v, flat.multipliers, flat.turns
+        )  # fmt: skip
+        return self._names.energies(self._columns(table.reshape(*shape, *table.shape[1:])))
+
+    def _columns(self, parts: np.ndarray) -> np.ndarray:
+        """Return arrays of states at n_t instants as (n, n_t n_samples), instant after instant."""
+        rows = self._blocks.unpack(np.moveaxis(parts, 1, 0))
+        return np.moveaxis(rows, 0, 1).reshape(rows.shape[1], len(rows) * self.n_samples)

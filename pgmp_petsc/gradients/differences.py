@@ -10,14 +10,14 @@ bounds the error.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel, SeparateLengths
-from pgmp_petsc.stepping.second_order_system import Observer, SecondOrderSystem, State
+from pgmp_petsc.stepping.second_order_system import State
 
 AnyModel = ReducedModel | LengthLanes | ComponentModel | SeparateLengths
 SHARE = 2e-3  # of a parameter's size, that runs beside are away
@@ -118,28 +118,3 @@ def _size(model: AnyModel, values: Mapping[str, float], name: str) -> float:
             "apart is not known without its size; give it bounds"
         )
     return max(sizes)
-
-
-class OutputRecord(Observer):
-    """Keeps what outputs of a batch of component runs are made of; `pulse` is called with numbers of steps."""
-
-    def __init__(self, model: ComponentModel | SeparateLengths, system: SecondOrderSystem, pulse: Callable) -> None:
-        self._model, self._system, self._pulse = model, system, pulse
-        self._times: list[float] = []
-        self._observed: list[np.ndarray] = []
-
-    def __call__(self, number: int, time: float, state: State) -> None:
-        """Keep the state after a step."""
-        self._times.append(time)
-        self._observed.append(self._model.observed(self._system, state, time))
-        self._pulse(int(number > 0))
-
-    @property
-    def times(self) -> np.ndarray:
-        """The instants, (n_t,), s."""
-        return np.array(self._times)
-
-    def outputs(self) -> list[dict[str, np.ndarray]]:
-        """Return the outputs of every run, each (n_t,)."""
-        runs = np.moveaxis(np.array(self._observed), (2, 1, 0), (0, 1, 2))  # (n_runs, n_observed, n_t)
-        return [self._model.outputs.evaluate(np.ascontiguousarray(run)) for run in runs]

@@ -50,10 +50,10 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.gradients.contacts import Contact, Contacts
-from pgmp_petsc.gradients.differences import AnyModel, Differences, OutputRecord, why_differences
+from pgmp_petsc.gradients.differences import AnyModel, Differences, why_differences
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised, factorise, hold, substitute
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel, SeparateLengths
+from pgmp_petsc.models import ComponentModel, LengthLanes, OutputRecord, ReducedModel, SeparateLengths
 from pgmp_petsc.models.reduced_statics import JointAngles
 from pgmp_petsc.outputs.rainflow import counted_after, counted_changes
 from pgmp_petsc.scene.uses import offset_directions, velocity_names
@@ -169,15 +169,16 @@ def _of_components(
             system = model.batch(own, n)
             if system.settled is not None:
                 system.settled.require()
-            record = OutputRecord(model, system, (lambda n_steps: None) if runs else pulse)
+            record = OutputRecord(model, system, *([] if runs else [pulse]))
             with np.errstate(all="ignore"):
                 done = integrate(system, attempt.simulation, observer=record)
             worst = [int(np.argmax(done.status != Status.FINE))]  # all runs with the same steps
             done = replace(done, status=done.status[worst], failure_time=done.failure_time[worst])
             if done.status[0] != Status.FINE:
                 break
-            runs += record.outputs()
-        kept[:] = [(attempt, done, record.times, runs)]
+            times, found = record.evaluated()
+            runs += [{name: values[:, k] for name, values in found.items()} for k in range(n)]
+        kept[:] = [(attempt, done, times, runs)]
         return done
 
     integrate_with_smaller_steps(once, model.scene.simulation, np.ones(1, dtype=bool))

@@ -1,7 +1,7 @@
 """The full-order, the component and the reduced model of a scene behind one interface; simulations and ensembles use
 no other."""
 
-from pgmp_petsc.models.full import ComponentModel, FullModel
+from pgmp_petsc.models.full import ComponentModel, FullModel, OutputRecord
 from pgmp_petsc.models.lengths import LengthLanes, SeparateLengths, of_samples
 from pgmp_petsc.models.model import Model
 from pgmp_petsc.models.reduced import ReducedModel
@@ -15,6 +15,7 @@ __all__ = [
     "FullModel",
     "LengthLanes",
     "Model",
+    "OutputRecord",
     "ReducedModel",
     "SeparateLengths",
     "of_samples",

@@ -23,7 +23,7 @@ from pgmp_petsc.full.distributed import FullDistributed, FullStatics
 from pgmp_petsc.full.joint_systems import JointBatch
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.full.rank_solver import PREFIX
-from pgmp_petsc.full.systems import FullBatch
+from pgmp_petsc.full.systems import FullBatch, FullSystem
 from pgmp_petsc.lanes.lane_items import SampleBlocks
 from pgmp_petsc.mechanism.closure import LARGEST_GAP
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -32,11 +32,12 @@ from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import Measures, require_lengths, search_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.ranks.petsc import has_options
 from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import offset_names
-from pgmp_petsc.stepping.second_order_system import Settled, State
+from pgmp_petsc.stepping.second_order_system import PooledObserver, Settled, State
 from pgmp_petsc.stepping.static_equilibrium import UNBALANCED, moved_along, require_balance, settle
 
 if TYPE_CHECKING:
@@ -339,43 +340,35 @@ class FullModel:
     def observed(self, system: FullBatch | FullDistributed, state: State, time: float = 0.0) -> np.ndarray:
         """Return what the outputs are made of at a time (s), shape (n_observed, n_samples). Collective on the system's
         communicator."""
-        return self.observed_in(system, state, system.frames(state), time)
-
-    def observed_in(
-        self, system: FullBatch | FullDistributed, state: State, frames: np.ndarray, time: float
-    ) -> np.ndarray:
-        """Return what `observed` does where the frames of all nodes (n_nodes, n_frame, n_samples) are known."""
-        return self._observed(system, lambda: system.unknowns(state), lambda _: state, frames, [time])
+        return self.observed_over(system, State.along([state]), [time])
 
     def observed_over(
-        self, system: FullBatch | FullDistributed, states: State, frames: np.ndarray, times: Sequence[float]
-    ) -> np.ndarray:
-        """Return what the outputs are made of in states of the only sample with a leading axis, at times (s), shape
-        (n_observed, n). Collective on the system's communicator.
-
-        Frames are of all nodes in these states, shape (n_nodes, n_frame, n).
-        """
-        return self._observed(system, lambda: system.unknowns_over(states), states.at, frames, times)
-
-    def _observed(
         self,
         system: FullBatch | FullDistributed,
-        unknowns: Callable[[], list[np.ndarray]],
-        state: Callable[[int], State],
-        frames: np.ndarray,
+        states: State,
         times: Sequence[float],
+        frames: np.ndarray | None = None,
     ) -> np.ndarray:
+        """Return what the outputs are made of in states with a leading axis, at times (n_t,), s, shape (n_observed, n_t
+        n_samples), instant after instant. Collective on the system's communicator.
+
+        Frames are those of `FullSystem.frames_over`, where they are at hand.
+        """
+        frames = system.frames_over(states) if frames is None else frames
         q = v = a = None
         if self._stresses is not None or self.outputs.order:
-            q, v, a = unknowns()
+            q, v, a = system.unknowns_over(states)
         multipliers = None
         if self.outputs.forces:
-            each = [system.joint_multipliers(time, state(k)) for k, time in enumerate(times)]
+            each = [system.joint_multipliers(time, states.at(k)) for k, time in enumerate(times)]
             multipliers = np.concatenate(each, axis=1)
         beside = None
         if self.outputs.beside:
             beside = system.beside.forces(np.array(times), AFTER)[:, 0].T
-        return self.observed_of(np.array(times), frames, system.values, q, v, a, multipliers, beside)
+        time, values = np.repeat(times, system.n_samples), system.values
+        if system.n_samples > 1:
+            values = {name: np.tile(value, len(times)) for name, value in values.items()}
+        return self.observed_of(time, frames, values, q, v, a, multipliers, beside)
 
     def observed_of(
         self, time: np.ndarray, frames: np.ndarray, values: Mapping[str, np.ndarray | float],
@@ -446,3 +439,30 @@ class ComponentModel(FullModel):
     def n_amplitudes(self) -> dict[str, int]:
         """Number of component modes of every flexible body."""
         return {body.name: body.n_amplitudes for body in self.kinematics.mechanism.bodies if body.n_amplitudes}
+
+
+class OutputRecord(PooledObserver):
+    """Keeps what the outputs are made of after every step of full-order or component samples; observes a run."""
+
+    def __init__(
+        self, model: FullModel, system: FullSystem, pulse: Callable[[int], object] = lambda n_steps: None
+    ) -> None:
+        self._model, self._system = model, system
+        self._observed: list[np.ndarray] = []
+        super().__init__(system.instants_at_once, pulse)
+
+    def see(self, first: int, states: State) -> None:
+        """Evaluate states."""
+        self._observed.append(self._model.observed_over(self._system, states, self.times[first:]))
+
+    def evaluated(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Return the instants (n_t,), s, and every output (n_t, n_samples), before anything is counted."""
+        self.finish()
+        with np.errstate(all="ignore"):
+            found = self._model.outputs.evaluate(np.concatenate(self._observed, axis=-1))
+        return np.array(self.times), {name: values.reshape(len(self.times), -1) for name, values in found.items()}
+
+    def outputs(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Return the instants (n_t,), s, and every output (n_t, n_samples)."""
+        time, found = self.evaluated()
+        return time, counted_after(self._model.outputs.counts, time, found, self._system.values)

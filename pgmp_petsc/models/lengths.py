@@ -121,15 +121,14 @@ class SeparateLengths:
 
     def observed(self, system: SecondOrderSystem, state: State, time: float = 0.0) -> np.ndarray:
         """Return the outputs, shape (n_outputs, n_samples). Collective on the system's communicator."""
-        own = self._models[system]
-        return _stacked(own.outputs.evaluate(own.observed(system, state, time)), system.n_samples)
+        return self.observed_over(system, State.along([state]), [time])
 
     def observed_over(
-        self, system: SecondOrderSystem, states: State, frames: np.ndarray, times: Sequence[float]
+        self, system: SecondOrderSystem, states: State, times: Sequence[float], frames: np.ndarray | None = None
     ) -> np.ndarray:
         """Return the outputs in states of the only sample, shape (n_outputs, n); see `FullModel.observed_over`."""
         own = self._models[system]
-        return _stacked(own.outputs.evaluate(own.observed_over(system, states, frames, times)), len(times))
+        return _stacked(own.outputs.evaluate(own.observed_over(system, states, times, frames)), len(times))
 
     def closes(self, values: Mapping[str, np.ndarray], alive: np.ndarray) -> np.ndarray:
         """Return which samples, of those `alive`, shape (n,), have lengths of which a mechanism can be put together."""

@@ -104,7 +104,7 @@ class AlphaStep:
     spectral_radius
         Of the scheme at infinite frequency.
     patient
-        Whether an iteration that fails is tried again with factors of its own, and with limited corrections.
+        Whether an iteration that fails with factors of its own is tried again with limited corrections.
 
     Attributes
     ----------
@@ -159,15 +159,11 @@ class AlphaStep:
         """
         scheme, known = self.scheme(step), np.full(samples.size, FIRST_CONTRACTION)
         coasting = _coasting(scheme, moment)
-        if not self._patient:
-            again = moment._replace(before=2.0 * moment.state.a - coasting, contraction=known)
-            taken = self.take(again, np.array([end]), step, samples)
-            return taken.after(1, moment.state.a.copy()), taken.lost
         predicted = _predicted(scheme, step, moment, coasting)
         state = predicted.copy()
         lost, n_corrections, n_calls = iterate(self._system, end, state, scheme, samples, 1, known.copy())
         self.count(n_corrections, n_calls, n_calls)
-        if lost.any():
+        if lost.any() and self._patient:
             self._system.restore(state, predicted, lost)
             lost = self._iterate_carefully(end, state, scheme, lost)
         if self._projects:

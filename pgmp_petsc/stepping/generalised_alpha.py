@@ -78,6 +78,11 @@ class Together(Observer):
         for observer in self.observers:
             observer.over(numbers, times, trail)
 
+    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        """Show the states after many steps of another system to all."""
+        for observer in self.observers:
+            observer.over_states(numbers, times, states)
+
 
 class StateRecord(Observer):
     """Keeps all states of a batch of reduced runs; `pulse` is called with numbers of steps."""
@@ -126,8 +131,8 @@ class GeneralisedAlpha:
         Numbers of the steps at which the driver sees the state, 0 and the last one included.
     n_done
         Steps that are behind it.
-    n_divided
-        Steps of every sample that were taken in parts, shape (n_samples,).
+    divided
+        Steps that were taken in parts, in order: their numbers, and masks of the samples, shape (n_samples,).
     counted
         See `AlphaStep`.
     """
@@ -152,7 +157,7 @@ class GeneralisedAlpha:
         if system.settled is not None:
             self._retire(alive & system.settled.lost, Status.NO_EQUILIBRIUM, 0.0)
         self._stepper = AlphaStep(system, spectral_radius, patient=parts == 1)
-        self._finer, self.n_divided = AlphaStep(system, spectral_radius), np.zeros(system.n_samples, dtype=int)
+        self._finer, self.divided = AlphaStep(system, spectral_radius), list[tuple[int, np.ndarray]]()
         self.counted = self._finer.counted = self._stepper.counted
         self.instants, self.stops, self.n_done = instants(duration, n_steps), stops, 0
         self._step = duration / n_steps
@@ -284,7 +289,7 @@ class GeneralisedAlpha:
         ahead = before.state.a + (before.auxiliary - before.state.a) / self._parts
         moment = standing(before.state, ahead, samples.size)
         events = None if self._events is None else self._events.by(self._finer)
-        self.n_divided += samples
+        self.divided.append((number, samples.copy()))
         ends = np.append(begin + step * np.arange(1, self._parts), self.instants[number + 1])
         for end in ends.tolist():
             going = samples & ~lost

@@ -7,6 +7,7 @@ The balance of energy of many samples, summed up while they run; `results.estima
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
@@ -14,7 +15,6 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.base.progress import Progress
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.mechanism.mechanism import Coordinate
 
@@ -51,6 +51,10 @@ class State:
     def along(cls, states: Sequence[State], join: Callable = np.stack) -> State:
         """Return the mechanics of states with a leading axis of instants; `np.concatenate` joins those with one."""
         return cls(*(join(parts) for parts in zip(*(state.parts() for state in states))))
+
+    def merged(self) -> State:
+        """Return the mechanics with the first two axes of all arrays as one."""
+        return State(*(part.reshape(math.prod(part.shape[:2]), *part.shape[2:]) for part in self.parts()))
 
     def at(self, number: int | slice) -> State:
         """Return one or some of states whose arrays have a leading axis of instants, sharing memory."""
@@ -170,7 +174,8 @@ class Observer:
 
 
 class PooledObserver(Observer):
-    """Sees states of a run, with a leading axis of instants, as many at once as a system is quickest with.
+    """Sees states of a run, with a leading axis of instants, as many at once as a system is quickest with; `pulse` is
+    called with numbers of steps.
 
     Attributes
     ----------
@@ -178,8 +183,8 @@ class PooledObserver(Observer):
         Instants so far, s.
     """
 
-    def __init__(self, at_once: int, bar: Progress | None = None) -> None:
-        self._at_once, self._bar, self._waiting = at_once, bar, []
+    def __init__(self, at_once: int, pulse: Callable[[int], object] = lambda n_steps: None) -> None:
+        self._at_once, self._pulse, self._waiting = at_once, pulse, []
         self.times: list[float] = []
 
     def see(self, first: int, states: State) -> None:
@@ -196,8 +201,7 @@ class PooledObserver(Observer):
         self._waiting.append(states)
         if sum(len(one.q) for one in self._waiting) >= self._at_once:
             self.finish()
-        if self._bar is not None:
-            self._bar.update(int(np.count_nonzero(numbers)))
+        self._pulse(int(np.count_nonzero(numbers)))
 
     def finish(self) -> None:
         """See those that wait."""

@@ -5,13 +5,12 @@ The balance of energy of a run, drawn up from what its model knew at every step.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from pgmp_petsc.base.errors import Remark, gathered, warning
-from pgmp_petsc.base.progress import Progress
 from pgmp_petsc.base.units import SI, UnitSystem
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import loads_of
@@ -41,9 +40,9 @@ class FullRecord(PooledObserver):
         system: FullBatch | FullDistributed,
         fields: FullFields,
         wanted: Collection[int],
-        bar: Progress | None = None,
+        pulse: Callable[[int], object],
     ) -> None:
-        super().__init__(system.instants_at_once, bar)
+        super().__init__(system.instants_at_once, pulse)
         self._model, self._system, self._of_fields, self._wanted = model, system, fields, wanted
         self._outputs: list[np.ndarray] = []
         self._coordinates: list[np.ndarray] = []
@@ -77,7 +76,7 @@ class FullRecord(PooledObserver):
         times = self.times[first:]
         every = self._system.frames_over(states)
         self._energies.append(self._system.energies_over(times, states))
-        self._outputs.append(self._model.observed_over(self._system, states, every, times))
+        self._outputs.append(self._model.observed_over(self._system, states, times, every))
         self._coordinates.append(self._measured(every))
         wanted = [k for k in range(len(times)) if first + k in self._wanted]
         self._frames += [every[..., k] for k in wanted]

@@ -190,7 +190,7 @@ def _full_on_all_ranks(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory
         with system:
             with timings.phase("integration"), _progress(model.title, attempt, comm) as bar:
                 started[:] = start_remarks(model.scene, system)
-                record = FullRecord(model, system, fields, frame_steps(simulation), bar)
+                record = FullRecord(model, system, fields, frame_steps(simulation), bar.update)
                 done = integrate(system, simulation, observer=record)
                 outputs, recorded, seen = record.outputs(), record.recorded(), record.fields()
             part = _Part.of(model, done, attempt, record.times, outputs, **recorded)
@@ -233,7 +233,7 @@ def _coarser(
     simulation = part.attempt.simulation
     title = f"{model.title} with a coarser step, for the error of the step"
     with timings.phase("errors"), progress(count_steps(*_span(coarser(simulation))), title, comm) as bar:
-        return run_coarser(model, system, simulation, np.ones(1, dtype=bool), part.run, bar)
+        return run_coarser(model, system, simulation, np.ones(1, dtype=bool), part.run, bar.update)
 
 
 def _step_errors(model: FullModel, part: _Part) -> tuple[EstimatedErrors | None, list[Remark]]:

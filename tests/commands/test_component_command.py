@@ -87,7 +87,9 @@ def test_which_model_to_take_is_predicted_and_measured(tmp_path: Path) -> None:
     # the bearing and 5 motors
     found = json.loads(pgmp("check", ROOT / "scenes/payload_arm.toml", "--json").stdout)
     assert found["models"]["components"]["unknowns"] == 28 + 7 + 9 + 12 and found["take"].startswith("components; ")
-    quick = overridden("simulation.duration=0.02", "reduction.modes=1", "initial={}", "ensemble.batch=4")
+    quick = overridden(
+        "simulation.duration=0.02", "simulation.step=1e-3", "reduction.modes=1", "initial={}", "ensemble.batch=4"
+    )
     said = pgmp("tradeoff", PALLETIZER, "--quick", *quick, "-o", tmp_path / "costs.h5").stdout
     assert "no reduced model is compared: coordinates: waist, shoulder, drive, wrist" in said
     assert "Which model, for 1 % in every output: component modes" in said

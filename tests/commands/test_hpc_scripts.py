@@ -419,17 +419,17 @@ def test_heads_leave_variables_to_the_one_who_submits() -> None:
 
 def test_samples_are_taken_up_on_other_ranks(checkout: Path, rom: Path) -> None:
     """The real program: one uninterrupted PBS job, and two Slurm jobs of which the first is stopped."""
-    given = {"ROM": rom, "SAMPLES": 120, "SEED": 5, "EXTRA": "--override ensemble.batch=1"}
+    given = {"ROM": rom, "SAMPLES": 80, "SEED": 5, "EXTRA": "--override ensemble.batch=1"}
     run(checkout, "montecarlo.pbs", OUTPUT=checkout / "whole.h5", RANKS=1, **given)
     given |= {"OUTPUT": checkout / "parts.h5"}
     job = start(checkout, "montecarlo.slurm", RANKS=2, **given)
     stop(job, checkout / "parts.h5.partial" / "*.npz")
     assert "pgmp: stopped by SIGUSR1: what was finished is kept in" in ended(job, STOPPED)[1]
     assert calls(checkout)[-1] == "scontrol requeue 17" and not (checkout / "parts.h5").exists()
-    assert "120 samples" in run(checkout, "montecarlo.slurm", RANKS=1, **given)[0]
+    assert "80 samples" in run(checkout, "montecarlo.slurm", RANKS=1, **given)[0]
     assert calls(checkout)[-1] == "srun 1"
     whole, parts = (Ensemble.read(checkout / name) for name in ("whole.h5", "parts.h5"))
-    assert (parts.record.seed, len(parts.status)) == (5, 120)
+    assert (parts.record.seed, len(parts.status)) == (5, 80)
     for name, values in whole.outputs.items():
         np.testing.assert_array_equal(parts.outputs[name], values)
 

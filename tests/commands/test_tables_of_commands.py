@@ -11,8 +11,9 @@ import h5py
 import numpy as np
 import pytest
 import synthetic
-from conftest import ROOT, TIMEOUT_SECONDS
-from runs import SMALL, paper_scene, rom_of, said
+import warm_start
+from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
+from runs import PGMP, SMALL, paper_scene, rom_of, said
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.cli.declared import painter
@@ -167,7 +168,7 @@ import fcntl, os, pty, struct, sys, termios
 child, terminal = pty.fork()
 if not child:
     fcntl.ioctl(1, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 80, 0, 0))
-    os.execv(sys.executable, [sys.executable, "-m", "pgmp_petsc.cli.main", *sys.argv[1:]])
+    os.execv(sys.argv[1], sys.argv[1:])
 try:
     while seen := os.read(terminal, 65536):
         sys.stdout.buffer.write(seen)
@@ -179,9 +180,10 @@ sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 
 def at_terminal(folder: Path, *words: object, status: int = 0, **variables: str) -> str:
     """Return what a person sees in a folder at a terminal of 80 columns."""
-    surroundings = {name: value for name, value in os.environ.items() if name != "NO_COLOR"} | variables
-    command = [sys.executable, "-c", TERMINAL, *map(str, words)]
-    surroundings = {"TERM": "xterm", "PYTHONPATH": str(ROOT)} | surroundings
+    surroundings = {"TERM": "xterm"} | os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": str(ROOT)} | variables
+    if not variables:
+        surroundings.pop("NO_COLOR", None)
+    command = [sys.executable, "-c", TERMINAL, *warm_start.python(surroundings), *PGMP, *map(str, words)]
     done = subprocess.run(command, capture_output=True, env=surroundings, cwd=folder, timeout=TIMEOUT_SECONDS)
     assert done.returncode == status, done
     return done.stdout.decode().replace("\r\n", "\n")

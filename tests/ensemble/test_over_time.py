@@ -15,7 +15,7 @@ from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.status import Status
 
-STEP, N_STEPS, N = 0.01, 100, 5
+STEP, N_STEPS, N, AT_ONCE = 0.01, 100, 5, 3
 SIZES = np.array([0.5, 1.0, 2.0, 3.0, 4.0])
 EVENTS = {
     "high": {"output": "y", "above": 0.9, "when": "ever"},
@@ -34,8 +34,9 @@ class Model:
         read = {"functions": {"y": None}, "counts": {}, "takes_beside": False}
         self.outputs = SimpleNamespace(**read, evaluate=lambda observed: {"y": observed[0]})
 
-    def observed(self, system: object, state: State, time: float) -> np.ndarray:
-        return state.q.reshape(1, -1)
+    def observed_over(self, system: object, states: State, times: np.ndarray) -> np.ndarray:
+        assert len(states.q) == len(times) <= AT_ONCE
+        return states.q.reshape(1, -1)
 
 
 class Reduced(Model, ReducedModel):
@@ -49,7 +50,8 @@ def watched(model: Model, divisor: int = 1, status: np.ndarray | None = None, at
     """Return what is found of sizes * sin(2 pi t), in steps of STEP / divisor, shown one by one or many at once."""
     watcher = OverTimeWatcher(model, with_bands=True)
     simulation = model.scene.simulation.model_copy(update={"step": STEP / divisor})
-    watch = watcher.watch(Begun(SimpleNamespace(n_samples=N, values={}), {}, np.arange(N), simulation))
+    system = SimpleNamespace(n_samples=N, values={}, instants_at_once=AT_ONCE)
+    watch = watcher.watch(Begun(system, {}, np.arange(N), simulation))
     numbers = np.arange(N_STEPS * divisor + 1)
     numbers = numbers[(numbers % watch.observer.every == 0) | (numbers == numbers[-1])]
     times = numbers * STEP / divisor
@@ -58,7 +60,11 @@ def watched(model: Model, divisor: int = 1, status: np.ndarray | None = None, at
     if at_once:
         for first in range(1, times.size, at_once):
             some = slice(first, first + at_once)
-            watch.observer.over(numbers[some], times[some], trail[some])
+            if isinstance(model, Reduced):
+                watch.observer.over(numbers[some], times[some], trail[some])
+            else:
+                states = State(*np.moveaxis(trail[some], 1, 0), *np.zeros((2, len(trail[some]), 0)))
+                watch.observer.over_states(numbers[some], times[some], states)
     else:
         for number, time, parts in zip(numbers[1:], times[1:], trail[1:]):
             watch.observer(int(number), float(time), State(*parts, np.zeros(0)))

@@ -1,6 +1,7 @@
 """The error of a time step from a coarser run: free vibrations, whose exact and scheme's motion are known."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from runs import PAPER_SCENE, full_model
 from pgmp_petsc.estimates import coarser_run
 from pgmp_petsc.estimates.own_error import step_remarks, too_few_steps
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.models import FullModel
+from pgmp_petsc.models import FullModel, OutputRecord
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.stepping.alpha_step import AlphaStep
 from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha
@@ -50,7 +51,7 @@ def runs(omega: float, amplitude: float = 1.0, reach: int = N_STEPS // coarser_r
         status[0], failure[0] = Status.NOT_CONVERGED, at[reach + 1]
         coarse[reach + 1 :] = np.nan
     return time, {"x": values}, time + amplitude * np.cos(omega * time), coarser_run.CoarserRun(
-        coarser_run.TIMES * STEP, at, {"x": coarse[:, None]}, status, failure, np.zeros(1), np.full(1, np.inf)
+        coarser_run.TIMES * STEP, at, {"x": coarse[:, None]}, status, failure, np.zeros(1), *np.full((2, 1), np.inf)
     )  # fmt: skip
 
 
@@ -139,25 +140,47 @@ class _Model:
 def test_a_step_that_fails_is_taken_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where all do, the coarser run is one with the steps of the run itself, but for what starts every five of them."""
     scene, meshes = read_scene(PAPER_SCENE, ("simulation.duration=0.2",), (), MPI.COMM_SELF, Purpose.FULL)
-    model, alive, take = FullModel(scene, meshes), np.ones(1, dtype=bool), AlphaStep.take
+    model, alive = FullModel(scene, meshes), np.ones(1, dtype=bool)
+    take, retry = AlphaStep.take, AlphaStep.retry
 
     def angle(system: SecondOrderSystem, n_steps: int, parts: int) -> np.ndarray:
-        record = coarser_run.OutputRecord(model, system)
+        record = OutputRecord(model, system)
         stepper = GeneralisedAlpha(system, RADIUS, 0.2, n_steps, alive, np.array([0, n_steps]), record, None, parts)
         stepper.advance()
-        assert stepper.status[0] == Status.FINE and stepper.n_divided[0] == (n_steps if parts > 1 else 0)
+        assert stepper.status[0] == Status.FINE and len(stepper.divided) == (n_steps if parts > 1 else 0)
         return record.outputs()[1]["crank_angle"][:: n_steps // 40, 0]
 
     def failing(self: AlphaStep, moment: Moment, ends: np.ndarray, *given: object) -> StepsTaken:
         taken = take(self, moment, ends[:1], *given)
         return taken if self._patient else replace(taken, lost=alive.copy())
 
+    def failing_again(self: AlphaStep, moment: Moment, *given: object) -> tuple[Moment, np.ndarray]:
+        return retry(self, moment, *given) if self._patient else (moment, alive.copy())
+
     with model.single(scene.values, MPI.COMM_SELF) as system:
         fine, coarse = angle(system, 200, 1), angle(system, 40, 1)
         monkeypatch.setattr(AlphaStep, "take", failing)
+        monkeypatch.setattr(AlphaStep, "retry", failing_again)
         divided = angle(system, 40, coarser_run.TIMES)
     # measured: a twentieth
     assert np.abs(divided - fine).max() < 0.1 * np.abs(coarse - fine).max()
+
+
+def test_an_estimate_ends_where_most_coarser_steps_begin_to_fail() -> None:
+    """Of three samples: one that fails now and then, one from step 30 on, one at its end only."""
+    fails = np.zeros((50, 3), dtype=bool)
+    fails[::3, 0] = fails[30:, 1] = fails[-5:, 2] = True
+    steps = [(k, row) for k, row in enumerate(fails) if row.any()]
+    run = SimpleNamespace(n_done=50, status=np.zeros(3), divided=steps, instants=0.1 * np.arange(51))
+    until, share = coarser_run._taken_in_parts(run)
+    # the first ten steps of which more than half failed begin with four that did not
+    np.testing.assert_allclose(until, [np.inf, 2.6, np.inf])
+    np.testing.assert_allclose(share, [17 / 50, 0.0, 5 / 50])
+    time, outputs, _, other = runs(10.0, reach=50)
+    other = replace(other, status=np.zeros(1, dtype=int), until=other.time[50:51])
+    found = coarser_run.step_errors(_Model.scene, time, outputs, other)
+    (said,) = step_remarks(_Model(), time, outputs, other, found)
+    assert "up to 0.25 s of 1 s" in said.text and "failed in most of its steps from 0.25 s on" in said.text
 
 
 def test_kinks_of_a_largest_value_are_no_lost_vibration() -> None:

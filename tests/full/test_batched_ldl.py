@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from pgmp_petsc.full import batched_ldl
 from pgmp_petsc.full.batched_ldl import Symbolic, analyse, factorise, substitute
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import items, width_of
@@ -48,13 +49,11 @@ def stored(symbolic: Symbolic, matrices: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def solve(symbolic: Symbolic, matrices: np.ndarray, right: np.ndarray, listed: str = "all") -> np.ndarray:
-    """Solve in all lanes; right and result have shape (n_lanes, n). Listed are all numbers, targets or none."""
-    x, products = np.ascontiguousarray(right[:, symbolic.order].T), symbolic.products
-    if listed != "all":
-        products = *(part[:0] for part in products[:3]), products[3][: 0 if listed == "none" else None]
+def solve(symbolic: Symbolic, matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve in all lanes; right and result have shape (n_lanes, n)."""
+    x = np.ascontiguousarray(right[:, symbolic.order].T)
     width, matrix = width_of(len(matrices)), stored(symbolic, matrices)
-    solved(symbolic.starts, symbolic.rows, products, width, matrix, x)
+    solved(symbolic.starts, symbolic.rows, symbolic.products, width, matrix, x)
     result = np.empty_like(right)
     result[:, symbolic.order] = x.T
     return result
@@ -138,12 +137,14 @@ def test_a_lane_gives_the_same_wherever_it_is() -> None:
     )
 
 
-def test_a_sample_alone_and_a_large_matrix_give_the_same_to_the_last_bit() -> None:
+def test_a_sample_alone_and_a_large_matrix_give_the_same_to_the_last_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     matrices, multipliers = saddle_points(3)
     right = np.random.default_rng(8).normal(size=matrices.shape[:2])
-    symbolic = analysed(matrices, multipliers)
-    together = solve(symbolic, matrices, right)
-    alone = [solve(symbolic, matrices[k : k + 1], right[k : k + 1])[0] for k in range(LANES)]
-    np.testing.assert_array_equal(alone, together)
-    for listed in ("targets", "none"):
-        np.testing.assert_array_equal(solve(symbolic, matrices, right, listed), together)
+    together = solve(analysed(matrices, multipliers), matrices, right)
+    for most_listed in (batched_ldl.MOST_LISTED, 0):  # products one by one, and in stretches
+        monkeypatch.setattr(batched_ldl, "MOST_LISTED", most_listed)
+        symbolic = analysed(matrices, multipliers)
+        assert (symbolic.products[0].size == 0) is (most_listed == 0)
+        np.testing.assert_array_equal(solve(symbolic, matrices, right), together)
+        alone = [solve(symbolic, matrices[k : k + 1], right[k : k + 1])[0] for k in range(LANES)]
+        np.testing.assert_array_equal(alone, together)

@@ -68,6 +68,7 @@ def test_the_estimate_can_be_left_out() -> None:
     assert any(text.startswith("errors of the time step were not estimated: simulation.error_ind") for text in said)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_file_terminal_and_report_have_it(tmp_path: Path) -> None:
     path, page = tmp_path / "run.h5", tmp_path / "page.html"
     made = ("simulate", SLIDER_CRANK, "--full", "-o", path, "--override", "simulation.duration=0.2")
@@ -141,6 +142,7 @@ def four_bar(folder: Path, damping: float, *more: str) -> list:
     return [write_template("four_bar", folder / "fb.toml")[0], *overridden(*given)]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_nothing_is_compared_with_a_reference_that_did_no_step(tmp_path: Path) -> None:
     folder = tmp_path / "job"
     massless = ("bodies.crank.flexible=false", 'bodies.crank.section={shape="rectangle", width=1e-15, height=1e-15}')
@@ -152,6 +154,7 @@ def test_nothing_is_compared_with_a_reference_that_did_no_step(tmp_path: Path) -
     assert "stopped at 0.0005 s" in pgmp("info", folder / "better.h5", "--json").stdout
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_nobody_estimated_does_not_decide(tmp_path: Path) -> None:
     """The better run stops, errors are not estimated, and the bending is round-off of the linkage's lengths.
 

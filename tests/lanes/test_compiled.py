@@ -13,13 +13,16 @@ from pathlib import Path
 
 import numba
 import pytest
-from conftest import ROOT, TIMEOUT_SECONDS
+import warm_start
+from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from llvmlite import binding
 
 from pgmp_petsc.lanes import compiled
 
 SCRIPT = """
-import sys
+import os, sys
+import numba
+numba.config.CACHE_DIR = os.environ.get("KEPT_IN", numba.config.CACHE_DIR)
 sys.path.insert(0, sys.argv[1])
 from kernel import double
 from pgmp_petsc.lanes.compiled import cache_problem
@@ -101,7 +104,8 @@ from apart import added, halved, wrong
 from caller import quartered
 from pgmp_petsc.lanes.compiled import NotCompiledError, cache_problem
 print(quartered((2.0, 1), np.ones(3)), quartered((1.0, 1), np.ones(3)), cache_problem())
-print([sum(found.stats.cache_hits.values()) for found in (halved.linked, added.linked, quartered)], len(wrong.linked.overloads))
+hits = [sum(found.stats.cache_hits.values()) for found in (halved.linked, added.linked, quartered)]
+print(hits, len(wrong.linked.overloads))
 code = quartered.overloads[quartered.signatures[0]].library.get_llvm_str()
 print("define" in code and "mul" in code)
 try:
@@ -141,8 +145,8 @@ def kept(once: Path) -> Path:
 
 def run(module: Path, *arguments: object, **environment: str) -> subprocess.Popen[str]:
     """Start a process that calls the function with an integer and a real number."""
-    command = [sys.executable, "-c", SCRIPT, str(module / "source"), *map(str, arguments)]
-    given = os.environ | {"NUMBA_CACHE_DIR": str(module / "cache"), "PYTHONPATH": str(ROOT)} | environment
+    given = os.environ | MPI_ENVIRONMENT | {"KEPT_IN": str(module / "cache"), "PYTHONPATH": str(ROOT)} | environment
+    command = [*warm_start.python(given), "-c", SCRIPT, str(module / "source"), *map(str, arguments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=given)
 
 
@@ -260,7 +264,7 @@ def test_without_a_folder_that_can_be_written(module: Path) -> None:
     """Root may write everywhere, so a file stands where the folders would be."""
     (module / "file").write_text("")
     blocked = str(module / "file" / "cache")
-    nowhere = {"NUMBA_CACHE_DIR": blocked, "NUMBA_CACHE_LOCATOR_CLASSES": "_UserProvidedCacheLocator"}
+    nowhere = {"KEPT_IN": blocked, "NUMBA_CACHE_LOCATOR_CLASSES": "_UserProvidedCacheLocator"}
     found = printed(module, **nowhere)
     assert found.startswith("6 1.0 compiled code is not kept, and every run compiles")
     assert found.endswith("set NUMBA_CACHE_DIR to a folder with space that can be written")

@@ -30,7 +30,7 @@ GRAVITY = 'effects.weight={type="gravity"}'
 STATIC = "reduction.static_modes=true"
 SECOND = "reduction.second_order=true"
 SPLINE = 'reduction.interpolation="spline"'
-EXTENDED = (STATIC, "reduction.inertia_modes=true", "reduction.parameter_modes=2", "reduction.modes=3")
+EXTENDED = (STATIC, "reduction.inertia_modes=true", "reduction.parameter_modes=1", "reduction.modes=3")
 UNCERTAIN = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5.6e-4}}'
 PART = (
     "coordinates.theta.range=[0.2,1.4]", "coordinates.theta.periodic=false", "simulation.initial.theta.position=0.2",

@@ -22,7 +22,7 @@ N, SEED = 22, 5
 CHECKED = overridden("ensemble.checked_share=0.02")  # of runs as short as these it would be less
 BATCHES = (*CHECKED, "--override", "ensemble.batch=4")
 # 50 batches: several are left where a run is killed
-LONG = ("-n", 100, "--seed", SEED, *overridden("simulation.duration=0.4", "ensemble.batch=2"))
+LONG = ("-n", 100, "--seed", SEED, *overridden("simulation.duration=0.1", "ensemble.batch=2"))
 # A run that ends, or waits, right after its thirteenth piece was stored; ten of them are estimates of errors.
 STOPPED = """
 import os, signal, sys, time
@@ -205,10 +205,10 @@ def test_the_balance_of_energy_is_kept_where_it_is_asked_for(folder: Path, rom: 
         for step in (1e-3, 5e-4):
             path = folder / f"balance_{model}_{step}.h5"
             asked = overridden("ensemble.balance=true", f"simulation.step={step}", "simulation.duration=0.1")
-            done = pgmp("montecarlo", *source, "-n", 5, "--seed", SEED, "-o", path, *asked)
+            done = pgmp("montecarlo", *source, "-n", 3, "--seed", SEED, "-o", path, *asked)
             assert "balance of energy: residual" in done.stdout
             ensemble = Ensemble.read(path)
-            assert ensemble.balance["exchanged"].shape == (5,) and ensemble.balance["exchanged"].min() > 0.0
+            assert ensemble.balance["exchanged"].shape == (3,) and ensemble.balance["exchanged"].min() > 0.0
             found[model, step] = ensemble.balance["residual"] / ensemble.balance["exchanged"]
         order = np.log2(found[model, 1e-3] / found[model, 5e-4])
         assert np.all((order > 1.5) & (order < 2.5)), f"{model}: {order}"

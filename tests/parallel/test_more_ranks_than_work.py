@@ -17,10 +17,12 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Ensemble, ModesTable, Trajectory
 
 BEAMS, SOLIDS = (str(ROOT / "scenes" / f"{name}.toml") for name in ("slider_crank", "slider_crank_solid2d"))
-FEW = overridden("reduction.modes=3", "reduction.angles=4", "simulation.duration=0.01", "simulation.step=1e-3")
+FEW = overridden(
+    "reduction.modes=3", "reduction.angles=4", "simulation.duration=0.01", "simulation.step=1e-3", "simulation.frames=3"
+)
 PLAIN = [*FEW, *overridden("reduction.parameter_modes=0", "reduction.second_order=false")]
 MANY = int(os.environ.get("PGMP_RANKS", "5"))
-SHORT = overridden("simulation.duration=0.003", "simulation.step=1e-3")
+SHORT = overridden("simulation.duration=0.002", "simulation.step=1e-3")
 
 
 def commands(folder: Path, n_ranks: int) -> list[list[str]]:

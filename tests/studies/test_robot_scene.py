@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from runs import one_message, refused, said
 
+from pgmp_petsc.mesh import read_by_library
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import load_scene
 
@@ -72,6 +73,17 @@ def test_a_robot_is_held_by_the_torques_of_its_weight(name: str, text: str, libr
     assert abs(outputs["drive_elbow"][-1]) < 1e-9
 
 
+@pytest.fixture
+def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read robots in this process where one rank does: the libraries take half a second to be imported."""
+
+    def made(_program: object, words: tuple, _seconds: float) -> dict[str, np.ndarray] | str:
+        found = read_by_library.main(*map(str, words))
+        return str(found["refused"]) if "refused" in found else found
+
+    monkeypatch.setattr("pgmp_petsc.studies.new_scene.made_by", made)
+
+
 SWAPPED = {
     "loop": (urdf(*LINKS, link("tool"), *JOINTS, joint("more", "fixed", "lift", "fore", "0 0 0", "0 0 0", "1 0 0")),
              "the link fore hangs on upper and, by the joint more, on lift: a loop"),
@@ -91,7 +103,9 @@ SWAPPED = {
 }  # fmt: skip
 
 
-def test_what_is_no_tree_of_bodies_is_refused_in_one_message_on_any_number_of_ranks(tmp_path, monkeypatch) -> None:
+def test_what_is_no_tree_of_bodies_is_refused_in_one_message_on_any_number_of_ranks(
+    tmp_path, monkeypatch, read_here
+) -> None:
     pytest.importorskip("yourdfpy")
     commands = []
     for name, (text, _) in SWAPPED.items():
@@ -112,7 +126,7 @@ def test_what_is_no_tree_of_bodies_is_refused_in_one_message_on_any_number_of_ra
     assert "no such file" in one_message("new", tmp_path / "x", "--from", tmp_path / "none.urdf")
 
 
-def test_what_mjcf_has_and_a_tree_has_not(tmp_path) -> None:
+def test_what_mjcf_has_and_a_tree_has_not(tmp_path, read_here) -> None:
     pytest.importorskip("mujoco")
     held = MJCF.replace("</worldbody>", '</worldbody><equality><weld body1="fore" body2="lift"/></equality>')
     two = MJCF.replace('<inertial pos="0.1', '<joint name="more" type="hinge" axis="1 0 0"/><inertial pos="0.1')

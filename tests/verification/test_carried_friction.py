@@ -73,12 +73,14 @@ def exactly() -> np.ndarray:
 
 @pytest.mark.parametrize(("model", "more"), [("full", ()), ("components", IN_SPACE)])
 def test_a_pendulum_rubs_by_what_its_bearing_carries(model, more):
-    """The order of the step is kept, of the angle and of the force."""
-    errors = []
+    """The order of the step is kept, of the angle and of the force; in space over the first swing down."""
+    errors, end = [], 31 if more else 51
+    exact = exactly()[:, :end]
+    assert exact[1].max() > 40.0
     for step in (2e-3, 1e-3, 5e-4):
-        _, found = run(pendulum(*more, f"simulation.step={step}"), model, round(1e-2 / step))
-        exact = exactly()
-        assert found["angle"][0] == 0.0 and exact[1].max() > 40.0
+        scene = pendulum(*more, f"simulation.step={step}", f"simulation.duration={(end - 1) / 100}")
+        _, found = run(scene, model, round(1e-2 / step))
+        assert found["angle"][0] == 0.0
         errors.append([np.abs(found[name] - own).max() for name, own in zip(("angle", "carried"), exact)])
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert np.all((1.8 < orders) & (orders < 2.3)) and errors[-1][0] < 1e-5 * np.ptp(exact[0]), (orders, errors)
@@ -277,9 +279,9 @@ def test_models_of_several_lengths_rub_alike():
     """Polynomials through three lengths are a thousandth of what friction takes away from models of each."""
     short = "simulation.duration=0.02", "outputs={theta={type='angle',joint='main'}}"
     scene = slider(*short, *LENGTH)
-    model, lengths = reduced_model(scene), np.array([0.26, 0.3, 0.34])
+    model, lengths = reduced_model(scene), np.array([0.26, 0.3])
     lanes = of_samples(model, ["l"])
-    found = history(lanes, samples(scene, 3, l=lengths), 3, 10)[1]["theta"]
+    found = history(lanes, samples(scene, 2, l=lengths), 2, 10)[1]["theta"]
     for k, length in enumerate(lengths):
         alone = slider(*short, f"bodies.rod.line.length={length}")
         wanted = history(reduced_model(alone), samples(alone, 1), 1, 10)[1]["theta"][:, 0]

@@ -24,6 +24,8 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.floating import first_moments, second_moments
 from pgmp_petsc.components import condensing
 from pgmp_petsc.full.floating import add_energies_of_floating, add_floating
+from pgmp_petsc.full.part_reference import Reference, loaded
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.models import ComponentModel, FullModel
 from pgmp_petsc.scene import Scene
 
@@ -141,6 +143,19 @@ def test_frames_are_mean_axes(make) -> None:
         assert np.abs(mixed - mixed.swapaxes(0, 1)).max() < 1e-9 * mass[0] * body.extent
 
 
+# Python's own calls, and those with another type of a problem than the kernels have, would be compiled: half a minute
+@njit(entry=True)
+def add_energies(reference, *of):
+    problem = loaded(reference)
+    add_energies_of_floating(problem.floating, problem.width, problem.rayleigh, *of)
+
+
+@njit(entry=True)
+def add_forces(reference, *of):
+    problem = loaded(reference)
+    add_floating(problem.floating, problem.width, problem.rayleigh, *of)
+
+
 @pytest.mark.parametrize("effects", [(), STIFFENING], ids=["linear", "stiffened"])
 @pytest.mark.parametrize("make", [beams, space])
 def test_forces_are_those_of_lagrange(make, effects: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,7 +163,7 @@ def test_forces_are_those_of_lagrange(make, effects: tuple[str, ...], monkeypatc
     monkeypatch.setattr(ComponentModel, "in_joints", False)
     system = (model := models(make, *effects)[1]).batch(samples(model.scene, 1), 1)
     problem, d = system._equations.problem, system._equations.problem.dimension
-    floating, n, n_pose = problem.floating, system.n_dofs, 3 if d == 2 else 12
+    reference, floating, n, n_pose = Reference(problem), problem.floating, system.n_dofs, 3 if d == 2 else 12
     rng, dofs = np.random.default_rng(1), floating.dofs
     bodies = [floating.dofs[first:last] for first, last in zip(floating.firsts[:-1, 0], floating.firsts[1:, 0])]
     q, v, a = system._equations.start[0], np.zeros(n), np.zeros(n)
@@ -162,9 +177,8 @@ def test_forces_are_those_of_lagrange(make, effects: tuple[str, ...], monkeypatc
 
     def lagrangian(q: np.ndarray, v: np.ndarray) -> float:
         found, powers, weights = np.zeros((2, 1)), np.zeros((len(problem.rayleigh), 1)), np.zeros((1, 1))
-        add_energies_of_floating(
-            floating, problem.width, problem.rayleigh, 0, np.zeros(1), q[:, None].copy(), v[:, None].copy(), found,
-            powers, weights,
+        add_energies(
+            reference, 0, np.zeros(1), q[:, None].copy(), v[:, None].copy(), found, powers, weights
         )  # fmt: skip
         return found[0, 0] - found[1, 0]
 
@@ -179,9 +193,9 @@ def test_forces_are_those_of_lagrange(make, effects: tuple[str, ...], monkeypatc
     # off the rotations the energies are not those of the equations: there what the frames' constraints take is left out
     chosen = dofs if d == 2 else np.concatenate([np.r_[own[:3], own[n_pose:]] for own in bodies])
     forces = np.zeros((n + system.n_constraints, 1))
-    add_floating(
-        floating, problem.width, problem.rayleigh, 0, np.zeros(1), 1.0, q[:, None].copy(), v[:, None].copy(),
-        a[:, None].copy(), (0.0, 0.0, 0.0), False, forces, np.arange(len(forces)), np.zeros((len(forces), 1)),
+    add_forces(
+        reference, 0, np.zeros(1), 1.0, q[:, None].copy(), v[:, None].copy(), a[:, None].copy(), (0.0, 0.0, 0.0),
+        False, forces, np.arange(len(forces)), np.zeros((len(forces), 1)),
         np.zeros((system._equations.layout.n_lower, 1)),
     )  # fmt: skip
     expected = (momentum(1e-3) - momentum(-1e-3)) / 2e-3 - gradient(lambda place: lagrangian(place, v), q)

@@ -186,7 +186,7 @@ def test_the_bridge_crane_reduced_and_full_order() -> None:
     assert_close(full.outputs, reduced.outputs, sag=1e-3, trolley=1e-3, swing=1e-3, stress=1e-2)
 
 
-SHORT = "simulation.duration=0.1", "reduction.angles=80"
+SHORT = "simulation.duration=0.1", "coordinates.x.range=[0.05,0.8]", "reduction.angles=32"  # as near as 80 of the beam
 
 
 def test_reduced_runs_in_space_are_those_of_the_plane() -> None:

@@ -247,7 +247,7 @@ ground.points: right = [3.0, 0.0]
 joints.main: type = "revolute"; connect = ["ground:origin", "crank:hub"]
 coordinates.theta: joint = "main"; range = [0.0, 6.283185307179586]; periodic = true
 effects.weight: type = "gravity"; acceleration = 9.81
-simulation: duration = 1.0; step = 5e-5
+simulation: duration = 0.9; step = 5e-5
 """
     text += "\n".join([*lines, f'effects.drive: type = "prescribed_motion"; coordinate = "theta"; table = {TABLE}'])
     return scene_from_toml(tables(text), ".")
