@@ -129,7 +129,7 @@ class Constants:
     laws: Sequence[Sequence[Quantity | AffineSum]]  # parameters of the laws of the local effects
     parameters: Mapping[str, float]  # nominal values, or those that were set, by name
     parameters_in_c: Mapping[str, str]  # in SI units, by name
-    served: Mapping[str, Served]  # ranges that the model was built for, by name
+    served: Mapping[str, Served]  # by name, ranges that the model was built for, else bounds
     #: strengths, motions: pieces over time of what loads and drives, by the effect's name, and of the coordinates, none
     #: of a free one
     strengths: Mapping[str, Sequence[Piece]]
@@ -307,7 +307,7 @@ def shared_of(
         laws=[action.parameters for action in actions],
         parameters=own_values(scene, parameters),
         parameters_in_c=in_c,
-        served=model.served,
+        served={name: _bounds(scene, name) for name in parameters} | model.served,
         strengths={name: function.pieces for name, function in over_time.items()},
         motions=[motions[k].angle.pieces if k in motions else () for k in range(kinematics.n_coordinates)],
         load_of_term=(),
@@ -370,6 +370,13 @@ def tunable(scene: Scene) -> dict[str, float]:
     fixed, as its mechanism is made with them, and so are velocities at the start, which it has before it takes any."""
     fixed = {*length_names(scene), *velocity_names(scene).values()}
     return {name: value for name, value in scene.values.items() if name not in fixed}
+
+
+def _bounds(scene: Scene, name: str) -> Served:
+    """Return between what runs of the program take a parameter that no tables depend on."""
+    low, high = scene.parameters[name].bounds or (-math.inf, math.inf)
+    low = max(low, 0.0) if name in scene.parameters_not_negative else low
+    return Served(low, high, low, high, to_own(scene, name))
 
 
 def parameters_in_c(scene: Scene) -> dict[str, str]:

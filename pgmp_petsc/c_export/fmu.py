@@ -72,9 +72,8 @@ def variables_of(constants: Constants) -> list[Variable]:
     # values are in the units of the scene; what a parameter was given in is of its numbers only
     found, units = [], "SI units" if constants.system == SI else str(constants.system)
     for k, (name, value) in enumerate(constants.parameters.items()):
-        served, unit = constants.served.get(name), constants.parameter_units[name]
-        low, high = (-math.inf, math.inf) if served is None else served.widened(value)
-        about = units if served is None else f"{units}; from min to max the model was built for"
+        (low, high), unit = constants.served[name].widened(value), constants.parameter_units[name]
+        about = units if math.isinf(high - low) else f"{units}; from min to max the model was built for"
         setting = "parameter", "tunable", about, repr(float(value)), None
         found.append(Variable(f"parameters.{quoted(name)}", PARAMETERS + k, REAL, *setting, unit, low, high))
     for k, (name, unit) in enumerate(constants.strength_units.items()):

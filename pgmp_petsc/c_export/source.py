@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.resources import files
 from itertools import accumulate
@@ -129,9 +128,8 @@ def _tables(constants: Constants) -> str:
         _listed(declaration, entries, "0" if declaration.startswith("const int") else "{0}")
         for declaration, entries in constants.lists.items()
     ]
-    names, served = list(constants.parameters), constants.served
-    lower = [served[name].to_own * served[name].low if name in served else -math.inf for name in names]
-    upper = [served[name].to_own * served[name].high if name in served else math.inf for name in names]
+    names = list(constants.parameters)
+    served = [constants.served[name] for name in names]
     parts += [_listed(f"const struct axis {name}[R]", map(_axis, axes)) for name, axes in constants.axes.items()]
     measured = [part for action in constants.actions for part in action.parts]
     every = [*constants.closure, *(part.term for part in measured), *(constants.constraints or ())]
@@ -145,8 +143,8 @@ def _tables(constants: Constants) -> str:
         _strings("pgmp_output_names", constants.output_units),
         _listed("const int pgmp_prescribed[N]", (str(int(given)) for given in constants.prescribed)),
         _listed("const double parameter_values[]", map(_number, constants.parameters.values())),
-        _listed("const double parameter_lower[]", map(_number, lower)),
-        _listed("const double parameter_upper[]", map(_number, upper)),
+        _listed("const double parameter_lower[]", (_number(one.to_own * one.low) for one in served)),
+        _listed("const double parameter_upper[]", (_number(one.to_own * one.high) for one in served)),
         _listed("const double closure_wanted[]", map(_number, constants.closure_wanted)),
         _listed("const int load_of_term[]", map(str, constants.load_of_term)),
         _listed("const double strength_sizes[]", map(_number, constants.strength_sizes)),

@@ -369,7 +369,7 @@ def test_it_runs_without_the_sources_of_this_program(slider_crank, tmp_path) -> 
         line.split()[1] for path in tmp_path.iterdir() for line in path.read_text().splitlines() if "#include" in line
     }
     own = {f'"{path.name}"' for path in tmp_path.iterdir()}
-    assert included <= own | {f"<{name}.h>" for name in ("math", "string", "stdio", "stdlib")}
+    assert included <= own | {f"<{name}.h>" for name in ("math", "stdbool", "stdio", "stdlib", "string")}
 
 
 TREES = {

@@ -176,7 +176,7 @@ def test_a_sample_whose_ends_cross_is_not_integrated() -> None:
 def test_a_model_in_c_takes_the_numbers(tmp_path: Path) -> None:
     """Stops, which it cannot have, left out; the velocity at the start is that of its run."""
     without = "effects.stop={type='joint_damping',joint='crank_hinge',coefficient=0.01}"
-    scene = named(without, "parameters.lump.bounds=[0.01, 0.04]")
+    scene = named(without, "parameters.lump.bounds=[0.01, 0.04]", "parameters.slow.bounds=[1.0, 5.0]")
     program = compiled(reduced_model(scene), tmp_path)
     assert "throw" not in (tmp_path / "steps.c").read_text()
     changed = scene.with_values({name: SECOND[name] for name in ("slow", "length", "lump")})
@@ -184,3 +184,5 @@ def test_a_model_in_c_takes_the_numbers(tmp_path: Path) -> None:
     found = outputs_of(program, *(f"{name}={SECOND[name]}" for name in ("slow", "length", "lump")))
     # what the iterations of both leave of the deformation
     assert_equal(found, motion(model).outputs, 1e-5)
+    outside = outputs_of(program, "slow=6.0")["validity"].astype(int)  # beyond the bounds of what no table depends on
+    assert (outside & 16).all() and not (found["validity"].astype(int) & 16).any()
