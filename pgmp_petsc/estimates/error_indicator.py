@@ -281,40 +281,24 @@ class _Observed(Observer):
         """Take in errors from an instant on."""
         instants = slice(number, number + len(errors.q))
         told = self._told[instants]
-        q, v, a = self._motion.over(number, told.size)[:, told]
-        # what is kept of states has to be theirs: angles are counted on in place
-        errors = errors.at(told)
-        forces = self._multipliers(number + np.flatnonzero(told), (q, v, a), errors)
-        own = errors.q, errors.v, errors.a, errors.turns
-        self._waiting.append((self._time[instants][told], q, v, a, *own, forces))
-        if sum(part[1].size for part in self._waiting) > TOGETHER:
+        motion, error = self._motion.over(number, told.size)[:, told], errors.at(told)
+        parts = (self._batch.pack_over(one) + e for one, e in zip(motion, (error.q, error.v, error.a)))
+        # angles are counted on in place: what is kept of states has to be theirs
+        state = *parts, error.multipliers.copy(), error.turns.copy()
+        clock = self._interval * (number + np.flatnonzero(told))
+        self._waiting.append((self._time[instants][told], clock, *state))
+        if sum(part[2].size for part in self._waiting) > TOGETHER:
             self._evaluate()
 
     def _evaluate(self) -> None:
-        time, *parts = (np.concatenate(parts) for parts in zip(*self._waiting))
-        n_e, n = time.size, self._batch.n_samples
-        motion, errors, forces = parts[:3], parts[3:7], parts[7]
-        # the axis of instants behind that of unknowns
-        *errors, turns = (self._batch.unpack(np.moveaxis(part, 0, 2)) for part in errors)
-        q, v, a = ((np.moveaxis(one, 0, 1) + e).reshape(-1, n_e * n) for one, e in zip(motion, errors))
-        values = {name: np.tile(value, n_e) for name, value in self._values.items()}
-        frames = self._batch.frames_of(q, turns.reshape(len(turns), n_e * n))
-        forces = np.moveaxis(forces, 0, 1).reshape(-1, n_e * n)
-        observed = self._model.observed_of(np.repeat(time, n), frames, values, q, v, a, forces)
+        time, clock, *parts = (np.concatenate(parts) for parts in zip(*self._waiting))
+        batch, states = self._batch, State(*parts)
+        forces = batch.joint_multipliers(clock, states) if self._model.outputs.forces else None
+        values = {name: np.tile(value, time.size) for name, value in self._values.items()}
+        time, frames = np.repeat(time, batch.n_samples), batch.frames_over(states)
+        observed = self._model.observed_of(time, frames, values, *batch.unknowns_over(states), forces)
         self._found.append(self._model.outputs.evaluate(observed))
         self._waiting.clear()
-
-    def _multipliers(self, numbers: np.ndarray, motion: tuple[np.ndarray, ...], errors: State) -> np.ndarray:
-        """Return the multipliers of joints of the corrected motion at instants, (n_e, n_multipliers, n), where outputs
-        are made of them."""
-        if not self._model.outputs.forces:
-            return np.empty((numbers.size, 0, self._batch.n_samples))
-        found = []
-        for k, number in enumerate(numbers):
-            q, v, a = (self._batch.pack(part[k]) + e[k] for part, e in zip(motion, (errors.q, errors.v, errors.a)))
-            state = State(q, v, a, errors.multipliers[k], errors.turns[k])
-            found.append(self._batch.joint_multipliers(number * self._interval, state))
-        return np.array(found)
 
     def outputs(self) -> dict[str, np.ndarray]:
         """Return every output, shape (n_e n,)."""

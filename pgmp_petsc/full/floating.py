@@ -60,17 +60,10 @@ def _read(dofs, axes, alpha, q, v, a, one):
 
 
 @njit(error_model="numpy", forceinline=True)
-def _add_row(table, place, first, last, columns, x, into):
-    """Add entries of a row, numbered from the place of their matrix in the table, times x."""
-    length = last - first
-    if length and columns[last - 1] - columns[first] == length - 1:
-        row, some = table[place + first : place + last], into[columns[first] : columns[first] + length]
-        for k in range(length):  # one behind the other in both views, so that the loop is one of vectors
-            some[k] = fused(row[k], x, some[k])
-    else:
-        for entry in range(first, last):
-            column = columns[entry]
-            into[column] = fused(table[place + entry], x, into[column])
+def _add_row(row, x, into, y, other):
+    """Add a row times x, and times y to another; of numbers one behind the other, so that the loop is one of vectors."""
+    for k in range(row.size):
+        into[k], other[k] = fused(row[k], x, into[k]), fused(row[k], y, other[k])
 
 
 @njit(error_model="numpy")
@@ -81,6 +74,7 @@ def _shape(body, axes, one, shaped):
     places = places_of(d, n, rows)
     squares, fields, mixed, both, curved = places.squares, places.fields, places.mixed, places.both, places.stiffness
     bends = d * d * n + n if rows.size > d * d * n + n + 1 else -1
+    dense = rows[d * d * n] == d * d * n * n
     for k in range(d):
         s, s1, s2 = table[1 + k], zero, zero
         for i in range(n):
@@ -91,14 +85,18 @@ def _shape(body, axes, one, shaped):
         shaped.h[j] = zero
     for l in range(d):
         for k in range(d):
-            at, g = (l * d + k) * n, shaped.g[l, k]
+            at, g, spin = (l * d + k) * n, shaped.g[l, k], one.spin[k, l]
             shaped.bent[l, k] = shaped.bending[l, k] = zero
             for j in range(n):
-                g[j] = table[mixed + at + j]  # int rho w_l Psi_k
-            for i in range(n):
-                row = (k * d + l) * n + i  # int rho Psi_l,i Psi_k
-                _add_row(table, both, rows[row], rows[row + 1], columns, one.x[i], g)
-                _add_row(table, both, rows[row], rows[row + 1], columns, one.spin[k, l] * one.x1[i], shaped.h)
+                total, rate = table[mixed + at + j], zero
+                for entry in range(0 if dense else rows[at + j], 0 if dense else rows[at + j + 1]):
+                    total = fused(table[both + entry], one.x[columns[entry]], total)
+                    rate = fused(table[both + entry], one.x1[columns[entry]], rate)
+                g[j] = total  # int rho w_l Psi_k
+                shaped.h[j] = fused(spin, rate, shaped.h[j])
+            for i in range(n if dense else 0):
+                first = both + ((k * d + l) * n + i) * n
+                _add_row(table[first : first + n], one.x[i], g, spin * one.x1[i], shaped.h)  # int rho Psi_l,i Psi_k
             for i in range(n if bends >= 0 else 0):
                 total, rate, row = zero, zero, bends + at + i
                 for entry in range(rows[row], rows[row + 1]):
@@ -156,12 +154,13 @@ def _push(body, axes, beta, one, shaped, force, pull):
                 turned += one.d[k, c] * one.d2[l, c]  # d_k.d_l''
             for j in range(n):
                 force[d + d * d + j] = fused(turned, shaped.g[l, k, j], force[d + d * d + j])
-    on_amplitudes = force[d + d * d :]
-    for i in range(n):
-        row = d * d * n + i
-        _add_row(table, own, rows[row], rows[row + 1], columns, one.x2[i], on_amplitudes)
-        stretched = fused(beta, one.x1[i], one.x[i])
-        _add_row(table, stiffness, rows[row], rows[row + 1], columns, stretched, on_amplitudes)
+    for j in range(n):
+        total = force[d + d * d + j]
+        for entry in range(rows[d * d * n + j], rows[d * d * n + j + 1]):
+            i = columns[entry]
+            total = fused(table[own + entry], one.x2[i], total)
+            total = fused(table[stiffness + entry], fused(beta, one.x1[i], one.x[i]), total)
+        force[d + d * d + j] = total
 
 
 @njit(error_model="numpy")

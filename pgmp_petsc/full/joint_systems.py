@@ -241,10 +241,8 @@ class JointEquations:
 
     def slopes_at(self, q: np.ndarray) -> np.ndarray:
         """Return the slopes of all constraints in the coordinates at unknowns (n_dofs,), shape (n_constraints, n)."""
-        lanes = self._blocks.n_lanes
-        blocks = SampleBlocks(self.n, lanes, -(-self.n // lanes))
         y = np.repeat(self.coordinates(q[:, None], np.zeros_like(q)[:, None])[0], self.n, axis=1)
-        ways = blocks.unpack(self.mapped(*map(blocks.pack, (y, np.zeros_like(y), np.eye(self.n))))[2])
+        ways = self.mapped_columns(y, np.zeros_like(y), np.eye(self.n))[2]
         rows, columns = self._set.jacobian_pattern
         jacobian = sp.csr_matrix((self._set.jacobian_values(q[:, None])[:, 0], (rows, columns)),
                                  shape=(self._set.n_constraints, q.size))  # fmt: skip
@@ -255,6 +253,12 @@ class JointEquations:
         found = [aligned((len(y), self.equations.n_dofs, y.shape[2])) for _ in range(3)]
         unknowns_of(*self.references, y, y1, y2, *found)
         return found
+
+    def mapped_columns(self, *parts: np.ndarray) -> list[np.ndarray]:
+        """Return unknowns, velocities and accelerations (n_dofs, n) of coordinates (n_y, n)."""
+        n, lanes = parts[0].shape[1], self._blocks.n_lanes
+        blocks = SampleBlocks(n, lanes, -(-n // lanes))
+        return [blocks.unpack(part) for part in self.mapped(*map(blocks.pack, parts))]
 
     def coordinates(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return coordinates and rates, shape (2, n_y, n), of unknowns and velocities (n_dofs, n)."""
@@ -335,18 +339,16 @@ class JointBatch(FullBatch):
         """Return the unknowns of all frames, their velocities and accelerations, (n, n_samples) each."""
         return [self.unpack(part) for part in self.own.mapped(state.q, state.v, state.a)]
 
-    def _drift(self, time: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        own, accelerations = self.own, driven(self._sources.motions, time).acceleration
-        places, rates, more = self.unknowns(State(self.pack(q), self.pack(v), self.pack(np.zeros_like(q)), q))
+    def _drift(self, times: Sequence[float], q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        own, accelerations = self.own, self._accelerations(times, q.shape[1])
+        places, rates, more = own.mapped_columns(q, v, np.zeros_like(q))
         rows, (at, columns) = own.set.drift(places, rates, accelerations), own.set.jacobian_pattern
         np.add.at(rows, at, own.set.jacobian_values(places) * more[columns])
-        return own.left(
-            rows, np.broadcast_to(-accelerations[own.driven[:, 1], None], (len(own.driven), places.shape[1]))
-        )
+        return own.left(rows, -accelerations[own.driven[:, 1]])
 
     def _rates(self, time: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         own, speeds = self.own, driven(self._sources.motions, time).speed
-        places, rates, _ = self.unknowns(State(self.pack(q), self.pack(v), self.pack(np.zeros_like(q)), q))
+        places, rates, _ = own.mapped_columns(q, v, np.zeros_like(q))
         number, motion, sign = own.driven.T
         return own.left(own.set.rates(places, rates, speeds), sign[:, None] * v[number] - speeds[motion, None])
 
@@ -357,17 +359,17 @@ class JointBatch(FullBatch):
         forces[..., own.driven_rows, :] = state.multipliers[..., own.drives, :]
         return State(*own.mapped(state.q, state.v, state.a), forces, state.turns, state.beside)
 
-    def multipliers_of_joints(self, time: float, state: State) -> np.ndarray:
-        """Return the multipliers of joints and driven angles at the accelerations of a state; see `FullSystem`."""
-        now, blocks, n = self._sources.at(np.array([time])), self._blocks, len(self.own.joints.tree.kinds)
-        d = self.own.problem.dimension
-        loads = aligned((blocks.n_blocks, n * d * (d + 1), blocks.n_lanes))
-        carry_in_joints(
-            self._reference, self._joints, self._factors, (now.loads[0], now.actions[0]), now.angles[0], state.parts(),
-            self._typical_mass, loads,
-        )  # fmt: skip
-        loads = self.unpack(loads).reshape(n, d * (d + 1), self.n_samples)
-        return self.own.multipliers_of_joints(self.unknowns(state)[0], self.unpack(state.multipliers), loads)
+    def multipliers_of_joints(self, times: Sequence[float], states: State) -> np.ndarray:
+        """Return the multipliers of joints and driven angles at the accelerations of states; see `FullSystem`."""
+        strengths, n, d = self._sources.at(np.array(times)), len(self.own.joints.tree.kinds), self.own.problem.dimension
+        loads = aligned((len(times), self._blocks.n_blocks, n * d * (d + 1), self._blocks.n_lanes))
+        for k, own in enumerate(loads):
+            carry_in_joints(
+                self._reference, self._joints, self._factors, (strengths.loads[k], strengths.actions[k]),
+                strengths.angles[k], states.at(k).parts(), self._typical_mass, own,
+            )  # fmt: skip
+        loads = self._columns(loads).reshape(n, d * (d + 1), -1)
+        return self.own.multipliers_of_joints(self.unknowns_over(states)[0], self._columns(states.multipliers), loads)
 
     def _correct(
         self, time: float, state: State, gains: Gains, residual: np.ndarray, active: np.ndarray, fresh: bool

@@ -45,27 +45,20 @@ def entries_of(
     curved: Mapping[Monomial, np.ndarray],
     d: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return which entries of a body's matrices are kept: those that are not zero whatever the parameters, and gaps
-    between them where these are few. That is where each row begins, of ``int rho Psi_k Psi_l``, (l, k, j) over i,
-    behind them of mass and stiffness, and of ``int rho X_l chi_k``, (l, k, i) over j, if there is any, (d d n + n + d d
-    n + 1,), all columns, and the three as masks (d, d, n, n), (n, n), (d, d, n, n) or (0, n)."""
+    """Return which entries of a body's matrices are not zero whatever the parameters: where each row begins, of ``int
+    rho Psi_k Psi_l``, (l, k, j) over i, all of them where most are, behind them of mass and stiffness, and of ``int rho
+    X_l chi_k``, (l, k, i) over j, if there is any, (d d n + n + d d n + 1,), all columns, and the three as masks (d, d,
+    n, n), (n, n), (d, d, n, n) or (0, n)."""
     parts = [second_moments(part, d)[2].swapaxes(2, 3) for part in moments.values()]
     both = np.any([part != 0.0 for part in parts], axis=0)
     squares = [np.einsum("kkij->kij", part) for part in parts]
     own = np.any([np.abs(part.sum(axis=0)) > NOISE * np.abs(part).sum(axis=0) for part in squares], axis=0)
     own |= np.any([part != 0.0 for part in stiffness.values()], axis=0) | np.eye(len(own), dtype=bool)
     bends = np.any([part != 0.0 for part in curved.values()], axis=0) if curved else np.zeros((0, len(own)), dtype=bool)
-    masks = both, own, bends = _with_gaps(both), _with_gaps(own | own.T), _with_gaps(bends)
-    every = np.concatenate([mask.reshape(-1, len(own)) for mask in masks])
-    return np.concatenate([[0], np.cumsum(every.sum(axis=1))]), np.nonzero(every)[1], both, own, bends
-
-
-def _with_gaps(mask: np.ndarray) -> np.ndarray:
-    """Return a mask (..., n) with the gaps of those rows which are no more than half of what lies between their first
-    and their last entry: one behind the other, entries are added as vectors."""
-    some = mask.cumsum(axis=-1) > 0
-    between = some & (mask[..., ::-1].cumsum(axis=-1) > 0)[..., ::-1]
-    return mask | (between & (2 * mask.sum(axis=-1) >= between.sum(axis=-1))[..., None])
+    if 2 * np.count_nonzero(both) > both.size:  # with few gaps all are added as vectors
+        both = np.ones_like(both)
+    every = np.concatenate([mask.reshape(-1, len(own)) for mask in (both, own | own.T, bends)])
+    return np.concatenate([[0], np.cumsum(every.sum(axis=1))]), np.nonzero(every)[1], both, own | own.T, bends
 
 
 def body_tables(

@@ -99,31 +99,41 @@ class FullSystem(SecondOrderSystem):
         `comm`."""
         raise NotImplementedError
 
-    def multipliers_of_joints(self, time: float, state: State) -> np.ndarray:
-        """Return the scheme's own multipliers of joints and driven angles (`ConstraintSet.of_joints`) at a time, shape
-        (n, n_samples). Collective on `comm`."""
-        return self._equations.constraints.of_joints(self.multipliers(state))
+    def multipliers_of_joints(self, times: Sequence[float], states: State) -> np.ndarray:
+        """Return the scheme's own multipliers of joints and driven angles (`ConstraintSet.of_joints`) at times (n_t,),
+        in states with a leading axis of instants, shape (n, n_t n_samples). Collective on `comm`."""
+        each = [self.multipliers(states.at(k)) for k in range(len(times))]
+        return self._equations.constraints.of_joints(np.concatenate(each, axis=1))
 
-    def joint_multipliers(self, time: float, state: State) -> np.ndarray:
-        """Return the multipliers of joints and driven angles (`ConstraintSet.of_joints`), shape (n, n_samples).
-        Collective on `comm`.
+    def joint_multipliers(self, times: Sequence[float], states: State) -> np.ndarray:
+        """Return the multipliers of joints and driven angles (`ConstraintSet.of_joints`) at times (n_t,), s, in states
+        with a leading axis of instants, shape (n, n_t n_samples), instant after instant. Collective on `comm`.
 
         They are those with which accelerations obey the constraints, ``C q'' = -(dC/dt) q' + c_tt``, in the state's
         positions and velocities. Those of the scheme itself are of first order in the step until what its start has
         against the constraints is damped (Arnold, Bruls and Cardona 2015); these are of second order, as the motion is.
         """
-        drift = self._against(self._drift(time, self.unpack(state.q), self.unpack(state.v)))
-        everyone = np.ones(self.n_samples, dtype=bool)
-        return self.multipliers_of_joints(time, self._accelerated(time, state, drift, everyone, True))
+        drift = self._drift(times, self._columns(states.q), self._columns(states.v))
+        drift, everyone = drift.reshape(len(drift), len(times), -1), np.ones(self.n_samples, dtype=bool)
+        found = [
+            self._accelerated(time, states.at(k), self._against(drift[:, k]), everyone, True)
+            for k, time in enumerate(times)
+        ]
+        return self.multipliers_of_joints(times, State.along(found))
 
     def unknowns(self, state: State) -> list[np.ndarray]:
         """Return unknowns, velocities and accelerations, (n, n_samples) each, on every rank."""
         return [self.unpack(part) for part in (state.q, state.v, state.a)]
 
-    def _drift(self, time: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return what is left of the accelerations of the constraints where a state (n_dofs, n) has none, (n_rows,
-        n)."""
-        return self._equations.constraints.drift(q, v, driven(self._sources.motions, time).acceleration)
+    def _drift(self, times: Sequence[float], q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return what is left of the accelerations of the constraints where states (n_dofs, n) have none, (n_rows, n);
+        each of the times (n_t,) is that of ``n / n_t`` of them."""
+        return self._equations.constraints.drift(q, v, self._accelerations(times, q.shape[1]))
+
+    def _accelerations(self, times: Sequence[float], n: int) -> np.ndarray:
+        """Return the accelerations of the prescribed motions, (n_motions, n), at times as of `_drift`."""
+        each = [driven(self._sources.motions, time).acceleration for time in times]
+        return np.repeat(np.array(each).T, n // len(times), axis=1)
 
     def _rates(self, time: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the rates of the constraints, (n_rows, n)."""
@@ -155,7 +165,7 @@ class FullSystem(SecondOrderSystem):
         q, v = q.reshape(self.n_dofs, -1), v.reshape(self.n_dofs, -1)
         n = max(q.shape[1], v.shape[1])
         q, v = (np.repeat(part, n // part.shape[1], axis=1) for part in (q, v))
-        drift, state = self._against(self._drift(0.0, q, v)), self._state(q, v, turns)
+        drift, state = self._against(self._drift([0.0], q, v)), self._state(q, v, turns)
         if self.beside is not None:
             self.beside.start(state)
         everyone = np.ones(self.n_samples, dtype=bool)
@@ -185,7 +195,7 @@ class FullSystem(SecondOrderSystem):
         moved = state.copy()
         moved.v += step * (self._accelerated(time, state, rates, samples, False).a - before)
         self.restore(state, moved, samples)
-        drift = self._against(self._drift(time, q, self.unpack(state.v)))
+        drift = self._against(self._drift([time], q, self.unpack(state.v)))
         self.restore(state, self._accelerated(time, state, drift, samples, False), samples)
 
     def _state(self, q: np.ndarray, v: np.ndarray, turns: np.ndarray) -> State:
@@ -229,8 +239,11 @@ class FullSystem(SecondOrderSystem):
     def unknowns_over(self, states: State) -> list[np.ndarray]:
         """Return what `unknowns` does of states with a leading axis of n_t instants, (n_dofs, n_t n_samples) each,
         instant after instant."""
-        each = (self.unknowns(states.at(k)) for k in range(len(states.q)))
-        return [np.concatenate(parts, axis=1) for parts in zip(*each)]
+        return [self._columns(part) for part in (states.q, states.v, states.a)]
+
+    def _columns(self, parts: np.ndarray) -> np.ndarray:
+        """Return unknowns of states with a leading axis of n_t instants as (n, n_t n_samples)."""
+        return np.concatenate([self.unpack(part) for part in parts], axis=1)
 
     def frames_over(self, states: State) -> np.ndarray:
         """Return the frames of all nodes in these states, shape (n_nodes, n_frame, n_t n_samples)."""
@@ -314,6 +327,10 @@ class FullBatch(FullSystem):
         return self._blocks.pack(np.broadcast_to(rows, (len(rows), self.n_samples)))
 
     _against = pack
+
+    def pack_over(self, rows: np.ndarray) -> np.ndarray:
+        """Return rows at instants, shape (n_t, n, n_samples), as an array of states with a leading axis."""
+        return self._blocks.pack(rows, 1)
 
     def _state(self, q: np.ndarray, v: np.ndarray, turns: np.ndarray) -> State:
         nothing, unbound = np.zeros((self.n_dofs, 1)), np.zeros((self.n_constraints, 1))
@@ -408,10 +425,6 @@ class FullBatch(FullSystem):
         """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples)."""
         return self._equations.frames(self.unpack(state.q), self.unpack(state.turns))
 
-    def unknowns_over(self, states: State) -> list[np.ndarray]:
-        """Return unknowns, velocities and accelerations in states with a leading axis; see `FullSystem`."""
-        return [self._columns(part) for part in (states.q, states.v, states.a)]
-
     def frames_over(self, states: State) -> np.ndarray:
         """Return the frames of all nodes in states with a leading axis; see `FullSystem`."""
         return self._equations.frames(self._columns(states.q), self._columns(states.turns))
@@ -431,6 +444,5 @@ class FullBatch(FullSystem):
         return self._names.energies(self._columns(table.reshape(*shape, *table.shape[1:])))
 
     def _columns(self, parts: np.ndarray) -> np.ndarray:
-        """Return arrays of states at n_t instants as (n, n_t n_samples), instant after instant."""
         rows = self._blocks.unpack(np.moveaxis(parts, 1, 0))
         return np.moveaxis(rows, 0, 1).reshape(rows.shape[1], len(rows) * self.n_samples)

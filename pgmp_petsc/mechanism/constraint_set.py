@@ -252,7 +252,7 @@ class ConstraintSet:
     def drift(self, q: np.ndarray, v: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
         """Return ``(dC/dt) v``, shape (n_constraints, ...): what is left of c'' at zero acceleration.
 
-        `driven` are the angular accelerations of the driven joints, shape (n_driven,), rad/s2.
+        `driven` are the angular accelerations of the driven joints, shape (n_driven,) or (n_driven, ...), rad/s2.
         """
         parts = [part.drift(q, v) for part in self._parts]
         if self.n_driven:
@@ -363,5 +363,5 @@ class ConstraintSet:
 
 
 def _against(values: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Shape values (n,) so that they broadcast against rows (n, ...) of unknowns."""
-    return np.reshape(values, (-1, *(1,) * (q.ndim - 1)))
+    """Shape values (n,) or (n, ...) so that they broadcast against rows (n, ...) of unknowns."""
+    return np.reshape(values, (*values.shape, *(1,) * (q.ndim - values.ndim)))

@@ -136,7 +136,7 @@ class FullModel:
                 return [system.frames(state)[nodes], unknowns.frames(system.unknowns(state)[1])[nodes]]
 
             def multipliers(time: float, state: State, before: np.ndarray) -> np.ndarray:
-                return system.multipliers_of_joints(time, state)
+                return system.multipliers_of_joints([time], State.along([state]))
 
             system.control(self.measures.controls(frames, values, 1, system.put_forces, multipliers))
         return system
@@ -360,8 +360,7 @@ class FullModel:
             q, v, a = system.unknowns_over(states)
         multipliers = None
         if self.outputs.forces:
-            each = [system.joint_multipliers(time, states.at(k)) for k, time in enumerate(times)]
-            multipliers = np.concatenate(each, axis=1)
+            multipliers = system.joint_multipliers(times, states)
         beside = None
         if self.outputs.beside:
             beside = system.beside.forces(np.array(times), AFTER)[:, 0].T
