@@ -107,7 +107,9 @@ def _explain(details: Mapping[str, Any], model: type[BaseModel]) -> str:
             keys = [*keys, context["key"]]
             received = received.get(context["key"], _NOTHING) if isinstance(received, Mapping) else _NOTHING
         return problem(dotted_name(keys), context["allowed"], received)
-    return problem(entry, ALLOWED[kind].format(**context) if kind in ALLOWED else details["msg"], received)
+    listed = getattr(members[0], "model_fields", ()) if kind == "model_type" and len(members) == 1 else ()
+    words = ALLOWED[kind].format(**context) if kind in ALLOWED else details["msg"]
+    return problem(entry, words + (f", with {', '.join(listed)}" if listed else ""), received)
 
 
 def _home(model: type[BaseModel], location: Sequence[str | int]) -> str:

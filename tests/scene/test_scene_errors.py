@@ -75,6 +75,7 @@ outputs.slider_position.axis='w' -> = "w": unknown (allowed: x, y, z)
 outputs.slider_position.axis='z' -> = "z": x or y is needed in the plane
 outputs.slider_position.axis=1 -> = 1: unknown (allowed: x, y, z)
 effects.motor=3 -> = 3: a table is needed
+bodies.rod.placement=3 -> = 3: a table is needed, with origin, angle
 effects.motor={} -> effects.motor.type: missing
 effects.motor.type='torqe' -> = "torqe": unknown; did you mean 'torque'?
 outputs.a.type='pace' -> = "pace": unknown
