@@ -283,10 +283,8 @@ class _Observed(Observer):
         told = self._told[instants]
         motion, error = self._motion.over(number, told.size)[:, told], errors.at(told)
         parts = (self._batch.pack_over(one) + e for one, e in zip(motion, (error.q, error.v, error.a)))
-        # angles are counted on in place: what is kept of states has to be theirs
-        state = *parts, error.multipliers.copy(), error.turns.copy()
         clock = self._interval * (number + np.flatnonzero(told))
-        self._waiting.append((self._time[instants][told], clock, *state))
+        self._waiting.append((self._time[instants][told], clock, *parts, error.multipliers, error.turns))
         if sum(part[2].size for part in self._waiting) > TOGETHER:
             self._evaluate()
 

@@ -88,15 +88,17 @@ def _shape(body, axes, one, shaped):
             at, g, spin = (l * d + k) * n, shaped.g[l, k], one.spin[k, l]
             shaped.bent[l, k] = shaped.bending[l, k] = zero
             for j in range(n):
-                total, rate = table[mixed + at + j], zero
-                for entry in range(0 if dense else rows[at + j], 0 if dense else rows[at + j + 1]):
+                g[j] = table[mixed + at + j]  # int rho w_l Psi_k
+            for i in range(n if dense else 0):
+                first = both + ((k * d + l) * n + i) * n  # int rho Psi_l,i Psi_k
+                _add_row(table[first : first + n], one.x[i], g, spin * one.x1[i], shaped.h)
+            for j in range(0 if dense else n):
+                total, rate = g[j], zero
+                for entry in range(rows[at + j], rows[at + j + 1]):
                     total = fused(table[both + entry], one.x[columns[entry]], total)
                     rate = fused(table[both + entry], one.x1[columns[entry]], rate)
-                g[j] = total  # int rho w_l Psi_k
+                g[j] = total
                 shaped.h[j] = fused(spin, rate, shaped.h[j])
-            for i in range(n if dense else 0):
-                first = both + ((k * d + l) * n + i) * n
-                _add_row(table[first : first + n], one.x[i], g, spin * one.x1[i], shaped.h)  # int rho Psi_l,i Psi_k
             for i in range(n if bends >= 0 else 0):
                 total, rate, row = zero, zero, bends + at + i
                 for entry in range(rows[row], rows[row + 1]):

@@ -368,7 +368,7 @@ class JointBatch(FullBatch):
                 self._reference, self._joints, self._factors, (strengths.loads[k], strengths.actions[k]),
                 strengths.angles[k], states.at(k).parts(), self._typical_mass, own,
             )  # fmt: skip
-        loads = self._columns(loads).reshape(n, d * (d + 1), -1)
+        loads = self._columns(loads).reshape(n, d * (d + 1), len(times) * self.n_samples)
         return self.own.multipliers_of_joints(self.unknowns_over(states)[0], self._columns(states.multipliers), loads)
 
     def _correct(

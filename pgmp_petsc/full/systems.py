@@ -114,7 +114,7 @@ class FullSystem(SecondOrderSystem):
         against the constraints is damped (Arnold, Bruls and Cardona 2015); these are of second order, as the motion is.
         """
         drift = self._drift(times, self._columns(states.q), self._columns(states.v))
-        drift, everyone = drift.reshape(len(drift), len(times), -1), np.ones(self.n_samples, dtype=bool)
+        drift, everyone = drift.reshape(len(drift), len(times), self.n_samples), np.ones(self.n_samples, dtype=bool)
         found = [
             self._accelerated(time, states.at(k), self._against(drift[:, k]), everyone, True)
             for k, time in enumerate(times)
