@@ -61,7 +61,7 @@ def _read(dofs, axes, alpha, q, v, a, one):
 
 @njit(error_model="numpy", forceinline=True)
 def _add_row(row, x, into, y, other):
-    """Add a row times x, and times y to another; of numbers one behind the other, so that the loop is one of vectors."""
+    """Add a row times x, and times y to another: numbers one behind the other, so that the loop is one of vectors."""
     for k in range(row.size):
         into[k], other[k] = fused(row[k], x, into[k]), fused(row[k], y, other[k])
 

@@ -65,6 +65,7 @@ def test_what_is_no_table_is_refused_with_its_line(text: str, said: str, tmp_pat
 
 NAMED = {
     '{file="push.csv",x="t",y="G"}': "there is no column 'G' in its first line",
+    f'{{file="push.csv",x="t",y="{"N" * 5000}"}}': "NNN ...' in its first line",
     '{file="push.csv",x="t"}': 'needed are rows, the name of a CSV file of two columns, or { file = "NAME.csv"',
     '{file="push.csv",columns=2}': "needed are rows, the name of a CSV file",
     "{file=1}": "needed are rows, the name of a CSV file",
@@ -75,7 +76,7 @@ NAMED = {
 }
 
 
-@pytest.mark.parametrize(("table", "said"), NAMED.items(), ids=NAMED)
+@pytest.mark.parametrize(("table", "said"), NAMED.items(), ids=range(len(NAMED)))
 def test_what_is_no_file_is_refused(table: str, said: str, tmp_path: Path) -> None:
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00")
     message = refusal(read, "t,F\n0,1\n", tmp_path, table)
