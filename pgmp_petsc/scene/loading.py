@@ -187,8 +187,8 @@ def _rows_of(given: str | dict[str, Any], entry: str, directory: Path) -> list[l
         if is_first and names[0] is not None:
             missing = next((name for name in names if name not in cells), None)
             if missing is not None:
-                hint = nearest_name(missing, cells)
-                raise InputError(problem(entry, f"there is no column '{shortened(missing)}' in its first line{hint}", given))
+                words = f"there is no column '{shortened(missing)}' in its first line{nearest_name(missing, cells)}"
+                raise InputError(problem(entry, words, given))
             places = tuple(map(cells.index, names))
             continue
         if names[0] is None and len(cells) != 2:
