@@ -232,7 +232,8 @@ def _quantiles(values: np.ndarray, probabilities: Sequence[float]) -> np.ndarray
     columns = np.ascontiguousarray(values.T)
     known = np.isfinite(columns).all(axis=1) & (len(values) > 0)
     found = np.full((len(columns), len(probabilities)), np.nan)
-    found[known] = np.quantile(columns[known], probabilities, axis=1).T if known.any() else 0.0
+    if known.any():
+        found[known] = np.quantile(columns[known], probabilities, axis=1).T
     return found
 
 

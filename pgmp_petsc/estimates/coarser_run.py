@@ -18,9 +18,9 @@ run has none of the highest: there a band counts where it is `PEAK` times those 
 the steps happen to see of it: the order is anything below two. What is left of d counts a seventh then (`ROUGH`), which
 is within a factor of 3.5 of the order two and of the order 0.6; that estimate is unsure, and said so.
 
-The coarser run has a fifth of the steps and no other record than the outputs. A step whose iteration fails is taken in
-`TIMES` parts, the steps of the run itself, instead of being tried again. It is given up where its work would be more
-than a share of the run's (`MOST`). The estimate ends there, or where most steps begin to be taken in parts.
+The coarser run has a fifth of the steps and no other record than the outputs. A step whose iteration fails is tried
+once more, and then taken in `TIMES` parts, the steps of the run itself. The run is given up where its work would be
+more than a share of the other's (`MOST`). The estimate ends there, or where most steps begin to be taken in parts.
 
 How far impacts carry a small difference of the start, from a second run of a reduced model.
 

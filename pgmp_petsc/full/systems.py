@@ -359,11 +359,6 @@ class FullBatch(FullSystem):
         """Return the angles that turns are counted from at coordinates (n_theta, n), rad, shape (n_turns, n)."""
         return self._equations.turns(theta)
 
-    def frames_of(self, q: np.ndarray, turns: np.ndarray) -> np.ndarray:
-        """Return the frames of all nodes, shape (n_nodes, n_frame, n), for unknowns (n_dofs, n) and turns (n_turns,
-        n)."""
-        return self._equations.frames(q, turns)
-
     def count_turns(self, state: State) -> None:
         """Take note of the angles at an instant that is kept."""
         for q, turns in zip(state.q, state.turns):
