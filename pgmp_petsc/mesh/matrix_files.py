@@ -40,9 +40,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError, shortened
-from pgmp_petsc.mesh.reading import MAX_REASON, check_file, coordinates, made_by, read_mesh, usable
+from pgmp_petsc.mesh.reading import ABAQUS, MAX_REASON, check_file, coordinates, made_by, read_abaqus, read_mesh, usable
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.mesh.solid_mesh_reading import KINDS, complete_physical_groups, numbered_as_filed, read_abaqus_nodes
+from pgmp_petsc.mesh.solid_mesh_reading import KINDS, complete_physical_groups, numbered_as_filed
 
 ZIP, MATRIX_MARKET, NASTRAN = b"PK\x03\x04", b"%%matrixmarket", "DMIG"
 COMMENTS = ("**", "%", "#")
@@ -443,9 +443,11 @@ def _of_mesh(path: Path, dimension: int, received: str) -> NodeFile:
     check_file(path, received, NEEDED)
     if path.suffix.lower() in DECKS:
         mesh, labels = _of_deck(path, received)
-    elif path.suffix.lower() == ".inp":
+    elif path.suffix.lower() == ABAQUS:
         with usable(received):
-            mesh, labels = read_abaqus_nodes(path, received)
+            mesh, labels, unknown = read_abaqus(path, received)
+        if unknown:  # cells beside ones of no known type would not be all of the body
+            mesh.cells = []
     else:
         mesh = read_mesh(path, received)
         labels = np.arange(1, len(mesh.points) + 1)

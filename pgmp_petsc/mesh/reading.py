@@ -1,13 +1,19 @@
-"""Mesh files, read through meshio whatever way it has of failing."""
+"""Mesh files, read through meshio whatever way it has of failing, and Abaqus' input files, read here.
+
+meshio forgets the numbers of an input file's nodes, in which matrices are written; it stops at elements that it does
+not know; it keeps the last of several cards for one set, and deals out the sets of cards by counting them.
+"""
 
 from __future__ import annotations
 
 import io
 import pickle
+import re
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +26,7 @@ if TYPE_CHECKING:
 
 #: Formats whose readers came to an end on 300 files each with bytes changed, deleted, repeated or cut off. Others of
 #: meshio loop for ever on such files (Nastran, OFF, PLY): they are read by a process of their own, with a time limit.
-ENDING = (".msh", ".vtu", ".vtk", ".xdmf", ".xmf", ".inp", ".med", ".mesh", ".vol", ".ugrid")
+ENDING = (".msh", ".vtu", ".vtk", ".xdmf", ".xmf", ".med", ".mesh", ".vol", ".ugrid")
 LONGEST_READING = 60.0  # s of a reader that may not end; those of sound files take seconds
 # prints the mesh, or why there is none; what the reader itself prints goes elsewhere
 _READER = """
@@ -37,6 +43,17 @@ pickle.dump(found, out)
 RELATIVE_TOLERANCE = 1e-12
 FARTHEST = 1e15  # of a coordinate, in any unit; third powers and more of it are still finite
 MAX_REASON = 200  # characters of meshio's reason
+ABAQUS = ".inp"
+MOST_MEMBERS = 10_000_000  # of a set that a range makes
+#: meshio's types of cells by family and number of nodes, whose order is meshio's too.
+FAMILIES = {
+    "plane": {3: "triangle", 6: "triangle6", 4: "quad", 8: "quad8", 9: "quad9"},
+    "solid": {4: "tetra", 10: "tetra10", 6: "wedge", 15: "wedge15", 8: "hexahedron", 20: "hexahedron20"},
+}
+OF_TYPE = re.compile(r"(?:(CPS|CPE|CAX|M3D|R3D|STRI|S)|C3D)(\d+)")
+OF_LINE = re.compile(r"(?:T[23]D|B[23])(\d)")
+OF_LINES = {"T2": "line", "T3": "line3", "B1": "line", "B2": "line3"}  # trusses count nodes, beams the order
+N_NODES = {"line": 2, "line3": 3} | {name: n for family in FAMILIES.values() for n, name in family.items()}
 
 
 class Counted:
@@ -63,6 +80,13 @@ def read_mesh(path: Path, received: str) -> meshio.Mesh:
     know, meshio cannot read it, or does not come to an end.
     """
     check_file(path, received, "a mesh file that meshio reads is needed (paths are relative to the scene's directory)")
+    if path.suffix.lower() == ABAQUS:
+        with usable(received):
+            mesh, _, unknown = read_abaqus(path, received)
+        if unknown:
+            cure = "leave them out, or write solids, plane elements, trusses or beams"
+            raise InputError(f"{received}: it has elements of type {', '.join(unknown)}, which are not known; {cure}")
+        return mesh
     if path.suffix.lower() not in ENDING:
         return _read_apart(path, received)
     import meshio  # takes a noticeable time, and only runs that read a mesh need it
@@ -176,3 +200,121 @@ def coordinates(points: np.ndarray, dimension: int, received: str, numbers: np.n
 def shown(numbers: np.ndarray, most: int = 8) -> str:
     """Return numbers as text, the first few of many: ``[3, 4, ...]``."""
     return f"[{', '.join(str(number) for number in numbers[:most])}{', ...' if len(numbers) > most else ''}]"
+
+
+def read_abaqus(path: Path, received: str) -> tuple[meshio.Mesh, np.ndarray, list[str]]:
+    """Return what an input file holds, with a block of cells for each type; the numbers of its nodes, shape (n_nodes,);
+    and the types of elements that are not known, which are left out.
+
+    Raises `InputError` if it has no nodes, or two of one number; or if an element or a set names what is not there.
+    `received` begins messages.
+    """
+    import meshio
+
+    places: dict[int, list[float]] = {}
+    elements: dict[int, tuple[str, list[int]]] = {}
+    sets: dict[str, dict[str, list[int]]] = {"NSET": {}, "ELSET": {}}
+    unknown: set[str] = set()
+    for keyword, options, lines in _cards(path, received):
+        if keyword == "NODE":
+            own = [line.split(",") for line in lines]
+            for label, *place in own:
+                if int(label) in places:
+                    raise InputError(f"{received}: node {int(label)} is there twice; the nodes of one body are needed")
+                places[int(label)] = [float(x) if x.strip() else 0.0 for x in (*place, "", "", "")[:3]]
+            if "NSET" in options:
+                _set(sets["NSET"], options["NSET"]).extend(int(label) for label, *_ in own)
+        elif keyword in sets:
+            members = list(_members_of_set(lines, options, sets[keyword], received))
+            _set(sets[keyword], options.get(keyword, "")).extend(members)
+        elif keyword == "ELEMENT":
+            kind = kind_of(options.get("TYPE", ""))
+            if kind is None:
+                unknown.add(options.get("TYPE", "none"))
+                continue
+            numbers, n = [int(word) for line in lines for word in line.split(",") if word.strip()], N_NODES[kind]
+            if len(numbers) % (n + 1):
+                raise InputError(f"{received}: elements of type {options['TYPE']} have {n} nodes each, not all here do")
+            own = np.array(numbers, dtype=int).reshape(-1, n + 1).tolist()
+            for label, *nodes in own:
+                if label in elements:
+                    raise InputError(f"{received}: element {label} is there twice; the elements of one body are needed")
+                elements[label] = kind, nodes
+            if "ELSET" in options:
+                _set(sets["ELSET"], options["ELSET"]).extend(label for label, *_ in own)
+    if not places:
+        raise InputError(f"{received}: it has no nodes; a NODE card with all nodes of the body is needed")
+    at = {label: number for number, label in enumerate(places)}
+    try:
+        cells = [(kind, [at[node] for node in nodes]) for kind, nodes in elements.values()]
+        point_sets = {name: np.array([at[n] for n in members], dtype=int) for name, members in sets["NSET"].items()}
+    except KeyError as error:
+        raise InputError(f"{received}: an element or a set names node {error.args[0]}, which is not there") from error
+    kinds = np.array([kind for kind, _ in cells])
+    of_kinds = [np.flatnonzero(kinds == kind) for kind in dict.fromkeys(kinds.tolist())]
+    blocks = [(cells[own[0]][0], np.array([cells[k][1] for k in own])) for own in of_kinds]
+    labels = np.array(list(elements))
+    cell_sets = {
+        name: [np.flatnonzero(np.isin(labels[own], members)) for own in of_kinds]
+        for name, members in sets["ELSET"].items()
+    }
+    mesh = meshio.Mesh(np.array(list(places.values())), blocks, point_sets=point_sets, cell_sets=cell_sets)
+    return mesh, np.array(list(places)), sorted(unknown)
+
+
+def kind_of(name: str) -> str | None:
+    """Return meshio's type of the cells that an Abaqus element such as ``C3D20R`` has; nothing if none is known."""
+    found, of_line = OF_TYPE.match(name.upper()), OF_LINE.match(name.upper())
+    if of_line:
+        return OF_LINES.get(name.upper()[0] + of_line[1])
+    return found and FAMILIES["plane" if found[1] else "solid"].get(int(found[2]))
+
+
+def _set(sets: dict[str, list[int]], name: str) -> list[int]:
+    """Return the members of a set, made where it is new; capitals do not matter."""
+    known = next((own for own in sets if own.upper() == name.upper()), name)
+    return sets.setdefault(known, [])
+
+
+def _members_of_set(
+    lines: list[str], options: Collection[str], sets: dict[str, list[int]], received: str
+) -> Iterator[int]:
+    """Yield the members of a set: numbers, ranges, and those of other sets."""
+    known = {name.upper(): members for name, members in sets.items()}
+    for line in lines:
+        words = [word.strip().strip('"') for word in line.split(",") if word.strip()]
+        if "GENERATE" in options:
+            first, last, *step = map(int, words)
+            numbers = range(first, last + 1, *step)
+            if len(numbers) > MOST_MEMBERS:
+                raise InputError(f"{received}: a set has {len(numbers)} members; at most {MOST_MEMBERS} are read")
+            yield from numbers
+            continue
+        for word in words:
+            if not word.isdecimal() and word.upper() not in known:
+                raise InputError(f'{received}: a set is made from the set "{word}", which is not there before it')
+            yield from known[word.upper()] if word.upper() in known else (int(word),)
+
+
+def _cards(path: Path, received: str) -> Iterator[tuple[str, dict[str, str], list[str]]]:
+    """Yield keyword, options and lines of data of every card, those of included files in their place."""
+    card = None
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for line in chain(map(str.strip, file), ["*END"]):
+            if not line or line.startswith("**"):
+                continue
+            if not line.startswith("*"):
+                if card is not None:
+                    card[2].append(line)
+                continue
+            if card is not None and card[0] == "INCLUDE":
+                other = path.parent / card[1].get("INPUT", "")
+                check_file(other, f'{received}: INCLUDE = "{other}"', "a file that it includes is needed")
+                yield from _cards(other, received)
+            elif card is not None:
+                yield card
+            keyword, *words = (word.strip() for word in line[1:].split(","))
+            options = {
+                key.strip().upper(): value.strip().strip('"') for key, _, value in (w.partition("=") for w in words)
+            }
+            card = keyword.upper(), options, []

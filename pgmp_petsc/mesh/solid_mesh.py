@@ -305,19 +305,18 @@ def check_repeated(kind: str, cells: np.ndarray, received: str) -> None:
 
 
 def check_pieces(cells: np.ndarray, received: str, filed: np.ndarray | None = None) -> None:
-    """Refuse cells that use every node and are not one piece; `filed` are the same in the file's numbers, if others."""
+    """Refuse cells that are not one piece; `filed` are the same in the file's numbers, if others."""
     from scipy.sparse.csgraph import connected_components
 
     n_nodes = int(cells.max()) + 1
     graph = undirected_graph(incidence_edges(n_nodes, cells), n_nodes + len(cells))
-    n_pieces, labels = connected_components(graph, directed=False)
-    if n_pieces > 1:
-        pieces = labels[n_nodes:]
-        sizes = np.bincount(pieces)
+    pieces = connected_components(graph, directed=False)[1][n_nodes:]
+    sizes = np.unique(pieces, return_counts=True)[1]
+    if len(sizes) > 1:
         aside = int(np.flatnonzero(pieces != pieces[0])[0])
         of_aside = shown((cells if filed is None else filed)[aside])
         raise InputError(
-            f"{received}: the cells form {n_pieces} separate pieces of {shown(np.sort(sizes)[::-1])} cells; the first "
+            f"{received}: the cells form {len(sizes)} separate pieces of {shown(np.sort(sizes)[::-1])} cells; the first "
             f"that does not hang together with cell 0 is cell {aside} with the nodes {of_aside}; a body is one "
             "connected piece (nodes at the same place must be merged)"
         )

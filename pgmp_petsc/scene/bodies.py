@@ -358,7 +358,7 @@ class Body(Table):
         description="scale of the cross-section of a continuum body about the x axis of its mesh, of which the mesh "
         "has 1; a number or a parameter's name",
     )
-    regions: dict[Name, str] = Field(
+    regions: dict[str, str] = Field(
         {}, description="materials of named regions of the mesh, other than the body's; continuum elements only"
     )
     flexible: bool = Field(True, strict=True, description="false makes the body rigid")

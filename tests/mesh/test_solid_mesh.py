@@ -131,6 +131,13 @@ def test_faces_come_in_the_order_of_the_element_whatever_the_file_has() -> None:
     assert all(face in faces_of_cells for face in mesh.groups["left"].tolist())
 
 
+def test_nodes_in_no_cell_are_left_out() -> None:
+    cells = [("vertex", [[6]]), ("line", [[0, 6]]), ("quad", np.array(TWO_QUADS) + 1)]
+    mesh = read(meshio.Mesh([[9, 9, 0], *SQUARES, [5, 0, 0]], cells, point_sets={"a": [0, 1, 4]}), 2)
+    np.testing.assert_array_equal(np.sort(mesh.nodes, axis=0), np.sort(np.array(SQUARES)[:, :2], axis=0))
+    np.testing.assert_array_equal(mesh.nodes[mesh.groups["a"]], [[[0.0, 1.0], [0.0, 0.0]]])
+
+
 def test_face_cells_outside_groups_are_ignored() -> None:
     cells = [("line", [[0, 1], [5, 0]]), ("quad", TWO_QUADS), ("vertex", [[3]]), ("line3", [[0, 1, 2]])]
     mesh = read(meshio.Mesh(SQUARES, cells), 2)
@@ -212,21 +219,61 @@ def test_sets_of_element_cards(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "end", "message"),
+    ("first", "second", "end", "regions", "held"),
     [
-        (ON_A, ON_A, "", 'the set "a" is on several cards, of which meshio reads one; one ELSET card must list'),
-        (ON_A, ON_B, "*ELSET, ELSET=A\n2\n", 'the set "A" is on several cards'),
-        ("", "", "*NSET, NSET=LEFT\n2\n", 'the set "LEFT" is on several cards, .* one NSET card must list it'),
-        ("", ON_B, "", 'the set "b" is on an ELEMENT card after one without ELSET, and meshio would'),
-        (ON_A, ON_B, "*ELSET, ELSET=ba\nb\na\n", 'the set "ba" is made from other sets, which meshio'),
-        ("", "", "*NSET, NSET=all\n left\n", 'the set "all" is made from other sets'),
+        (ON_A, ON_A, "", {"a": 2}, {}),
+        (ON_A, ON_B, "*ELSET, ELSET=A\n2\n", {"a": 2, "b": 1}, {}),
+        ("", "", "*NSET, NSET=LEFT\n2\n*NSET, NSET=all\n Left, 5\n", {}, {"left": 2, "all": 3}),
+        ("", ON_B, "", {"b": 1}, {}),
+        (ON_A, ON_B, "*ELSET, ELSET=ba\nb\na\n", {"a": 1, "b": 1, "ba": 2}, {}),
+        ("", "", "*INCLUDE, INPUT=more.inp\n", {"most": 2}, {"bottom": 2}),
     ],
 )
-def test_sets_of_abaqus_that_meshio_misreads(first: str, second: str, end: str, message: str, tmp_path: Path) -> None:
-    path = plates(tmp_path, first, second, end)
+def test_sets_of_abaqus_in_pieces_of_others_and_included(
+    first: str, second: str, end: str, regions: dict, held: dict, tmp_path: Path
+) -> None:
+    faces = "*ELEMENT, TYPE=T3D2, ELSET=bottom\n8, 1, 2\n9, 2, 3\n"
+    (tmp_path / "more.inp").write_text(faces + "*ELSET, ELSET=most, GENERATE\n1, 2\n")
+    mesh = read_solid_mesh(plates(tmp_path, first, second, end), 2, ENTRY)
+    assert {name: len(cells) for name, cells in mesh.regions.items()} == regions
+    assert {name: len(faces) for name, faces in mesh.groups.items()} == {"left": 1, **held}
+
+
+@pytest.mark.parametrize(
+    ("end", "message"),
+    [
+        ("*ELEMENT, TYPE=DCOUP2D\n7, 1\n", "elements of type DCOUP2D, which are not known; leave them out"),
+        ("*ELEMENT, TYPE=CPS4\n2, 1, 2, 5, 4\n", "element 2 is there twice"),
+        ("*ELSET, ELSET=a\nb\n", 'a set is made from the set "b", which is not there before it'),
+        ("*NSET, NSET=a, GENERATE\n1, 99999999999\n", "a set has 99999999999 members"),
+        ("*INCLUDE, INPUT=none.inp\n", "INCLUDE = .*none.inp.*: no such file"),
+    ],
+)
+def test_abaqus_files_that_are_refused(end: str, message: str, tmp_path: Path) -> None:
+    path = plates(tmp_path, end=end)
     with pytest.raises(InputError, match=message) as caught:
         read_solid_mesh(path, 2, ENTRY)
     assert str(caught.value).startswith(f'{ENTRY} = "{path}": ')
+
+
+@pytest.mark.parametrize("kind", ["triangle6", "quad8", "quad9", "tetra10", "hexahedron20"])
+def test_quadratic_elements_of_abaqus_with_their_faces(kind: str, tmp_path: Path) -> None:
+    """gmsh writes the faces of groups as trusses and plane elements."""
+    types = {"triangle6": "CPS6", "quad8": "CPS8", "quad9": "S9R5", "tetra10": "C3D10", "hexahedron20": "C3D20"}
+    types |= {"line3": "T3D3"} | ({} if kind == "triangle6" else {"triangle6": "CPE6", "quad8": "CPS8"})
+    made, lines, number = small_grid(kind), ["*NODE"], 0
+    lines += [f"{k + 1}, {', '.join(map(repr, map(float, point)))}" for k, point in enumerate(made.points)]
+    for block in made.cells:
+        lines.append(f"*ELEMENT, TYPE={types[block.type]}, ELSET=of_{block.type}")
+        for cell in block.data:
+            number += 1
+            lines.append(f"{number}, {', '.join(str(node + 1) for node in cell)}")
+    path = tmp_path / "mesh.inp"
+    path.write_text("\n".join(lines))
+    mesh, expected = read_solid_mesh(path, dimension_of(kind), ENTRY), read(made, dimension_of(kind))
+    np.testing.assert_array_equal(mesh.nodes, expected.nodes)
+    np.testing.assert_array_equal(mesh.cells, expected.cells)
+    assert {len(faces) for faces in mesh.groups.values()} == {sum(len(b.data) for b in made.cells[1:])}
 
 
 def test_gmsh_groups_of_other_dimensions_are_explained() -> None:
@@ -404,11 +451,6 @@ REFUSED = cases(r"""
 2, changed("quad", points=lambda x: with_value(x, ([5, 8], 2), 1e-6)) ->
     2 of 20 nodes are off the plane z = 0, where plane bodies lie; the first is node 5 at \[0.5, 0.5, 1e-06\]
 2, changed("quad", points=lambda x: x + [0, 0, 1]) -> 20 of 20 nodes are off the plane
-2, meshio.Mesh([[9, 9, 9], *SQUARES, [8, 8, 8]], [("quad", np.array(TWO_QUADS) + 1)]) ->
-    a mesh with unused nodes: 2 of 8 nodes are in no cell of type quad; the first is node 0 at \[9.0, 9.0, 9.0\]
-2, meshio.Mesh([*SQUARES, [5, 0, 0], [6, 0, 0]], [("vertex", [[6]]), ("line", [[5, 6], [6, 7]]), ("quad", TWO_QUADS)])
-    ->
-    a mesh with unused nodes: 2 of 8 nodes are in no cell of type quad; the first is node 6
 2, meshio.Mesh(SQUARES, [("quad", [TWO_QUADS[0], TWO_QUADS[1][::-1]])]) ->
     1 of 2 cells of type quad are inverted or have no area; the first is cell 1 with the nodes \[4, 5, 2, 1\], where
 2, changed("triangle6", cells=lambda cells: cells[:, [0, 2, 1, 5, 4, 3]]) -> all 24 cells of type triangle6 are inverted
@@ -462,7 +504,7 @@ def test_unusable_meshes_are_refused(made: str, message: str) -> None:
     [
         ("absent.msh", None, "no such file; a mesh file that meshio reads"),
         ("broken.msh", "this is no mesh", "meshio cannot read this file"),
-        ("empty.inp", "", "cannot read this file|no cells"),
+        ("empty.inp", "", "it has no nodes"),
     ],
 )
 def test_unreadable_files_are_refused(tmp_path: Path, name: str, content: str | None, message: str) -> None:
