@@ -97,7 +97,7 @@ def _check(history: MeasuredHistory, names: Sequence[str], noise: Mapping[str, f
     for output in noise:
         if output not in history.outputs:
             raise InputError(f"--noise {output}: it is no column of the history{nearest_name(output, history.outputs)}")
-    n = history.time.size * len(history.outputs)
+    n = sum(history.of(name)[0].size for name in history.outputs)
     if n <= len(names):
         raise InputError(
             f"the history has {n} measurements for {len(names)} parameters ({', '.join(names)}); more are needed than "
@@ -148,8 +148,8 @@ def served_remarks(model: ReducedModel, names: Sequence[str]) -> Iterator[Remark
         if (low, high) != tuple(bounds):
             yield note(
                 f"{name} is searched in [{served.shown(low)}, {served.shown(high)}], the range that the reduced "
-                f"model was built for, and not in all of its bounds [{', '.join(map(served.shown, bounds))}]: for these "
-                f"build with a distribution that spans them, or without one (pgmp build SCENE)"
+                f"model was built for, and not in all of its bounds [{', '.join(map(served.shown, bounds))}]: for "
+                f"these build with a distribution that spans them, or without one (pgmp build SCENE)"
             )
 
 
@@ -171,7 +171,8 @@ class _Fitting:
         self._lengths = set(length_names(scene))
         self._start = np.array([scene.values[name] for name in names])
         self._scale = np.where(self._start != 0.0, np.abs(self._start), np.ptp(self._limits, axis=1))
-        self._condensations: dict[bytes, _Condensed] = {}
+        self._n = {name: history.of(name)[0].size for name in history.outputs}
+        self._condensations: dict[str, tuple[bytes, _Condensed]] = {}
         # of the scene's own: runs with smaller steps have more, and residuals are as many in all
         self._least_steps = 1 + count_steps(scene.simulation.duration, scene.simulation.step)
         self._runs: list[tuple[bytes, DifferentiatedRun]] = []
@@ -184,9 +185,10 @@ class _Fitting:
         with timings.phase("fit"):
             begin = self._run(self._start)
             sigma, solution = self._solved()
-        left = self._left(solution.run)
+        parts = [self._apart(solution.run, name) for name in self._history.outputs]
+        left = [part[:, 0] for part in parts]
         lasting = [autocorrelation(row) for row in left]
-        slopes = self._jacobian(solution.run) / sigma[:, None, None]
+        slopes = [part[:, 1:] / one for part, one in zip(parts, sigma)]
         errors, correlation, blind = uncertainty(slopes, self._scale, lasting)
         estimate = np.array([solution.values[name] for name in self._names])
         scene, history = self._model.scene, self._history
@@ -203,8 +205,9 @@ class _Fitting:
         ]
         outputs = {
             name: FittedOutput(
-                self._model.outputs.units[name], history.outputs[name], self._at(solution.run, name)[0],
-                self._at(begin, name)[0], float(sigma[k]), name in self._noise,
+                self._model.outputs.units[name], history.outputs[name],
+                *(self._at(run, name, history.time)[:, 0] for run in (solution.run, begin)), float(sigma[k]),
+                name in self._noise,
             )
             for k, name in enumerate(history.outputs)
         }  # fmt: skip
@@ -215,18 +218,15 @@ class _Fitting:
     def _solved(self) -> tuple[np.ndarray, _Solution]:
         """Return the deviations of the noise of every output, and the solution."""
         history, known = self._history, self._noise
-        largest = np.array([np.abs(values).max() for values in history.outputs.values()])
+        largest, n = np.array([np.nanmax(np.abs(values)) for values in history.outputs.values()]), sum(self._n.values())
         least = LEAST_NOISE * np.maximum(largest, 1e-300)
-        squares = self._squares(self._run(self._start))
-        sigma = np.array(
-            [known.get(name, np.sqrt(squares[k] / self._n)) for k, name in enumerate(history.outputs)], dtype=float
-        )
+        size = self._size(self._run(self._start))
+        sigma = np.array([known.get(name, size[k]) for k, name in enumerate(history.outputs)], dtype=float)
         sigma, at = np.maximum(sigma, least), self._start
         for _ in range(1 if len(known) == len(sigma) else MOST_ROUNDS):
             solution = self._minimum(at, sigma)
             at = np.array([solution.values[name] for name in self._names])
-            share = 1.0 - at.size / (self._n * len(sigma))  # of freedom that the parameters leave
-            found = np.sqrt(self._squares(solution.run) / self._n / share)
+            found = self._size(solution.run) / np.sqrt(1.0 - at.size / n)  # the share of freedom that is left
             found = np.maximum([known.get(name, found[k]) for k, name in enumerate(history.outputs)], least)
             settled, sigma = np.all(np.abs(found - sigma) <= SETTLED * sigma), found
             if settled:
@@ -280,55 +280,41 @@ class _Fitting:
         rows = [run.outputs[output], *(run.derivatives[output][name] for name in self._names)]
         return CubicSpline(run.time, np.array(rows).T)
 
-    def _at(self, run: DifferentiatedRun, output: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return an output (n,) and its derivatives (n, n_parameters) at the measured instants, by a cubic spline."""
-        found = self._spline(run, output)(np.minimum(self._history.time, run.time[-1]))
-        return found[:, 0], found[:, 1:]
+    def _at(self, run: DifferentiatedRun, output: str, time: np.ndarray) -> np.ndarray:
+        """Return an output and its derivatives at times (n,), by a cubic spline: shape (n, n_parameters + 1)."""
+        return self._spline(run, output)(np.minimum(time, run.time[-1]))
 
-    @property
-    def _n(self) -> int:
-        """Number of instants."""
-        return self._history.time.size
+    def _apart(self, run: DifferentiatedRun, output: str) -> np.ndarray:
+        """Return what an output differs by from what was measured, and its derivatives, (n_k, n_parameters + 1)."""
+        time, measured = self._history.of(output)
+        found = self._at(run, output, time)
+        found[:, 0] -= measured
+        return found
 
-    def _condensed(self, run: DifferentiatedRun) -> _Condensed | None:
-        """Return the measurements as the cubics of a run see them; None where they are too few to be condensed."""
-        if self._n < DENSE * run.time.size:
-            return None
-        key = run.time.tobytes()
-        if key not in self._condensations:
-            self._condensations = {key: _Condensed(self._history, run.time)}
-        return self._condensations[key]
+    def _rows(self, run: DifferentiatedRun, output: str) -> tuple[np.ndarray, float]:
+        """Return as many rows of `_apart`, or of those that its measurements are condensed to, and the sum of squares
+        that is left besides."""
+        if self._n[output] < DENSE * run.time.size:
+            return self._apart(run, output), 0.0
+        key, (known, condensed) = run.time.tobytes(), self._condensations.get(output, (b"", None))
+        if condensed is None or known != key:
+            condensed = _Condensed(*self._history.of(output), run.time)
+            self._condensations[output] = key, condensed
+        return condensed.rows(self._spline(run, output)), condensed.rest
 
-    def _squares(self, run: DifferentiatedRun) -> np.ndarray:
-        """Return the sums of squares of what the run differs by from what was measured, shape (n_outputs,)."""
-        condensed = self._condensed(run)
-        if condensed is None:
-            return np.sum(self._left(run) ** 2, axis=1)
-        left = [condensed.rows(self._spline(run, name), name)[:, 0] for name in self._history.outputs]
-        return np.sum(np.square(left), axis=1) + [condensed.rest[name] for name in self._history.outputs]
+    def _size(self, run: DifferentiatedRun) -> np.ndarray:
+        """Return the root mean squares of what the run differs by from what was measured, shape (n_outputs,)."""
+        parts = [(*self._rows(run, name), n) for name, n in self._n.items()]
+        return np.sqrt([(np.sum(rows[:, 0] ** 2) + rest) / n for rows, rest, n in parts])
 
     def _equations(self, run: DifferentiatedRun, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return weighted residuals (m,) and their derivatives (m, n_parameters): of all measurements, or as many as
-        there are parameters and one, with the same products (their factor R), where they are condensed."""
-        condensed = self._condensed(run)
-        if condensed is None:
-            left, slopes = self._left(run) / sigma[:, None], self._jacobian(run) / sigma[:, None, None]
-            if self._n < DENSE * self._least_steps:
-                return left.ravel(), slopes.reshape(-1, slopes.shape[2])
-            rows = np.column_stack([slopes.reshape(-1, slopes.shape[2]), left.ravel()])
-        else:
-            parts = [condensed.rows(self._spline(run, name), name) for name in self._history.outputs]
-            rows = np.concatenate([np.roll(part, -1, axis=1) / one for part, one in zip(parts, sigma)])
-        factor = np.linalg.qr(rows, mode="r")
+        there are parameters and one, with the same products (their factor R), where some may be condensed."""
+        rows = np.concatenate([self._rows(run, name)[0] / one for name, one in zip(self._n, sigma)])
+        if max(self._n.values()) < DENSE * self._least_steps:
+            return rows[:, 0], rows[:, 1:]
+        factor = np.linalg.qr(np.roll(rows, -1, axis=1), mode="r")
         return factor[:, -1], factor[:, :-1]
-
-    def _left(self, run: DifferentiatedRun) -> np.ndarray:
-        """Return what the run differs by from what was measured, shape (n_outputs, n)."""
-        return np.array([self._at(run, name)[0] - values for name, values in self._history.outputs.items()])
-
-    def _jacobian(self, run: DifferentiatedRun) -> np.ndarray:
-        """Return the derivatives of all outputs, shape (n_outputs, n, n_parameters)."""
-        return np.array([self._at(run, name)[1] for name in self._history.outputs])
 
     def _of_solution(self, solution: _Solution) -> tuple[Remark, ...]:
         near = note(
@@ -368,16 +354,17 @@ class _Fitting:
                     )
 
     def _of_own_error(
-        self, solution: _Solution, slopes: np.ndarray, sigma: np.ndarray, errors: np.ndarray
+        self, solution: _Solution, slopes: Sequence[np.ndarray], sigma: np.ndarray, errors: np.ndarray
     ) -> tuple[Remark, ...]:
-        """Return what errors of the model do to the estimates, by a step of the fit: `slopes` is its Jacobian over the
-        noise, (n_outputs, n, n_parameters), standard errors are (n_parameters,)."""
+        """Return what errors of the model do to the estimates, by a step of the fit: `slopes` are its Jacobians over
+        the noise, (n_k, n_parameters) of each output, standard errors are (n_parameters,)."""
         own = OwnErrors.of_runs(self._model, [self._model.scene.values | solution.values])
         known = None if own is None else own.over(self._history.time)
         if known is None:
             return (not_known(self._model, "the estimates"),)
-        row = np.concatenate([known[name] / sigma[k] for k, name in enumerate(self._history.outputs)])
-        scaled = slopes.reshape(-1, self._scale.size) * self._scale
+        measured = self._history.outputs.items()
+        row = np.concatenate([known[name][np.isfinite(y)] / one for (name, y), one in zip(measured, sigma)])
+        scaled = np.concatenate(slopes) * self._scale
         moved = np.linalg.lstsq(scaled, row, rcond=NO_DIRECTION)[0] * self._scale
         # y - e follows the data with values that differ by the step that e asks for
         figures = []
@@ -389,7 +376,9 @@ class _Fitting:
         return of_figures(figures, "the standard errors", OF_STANDARD_ERROR)
 
     @gathered
-    def _of_noise(self, left: np.ndarray, sigma: np.ndarray, lasting: Sequence[np.ndarray]) -> Iterator[Remark]:
+    def _of_noise(
+        self, left: Sequence[np.ndarray], sigma: np.ndarray, lasting: Sequence[np.ndarray]
+    ) -> Iterator[Remark]:
         """Return in which outputs what is left is no independent noise, or not of the size that was given."""
         for k, (name, row) in enumerate(zip(self._history.outputs, left)):
             size = float(np.sum(row**2))
@@ -412,52 +401,49 @@ class _Fitting:
 
 
 class _Condensed:
-    """Measurements between two instants of a run, as four equations for the cubic there.
+    """Measurements (n,) of an output between two instants of a run, as four equations for the cubic there.
 
     With ``V c`` the values of the cubic of coefficients c at the measured instants, ``V = Q R``, and m the measurements
-    ``|V c - m|^2 = |R c - Q^T m|^2 + |m|^2 - |Q^T m|^2``. `rest` has the sums of squares by output that no cubic takes
-    away.
+    ``|V c - m|^2 = |R c - Q^T m|^2 + |m|^2 - |Q^T m|^2``. `rest` is the sum of squares that no cubic takes away.
     """
 
-    def __init__(self, history: MeasuredHistory, time: np.ndarray) -> None:
+    def __init__(self, instants: np.ndarray, measured: np.ndarray, time: np.ndarray) -> None:
         self._steps = np.diff(time)
-        place = np.clip(np.searchsorted(time, history.time, side="right") - 1, 0, time.size - 2)
-        inside = np.minimum((history.time - time[place]) / self._steps[place], 1.0)
+        place = np.clip(np.searchsorted(time, instants, side="right") - 1, 0, time.size - 2)
+        inside = np.minimum((instants - time[place]) / self._steps[place], 1.0)
         ends = np.searchsorted(place, np.arange(time.size))
-        self._factors = np.zeros((time.size - 1, 4, 4))
-        self._measured = {name: np.zeros((time.size - 1, 4)) for name in history.outputs}
-        self.rest = dict.fromkeys(history.outputs, 0.0)
+        self._factors, self._measured = np.zeros((time.size - 1, 4, 4)), np.zeros((time.size - 1, 4))
+        self.rest = 0.0
         for k, (first, last) in enumerate(zip(ends[:-1], ends[1:])):
             if first == last:
                 continue
             q, r = np.linalg.qr(np.vander(inside[first:last], 4))
-            self._factors[k, : len(r)] = r
-            for name, values in history.outputs.items():
-                own = q.T @ values[first:last]
-                self._measured[name][k, : len(own)] = own
-                self.rest[name] += float(np.sum((values[first:last] - q @ own) ** 2))
+            own = q.T @ measured[first:last]
+            self._factors[k, : len(r)], self._measured[k, : len(own)] = r, own
+            self.rest += float(np.sum((measured[first:last] - q @ own) ** 2))
 
-    def rows(self, spline: CubicSpline, output: str) -> np.ndarray:
-        """Return what the cubics of an output differ by from what was measured, and its derivatives, shape (4 n_steps,
+    def rows(self, spline: CubicSpline) -> np.ndarray:
+        """Return what the cubics of the output differ by from what was measured, and its derivatives, shape (4 n_steps,
         n_parameters + 1)."""
         scaled = spline.c * self._steps[:, None] ** np.arange(3, -1, -1)[:, None, None]
         found = np.einsum("kij,jkp->kip", self._factors, scaled)
-        found[:, :, 0] -= self._measured[output]
+        found[:, :, 0] -= self._measured
         return found.reshape(-1, found.shape[2])
 
 
 def uncertainty(
-    jacobian: np.ndarray, scale: np.ndarray, lasting: Sequence[np.ndarray] | None = None
+    jacobians: Sequence[np.ndarray], scale: np.ndarray, lasting: Sequence[np.ndarray] | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return standard errors of parameters, shape (n_parameters,), infinite where one is not identifiable,
     correlations, shape (n_parameters, n_parameters), NaN there, and which are not identifiable.
 
-    The Jacobian is that of the weighted residuals, shape (n, n_parameters), or of several outputs (n_outputs, n,
-    n_parameters), and scales are the sizes of the parameters. `lasting` has for each output the correlations of its
-    residuals with later ones, 1 first; None: there are none.
+    Jacobians are those of the weighted residuals of each output, shape (n_k, n_parameters), and scales are the sizes of
+    the parameters. `lasting` has for each output the correlations of its residuals with later ones, 1 first; None:
+    there are none.
     """
-    scaled = jacobian * scale
-    matrix = scaled.reshape(-1, scaled.shape[-1])
+    scaled = [jacobian * scale for jacobian in jacobians]
+    matrix = np.concatenate(scaled)
+    n = len(matrix)
     if len(matrix) > MANY:
         matrix = np.linalg.qr(matrix, mode="r")
     _, sizes, directions = np.linalg.svd(matrix, full_matrices=False)
@@ -469,7 +455,7 @@ def uncertainty(
     if lasting is not None and any(one.size > 1 for one in lasting):
         covariance = covariance @ sum(_correlated(*one) for one in zip(scaled, lasting)) @ covariance
         # parameters take more freedom from values that are worth fewer independent ones, of which deviations follow
-        n, worth = scaled[0].shape[0] * len(scaled), sum(len(scaled[0]) / (2.0 * sum(one) - 1.0) for one in lasting)
+        worth = sum(len(part) / (2.0 * sum(one) - 1.0) for part, one in zip(scaled, lasting))
         covariance *= (1.0 - len(scale) / n) / max(1.0 - len(scale) / worth, LEAST_FREEDOM)
     errors = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore", divide="ignore"):

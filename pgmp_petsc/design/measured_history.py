@@ -1,6 +1,7 @@
 """A measured history: a table of instants and outputs in a CSV file.
 
-The first line has the names: ``time`` (s) and outputs of the scene, in their units. Other columns have no part.
+The first line has the names: ``time`` (s) and outputs of the scene, in their units. Other columns have no part. A cell
+that is empty, or ``nan``, is a gap: sensors may measure at instants of their own.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene.fields import LARGEST
 
 TIME = "time"
+GAPS = ("", "nan")
 LARGE = 1_000_000  # bytes of a file that is read at once
 MOST_ORDER = 20  # of the autoregression of what is left
 NOTHING = 1e-6  # correlation that is none
@@ -32,8 +34,13 @@ class MeasuredHistory:
     """Measured outputs over time."""
 
     time: np.ndarray  # increasing, shape (n,), s
-    outputs: dict[str, np.ndarray]  # by name, each of shape (n,)
+    outputs: dict[str, np.ndarray]  # by name, each of shape (n,); NaN where it was not measured
     remarks: tuple[Remark, ...] = ()  # what is to be said of the file
+
+    def of(self, output: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return the instants (n_k,), s, at which an output was measured, and what was."""
+        there = np.isfinite(self.outputs[output])
+        return self.time[there], self.outputs[output][there]
 
 
 def read_history(path: Path, outputs: OutputSet, duration: float, system: UnitSystem = SI) -> MeasuredHistory:
@@ -67,6 +74,9 @@ def read_history(path: Path, outputs: OutputSet, duration: float, system: UnitSy
     time = columns.pop(TIME)
     if lines:
         _check_times(path, time, lines, duration)
+    for name, values in columns.items():
+        if np.isnan(values).all():
+            raise InputError(f"'{path}': the column '{name}' has no measurement at all; leave it out")
     others = [name for name in names if name not in used]
     remarks = (note(f"columns of '{path}' that are no outputs have no part: {', '.join(others)}"),) if others else ()
     found = {name: times(values, system.size_of(outputs.units[name])) for name, values in columns.items()}
@@ -108,15 +118,17 @@ def _used(path: Path, names: list[str], outputs: OutputSet) -> list[str]:
 
 
 def _number(text: str, where: str, name: str) -> float:
+    if name != TIME and text.strip().lower() in GAPS:
+        return np.nan
     try:
         value = float(text)
     except ValueError:
         value = np.nan
     if not abs(value) <= LARGEST:
         shown = f"'{shortened(text.strip(), 40)}'" if text.strip() else "nothing"
+        gaps = "" if name == TIME else " (or nothing, for a gap)"
         raise InputError(
-            f"{where}: {name} = {shown}; a finite number is needed, of a magnitude up to {LARGEST:g}; "
-            "leave lines with gaps out"
+            f"{where}: {name} = {shown}; a finite number is needed, of a magnitude up to {LARGEST:g}{gaps}"
         )
     return value
 

@@ -27,7 +27,6 @@ import numpy as np
 
 from pgmp_petsc.declare.records import (
     FLAGS,
-    Context,
     Record,
     Result,
     array,
@@ -241,8 +240,9 @@ class FittedParameter(Record):
     upper: float = array(at="limits", part=1, unit="{own.unit}")
 
 
-def _history(at: str, words: str) -> np.ndarray:
-    return array("time", at=f"{at}/{{name}}", unit="{own.unit}", about=f"output '{{name}}', {words}", ordered=True)
+def _history(at: str, words: str, gaps: bool = False) -> np.ndarray:
+    about = f"output '{{name}}', {words}"
+    return array("time", at=f"{at}/{{name}}", unit="{own.unit}", about=about, ordered=True, gaps=gaps)
 
 
 @dataclass(frozen=True)
@@ -250,7 +250,7 @@ class FittedOutput(Record):
     """An output at the measured instants."""
 
     unit: str = attribute("measured/{name}@unit")
-    measured: np.ndarray = _history("measured", "measured")
+    measured: np.ndarray = _history("measured", "measured", gaps=True)
     fitted: np.ndarray = _history("fitted", "with fitted values")
     begun: np.ndarray = _history("begun", "begun with")
     noise: float = array(at="noise/{name}", unit="{own.unit}", about="deviation of the noise of '{name}'")

@@ -92,8 +92,8 @@ def fit_lines(found: Fit) -> Iterator[str]:
     for number, (j, k) in enumerate(pairs):
         yield f"  {'correlation' if number == 0 else '':24s}{found.correlation[j, k]:+14.4f}  {names[k]}, {names[j]}"
     for name, output in found.outputs.items():
-        left = float(np.sqrt(np.mean((output.fitted - output.measured) ** 2)))
-        begun = float(np.sqrt(np.mean((output.begun - output.measured) ** 2)))
+        left = float(np.sqrt(np.nanmean((output.fitted - output.measured) ** 2)))
+        begun = float(np.sqrt(np.nanmean((output.begun - output.measured) ** 2)))
         noise = f"its noise is {output.noise:.3g}" if output.noise_given else "taken for its noise"
         yield f"  {name:24s}{left:14.4g}{_behind(output.unit)} left of {begun:.4g}; {noise}"
 

@@ -40,6 +40,13 @@ def test_tables_of_this_program_are_read(tmp_path: Path) -> None:
     assert found.remarks[0].text.endswith("have no part: x (y)")
 
 
+def test_sensors_may_measure_at_instants_of_their_own(tmp_path: Path) -> None:
+    found = read_history(written(tmp_path, "time,angle,bend\n0,1,\n0.5,,2e-3\n1.0,3,NaN\n"), OUTPUTS, DURATION)
+    np.testing.assert_array_equal(found.time, [0.0, 0.5, 1.0])
+    for name, times, values in (("angle", [0.0, 1.0], [1.0, 3.0]), ("bend", [0.5], [2e-3])):
+        np.testing.assert_array_equal(found.of(name), [times, values])
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -55,10 +62,11 @@ def test_tables_of_this_program_are_read(tmp_path: Path) -> None:
         ("time,angle\n", "there are no measurements in it, only a first line of names"),
         ("time,angle\n0,1\n0.1\n", "line 3 has 1 entries; the first line names 2 columns"),
         ("time,angle\n0,1\n0.1,x\n", "line 3: angle = 'x'; a finite number is needed"),
-        ("time,angle\n0,1\n0.1,\n", "line 3: angle = nothing; a finite number is needed"),
-        ("time,angle\n0,1\n0.1,\n", "of a magnitude up to 1e+30; leave lines with gaps out"),
+        ("time,angle\n0,1\n,2\n", "line 3: time = nothing; a finite number is needed, of a magnitude up to 1e+30"),
+        ("time,angle\n0,inf\n", "of a magnitude up to 1e+30 (or nothing, for a gap)"),
+        ("time,angle,bend\n0,1,\n1,2,nan\n", "the column 'bend' has no measurement at all; leave it out"),
         ("time,angle\n0,1e300\n", "line 2: angle = '1e300'; a finite number is needed, of a magnitude up to 1e+30"),
-        ("time,angle\n0,nan\n", "line 2: angle = 'nan'; a finite number is needed"),
+        ("time,angle\nnan,0\n", "line 2: time = 'nan'; a finite number is needed"),
         ("time,angle\n0,1\n0.2,1\n0.2,1\n", "line 4: time = 0.2 s comes after 0.2 s; times must increase"),
         ("time,angle\n0.5,1\n1.5,1\n", "line 3: time = 1.5 s is not in the run, [0, 1] s; give a longer one"),
         ("time,angle\n-0.5,1\n", "line 2: time = -0.5 s is not in the run"),
@@ -84,7 +92,7 @@ def test_a_large_file_is_read_at_once_and_its_faults_line_by_line(tmp_path: Path
         ("0,1\n0.1,x\n", "line 3: angle = 'x'"),
         ("0,1\n0.1\n", "line 3 has 1 entries"),
         ("0,1,2\n0.1,3,4\n", "line 2 has 3 entries"),
-        ("0,nan\n", "line 2: angle = 'nan'"),
+        ("0,inf\n", "line 2: angle = 'inf'"),
         ("0,1\n0.2,1\n0.2,1\n", "line 4: time = 0.2 s comes after"),
         ("0.5,1\n1.5,1\n", "line 3: time = 1.5 s is not in the run"),
         ("", "there are no measurements in it"),

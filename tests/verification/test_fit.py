@@ -135,13 +135,13 @@ def test_uncertainty_is_that_of_linear_regression() -> None:
     """And where parameters only act together there is none."""
     random = np.random.default_rng(2)
     jacobian, scale = random.normal(size=(40, 3)) * [1.0, 1e6, 1e-3], np.array([1.0, 1e-6, 1e3])
-    errors, correlation, blind = uncertainty(jacobian, scale)
+    errors, correlation, blind = uncertainty([jacobian], scale)
     covariance = np.linalg.inv(jacobian.T @ jacobian)
     np.testing.assert_allclose(errors, np.sqrt(np.diag(covariance)), rtol=1e-9)
     np.testing.assert_allclose(correlation, covariance / np.outer(errors, errors), atol=1e-9)
     assert not blind.any()
     column = random.normal(size=40)
-    errors, _, blind = uncertainty(np.stack([column, 2.0 * column, np.arange(40.0)], axis=1), np.ones(3))
+    errors, _, blind = uncertainty([np.stack([column, 2.0 * column, np.arange(40.0)], axis=1)], np.ones(3))
     assert blind.tolist() == [True, True, False] and np.isinf(errors[:2]).all() and np.isfinite(errors[2])
 
 
@@ -195,6 +195,25 @@ def test_many_measurements_are_condensed_without_a_difference(model, monkeypatch
         assert of(condensed)[name].error == pytest.approx(parameter.error, rel=1e-6)
     for name, output in whole.outputs.items():
         assert condensed.outputs[name].noise == pytest.approx(output.noise, rel=1e-7)
+
+
+@pytest.mark.parametrize("dense", [fitting.DENSE, 0.1])
+def test_sensors_at_instants_of_their_own_count_as_those_at_common_ones(model, of_full, monkeypatch, dense) -> None:
+    """One sensor is a nanosecond late, in rows of its own, in which the other one has gaps."""
+    monkeypatch.setattr(fitting, "DENSE", dense)
+    common = measured(of_full, 5)
+    time = np.ravel([common.time, common.time + 1e-9], order="F")
+    angle, bend = common.outputs.values()
+    gaps = np.full(angle.size, np.nan)
+    apart = {"angle": np.ravel([angle, gaps], order="F"), "bend": np.ravel([gaps, bend], order="F")}
+    found, known = (fit(model, one, ["r1", "c"], {}, MPI.COMM_SELF) for one in (MeasuredHistory(time, apart), common))
+    for name, parameter in of(known).items():
+        # a nanosecond is 1e-7 of a millimetre's and a milliradian's changes; the search ends at 1e-10 of the values
+        assert of(found)[name].estimate == pytest.approx(parameter.estimate, rel=1e-5)
+        assert of(found)[name].error == pytest.approx(parameter.error, rel=1e-4)
+    for name, output in known.outputs.items():
+        assert found.outputs[name].noise == pytest.approx(output.noise, rel=1e-5)
+        assert np.isfinite(found.outputs[name].fitted).all()
 
 
 def test_parameters_that_are_hardly_told_apart_are_named(model, of_full) -> None:
