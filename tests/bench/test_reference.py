@@ -190,7 +190,7 @@ def test_stresses_of_bodies_of_cells_are_in_what_a_step_is_predicted_to_take() -
 
 def test_forces_in_joints_are_in_what_steps_are_predicted_to_take() -> None:
     steps = []
-    for outputs in ((), ('outputs.force={type="joint_force", joint="bearing"}',)):
+    for outputs in ((), ('outputs.force={type="joint_force", joint="crank_hinge"}',)):
         scene, meshes = read_scene(ROOT / "scenes" / "slider_crank.toml", outputs, (), SELF, Purpose.CHECK)
         found = prospects(scene, meshes, Mechanism.from_scene(scene, meshes), 6, 0)
         steps.append([one.step for one in found])
