@@ -93,7 +93,7 @@ class PrescribedMotion(Driving):
                 yield problem(
                     entry,
                     f"contradicts effects.{other}, of type {rival.type} on the same joint {joint}: a prescribed motion "
-                    "takes whatever {'force' if slid else 'torque'} it needs; leave one of them out",
+                    f"takes whatever {'force' if slid else 'torque'} it needs; leave one of them out",
                     self.coordinate,
                 )
             if other < name and isinstance(rival, Driving) and rival.coordinate == self.coordinate:

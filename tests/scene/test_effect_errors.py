@@ -102,7 +102,8 @@ effects.e={type="prescribed_motion", coordinate="thet", WAVE} -> effects.e.coord
 effects.e=DRIVE & effects.f=DRIVE -> effects.f.coordinate = "theta": effects.e prescribes the same coordinate
 effects.e=DRIVE & effects.f={type="torque", joint="hinge", WAVE} -> effects.e.coordinate = "theta": contradicts
 effects.e=DRIVE & effects.f={type="end_stop", joint="hinge", stiffness=1, lower=-1} -> \
-    effects.e.coordinate = "theta": contradicts effects.f, of type end_stop on the same joint hinge: a prescribed motion
+    effects.e.coordinate = "theta": contradicts effects.f, of type end_stop on the same joint hinge: a prescribed \
+    motion takes whatever torque it needs
 effects.e=DRIVE & simulation.initial.theta.position=0.1 -> simulation.initial.theta: effects.e prescribes this
 effects.e={type="gyroscopic"} & effects.f={type="gyroscopic"} -> effects.f: effects.e is of the same type; a scene has
 effects.e={type="geometric_stiffening"} -> : is half of what is of second order in the deformation, and wrong by itself

@@ -19,6 +19,7 @@ from pgmp_petsc.models import FullModel, ReducedModel, reduced_statics
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.static_equilibrium import Search, settle
 from pgmp_petsc.stepping.status import Status
 from scenes import PENDULUM, RADIUS, SLIDER_CRANK, STEEL, meshes_of, tables
 
@@ -145,6 +146,33 @@ def test_samples_settle_each_for_itself() -> None:
         for k, radius in enumerate(radii):
             alone = model.batch({"r1": np.array([radius])}, 1)
             np.testing.assert_array_equal(together.settled.unknowns[:, k], alone.settled.unknowns[:, 0])
+
+
+class Fragile:
+    """Statics of a joint that `tanh(20 (theta - 0.1))` pulls back; bodies bear no more than theta = 0.15."""
+
+    n_samples = 2
+
+    def hold(self, theta: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        self.theta = theta.copy()
+        return -np.tanh(20.0 * (theta - 0.1)), samples & (theta[:, 0] > 0.15)
+
+    def cause(self, sample: int) -> str:
+        return "too far"
+
+    def unknowns(self) -> np.ndarray:
+        return self.theta.T
+
+    def inertia(self) -> np.ndarray:
+        return np.ones((2, 1))
+
+
+def test_a_step_beyond_what_bodies_bear_is_taken_in_parts() -> None:
+    coordinates = full_model(scene_of(BAR, "free")).kinematics.mechanism.coordinates
+    search = Search((0,), coordinates, np.array([-1.0]), np.array([1.0]), 1.0, 1.0)
+    settled = settle(Fragile(), np.array([[0.0], [0.2]]), search)
+    assert abs(settled.theta[0, 0] - 0.1) < 1e-9
+    assert set(settled.reasons) == {1} and "too far" in settled.reasons[1]
 
 
 def test_energy_is_kept_from_the_strain_at_the_start_on() -> None:
