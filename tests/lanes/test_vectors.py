@@ -169,13 +169,19 @@ def bordered(m: int, r: int, skew: float, random: np.random.Generator) -> tuple[
     return x, matrix, vectors(np.einsum("lij,jl->il", whole, x))
 
 
+@njit(error_model="numpy")
+def solved(matrix, r, m, x, scratch):
+    """Call what runs have compiled, which Python would have compiled once more."""
+    eliminate(matrix, r, m)
+    solve(matrix, r, m, x, scratch)
+
+
 @pytest.mark.parametrize("wrong", [-1.0, np.nan])
 def test_a_matrix_that_is_not_positive_definite_spoils_its_own_lane(wrong: float) -> None:
     (good, right), (bad, wrong_right) = (bordered(4, 1, 1e-2, np.random.default_rng(3))[1:] for _ in range(2))
     bad.factor[5, 3] *= wrong  # the diagonal of row 2
     for matrix, x in ((good, right), (bad, wrong_right)):
-        eliminate(matrix, 1, 4)
-        solve(matrix, 1, 4, x, aligned_zeros((1, LANES)))
+        solved(matrix, 1, 4, x, aligned_zeros((1, LANES)))
     assert np.isnan(wrong_right[:, 3]).all()
     others = np.arange(LANES) != 3
     np.testing.assert_array_equal(wrong_right[:, others], right[:, others])
@@ -186,6 +192,5 @@ def test_a_matrix_that_is_not_positive_definite_spoils_its_own_lane(wrong: float
 @pytest.mark.parametrize("skew", [0.0, 1e-2])
 def test_bordered_matrices_are_solved(m: int, r: int, skew: float) -> None:
     x, matrix, right = bordered(m, r, skew, RANDOM)
-    eliminate(matrix, r, m)
-    solve(matrix, r, m, right, aligned_zeros((r, LANES)))
+    solved(matrix, r, m, right, aligned_zeros((r, LANES)))
     np.testing.assert_allclose(right, x, rtol=1e-9, atol=1e-9)
