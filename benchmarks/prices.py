@@ -1,4 +1,4 @@
-"""What steps of the models take: measured, beside what `bench.finished` predicts from sizes.
+"""What steps of the models take: measured, beside what `bench.prices` predicts from sizes.
 
 python -m benchmarks.prices SCENE ... [-n 512]
 """
@@ -13,7 +13,7 @@ from time import process_time
 from mpi4py import MPI
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bench.finished import step_seconds
+from pgmp_petsc.bench.prices import step_seconds
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose

@@ -22,7 +22,7 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.plugins import in_use
 from pgmp_petsc.base.progress import doing
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.bench.finished import Price, step_of_samples, step_seconds
+from pgmp_petsc.bench.prices import Price, step_of_samples, step_seconds
 from pgmp_petsc.bench.reference import Demand, Reference, choose_reference, component_model
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES

@@ -30,7 +30,7 @@ from pgmp_petsc.base.progress import Progress, without_progress
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.candidates import ResponseSurface
 from pgmp_petsc.bench.cases import OWN, Case, Setting, Training, at_values, node_values
-from pgmp_petsc.bench.finished import Arrays, Finished, duration_text, step_seconds
+from pgmp_petsc.bench.finished import Arrays, Finished
 from pgmp_petsc.bench.history import (
     AnyModel,
     Errors,
@@ -43,6 +43,7 @@ from pgmp_petsc.bench.history import (
     spacing,
     with_steps,
 )
+from pgmp_petsc.bench.prices import duration_text, step_seconds
 from pgmp_petsc.bench.reference import Reference, Subject, component_model
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.lanes.vectors import LANES

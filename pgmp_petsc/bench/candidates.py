@@ -41,7 +41,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline, RBFInterpolator
 
 from pgmp_petsc.bench.cases import Setting, own_steps, step_of
-from pgmp_petsc.bench.finished import LOCAL_EFFECT, duration_text
+from pgmp_petsc.bench.prices import LOCAL_EFFECT, duration_text
 from pgmp_petsc.bench.reference import start_of_coordinates, takes_second_order
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, patterns_of

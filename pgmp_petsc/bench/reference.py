@@ -3,7 +3,7 @@
 The mesh is the truth of a scene. Where its runs take longer than ``reference.budget`` allows, the component model takes
 its place, with more modes than any basis that is tried; how far that model is from the mesh is then measured at as many
 points as a tenth of the budget pays for, and over as much of the run. What is predicted follows from sizes alone
-(`finished.Price`): the choice is the same for any number of ranks. Its step, in a trade-off, is halved until it no
+(`prices.Price`): the choice is the same for any number of ranks. Its step, in a trade-off, is halved until it no
 longer matters: until the last halving moved every output by less than a tenth of the smallest error that any setting
 has against it. For an integrator of order two, what remains is then a third of that move.
 
@@ -28,8 +28,8 @@ from scipy.linalg import block_diag, eigh, null_space
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.bench.finished import Price, duration_text, step_seconds
 from pgmp_petsc.bench.history import AnyModel, History, errors_between, floors_of, largest_errors, run_history
+from pgmp_petsc.bench.prices import Price, duration_text, step_seconds
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import rigid_motions
 from pgmp_petsc.bodies.floating import FloatingBody

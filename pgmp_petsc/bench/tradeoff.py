@@ -23,11 +23,12 @@ from pgmp_petsc.base.progress import progress, without_progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bench import candidates
-from pgmp_petsc.bench.advice import Sizes, advise, amplitudes, reduced_step
+from pgmp_petsc.bench.advice import Sizes, advise
 from pgmp_petsc.bench.bench import TIMED, Bench, Measured
 from pgmp_petsc.bench.cases import Setting, Training, held_out, own_steps
-from pgmp_petsc.bench.finished import Arrays, Finished, component_step, step_seconds
+from pgmp_petsc.bench.finished import Arrays, Finished
 from pgmp_petsc.bench.history import errors_of_samples, largest_errors, sizes_of
+from pgmp_petsc.bench.prices import amplitudes, component_step, reduced_step, step_seconds
 from pgmp_petsc.bench.reference import (
     Demand,
     Reference,

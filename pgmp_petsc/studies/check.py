@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, counted, gathered, warning
-from pgmp_petsc.bench.advice import Prospect, choice, prospects
 from pgmp_petsc.bench.cases import own_steps
+from pgmp_petsc.bench.prices import Prospect, choice, prospects
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.assembled import MassProperties
 from pgmp_petsc.bodies.component import directors

@@ -13,7 +13,6 @@ from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bench import bench
 from pgmp_petsc.bench.bench import FEWEST_STEPS, Bench, Shelf, bytes_of
 from pgmp_petsc.bench.cases import Training, held_out
-from pgmp_petsc.bench.finished import Price
 from pgmp_petsc.bench.history import (
     MOST_INSTANTS,
     History,
@@ -23,6 +22,7 @@ from pgmp_petsc.bench.history import (
     run_history,
     spacing,
 )
+from pgmp_petsc.bench.prices import Price
 from pgmp_petsc.bench.reference import Reference
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import Scene, scene_from_toml

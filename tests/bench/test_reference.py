@@ -13,9 +13,9 @@ from runs import full_model, reduced_model
 
 from pgmp_petsc.api.jobs import _Job
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bench import advice, reference
-from pgmp_petsc.bench.finished import duration_text, step_seconds
+from pgmp_petsc.bench import reference
 from pgmp_petsc.bench.history import errors_between, floors_of, run_history
+from pgmp_petsc.bench.prices import FORCES, FORCES_IN_LANES, STRAIN, duration_text, n_strains, prospects, step_seconds
 from pgmp_petsc.bench.reference import (
     CHECK_SHARE,
     FEWEST_STEPS,
@@ -182,7 +182,16 @@ def test_stresses_of_bodies_of_cells_are_in_what_a_step_is_predicted_to_take() -
     for place in ("", ", at=[0.35, 0.0]"):
         scene, meshes = read_scene(of_scene, (output.replace("PLACE", place),), (), SELF, Purpose.CHECK)
         mechanism = Mechanism.from_scene(scene, meshes)
-        found.append(advice.n_strains(scene, mechanism))
-        _, components, reduced = advice.prospects(scene, meshes, mechanism, 6, 0)
-        assert min(components.step, reduced.step) > advice.STRAIN * found[-1]
+        found.append(n_strains(scene, mechanism))
+        _, components, reduced = prospects(scene, meshes, mechanism, 6, 0)
+        assert min(components.step, reduced.step) > STRAIN * found[-1]
     assert found == [3 * meshes["rod"].n_nodes, 3]
+
+
+def test_forces_in_joints_are_in_what_steps_are_predicted_to_take() -> None:
+    steps = []
+    for outputs in ((), ('outputs.force={type="joint_force", joint="crank_hinge"}',)):
+        scene, meshes = read_scene(ROOT / "scenes" / "slider_crank.toml", outputs, (), SELF, Purpose.CHECK)
+        found = prospects(scene, meshes, Mechanism.from_scene(scene, meshes), 6, 0)
+        steps.append([one.step for one in found])
+    np.testing.assert_allclose(np.diff(steps, axis=0)[0], [FORCES[2], FORCES[2], FORCES_IN_LANES[2]], rtol=1e-9)

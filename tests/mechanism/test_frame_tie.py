@@ -1,4 +1,4 @@
-"""What ties frames to meshes: derivatives, rest, large rotation, and the constraints of a mechanism on meshes."""
+"""What ties frames to meshes: values at rest and in large rotation, and derivatives."""
 
 from functools import lru_cache
 from types import SimpleNamespace
@@ -9,12 +9,10 @@ from solid_scenes import solid_meshes, solid_slider_crank
 from solids import mesh_of
 
 from pgmp_petsc.bodies.solid import FaceFrame
-from pgmp_petsc.mechanism.body_frames import constraint_jacobian, to_body
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.frame_ties import FrameTies, bent_terms
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
-from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, reference_element
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mesh.solid_mesh import reference_element
 
 STEP, ATOL = 1e-6, 1e-8  # central differences: round-off of values of order 1 over the step, and the step's square
 KIND = "quad8"
@@ -66,17 +64,6 @@ def tie() -> FrameTies:
 @pytest.fixture
 def n() -> int:
     return N_TIES + crooked()[0].size
-
-
-@pytest.mark.parametrize("kind", PLANE_KINDS)
-def test_at_rest_the_frame_moves_as_its_functionals_say(kind: str) -> None:
-    places, frame = crooked(kind)
-    tie = tie_of(places, frame)
-    q = placed(places, frame, 0.0, (0.0, 0.0))
-    full = jacobian_of(tie, q)
-    # round-off of sums over a few dozen nodes
-    np.testing.assert_allclose(full[:, :N_TIES], np.eye(N_TIES), rtol=0, atol=1e-14)
-    np.testing.assert_allclose(full[:, N_TIES:], -frame.functionals(len(places)).toarray(), rtol=0, atol=1e-14)
 
 
 def test_the_third_constraint_is_the_frame_s_angle_less_the_mean_rotation() -> None:
@@ -143,30 +130,6 @@ def entries(constraints: ConstraintSet, values: np.ndarray, n_dofs: int) -> np.n
     return full
 
 
-@pytest.mark.parametrize("theta", [0.0, 0.9, 4.0])
-def test_constraints_of_a_mechanism_on_meshes_are_those_of_its_body_frames(theta: float) -> None:
-    """Ties come after the joints; their rows are turned along with the bodies, which changes no null space."""
-    meshed, kinematics = mechanism(), RigidKinematics(mechanism())
-    poses = kinematics.poses(np.array([theta]))[..., 0]
-    q, constraints = meshed.place(poses), ConstraintSet(Unknowns(meshed))
-    assert constraints.n_constraints == meshed.n_constraints + 4 * N_TIES
-    assert not constraints.linear
-    # the closure of the rigid mechanism is 1e-12 of its size, 1 m
-    np.testing.assert_allclose(constraints.residual(q), 0.0, rtol=0, atol=2e-12)
-    inertial = entries(constraints, constraints.jacobian_values(q), meshed.n_dofs)
-    in_bodies = constraint_jacobian(meshed, poses).toarray()
-    assert inertial.shape == in_bodies.shape
-    turned = to_body(meshed, poses, inertial.T).T
-    first = meshed.n_constraints
-    np.testing.assert_allclose(turned[:first], in_bodies[:first], rtol=0, atol=1e-12)
-    for number, body in enumerate(meshed.bodies):
-        angle = poses[number, 2]
-        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-        for row in first + N_TIES * (body.first_node + np.arange(body.n_nodes)):
-            rows = slice(row, row + N_TIES)
-            np.testing.assert_allclose(turn.T @ turned[rows], in_bodies[rows], rtol=0, atol=1e-11)
-
-
 N_BENT, FIRST_ROW, N_ROWS = 3, 1, 6  # amplitudes, first row of the tie, rows of all ties
 
 
@@ -184,20 +147,6 @@ def dense(pattern: tuple[np.ndarray, np.ndarray], values: np.ndarray, shape: tup
     full = np.zeros(shape)
     np.add.at(full, pattern, values)
     return full
-
-
-@pytest.mark.parametrize("d", [2, 3])
-def test_ties_of_second_order_are_what_they_stand_for(d: int) -> None:
-    ties, bent, n = bent_ties(d)
-    q = np.random.default_rng(1).normal(size=n)
-    xi = q[-N_BENT:]
-    directors = np.array([[np.cos(q[2]), np.sin(q[2])], [-np.sin(q[2]), np.cos(q[2])]])
-    if d == 3:
-        directors = q[3:12].reshape(3, 3)
-    expected = np.zeros(N_ROWS)
-    expected[FIRST_ROW : FIRST_ROW + d] = -0.5 * np.einsum("kij,i,j,kc->c", bent, xi, xi, directors)
-    np.testing.assert_allclose(ties.values(q[:, None])[:, 0], expected, rtol=1e-13, atol=1e-14)
-    assert bent_terms(2, 0, 0, np.arange(3, 6), np.zeros((2, 3, 3))).rows.size == 0
 
 
 @pytest.mark.parametrize("d", [2, 3])

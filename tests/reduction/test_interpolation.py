@@ -7,7 +7,7 @@ from refusals import refusal
 from scipy.interpolate import CubicSpline
 
 from pgmp_petsc.reduction import interpolation as module
-from pgmp_petsc.reduction.cell_products import B_SPLINE, N_ROWS, OVERHAUSER, Axis, stencil
+from pgmp_petsc.reduction.cell_products import B_SPLINE, N_ROWS, Axis, stencil
 from pgmp_petsc.reduction.interpolation import FINE, Interpolant, interpolant, samples_for
 from pgmp_petsc.reduction.sample_grid import Samples
 
@@ -103,18 +103,6 @@ def test_the_fine_grid_stands_back_where_samples_are_more() -> None:
     assert interpolant(uniform(24, True), random_table(24), "spline").axes[0].n == 24
 
 
-@pytest.mark.parametrize("cell", ["first", "last"])
-@pytest.mark.parametrize(("scheme", "order"), [("overhauser", 3), ("spline", 4)])
-def test_the_end_cells_of_a_range_are_of_the_same_order(scheme: str, order: int, cell: str) -> None:
-    found = []
-    for n in (40, 80, 160):
-        samples = uniform(n, periodic=False)
-        start = samples.theta[0 if cell == "first" else -2]
-        found.append(errors(samples, scheme, theta=start + step_of(samples) * np.linspace(0.0, 1.0, 101)))
-    found = np.array(found)
-    assert np.all(np.log2(found[:-1] / found[1:]) > np.array([order, order - 1]) - 0.2)
-
-
 @pytest.mark.parametrize("periodic", PERIODIC)
 @pytest.mark.parametrize("n", [4, 5, 12, 200])
 def test_a_spline_of_uniform_samples_is_exact(periodic: bool, n: int) -> None:
@@ -130,23 +118,6 @@ def test_a_spline_of_uniform_samples_is_exact(periodic: bool, n: int) -> None:
     np.testing.assert_allclose(found(THETA), expected(THETA), rtol=0, atol=1e-13 * np.abs(expected(THETA)).max())
     slopes = expected(THETA, 1)
     np.testing.assert_allclose(found.slope(THETA), slopes, rtol=0, atol=1e-13 * max(1.0, np.abs(slopes).max()))
-
-
-@pytest.mark.parametrize("periodic", PERIODIC)
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_samples_are_reproduced(periodic: bool, scheme: str) -> None:
-    samples = samples_for(scheme, LOWER, UPPER, 12, periodic)
-    table = random_table(samples.n, 3, 2)
-    # theta of a sample is a sum and a product: s is round-off and not zero. Chebyshev points are none of the fine grid
-    tolerance = 1e-6 if scheme == "spectral" and not periodic else 1e-13
-    np.testing.assert_allclose(interpolant(samples, table, scheme)(samples.theta), table, rtol=0, atol=10 * tolerance)
-
-
-@pytest.mark.parametrize("periodic", PERIODIC)
-def test_uneven_samples_are_reproduced(periodic: bool) -> None:
-    samples = uneven(40, periodic)
-    table = smooth(samples.theta)
-    np.testing.assert_allclose(interpolant(samples, table, "spline")(samples.theta), table, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("periodic", PERIODIC)
@@ -200,18 +171,6 @@ def test_waves_that_the_samples_resolve_are_exact(n: int) -> None:
             assert np.all(found < 3e-8 * np.array([1e-2, 1e1])), k
 
 
-@pytest.mark.parametrize("periodic", PERIODIC)
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_value_and_slope_are_continuous_at_the_samples(periodic: bool, scheme: str) -> None:
-    samples, tiny = samples_for(scheme, LOWER, UPPER, 8, periodic), 1e-9
-    found = interpolant(samples, random_table(samples.n), scheme)
-    (axis,) = found.axes
-    knots = axis.lower + axis.step * np.arange(0 if periodic else 1, axis.n - (0 if periodic else 1))
-    # what changes over 2e-9 with second derivatives of order 10, of a polynomial through random samples 100
-    left, right = values_and_slopes(found, knots - tiny), values_and_slopes(found, knots + tiny)
-    np.testing.assert_allclose(left, right, rtol=0, atol=1e-6)
-
-
 def test_the_tangent_at_a_sample_is_the_central_difference() -> None:
     # (20) of the paper is misprinted: its tangent would scale with the step
     samples, table = uniform(10, periodic=True), random_table(10)
@@ -227,23 +186,6 @@ def test_a_periodic_table_goes_on_for_ever(scheme: str, turns: int) -> None:
     theta = np.linspace(LOWER, UPPER, 50)
     again = values_and_slopes(found, theta + 2 * np.pi * turns)
     np.testing.assert_allclose(again, values_and_slopes(found, theta), rtol=0, atol=1e-10)
-
-
-@pytest.mark.parametrize("basis", [OVERHAUSER, B_SPLINE])
-@pytest.mark.parametrize("periodic", PERIODIC)
-@pytest.mark.parametrize("n", [4, 5, 9])
-def test_weights_sum_to_one_and_slopes_to_zero_on_rows_that_exist(basis: int, periodic: bool, n: int) -> None:
-    rows = np.empty(N_ROWS, dtype=np.int64)
-    weights, slopes = np.empty(N_ROWS), np.empty(N_ROWS)
-    n_rows = n + 2 if basis == B_SPLINE and not periodic else n
-    met = set()
-    for theta in np.linspace(0.0, 1.0, 37):
-        stencil(theta, Axis(0.0, 1.0 / (n if periodic else n - 1), n, periodic, basis), rows, weights, slopes)
-        assert rows.min() >= 0 and rows.max() < n_rows
-        assert weights.sum() == pytest.approx(1.0, abs=1e-14)
-        assert slopes.sum() == pytest.approx(0.0, abs=1e-12)
-        met |= set(rows.tolist())
-    assert met == set(range(n_rows))
 
 
 @pytest.mark.parametrize("periodic", PERIODIC)
@@ -289,16 +231,6 @@ def test_the_samples_that_a_scheme_wants(scheme: str, periodic: bool) -> None:
 def test_samples_and_schemes_that_do_not_fit_are_refused(scheme: str, periodic: bool, message: str) -> None:
     samples = uneven(12, periodic)
     assert refusal(interpolant, samples, smooth(samples.theta), scheme, error=ValueError) == message
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("shape", [(), (0,), (2, 0, 3)])
-def test_tables_of_any_shape(scheme: str, shape: tuple[int, ...]) -> None:
-    """Scenes without loads have empty tables."""
-    for periodic in PERIODIC:
-        samples = samples_for(scheme, 0.0, 1.0, 6, periodic)
-        found = interpolant(samples, random_table(6, *shape), scheme)
-        assert found(np.array([0.2, 0.3])).shape == found.slope(np.array([0.2, 0.3])).shape == (2, *shape)
 
 
 @pytest.mark.parametrize("periodic", PERIODIC)

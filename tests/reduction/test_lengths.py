@@ -14,8 +14,7 @@ from runs import built_rom, full_model, read_meshes, rom_of, samples, still
 from sealed import resealed
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.bench.advice import prospects
-from pgmp_petsc.bench.finished import step_seconds
+from pgmp_petsc.bench.prices import prospects, step_seconds
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.affine import Monomial, Place, evaluate_weights
 from pgmp_petsc.ensemble.failures import failure_remarks

@@ -1,18 +1,15 @@
 """Scenes from files and back: what is read, resolved and written, and what cannot be read."""
 
-import pickle
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from pydantic import ValidationError
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.joints.guided import PointOnLine
 from pgmp_petsc.joints.meeting import Revolute
-from pgmp_petsc.mesh import read_line_mesh
-from pgmp_petsc.scene import GROUND, Scene, load_scene, scene_from_toml, scene_to_toml, split_point
+from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from scenes import tables
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -61,21 +58,6 @@ def test_the_paper_s_scene_is_the_same_mechanism_with_the_paper_s_reduction(slid
     assert same == slider_crank.model_dump(exclude={"scene", "reduction", "directory"})
 
 
-def test_the_points_of_the_shipped_scene_are_in_its_meshes(slider_crank: Scene) -> None:
-    meshes = {
-        name: read_line_mesh(slider_crank.path_of(body.mesh), f"bodies.{name}.mesh")
-        for name, body in slider_crank.bodies.items()
-    }
-    points = [point for joint in slider_crank.joints.values() for point in joint.connect]
-    points += [output.point for output in slider_crank.outputs.values() if hasattr(output, "point")]
-    for point in points:
-        owner, name = split_point(point)
-        if owner == GROUND:
-            assert name in slider_crank.ground.positions
-        else:
-            assert name in meshes[owner].points
-
-
 def test_defaults(tmp_path: Path) -> None:
     scene = scene_from_toml(MINIMAL, tmp_path)
     assert scene.directory == tmp_path
@@ -87,28 +69,6 @@ def test_defaults(tmp_path: Path) -> None:
     assert not scene.coordinates["phi"].periodic
     assert scene.initial_state("phi").model_dump() == {"position": 0.0, "velocity": 0.0}
     assert isinstance(scene.materials["steel"].rho, float)
-
-
-def test_every_entry_is_read(tmp_path: Path) -> None:
-    more = tables("""
-ground.points: wall = [1.0, 2.0]
-parameters.load: nominal = 2.0
-effects.weight: type = "gravity"
-effects.push: type = "torque"; joint = "hinge"; table = [[0, 1]]; scale = "load"
-simulation.initial.phi: position = 0.5; velocity = -1.0
-outputs.a: type = "angle"; joint = "hinge"
-outputs.b: type = "rotation"; point = "arm:tip"
-outputs.c: type = "displacement"; point = "arm:tip"; axis = "y"
-""")
-    scene = scene_from_toml(MINIMAL + more, tmp_path, ["bodies.arm.placement = { origin = [1, 0], angle = 0.5 }"])
-    assert scene.ground.positions == {"origin": (0.0, 0.0), "wall": (1.0, 2.0)}
-    assert scene.parameters["load"].distribution is None
-    assert scene.effects["weight"].direction == (0.0, -1.0)
-    assert scene.effects["weight"].acceleration == 9.80665
-    assert scene.number(scene.effects["push"].scale) == 2.0
-    assert scene.number(scene.effects["push"].scale, {"load": 7.0}) == 7.0
-    assert scene.initial_state("phi").velocity == -1.0
-    assert scene.bodies["arm"].placement.angle == 0.5
 
 
 def test_the_resolved_scene_reads_back_unchanged(slider_crank: Scene) -> None:
@@ -129,14 +89,6 @@ def test_set_gives_the_value_of_a_run_and_keeps_the_nominal_one() -> None:
     assert scene.number("r1") == 5e-3
     again = scene_from_toml(scene_to_toml(scene), scene.directory, settings=["r1=4e-3"])
     assert again.values == {"r1": 4e-3}
-
-
-def test_a_scene_travels_between_ranks(slider_crank: Scene) -> None:
-    copy = pickle.loads(pickle.dumps(slider_crank))
-    assert copy == slider_crank
-    assert copy.directory == slider_crank.directory
-    with pytest.raises(ValidationError):
-        slider_crank.reduction.modes = 3
 
 
 def test_scenes_and_meshes_need_no_petsc() -> None:

@@ -17,8 +17,8 @@ from spatial_beams import slider_crank_of_beams
 from test_moving_mass import moving
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bench.finished import BESIDE, step_seconds
 from pgmp_petsc.bench.history import run_history
+from pgmp_petsc.bench.prices import BESIDE, step_seconds
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism

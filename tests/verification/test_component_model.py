@@ -23,7 +23,7 @@ from spatial_beams import slider_crank_of_beams
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.floating import first_moments, second_moments
 from pgmp_petsc.components import condensing
-from pgmp_petsc.full.floating import add_energies_of_floating, add_floating
+from pgmp_petsc.full.floating import add_floating
 from pgmp_petsc.full.part_reference import Reference, loaded
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.models import ComponentModel, FullModel
@@ -145,12 +145,6 @@ def test_frames_are_mean_axes(make) -> None:
 
 # Python's own calls, and those with another type of a problem than the kernels have, would be compiled: half a minute
 @njit(entry=True)
-def add_energies(reference, *of):
-    problem = loaded(reference)
-    add_energies_of_floating(problem.floating, problem.width, problem.rayleigh, *of)
-
-
-@njit(entry=True)
 def add_forces(reference, *of):
     problem = loaded(reference)
     add_floating(problem.floating, problem.width, problem.rayleigh, *of)
@@ -164,7 +158,7 @@ def test_forces_are_those_of_lagrange(make, effects: tuple[str, ...], monkeypatc
     system = (model := models(make, *effects)[1]).batch(samples(model.scene, 1), 1)
     problem, d = system._equations.problem, system._equations.problem.dimension
     reference, floating, n, n_pose = Reference(problem), problem.floating, system.n_dofs, 3 if d == 2 else 12
-    rng, dofs = np.random.default_rng(1), floating.dofs
+    rng, dofs, state = np.random.default_rng(1), floating.dofs, system.start()
     bodies = [floating.dofs[first:last] for first, last in zip(floating.firsts[:-1, 0], floating.firsts[1:, 0])]
     q, v, a = system._equations.start[0], np.zeros(n), np.zeros(n)
     for own in bodies:
@@ -176,11 +170,9 @@ def test_forces_are_those_of_lagrange(make, effects: tuple[str, ...], monkeypatc
             a[own[3 + 3 * k : 6 + 3 * k]] = np.cross(spin, np.cross(spin, axis))
 
     def lagrangian(q: np.ndarray, v: np.ndarray) -> float:
-        found, powers, weights = np.zeros((2, 1)), np.zeros((len(problem.rayleigh), 1)), np.zeros((1, 1))
-        add_energies(
-            reference, 0, np.zeros(1), q[:, None].copy(), v[:, None].copy(), found, powers, weights
-        )  # fmt: skip
-        return found[0, 0] - found[1, 0]
+        state.q[0, :, 0], state.v[0, :, 0] = q, v
+        energies = system.energies(0.0, state)
+        return (energies.kinetic - energies.strain)[0]
 
     def gradient(of, at: np.ndarray, h: float = 1e-4) -> np.ndarray:
         steps = h * np.eye(n)[chosen]

@@ -221,7 +221,7 @@ class BodyInFloatingFrame(Recovered, Body):
         mesh = LineMesh(np.concatenate([shape.centres, origin]), frames.cells, dict(shape.frames))
         return cls(name, mesh, mesh, floating=shape)
 
-    step_seconds = STEP_SECONDS  # `bench.finished` knows component models by their trees
+    step_seconds = STEP_SECONDS  # `bench.prices` knows component models by their trees
     n_amplitudes = property(attrgetter("floating.n"))
     n_internal = property(attrgetter("floating.n"))
 

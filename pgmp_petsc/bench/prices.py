@@ -1,0 +1,269 @@
+"""What runs and builds of the models take, predicted from sizes alone before anything is solved, and which to take.
+
+Times are processor times of a step of one sample, on a common processor of 2023. They follow from the numbers of
+unknowns and from constants that were measured (`python -m benchmarks.prices` measures them again), so that every rank,
+and every number of ranks, predicts the same: what is measured in a run is said afterwards, and decides nothing.
+
+=========================== ==========================================================================
+body                        grows with
+=========================== ==========================================================================
+beams                       nodes
+cells in the plane, slender unknowns of the mesh
+solids, slender             unknowns of the mesh
+in a floating frame         pairs of amplitudes, all of which its moments couple
+on the tree of joints       frames in space, and the cube of all coordinates and of the constraints that
+                            the tree leaves, whose matrix is full
+=========================== ==========================================================================
+
+Local effects come on top. Of the scenes of this project predictions were within a factor of two or three, but for
+mechanisms of few unknowns that hit a stop, which cost five times as much.
+
+Over n coordinates a step of a reduced model makes ``4^n`` coefficients of each entry. Bodies in floating frames keep as
+many fields as modes are asked for, and the static answers of their joints.
+
+Errors are those that were measured of deformations in the scenes of this project (docs/components.md, docs/costs.md): a
+prediction is of their size, and `pgmp tradeoff` measures those of a scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.full.joint_tree import count_of
+from pgmp_petsc.mechanism.capabilities import SECONDS, SECONDS_PER_UNKNOWN, Purpose, why_refused
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.models.lengths import why_of_one_mesh
+from pgmp_petsc.outputs.stress import points_of
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.numerics import count_steps
+from pgmp_petsc.scene.parameters import uncertain_names
+from pgmp_petsc.scene.references import points_used
+from pgmp_petsc.scene.uses import length_names
+
+LOCAL_EFFECT = 1.5e-6  # s, of a step of a sample, Newton corrections included
+# s, of a step of a sample of a component model: a pair of a body's amplitudes, a body in space, and of the matrix
+PAIR, BODY, CUBE = 1.1e-8, 1.2e-6, 3.3e-11
+# s, of a step of a full-order or component sample: a controller, or friction by the force that a joint carries, which
+# are found between corrections; and where lengths are drawn, which part samples: how often what it takes in a batch
+BESIDE, APART = 8e-4, 4.0
+# s, of a step of a sample whose outputs are forces in joints, by the dimension of space: of the mesh and of components,
+# and in the lanes of a reduced model
+FORCES, FORCES_IN_LANES = {2: 2e-6, 3: 2.5e-5}, {2: 1e-7, 3: 1.5e-6}
+SETTING_UP = {2: 0.04, 3: 0.4}  # s, of a sample of lengths of its own, by the dimension of space
+# s, of a step of a sample of a reduced model: by itself, an entry of its matrices over one coordinate, a local effect
+REDUCED_SAMPLE, REDUCED_ENTRY, REDUCED_EFFECT = 1.0e-7, 2.0e-9, 3.0e-7
+# s, of a step of a sample in a batch: friction by the force that a joint carries, of components and reduced; a
+# controller, of reduced models
+CARRIED_BESIDE, CARRIED_IN_LANES, CONTROLLED_IN_LANES = 2e-4, 4.5e-6, 1e-6
+MODEL = 0.6  # s, of a build besides its configurations
+CONDENSING, CONDENSING_POWER = 9e-6, 1.3  # s, of a body of cells by its unknowns; measured from 5,850 to 298,134
+STRAIN = 1.6e-8  # s, of a strain at a point of a body of cells, from some 80 coordinates of the body condensed
+GOOD = 0.01  # share of a deformation up to which an error is small
+MANY = 10_000  # samples that a choice is said for
+
+
+@dataclass(frozen=True)
+class Price:
+    """Predicted time of some runs."""
+
+    step: float  # processor time of a step of a sample, s
+    steps: float  # steps of all samples together
+
+    @property
+    def seconds(self) -> float:
+        """Processor time of all, s."""
+        return self.step * self.steps
+
+    def __str__(self) -> str:
+        return duration_text(self.seconds)
+
+
+def step_seconds(mechanism: Mechanism) -> float:
+    """Return the predicted processor time of a step of one sample of a full-order or component model, s."""
+    beside = BESIDE * len(mechanism.scene.beside) + _forces(mechanism.scene, FORCES)
+    floating = {body.name: body.n_internal for body in mechanism.bodies if body.blocks("floating")}
+    if floating:
+        return beside + component_step(mechanism, floating)
+    return beside + _local(mechanism) + sum(body.step_seconds for body in mechanism.bodies)
+
+
+def step_of_samples(scene: Scene, step: float) -> float:
+    """Return what a step takes in an ensemble of full-order or component samples, s, that takes `step` in a batch: with
+    lengths that are drawn each sample is set up by itself, and taken by itself."""
+    if not {*uncertain_names(scene)} & {*length_names(scene)}:
+        return step
+    n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
+    return (1.0 if scene.beside else APART) * step + SETTING_UP[scene.dimension] / n_steps
+
+
+def component_step(mechanism: Mechanism, fields: Mapping[str, int]) -> float:
+    """Return the predicted processor time of a step of a sample of a component model, s, with so many amplitudes a
+    body, and without what is found between corrections."""
+    pairs, n = sum(m**2 for m in fields.values()), sum(count_of(mechanism)) + sum(fields.values())
+    in_space = len(mechanism.bodies) * (mechanism.space.dimension == 3)
+    return _local(mechanism) + PAIR * pairs + BODY * in_space + CUBE * n**3
+
+
+def _forces(scene: Scene, price: Mapping[int, float]) -> float:
+    return price[scene.dimension] * any("multipliers" in output.reads for output in scene.outputs.values())
+
+
+def _local(mechanism: Mechanism) -> float:
+    return LOCAL_EFFECT * sum(effect.local for effect in mechanism.scene.effects.values())
+
+
+def duration_text(seconds: float) -> str:
+    """Return a time in words: ``40 s``, ``12 min``, ``3.1 h``."""
+    for unit, size in (("s", 60.0), ("min", 60.0), ("h", 48.0)):
+        if seconds < 2.0 * size:
+            return f"{seconds:.2g} {unit}"
+        seconds /= size if unit != "h" else 24.0
+    return f"{seconds:.2g} days"
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """A model of a scene, as far as it can be told before anything is solved."""
+
+    model: str  # mesh, components or reduced
+    refused: str = ""  # why the scene has none; the rest is then 0
+    unknowns: int = 0  # of a step
+    build: float = 0.0  # s, before the first sample
+    step: float = 0.0  # s, of a step of a sample in a batch
+    error: float = 0.0  # of a deformation, as a share
+    why: str = ""  # which error that is
+
+    @property
+    def text(self) -> str:
+        """The model in words."""
+        if self.refused:
+            return f"{self.model}: refused, {self.refused}"
+        before = f", {duration_text(self.build)} before the first sample" if self.build else ""
+        step = f"{_microseconds(self.step)} us a step and sample"
+        return f"{self.model}: {self.unknowns} unknowns, {step}{before}; {self.why}"
+
+
+def prospects(
+    scene: Scene, meshes: Mapping[str, BodyShape], mechanism: Mechanism, n_flexible: int, n_loads: int
+) -> list[Prospect]:
+    """Return what is predicted of the mesh, of component modes and of a reduced model.
+
+    Parameters
+    ----------
+    mechanism
+        Of the scene's meshes.
+    n_flexible, n_loads
+        Flexible coordinates of the reduced model, and load patterns that static modes could answer.
+    """
+    n_local = sum(effect.local for effect in scene.effects.values())
+    n_rigid, fields = len(scene.coordinates), amplitudes(scene, mechanism, scene.reduction.modes)
+    answered = scene.reduction.static_modes or not n_loads or scene.reduction.tolerance is not None
+    besides, n_carried = STRAIN * n_strains(scene, mechanism), len(scene.carried)
+    of_components = component_step(mechanism, fields) + CARRIED_BESIDE * n_carried + besides
+    of_components += BESIDE * len(scene.controllers) + _forces(scene, FORCES)
+    in_lanes = CARRIED_IN_LANES * n_carried + CONTROLLED_IN_LANES * len(scene.controllers) + besides
+    in_lanes += _forces(scene, FORCES_IN_LANES)
+    share = "0.1 to 1 % of deformations, with static answers to loads"
+    if not answered:
+        share = "1 to 6 % of deformations, without static answers to loads (reduction.static_modes)"
+    found = [
+        Prospect(
+            "mesh", why_refused(scene, Purpose.FULL, meshes), mechanism.n_dofs, 0.0,
+            step_of_samples(scene, step_seconds(mechanism)), 0.0, "errors are those of the elements and of the step",
+        ),
+        Prospect(
+            "components",
+            why_refused(scene, Purpose.COMPONENTS, meshes) or why_of_one_mesh(scene, uncertain_names(scene)),
+            sum(fields.values()) + sum(count_of(mechanism)), condensing(mechanism),
+            step_of_samples(scene, of_components), 0.002, "0.002 to 0.8 % of deformations",
+        ),
+        Prospect(
+            "reduced", why_refused(scene, Purpose.BUILD, meshes), n_flexible + n_rigid, build_seconds(scene, mechanism),
+            reduced_step(n_flexible + n_rigid, n_rigid, n_local) + in_lanes, 0.005 if answered else 0.03, share,
+        ),
+    ]  # fmt: skip
+    return [Prospect(one.model, one.refused) if one.refused else one for one in found]
+
+
+def _microseconds(seconds: float) -> str:
+    return f"{float(f'{1e6 * seconds:.2g}'):g}"
+
+
+def choice(scene: Scene, meshes: Mapping[str, BodyShape], found: Sequence[Prospect], n_steps: int) -> str:
+    """Return which model to take for how many samples of so many steps, in words; among those whose error is small."""
+    good = [one for one in found if not one.refused and one.error <= GOOD]
+    compared = not why_refused(scene, Purpose.TRADEOFF, meshes)
+    if not good:
+        return "no model is predicted to be good enough" + ("; pgmp tradeoff measures them" if compared else "")
+    offline, online = (np.array([getattr(one, name) for one in good]) for name in ("build", "step"))
+    pieces = cheapest_from(offline, n_steps * online)
+    names = [good[row].model for _, row in pieces]
+    counts = [f"from {n:.2g} samples on" if n >= MANY else f"from {n} samples on" for n, _ in pieces[1:]]
+    said = [names[0], *(f"{name} {count}" for name, count in zip(names[1:], counts))]
+    row = [row for n, row in pieces if n <= MANY][-1]
+    many = duration_text(offline[row] + MANY * n_steps * online[row])
+    left = [one.model for one in found if not one.refused and one.error > GOOD]
+    return (
+        f"{', '.join(said)}; {MANY} samples of {n_steps} steps are predicted to take {many} with {good[row].model}"
+        + (f"; {', '.join(left)} is left out by its error" if left else "")
+        + ("; pgmp tradeoff measures times and errors" if compared else "")
+    )
+
+
+def cheapest_from(offline: np.ndarray, online: np.ndarray) -> list[tuple[int, int]]:
+    """Return from how many samples on which way is the cheapest: pairs of the number of samples and the way, beginning
+    with one sample, of what ways take before and for each sample, shape (n,), s; of as cheap ones the first."""
+    n, pieces = 1, []
+    while True:
+        now = int(np.lexsort((online, offline + n * online))[0])
+        pieces.append((n, now))
+        cheaper = np.flatnonzero(online < online[now])
+        if not cheaper.size:
+            return pieces
+        # where the lines cross: the first whole number of samples at which the cheaper one is
+        crossing = (offline[cheaper] - offline[now]) / (online[now] - online[cheaper])
+        n = int(np.floor(crossing.min())) + 1
+
+
+def amplitudes(scene: Scene, mechanism: Mechanism, n_modes: int) -> dict[str, int]:
+    """Return how many amplitudes flexible bodies in floating frames are predicted to have for so many modes."""
+    found = {}
+    for body in mechanism.bodies:
+        if body.flexible:
+            rigid = body.dimension * (body.dimension + 1) // 2
+            free = (body.dofs.size if not body.to_condense else body.n_internal) - rigid
+            found[body.name] = max(min(n_modes + rigid * len(points_used(scene, body.name)), free), 0)
+    return found
+
+
+def n_strains(scene: Scene, mechanism: Mechanism) -> int:
+    """Return how many strains of bodies of cells the stress outputs of an instant are found from."""
+    bodies, found = {body.name: body for body in mechanism.bodies if body.to_condense}, 0
+    for name, entry in scene.outputs.items():
+        if "stresses" in entry.reads and entry.body in bodies:
+            body = bodies[entry.body]
+            points = points_of(f"outputs.{name}", entry, body.stresses(scene))
+            found += points.n_points * body.dimension * (body.dimension + 1) // 2
+    return found
+
+
+def reduced_step(n: int, n_rigid: int, n_local: int = 0) -> float:
+    """Return the predicted processor time of a step of a sample of a reduced model with n coordinates in all, of which
+    some are rigid, and so many local effects."""
+    return REDUCED_SAMPLE + REDUCED_EFFECT * n_local + REDUCED_ENTRY * n**2 * 4.0 ** (n_rigid - 1)
+
+
+def condensing(mechanism: Mechanism) -> float:
+    """Return the predicted processor time of condensing all bodies of cells, s."""
+    return sum(CONDENSING * body.n_internal**CONDENSING_POWER for body in mechanism.bodies if body.to_condense)
+
+
+def build_seconds(scene: Scene, mechanism: Mechanism) -> float:
+    """Return the predicted processor time of the build of a reduced model, s; bodies of cells are condensed first."""
+    n_unknowns = sum(body.dofs.size for body in mechanism.bodies if not body.to_condense)
+    n_configurations = scene.reduction.angles ** len(scene.coordinates)
+    return MODEL + condensing(mechanism) + n_configurations * (SECONDS + SECONDS_PER_UNKNOWN * n_unknowns)
