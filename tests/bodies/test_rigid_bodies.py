@@ -38,20 +38,6 @@ def mass_matrix(body: Body) -> np.ndarray:
     return weighted_sum(assemble([body], range(3 * body.n_nodes)).mass, {}).toarray()
 
 
-def test_the_mass_of_a_bent_line_against_a_quadrature() -> None:
-    body = RigidBody.of_lines("bent", BENT, SECTION.coefficients(2, None, {}, dict))
-    # two Gauss points a cell integrate the square of the distance exactly
-    share = np.array([0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0)])
-    ends = BENT.nodes[BENT.cells]
-    points = (ends[:, None, 0] * (1 - share[:, None]) + ends[:, None, 1] * share[:, None]).reshape(-1, 2)
-    weights = np.repeat(0.5 * LINE * BENT.lengths, 2)
-    centre = weights @ points / weights.sum()
-    inertia = weights @ np.sum((points - centre) ** 2, axis=1) + ROTARY * BENT.lengths.sum()
-    np.testing.assert_allclose(body.mesh.nodes, centre[None], rtol=1e-14)
-    np.testing.assert_allclose(mass_matrix(body), np.diag([weights.sum(), weights.sum(), inertia]), rtol=1e-14)
-    assert not body.flexible and body.n_nodes == 1
-
-
 def test_a_rigid_body_has_the_mass_of_the_flexible_one_in_rigid_motions() -> None:
     section = SECTION.coefficients(2, None, {}, dict)
     flexible, rigid = Beam("bent", BENT, BENT, section=section), RigidBody.of_lines("bent", BENT, section)
@@ -117,31 +103,6 @@ def test_mass_and_inertia_are_those_of_a_box(kind: str) -> None:
     # quadrature is exact for straight cells
     np.testing.assert_allclose(matrix, np.diag([*[m] * d, *turns]), rtol=0, atol=1e-12 * m)
     np.testing.assert_allclose(component.centre_of_mass, 0.5 * lengths, rtol=1e-12)
-
-
-@pytest.mark.parametrize("kind", ["quad8", "hexahedron20"])
-def test_linear_fields_have_the_momenta_of_the_mesh(kind: str) -> None:
-    meshed = framed(kind)
-    component, d = rigid_component(meshed), meshed.solid.mesh.dimension
-    mass = meshed.solid.mass(range(meshed.solid.mesh.n_nodes))[DENSITY.monomial]
-    x = meshed.solid.mesh.nodes
-    arms = x - component.centre_of_mass
-    rigid = [np.tile(axis, (len(x), 1)) for axis in np.eye(d)]
-    if d == 2:
-        rigid.append(np.column_stack([-arms[:, 1], arms[:, 0]]))
-    else:
-        rigid += [np.cross(axis, arms) for axis in np.eye(3)]
-    (matrix,) = component.mass.values()
-    for number in range(d + d * d):
-        field = np.zeros_like(x)
-        if number < d:
-            field[:, number] = 1.0
-        else:
-            i, j = divmod(number - d, d)
-            field[:, i] = x[:, j]
-        expected = [motion.ravel() @ mass @ field.ravel() for motion in rigid]
-        found = matrix @ component.fields[:, number]
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(matrix).max())
 
 
 def test_a_body_in_the_plane_is_a_mass_on_a_node() -> None:

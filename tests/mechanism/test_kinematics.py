@@ -1,4 +1,4 @@
-"""Rigid kinematics: closed forms, derivatives, revolutions, redundant constraints, and every refusal."""
+"""Rigid kinematics: closed forms, derivatives, revolutions, and every refusal."""
 
 import re
 
@@ -119,26 +119,6 @@ def test_a_body_that_turns_backwards_keeps_counting() -> None:
     zero = 0.0 * theta
     expected = [[np.cos(theta), zero, np.pi - theta], [zero, zero, theta]]
     np.testing.assert_allclose(kinematics.poses(theta), expected, rtol=0, atol=1e-11)
-
-
-def test_the_same_slider_twice_changes_nothing(crank_slider: RigidKinematics) -> None:
-    again = 'joints.again={type="point_on_line",connect=["ground:origin","rod:tip"],direction=[-3.0,0.0]}'
-    kinematics = kinematics_of(slider_crank(again))
-    assert kinematics.n_redundant == 1
-    poses = kinematics.poses(THETA)
-    np.testing.assert_allclose(poses, crank_slider.poses(THETA), rtol=0, atol=1e-11)
-    rates = kinematics.rates(poses)
-    np.testing.assert_allclose(rates, crank_slider.rates(poses), rtol=0, atol=1e-11)
-    np.testing.assert_allclose(
-        kinematics.curvatures(poses, rates), crank_slider.curvatures(poses, rates), rtol=0, atol=1e-10
-    )
-
-
-def test_the_unit_of_length_does_not_matter() -> None:
-    scale = 1e-4  # a mechanism of micrometres
-    kinematics = kinematics_of(slider_crank('bodies.crank.mesh="0.0:3e-5:5"', 'bodies.rod.mesh="3e-5:1e-4:5"'))
-    expected = slider_crank_poses(THETA) * np.array([scale, scale, 1.0])[:, None]
-    np.testing.assert_allclose(kinematics.poses(THETA), expected, rtol=0, atol=1e-11)
 
 
 def test_a_rod_too_short_cannot_close() -> None:

@@ -1,6 +1,5 @@
-"""The XDMF file: every reference leads to an array of the stated size; another reader accepts it."""
+"""The XDMF file: other readers accept it, and what cannot be written is refused."""
 
-import shutil
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -26,27 +25,6 @@ def exported(tmp_path):
     synthetic.trajectory(n_frames=5).write(run)
     assert write_xdmf(run, xdmf) == 5
     return run, xdmf
-
-
-def test_every_reference_leads_to_an_array_of_the_stated_size(exported):
-    run, xdmf = exported
-    items = ElementTree.parse(xdmf).getroot().findall(".//DataItem")
-    assert len(items) == 5 * 5
-    with h5py.File(run) as file:
-        for item in items:
-            name, dataset = item.text.split(":")
-            assert (xdmf.parent / name).resolve() == run.resolve()
-            data = file[dataset]
-            assert data.shape == tuple(int(length) for length in item.get("Dimensions").split())
-            assert data.dtype.itemsize == int(item.get("Precision"))
-            assert (data.dtype.kind == "i") == (item.get("NumberType") == "Int")
-    series = ElementTree.parse(xdmf).getroot().find("Domain/Grid")
-    assert (series.get("GridType"), series.get("CollectionType")) == ("Collection", "Temporal")
-    times = [float(grid.find("Time").get("Value")) for grid in series.findall("Grid")]
-    np.testing.assert_array_equal(times, np.linspace(0.0, 1.0, 5))
-    # both files can be moved together
-    shutil.copytree(xdmf.parents[1], xdmf.parents[1] / "elsewhere")
-    assert (xdmf.parents[1] / "elsewhere" / "paraview" / items[0].text.split(":")[0]).exists()
 
 
 def test_an_independent_reader_sees_the_mechanism(exported):
