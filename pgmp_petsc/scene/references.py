@@ -538,7 +538,8 @@ def _initial_states(scene: AnyScene) -> Iterator[str]:
     for name, coordinate in scene.coordinates.items():
         (low, high), position = coordinate.range, scene.initial_state(name).position
         if name not in prescribed and not (coordinate.periodic or low <= position <= high):
-            words = f"must lie in the coordinate's range [{low}, {high}]"
+            given = "" if name in scene.simulation.initial else "; a start that is not given is at zero"
+            words = f"must lie in the coordinate's range [{low}, {high}]{given}"
             yield problem(f"simulation.initial.{name}.position", words, position)
 
 

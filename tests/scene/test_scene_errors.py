@@ -149,15 +149,18 @@ def test_a_wrong_entry_is_explained(override: str, said: str) -> None:
     assert not any(word in message.lower() for word in WORDS_OF_LIBRARIES)
 
 
-@pytest.mark.parametrize(("initial", "position"), [("", "0.0"), ("theta = { position = 9 }", "9.0")])
-def test_the_start_lies_in_a_range_that_is_not_periodic(initial: str, position: str) -> None:
+@pytest.mark.parametrize(
+    ("initial", "position", "given"),
+    [("", "0.0", "; a start that is not given is at zero"), ("theta = { position = 9 }", "9.0", "")],
+)
+def test_the_start_lies_in_a_range_that_is_not_periodic(initial: str, position: str, given: str) -> None:
     assert (
         refusal(
             load_scene,
             SLIDER_CRANK,
             ["coordinates.theta={joint='crank_hinge', range=[1, 2]}", f"simulation.initial={{{initial}}}"],
         )
-        == f"simulation.initial.theta.position = {position}: must lie in the coordinate's range [1.0, 2.0]"
+        == f"simulation.initial.theta.position = {position}: must lie in the coordinate's range [1.0, 2.0]{given}"
     )
     scene = load_scene(SLIDER_CRANK, ["simulation.initial.theta.position=-7.0"])
     assert scene.initial_state("theta").position == -7.0, "a periodic coordinate starts anywhere"

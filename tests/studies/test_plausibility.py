@@ -3,6 +3,7 @@
 import tomllib
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -230,6 +231,15 @@ def test_warned(name: str) -> None:
     lines = [r.text for r in remarks if r.text.startswith((f"{entry} = ", f"{entry}: "))]
     assert lines and words in lines[0], remarks
     assert all(remark.kind == "warning" for remark in remarks)
+
+
+def test_a_mesh_in_millimetres_is_asked_about(tmp_path: Path) -> None:
+    mesh = meshio.read(ROOT / "meshes" / "rod_solid2d.msh")
+    mesh.points *= 1e3
+    mesh.write(tmp_path / "rod.msh", file_format="gmsh22")
+    asked = [f'bodies.rod.mesh="{tmp_path}/rod.msh"', "bodies.rod.thickness=10.0"]
+    remarks = read_scene(SOLID, asked, (), MPI.COMM_SELF, Purpose.CHECK)[0].remarks
+    assert any(r.text.startswith("bodies.rod.mesh = ") and "if this mesh is in mm" in r.text for r in remarks), remarks
 
 
 def test_what_rides_freely_is_not_named_with_terms_of_second_order() -> None:

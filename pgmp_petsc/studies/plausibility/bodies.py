@@ -24,6 +24,7 @@ from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
 
 SLENDERNESS = 5.0  # length over thickness, below which a beam is none
 NEARLY_INCOMPRESSIBLE = 0.49
+LONGEST_MESH = 150.0  # m
 MANY_ELEMENTS = 1000  # of one straight beam
 FEW_ELEMENTS, ENOUGH_ELEMENTS = 3, 8  # of a flexible one: with three its first frequency is 15 % too high
 
@@ -127,11 +128,15 @@ def _poisson(scene: Scene, name: str, material: Material) -> Iterator[Finding]:
         yield doubt(entry, "nearly incompressible; continuum elements are far too stiff then", material.nu)
 
 
-def body_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
-    """Yield bodies with strange proportions."""
+def body_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem) -> Iterator[Finding]:
+    """Yield bodies with strange proportions, and meshes in another unit than the scene's."""
     for name, size in sizes.items():
         body = scene.bodies[name]
         entry = f"bodies.{name}"
+        if body.mesh is not None and size.length * system.length > LONGEST_MESH:
+            cure = 'scale it, or give the whole scene in mm (scene.units = "mm")'
+            long = f"{name} is {scene.system.text(size.length, 'm')} long"
+            yield doubt(f"{entry}.mesh", f"{long}; if this mesh is in mm, {cure}", body.mesh)
         if body.continuum:
             if body.thickness is not None:
                 thickness_entry, thickness = named(scene, f"{entry}.thickness", body.thickness)

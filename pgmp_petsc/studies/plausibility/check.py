@@ -59,7 +59,7 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
         *parameter_findings(scene),
         *material_findings(scene, system),
         *system_findings(scene),
-        *body_findings(scene, sizes),
+        *body_findings(scene, sizes, system),
         *matrix_findings(scene, meshes or {}, system),
         *load_findings(scene, sizes, system, first),
         *motion_findings(scene, sizes, system),
