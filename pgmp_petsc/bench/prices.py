@@ -209,7 +209,7 @@ def choice(scene: Scene, meshes: Mapping[str, BodyShape], found: Sequence[Prospe
     left = [one.model for one in found if not one.refused and one.error > GOOD]
     return (
         f"{', '.join(said)}; {MANY} samples of {n_steps} steps are predicted to take {many} with {good[row].model}"
-        + (f"; {', '.join(left)} is left out by its error" if left else "")
+        + (f"; {', '.join(left)} is left out by its error, small with reduction.static_modes = true" if left else "")
         + ("; pgmp tradeoff measures times and errors" if compared else "")
     )
 

@@ -219,7 +219,7 @@ class CheckpointFolder:
             there = found.get(key)
             if not isinstance(there, int) or there > value:
                 cure = "and only a larger number may be given; leave --resume out to start anew"
-                raise InputError(f"{other} {key} differs ({there} there, {value} here), {cure}")
+                raise InputError(f"{other} number of {key} differs ({there} there, {value} here), {cure}")
         for key, value in self._run.items():
             there = found.get(key, "not named")
             if there != value:

@@ -115,7 +115,10 @@ def test_resuming_without_a_finished_piece_starts_anew_and_says_so(plan: Plan) -
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"n_samples": 11}, r"its samples differs \(12 there, 11 here\), and only a larger number may be given"),
+        (
+            {"n_samples": 11},
+            r"its number of samples differs \(12 there, 11 here\), and only a larger number may be given",
+        ),
         ({"seed": 4}, r"its seed differs \(3 there, 4 here\)"),
         ({"model": "full"}, r"its model differs \(reduced there, full here\)"),
         ({"scene": SCENE + "\n"}, r"its scene differs;"),
@@ -130,7 +133,7 @@ def test_the_checkpoint_of_another_run_is_refused_and_kept(plan: Plan, change: d
         again(plan, **change)
     assert again(plan) == {0}
     assert again(plan, n_samples=20) == {0}  # longer
-    with pytest.raises(InputError, match=r"its samples differs \(20 there, 12 here\)"):
+    with pytest.raises(InputError, match=r"its number of samples differs \(20 there, 12 here\)"):
         again(plan)
 
 
@@ -139,7 +142,7 @@ def test_the_checkpoint_of_another_run_is_refused_and_kept(plan: Plan, change: d
     [
         # as older versions wrote it, whose designs may have been others
         ('"sampler": "random", ', "", r"its sampler differs \(not named there, random here\)"),
-        ('"samples": 12', '"samples": "x"', r"its samples differs \(x there, 12 here\)"),
+        ('"samples": 12', '"samples": "x"', r"its number of samples differs \(x there, 12 here\)"),
     ],
 )
 def test_a_label_of_something_else_is_refused(plan: Plan, entry: str, instead: str, said: str) -> None:
@@ -289,7 +292,7 @@ def test_a_shard_keeps_its_own_samples(plan: Plan) -> None:
     checkpoint = taken_up(shard)
     assert firsts(checkpoint) == {4} and "which are none of this run" in str(*checkpoint.remarks)
     for other in (Shard(1, 3), Shard(2, 4), None):
-        with pytest.raises(InputError, match="belongs to another run: its (shard|number of samples|samples) differs"):
+        with pytest.raises(InputError, match="belongs to another run: its (shard|number of samples) differs"):
             again(replace(plan, shard=other))
 
 
