@@ -230,7 +230,7 @@ def read_abaqus(path: Path, received: str) -> tuple[meshio.Mesh, np.ndarray, lis
         elif keyword == "ELEMENT":
             kind = kind_of(options.get("TYPE", ""))
             if kind is None:
-                unknown.add(options.get("TYPE", "none"))
+                unknown.add(options.get("TYPE") or "none")
                 continue
             numbers, n = [int(word) for line in lines for word in line.split(",") if word.strip()], N_NODES[kind]
             if len(numbers) % (n + 1):
@@ -296,9 +296,10 @@ def _members_of_set(
             yield from known[word.upper()] if word.upper() in known else (int(word),)
 
 
-def _cards(path: Path, received: str) -> Iterator[tuple[str, dict[str, str], list[str]]]:
-    """Yield keyword, options and lines of data of every card, those of included files in their place."""
-    card = None
+def _cards(path: Path, received: str, within: tuple[Path, ...] = ()) -> Iterator[tuple[str, dict[str, str], list[str]]]:
+    """Yield keyword, options and lines of data of every card, those of included files in their place; `within` are the
+    files that this one is included from."""
+    card, within = None, (*within, path.resolve())
     with path.open(encoding="utf-8", errors="replace") as file:
         for line in chain(map(str.strip, file), ["*END"]):
             if not line or line.startswith("**"):
@@ -310,7 +311,9 @@ def _cards(path: Path, received: str) -> Iterator[tuple[str, dict[str, str], lis
             if card is not None and card[0] == "INCLUDE":
                 other = path.parent / card[1].get("INPUT", "")
                 check_file(other, f'{received}: INCLUDE = "{other}"', "a file that it includes is needed")
-                yield from _cards(other, received)
+                if other.resolve() in within:
+                    raise InputError(f'{received}: INCLUDE = "{other}": the file includes itself; leave that card out')
+                yield from _cards(other, received, within)
             elif card is not None:
                 yield card
             keyword, *words = (word.strip() for word in line[1:].split(","))

@@ -247,6 +247,8 @@ def test_sets_of_abaqus_in_pieces_of_others_and_included(
         ("*ELSET, ELSET=a\nb\n", 'a set is made from the set "b", which is not there before it'),
         ("*NSET, NSET=a, GENERATE\n1, 99999999999\n", "a set has 99999999999 members"),
         ("*INCLUDE, INPUT=none.inp\n", "INCLUDE = .*none.inp.*: no such file"),
+        ("*INCLUDE, INPUT=plates.inp\n", "INCLUDE = .*plates.inp.*: the file includes itself"),
+        ("*ELEMENT, TYPE=\n7, 1\n", "elements of type none, which are not known"),
     ],
 )
 def test_abaqus_files_that_are_refused(end: str, message: str, tmp_path: Path) -> None:
