@@ -282,7 +282,8 @@ class _Observed(Observer):
         instants = slice(number, number + len(errors.q))
         told = self._told[instants]
         motion, error = self._motion.over(number, told.size)[:, told], errors.at(told)
-        parts = (self._batch.pack_over(one) + e for one, e in zip(motion, (error.q, error.v, error.a)))
+        with np.errstate(invalid="ignore"):  # a motion that runs away is found by its outputs
+            parts = [self._batch.pack_over(one) + e for one, e in zip(motion, (error.q, error.v, error.a))]
         clock = self._interval * (number + np.flatnonzero(told))
         self._waiting.append((self._time[instants][told], clock, *parts, error.multipliers, error.turns))
         if sum(part[2].size for part in self._waiting) > TOGETHER:
