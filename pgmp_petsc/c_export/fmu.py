@@ -73,7 +73,8 @@ def variables_of(constants: Constants) -> list[Variable]:
     found, units = [], "SI units" if constants.system == SI else str(constants.system)
     for k, (name, value) in enumerate(constants.parameters.items()):
         (low, high), unit = constants.served[name].widened(value), constants.parameter_units[name]
-        about = units if math.isinf(high - low) else f"{units}; from min to max, its bounds or what the model was built for"
+        about = f"{units}; from min to max, its bounds or what the model was built for"
+        about = units if math.isinf(high - low) else about
         setting = "parameter", "tunable", about, repr(float(value)), None
         found.append(Variable(f"parameters.{quoted(name)}", PARAMETERS + k, REAL, *setting, unit, low, high))
     for k, (name, unit) in enumerate(constants.strength_units.items()):

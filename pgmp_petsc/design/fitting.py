@@ -97,7 +97,7 @@ def _check(history: MeasuredHistory, names: Sequence[str], noise: Mapping[str, f
     for output in noise:
         if output not in history.outputs:
             raise InputError(f"--noise {output}: it is no column of the history{nearest_name(output, history.outputs)}")
-    n = sum(history.of(name)[0].size for name in history.outputs)
+    n = sum(history.counts().values())
     if n <= len(names):
         raise InputError(
             f"the history has {n} measurements for {len(names)} parameters ({', '.join(names)}); more are needed than "
@@ -171,7 +171,7 @@ class _Fitting:
         self._lengths = set(length_names(scene))
         self._start = np.array([scene.values[name] for name in names])
         self._scale = np.where(self._start != 0.0, np.abs(self._start), np.ptp(self._limits, axis=1))
-        self._n = {name: history.of(name)[0].size for name in history.outputs}
+        self._n = history.counts()
         self._condensations: dict[str, tuple[bytes, _Condensed]] = {}
         # of the scene's own: runs with smaller steps have more, and residuals are as many in all
         self._least_steps = 1 + count_steps(scene.simulation.duration, scene.simulation.step)
@@ -362,8 +362,7 @@ class _Fitting:
         known = None if own is None else own.over(self._history.time)
         if known is None:
             return (not_known(self._model, "the estimates"),)
-        measured = self._history.outputs.items()
-        row = np.concatenate([known[name][np.isfinite(y)] / one for (name, y), one in zip(measured, sigma)])
+        row = np.concatenate([known[name][self._history.there(name)] / one for name, one in zip(self._n, sigma)])
         scaled = np.concatenate(slopes) * self._scale
         moved = np.linalg.lstsq(scaled, row, rcond=NO_DIRECTION)[0] * self._scale
         # y - e follows the data with values that differ by the step that e asks for

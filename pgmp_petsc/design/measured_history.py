@@ -37,10 +37,18 @@ class MeasuredHistory:
     outputs: dict[str, np.ndarray]  # by name, each of shape (n,); NaN where it was not measured
     remarks: tuple[Remark, ...] = ()  # what is to be said of the file
 
+    def there(self, output: str) -> np.ndarray:
+        """Return at which instants an output was measured, shape (n,)."""
+        return np.isfinite(self.outputs[output])
+
     def of(self, output: str) -> tuple[np.ndarray, np.ndarray]:
         """Return the instants (n_k,), s, at which an output was measured, and what was."""
-        there = np.isfinite(self.outputs[output])
+        there = self.there(output)
         return self.time[there], self.outputs[output][there]
+
+    def counts(self) -> dict[str, int]:
+        """Return how many measurements there are of each output."""
+        return {name: int(self.there(name).sum()) for name in self.outputs}
 
 
 def read_history(path: Path, outputs: OutputSet, duration: float, system: UnitSystem = SI) -> MeasuredHistory:
