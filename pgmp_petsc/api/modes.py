@@ -14,12 +14,12 @@ from pgmp_petsc.api.sources import directory_of, keeping, model_of_rom
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.candidates import FULL, QUICK
-from pgmp_petsc.bench.finished import Finished
 from pgmp_petsc.bench.tradeoff import measure_tradeoff
 from pgmp_petsc.ensemble.plan import MOST_SAMPLES
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.reduction.checkpoint import Finished
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.building import build as build_model
 from pgmp_petsc.studies.building import build_components

@@ -30,7 +30,6 @@ from pgmp_petsc.base.progress import Progress, without_progress
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.candidates import ResponseSurface
 from pgmp_petsc.bench.cases import OWN, Case, Setting, Training, at_values, node_values
-from pgmp_petsc.bench.finished import Arrays, Finished
 from pgmp_petsc.bench.history import (
     AnyModel,
     Errors,
@@ -53,6 +52,7 @@ from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, RankGroup, first_ranks
 from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.checkpoint import Arrays, Finished
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.numerics import Reduction

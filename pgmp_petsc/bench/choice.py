@@ -35,7 +35,6 @@ from pgmp_petsc.bench import candidates
 from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.candidates import MOST_CONDENSED, Limits
 from pgmp_petsc.bench.cases import Training
-from pgmp_petsc.bench.finished import Finished
 from pgmp_petsc.bench.history import BASIS_ALONE, REDUCTION, Errors, Ledger, Trial, shares_of
 from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, distance_from_mesh
 from pgmp_petsc.bench.refusal import kept_text, refuse, refuse_basis
@@ -51,6 +50,7 @@ from pgmp_petsc.bench.step_choice import (
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.checkpoint import Finished
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.selection import Selection
 from pgmp_petsc.scene import Scene, scene_to_toml

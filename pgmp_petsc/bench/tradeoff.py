@@ -26,7 +26,6 @@ from pgmp_petsc.bench import candidates
 from pgmp_petsc.bench.advice import Sizes, advise
 from pgmp_petsc.bench.bench import TIMED, Bench, Measured
 from pgmp_petsc.bench.cases import Setting, Training, held_out, own_steps
-from pgmp_petsc.bench.finished import Arrays, Finished
 from pgmp_petsc.bench.history import errors_of_samples, largest_errors, sizes_of
 from pgmp_petsc.bench.prices import amplitudes, component_step, reduced_step, step_seconds
 from pgmp_petsc.bench.reference import (
@@ -44,6 +43,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.reduction.checkpoint import Arrays, Finished
 from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.border import own_values, values_text

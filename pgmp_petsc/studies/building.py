@@ -11,7 +11,6 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.choice import choose_over_lengths, leaves_open
-from pgmp_petsc.bench.finished import Finished
 from pgmp_petsc.bench.reference import condensed_bodies
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
@@ -25,7 +24,8 @@ from pgmp_petsc.models.component_file import ComponentsFile, model_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import BuildCheckpoint, build_rom
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.checkpoint import BuildCheckpoint, Finished, SceneCheckpoint
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import EffectSizes, Selection
 from pgmp_petsc.scene import Scene, scene_to_toml
@@ -46,7 +46,7 @@ class Built:
     selection: Selection | None = None  # what was chosen for tolerances; None where nothing was
     sizes: EffectSizes | None = None  # of effects, where they were chosen by size
     # what is to be removed once the file is written; None where nothing was kept on the way
-    checkpoint: BuildCheckpoint | Finished | None = None
+    checkpoint: SceneCheckpoint | None = None
 
     def write(self, path: Path) -> None:
         """Write ROM.h5; by one process."""

@@ -10,9 +10,9 @@ from tradeoffs import small_scene
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.choice import choose
-from pgmp_petsc.bench.finished import Finished
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.reduction.checkpoint import Finished
 from pgmp_petsc.scene import Scene
 from scenes import meshes_of
 

@@ -10,8 +10,8 @@ from mpi4py import MPI
 from tradeoffs import LEAST
 
 from pgmp_petsc.bench.bench import Bench
-from pgmp_petsc.bench.finished import Finished
 from pgmp_petsc.bench.tradeoff import measure_tradeoff
+from pgmp_petsc.reduction.checkpoint import Finished
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 
 # settings of all models, the reference's two runs, and times

@@ -22,7 +22,7 @@ from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.components.large_deformation import FieldsOnRanks, contraction_of, with_second_order
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import BuildCheckpoint
+from pgmp_petsc.reduction.checkpoint import BuildCheckpoint
 
 KINDS = ("triangle6", "quad8", "tetra10", "hexahedron20")
 COUNTS, LENGTHS, NU = (3, 2, 2), (0.6, 0.06, 0.04), 0.3

@@ -20,9 +20,9 @@ TABLES = ("mass", "inertia", "stiffness", "load")
 SLOWLY = """
 import itertools, sys, time
 from pgmp_petsc.cli.main import main
-from pgmp_petsc.reduction import build
+from pgmp_petsc.reduction import checkpoint
 from pgmp_petsc.reduction.sampler import Sampler
-build.INTERVAL = 0.0
+checkpoint.INTERVAL = 0.0
 sample = Sampler.sample
 number = itertools.count()
 def slowly(self, *args):

@@ -19,7 +19,8 @@ from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import BuildCheckpoint, build_rom
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml

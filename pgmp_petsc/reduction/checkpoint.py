@@ -1,0 +1,155 @@
+"""What is finished of work on a scene and its meshes, in a folder beside the result, for a run that is resumed.
+
+Of a build, condensed bodies and configurations. The first rank of a group writes what its group has finished, so that
+nobody waits for another; all ranks read what is there when a build is resumed, whatever the number of ranks that wrote
+it. Configurations are kept in batches, at most one every `INTERVAL`, so that quick builds do not spend their time with
+files.
+
+Of an experiment, results of its tasks. Every rank writes what it has finished. A task is known by its description, so
+that the order of tasks has no part in it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.files.checkpoint_folder import SharedCheckpoint
+from pgmp_petsc.files.seal import identity
+from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.reduction.rom_file import BodyFile
+from pgmp_petsc.reduction.sampler import Sample
+from pgmp_petsc.scene import Scene, scene_to_toml
+
+OF_BUILDS, OF_TASKS = 10, 2  # formats
+INTERVAL = 10.0  # s
+LOCAL = ("shape", "mass_kept", "built_in")  # arrays of a sample of which every rank of a group has its own rows
+Arrays = dict[str, np.ndarray]
+
+
+class SceneCheckpoint(SharedCheckpoint):
+    """A checkpoint that is known by what `kind` says, a scene and its meshes; one of others is refused."""
+
+    def __init__(
+        self,
+        output: Path,
+        kind: Mapping[str, object],
+        scene: Scene,
+        meshes: Mapping[str, BodyShape],
+        comm: Comm,
+        resume: bool,
+        readers: Mapping[str, Callable[[str, Mapping[str, np.ndarray]], dict[Any, Any]]],
+    ) -> None:
+        run = {**kind, "scene": identity(scene_to_toml(scene)), "meshes": identity(meshes)}
+        super().__init__(output, run, comm, resume, readers)
+
+
+class BuildCheckpoint(SceneCheckpoint):
+    """The finished part of a build from a scene and meshes; a checkpoint of others is refused.
+
+    `components` are bodies that are condensed already, by name.
+    """
+
+    def __init__(
+        self, output: Path, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, resume: bool
+    ) -> None:
+        self._group = group
+        readers = {"samples-*": _samples_of, "component-*": _component}
+        super().__init__(output, {"format": OF_BUILDS}, scene, meshes, group.world, resume, readers)
+        self._samples_of, self.components = self._known
+        self._waiting: list[dict[str, np.ndarray]] = []
+        self._written = time.monotonic()
+
+    def add_component(self, name: str, component: Component) -> None:
+        """Keep a condensed body; by the first rank of its group."""
+        if self._group.comm.rank > 0:
+            return
+        stream = io.BytesIO()
+        with h5py.File(stream, "w") as file:
+            BodyFile.unfinished(component).put(file)
+        content = np.frombuffer(stream.getvalue(), np.uint8)
+        self._folder.put(f"component-{name}", {"body": np.array(name), "content": content})
+
+    def sample(self, theta: np.ndarray, problem: ModalProblem) -> Sample | None:
+        """Return the finished sample at a configuration (n_theta,), the problem's rows of it, or None."""
+        found = self._samples_of.get(theta.tobytes())
+        if found is None:
+            return None
+        rows = slice(problem.rows.start, problem.rows.stop)
+        return Sample(**{key: value[rows] if key in LOCAL else value for key, value in found.items()})
+
+    def add_sample(self, theta: np.ndarray, sample: Sample, problem: ModalProblem) -> None:
+        """Keep a finished sample. Collective on the problem's ranks."""
+        arrays = {item.name: getattr(sample, item.name) for item in fields(Sample)}
+        arrays |= {key: problem.all_rows(arrays[key]) for key in LOCAL}
+        self._waiting.append({**arrays, "theta": theta})
+        if time.monotonic() - self._written > INTERVAL:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what is waiting; by the first rank of a group."""
+        if self._waiting and self._group.comm.rank == 0:
+            # the name is new: a resumed build adds to the files that are there
+            stamp = time.time_ns()
+            joined = {key: np.array([arrays[key] for arrays in self._waiting]) for key in self._waiting[0]}
+            self._folder.put(f"samples-{stamp}-{self._group.index}", joined)
+        self._waiting, self._written = [], time.monotonic()
+
+
+def _samples_of(name: str, arrays: Mapping[str, np.ndarray]) -> dict[bytes, dict[str, np.ndarray]]:
+    """Return finished samples by the bytes of their configuration."""
+    joined = dict(arrays)
+    if joined.keys() != (wanted := {item.name for item in fields(Sample)} | {"theta"}):
+        raise ValueError(f"samples have the arrays {', '.join(sorted(joined))}, not {', '.join(sorted(wanted))}")
+    if len({len(part) for part in joined.values()}) > 1:
+        raise ValueError("its arrays are not of one number of samples")
+    configurations = joined.pop("theta")
+    return {theta.tobytes(): {key: part[k] for key, part in joined.items()} for k, theta in enumerate(configurations)}
+
+
+def _component(name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, Component]:
+    """Return a condensed body by its name."""
+    with h5py.File(io.BytesIO(arrays["content"].tobytes()), "r") as file:
+        return {str(arrays["body"]): BodyFile.take(file).shape}
+
+
+class Finished(SceneCheckpoint):
+    """Results of finished tasks of an experiment: `kind` is what is done with the scene, of the command line; a folder
+    of anything else is refused, or of other scenes and meshes."""
+
+    def __init__(
+        self,
+        output: Path,
+        kind: Mapping[str, object],
+        scene: Scene,
+        meshes: Mapping[str, BodyShape],
+        comm: Comm,
+        resume: bool,
+    ) -> None:
+        readers = {"*": lambda name, arrays: {name: dict(arrays)}}
+        super().__init__(output, {"format": OF_TASKS, **kind}, scene, meshes, comm, resume, readers)
+
+    def get(self, kind: str, task: object) -> Arrays | None:
+        """Return what an earlier run left of a task; None where it left nothing."""
+        return self._known[0].get(_name(kind, task))
+
+    def put(self, kind: str, task: object, arrays: Arrays) -> None:
+        """Keep the result of a task; by the rank that did it."""
+        self._folder.put(_name(kind, task), arrays)
+
+
+def _name(kind: str, task: object) -> str:
+    """Return the name of a task's piece: its description is the key, whatever rank or order it has."""
+    return f"{kind}-{hashlib.sha256(repr(task).encode()).hexdigest()[:32]}"
