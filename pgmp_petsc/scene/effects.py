@@ -63,6 +63,8 @@ class EffectEntry(Table):
     single: ClassVar[bool] = False
     #: Whether its force turns within a step, so that the error of a step does not fall as its square.
     edged: ClassVar[bool] = False
+    #: Names of its formula with which its force jumps: the error of a step falls as the step.
+    jumps_with: ClassVar[frozenset[str]] = frozenset()
     #: Whether it acts on vibrations alone: the rigid mechanism does not feel it.
     on_vibrations: ClassVar[bool] = False
     #: Whether it is a uniform field of acceleration.

@@ -124,6 +124,15 @@ def test_brief_contacts_and_steps_that_failed_make_it_unsure(changes: dict, why:
     np.testing.assert_allclose(found.outputs["x"] * order, sure.outputs["x"] * (coarser_run.TIMES**2 - 1.0), rtol=1e-12)
 
 
+def test_errors_of_a_formula_that_jumps_fall_as_the_step() -> None:
+    time, outputs, _, other = runs(10.0)
+    motor = ['effects.motor={type="law", joint="crank_hinge", force="0.5 * (t < 0.3)"}']
+    sure, found = (coarser_run.step_errors(load_scene(PAPER_SCENE, more), time, outputs, other) for more in ((), motor))
+    assert not sure.unsure and found.unsure.startswith("effects.motor.force jumps")
+    r = coarser_run.TIMES
+    np.testing.assert_allclose(found.outputs["x"] * (r - 1.0), sure.outputs["x"] * (r**2 - 1.0), rtol=1e-12)
+
+
 def test_what_is_unsure_is_a_note_where_it_is_small() -> None:
     time, outputs, _, other = runs(10.0, amplitude=1e-6)
     found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, replace(other, shortest=np.full(1, STEP)))
