@@ -35,9 +35,9 @@ from pgmp_petsc.bench import candidates
 from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.candidates import MOST_CONDENSED, Limits
 from pgmp_petsc.bench.cases import Training
-from pgmp_petsc.bench.history import BASIS_ALONE, REDUCTION, Errors, Ledger, Trial, shares_of
+from pgmp_petsc.bench.history import Errors, Trial
+from pgmp_petsc.bench.ledger import BASIS_ALONE, REDUCTION, Ledger, kept_text, refuse, refuse_basis, shares_of
 from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, distance_from_mesh
-from pgmp_petsc.bench.refusal import kept_text, refuse, refuse_basis
 from pgmp_petsc.bench.step_choice import (
     AHEAD,
     EARLY_PER_PERIOD,

@@ -31,10 +31,10 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.bench import Bench, step_price
 from pgmp_petsc.bench.cases import Training
-from pgmp_petsc.bench.history import STEP, Errors, Ledger, Trial
+from pgmp_petsc.bench.history import Errors, Trial
+from pgmp_petsc.bench.ledger import STEP, ZERO, Ledger, refuse
 from pgmp_petsc.bench.prices import Price
 from pgmp_petsc.bench.reference import Reference, period_of
-from pgmp_petsc.bench.refusal import ZERO, refuse
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.scene.numerics import Simulation, count_steps
 from pgmp_petsc.scene.parameters import spanning_values

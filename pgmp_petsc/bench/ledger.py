@@ -1,10 +1,11 @@
-"""Refusals of tolerances that cannot be met: which part of the error is too large, with the figures."""
+"""Shares of a tolerance, what was tried to meet it, and refusals where it cannot be met: which part of the error is too
+large, with the figures."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NoReturn
 
 import numpy as np
@@ -12,7 +13,8 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.cases import sets_in_at_once, stops_of
-from pgmp_petsc.bench.history import Ledger, Trial
+from pgmp_petsc.bench.history import Errors, Trial
+from pgmp_petsc.results.selection import Attempt
 
 FELL = 0.4  # an error that falls below this share of itself has found its cause
 SOFTER = 0.1  # times the stiffness of end stops, that tells whether impacts are the cause
@@ -25,6 +27,49 @@ PARTS = {
 }
 OWN_LOADS = 'reference.loads = "own" tries no others, and the tolerance then holds for no others'
 ZERO = "it is below 1e-10 rad, or 1e-10 of the mechanism's size, and what is as small counts as zero"
+
+# Of the tolerance. Those of the reduction, and the step's, are half of it each: a factor of two to spare for what took
+# no part in the training; with equal tolerances the parts together are within it even where all are largest at once.
+BASIS, INTERPOLATION, STEP = 0.35, 0.15, 0.5
+REDUCTION = BASIS + INTERPOLATION
+BASIS_ALONE = 0.45  # of the tolerance, where no basis does with its share: nearly all that both have together
+
+
+def shares_of(fixed_grid: bool) -> dict[str, float]:
+    """Return the shares of the reduction's tolerance; with fixed angles, interpolation is part of the basis's error."""
+    return {"basis": REDUCTION} if fixed_grid else {"basis": BASIS, "interpolation": INTERPOLATION}
+
+
+@dataclass
+class Ledger:
+    """Attempts in their order, and reasons of what was chosen, by dotted name."""
+
+    attempts: list[Attempt] = field(default_factory=list)
+    reasons: dict[str, str] = field(default_factory=dict)
+
+    def add_trial(self, part: str, keys: tuple[str, ...], trial: Trial, errors: Errors, cost: float = 0.0) -> None:
+        """Note a candidate; `errors` are those that count for the part."""
+        entries = {key: getattr(trial.reduction, key) for key in keys}
+        self._add(part, entries, trial.n_steps, errors, cost, trial.seconds, trial.reason)
+
+    def add_step(self, entries: Mapping[str, Any], n_steps: int, errors: Errors) -> None:
+        """Note a step."""
+        self._add("step", entries, n_steps, errors, 0.0, 0.0, "")
+
+    def best(self, part: str) -> Attempt | None:
+        """Return the attempt with the smallest error; of candidates, among those with the step of the last one."""
+        of_part = [attempt for attempt in self.attempts if attempt.part == part]
+        tried = [attempt for attempt in of_part if np.isfinite(attempt.largest)]
+        if part != "step":
+            tried = [attempt for attempt in tried if attempt.n_steps == of_part[-1].n_steps]
+        return min(tried, key=lambda attempt: attempt.largest) if tried else None
+
+    def _add(self, part, entries, n_steps, errors: Errors, cost, seconds, reason) -> None:
+        # what is looked at again, under more loads, takes the place of the first look
+        self.attempts = [a for a in self.attempts if (a.part, a.entries, a.n_steps) != (part, entries, n_steps)]
+        self.attempts.append(
+            Attempt(part, entries, n_steps, errors.by_output, errors.largest, errors.where, cost, seconds, reason)
+        )
 
 
 def refuse(
