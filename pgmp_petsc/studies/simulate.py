@@ -16,7 +16,7 @@ from pgmp_petsc.base.errors import Remark, note, warning
 from pgmp_petsc.base.progress import Progress, progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.estimates.coarser_run import CoarserRun, coarser, growth_of, run_coarser, spread_remarks, step_errors
+from pgmp_petsc.estimates.coarser_run import CoarserRun, coarser, run_coarser, step_errors
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.estimates.own_error import (
     absence_of_estimates,
@@ -29,7 +29,7 @@ from pgmp_petsc.estimates.own_error import (
     truncated_stresses,
     why_not_of_full_order,
 )
-from pgmp_petsc.estimates.sampled_load import jump_remarks
+from pgmp_petsc.estimates.starts import growth_of, jump_remarks, spread_remarks
 from pgmp_petsc.estimates.validity import Validity, remarks_of
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.mechanism import words_of
