@@ -30,7 +30,6 @@ from pgmp_petsc.figures.captions import tell_apart
 from pgmp_petsc.results import Band, Ensemble, Statistics
 from pgmp_petsc.results.statistics import RareEvent
 
-COLUMNS = 3
 LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble
 NOTE_SIZE, NOTE_LENGTH = 8.5, 42  # of the letters there, points, and for how many there is room beside the last panel
 DASHES = (0, (4, 3))
@@ -61,7 +60,7 @@ def densities(
     names = _common(ensembles, names)
     compared = len(ensembles) == 2
     height, ratios = (4.1, (2.8, 1.0)) if compared else (3.1 + 0.3 * len(ensembles), (1.0,))
-    figure, blocks = style.panel_grid(len(names), COLUMNS, (3.6, height), 0.65, 5.0, ratios)
+    figure, blocks = style.panel_grid(len(names), (3.6, height), 0.65, 5.0, ratios)
     models = [ensemble.model for ensemble in ensembles]
     colours = style.distinct_colours(len(models))
     colours = [COLOURS[model] for model in models] if len(set(models)) == len(models) else colours
@@ -282,7 +281,7 @@ def sobol(ensemble: Ensemble, label: str = "") -> Figure:
     names = list(ensemble.sobol)
     one = ensemble.sobol[names[0]]
     size = 3.4, 0.75 + 0.42 * len(one.parameters)
-    figure, blocks = style.panel_grid(len(names), COLUMNS, size, 0.9, 6.4, sharex=True)
+    figure, blocks = style.panel_grid(len(names), size, 0.9, 6.4, sharex=True)
     for axes, name in zip(blocks[:, 0], names):
         found = ensemble.sobol[name]
         places = np.arange(len(found.parameters))[::-1]
@@ -331,7 +330,7 @@ def joined(ensemble: Ensemble, label: str = "") -> Figure:
     """
     found = ensemble.joined
     names = [name for name, one in found.corrected.items() if "mean" in one.figures]
-    figure, blocks = style.panel_grid(len(names), COLUMNS, (3.4, 1.7), 0.9, 6.4)
+    figure, blocks = style.panel_grid(len(names), (3.4, 1.7), 0.9, 6.4)
     best, own = found.models[0], found.models[-1]
     counts = found.corrected[names[0]].counts
     rows = [f"{own}, {len(ensemble.status)}", f"{best}, {counts[0]}", "joined"]

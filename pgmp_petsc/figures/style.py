@@ -100,8 +100,8 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def panel_grid(
-    n: int, columns: int, size: tuple[float, float], margin: float, least: float = 0.0,
-    ratios: Sequence[float] = (1.0,), **sharing: Any,
+    n: int, size: tuple[float, float], margin: float, least: float = 0.0, ratios: Sequence[float] = (1.0,),
+    columns: int = 3, **sharing: Any,
 ) -> tuple[Figure, np.ndarray]:  # fmt: skip
     """Return a figure of n blocks, row by row, and the axes of each from above, shape (n, len(ratios)), of such
     heights.

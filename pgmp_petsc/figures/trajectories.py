@@ -32,7 +32,6 @@ from pgmp_petsc.results.gradients import FittedParameter
 from pgmp_petsc.results.numbers import ROUND_OFF, plain, sizes_of
 
 N_CROSSES = 36
-COLUMNS = 3
 
 
 @dataclass(frozen=True)
@@ -148,7 +147,7 @@ def trajectories(
     with_errors = any(comparison.error_percent(name) for comparison in comparisons for name in outputs)
 
     height, ratios = (4.1, (2.1, 1.0)) if with_errors else (2.9, (1.0,))
-    figure, blocks = style.panel_grid(len(outputs), COLUMNS, (3.7, height), 0.65, 5.0, ratios)
+    figure, blocks = style.panel_grid(len(outputs), (3.7, height), 0.65, 5.0, ratios)
     for block, output in zip(blocks, outputs):
         _draw_output(block, comparisons, output)
     notes = captions.of_runs(*_labelled_runs(comparisons, labels))
