@@ -101,7 +101,7 @@ def refuse_basis(
     allowed: Mapping[str, float],
     ledger: Ledger,
     last: Sequence[str],
-    rival: Trial | None = None,
+    rival: Trial | None,
 ) -> NoReturn:
     """Find out what is wrong with the best basis and raise an `InputError` that says so.
 
@@ -114,45 +114,19 @@ def refuse_basis(
     possible = f"a tolerance of {1.05 * errors.largest * tolerance / allowed['basis']:.1e} can be met by this part"
     if errors.is_round_off:
         refuse(entry, tolerance, "round-off", allowed, ledger, [f"of the basis's error: {ZERO}", possible, *last])
-    load, output, sample = errors.place
-    name, what, n_steps = errors.loads[load], errors.outputs[output], trial.n_steps
-    half = bench.errors((name,), trial.setting, trial.exact, factor=0.5).values[0, output, sample]
-    nominal = np.nanmax(errors.values[:, :, 0])
-    again = replace(trial, n_steps=2 * n_steps)
-    finer = bench.errors((name,), again.setting, again.exact).values[0, output, sample]
-    unresolved = bench.moved(n_steps, 2 * n_steps, (name,)).values[0, output, sample]
-    hints = [
-        f"of the basis's error, half the load leaves {half:.2g}, half the step {finer:.2g}; at nominal parameters "
-        f"it is {nominal:.2g}; halving the step moves the full-order {what} itself by {unresolved:.2g}"
-    ]
-    part, causes = "basis", []
-    if finer <= FELL * errors.largest:
-        part = "step"
-        causes.append(
-            f"with {n_steps} steps, errors of time integration are not the same in the two models: take a smaller "
-            "simulation.step, or let simulation.tolerance choose it"
-        )
-    else:
-        impacts = _of_stops(bench, trial)
-        causes += impacts
-        # half the load may not reach a stop, and then tells nothing of the deformation
-        if half <= FELL * errors.largest and not impacts:
-            causes.append(
-                "the deformation is too large for the terms of first and second order that a reduced model has"
-            )
-        other = [] if rival is None or impacts else _of_rival(bench, rival, half)
-        causes += other
-        # where a larger basis fails by the deformation, it is not the modes that miss these values
-        if nominal <= FELL * errors.largest and not other:
-            causes.append("the modes are those of nominal parameters, and these values are too far from them")
-        if unresolved > UNRESOLVED * errors.largest:
-            causes.append("the loads set off vibrations that the step does not resolve and a small basis does not have")
-            causes += _cure_of_sudden_loads(bench, trial, unresolved)
-    if not causes and unresolved > tolerance:
+    looks, (_, output, _) = _Looks.at(bench, trial), errors.place
+    what, n_steps = errors.outputs[output], trial.n_steps
+    part, causes = _causes(bench, trial, rival, looks)
+    if not causes and looks.unresolved > tolerance:
         causes.append(
             f"{n_steps} steps themselves leave more than the tolerance: take a smaller simulation.step, or let "
             "simulation.tolerance choose it"
         )
+    hints = [
+        f"of the basis's error, half the load leaves {looks.half:.2g}, half the step {looks.finer:.2g}; at nominal "
+        f"parameters it is {looks.nominal:.2g}; halving the step moves the full-order {what} itself by "
+        f"{looks.unresolved:.2g}"
+    ]
     if causes:
         hints.append("; ".join(causes))
     hints += _of_own_loads(bench, trial, rival, allowed["basis"])
@@ -163,6 +137,52 @@ def refuse_basis(
             f"{mesh.by_output[output]:.2g}"
         )
     refuse(entry, tolerance, part, allowed, ledger, [*hints, possible, *last])
+
+
+@dataclass(frozen=True)
+class _Looks:
+    """What runs beside that with the largest error of a basis tell of its cause."""
+
+    half: float  # half, finer: the error with half the load, and with half the step
+    finer: float
+    nominal: float  # the largest error at nominal parameters
+    unresolved: float  # by what half the step moves the full-order output
+
+    @classmethod
+    def at(cls, bench: Bench, trial: Trial) -> _Looks:
+        """Look around the largest error."""
+        errors, n_steps = trial.errors, trial.n_steps
+        load, output, sample = errors.place
+        name, again = (errors.loads[load],), replace(trial, n_steps=2 * n_steps)
+        half = bench.errors(name, trial.setting, trial.exact, factor=0.5)
+        finer = bench.errors(name, again.setting, again.exact)
+        moved = bench.moved(n_steps, 2 * n_steps, name)
+        at, nominal = (0, output, sample), np.nanmax(errors.values[:, :, 0])
+        return cls(half.values[at], finer.values[at], nominal, moved.values[at])
+
+
+def _causes(bench: Bench, trial: Trial, rival: Trial | None, looks: _Looks) -> tuple[str, list[str]]:
+    """Return which part of the error stands in the way of a basis, and why."""
+    largest, causes = trial.errors.largest, []
+    if looks.finer <= FELL * largest:
+        return "step", [
+            f"with {trial.n_steps} steps, errors of time integration are not the same in the two models: take a "
+            "smaller simulation.step, or let simulation.tolerance choose it"
+        ]
+    impacts = _of_stops(bench, trial)
+    causes += impacts
+    # half the load may not reach a stop, and then tells nothing of the deformation
+    if looks.half <= FELL * largest and not impacts:
+        causes.append("the deformation is too large for the terms of first and second order that a reduced model has")
+    other = [] if rival is None or impacts else _of_rival(bench, rival, looks.half)
+    causes += other
+    # where a larger basis fails by the deformation, it is not the modes that miss these values
+    if looks.nominal <= FELL * largest and not other:
+        causes.append("the modes are those of nominal parameters, and these values are too far from them")
+    if looks.unresolved > UNRESOLVED * largest:
+        causes.append("the loads set off vibrations that the step does not resolve and a small basis does not have")
+        causes += _cure_of_sudden_loads(bench, trial, looks.unresolved)
+    return "basis", causes
 
 
 def _of_rival(bench: Bench, rival: Trial, half: float) -> list[str]:
