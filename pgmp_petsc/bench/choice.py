@@ -7,7 +7,7 @@
 3. Where the step became finer than in 2, the reduction is looked at again with it.
 
 Errors are the largest of any output, sample and load of the training (`cases.Training`). Each part may take its share
-of the tolerance (`errors.Ledger`).
+of the tolerance (`ledger.Ledger`).
 
 Of scenes whose lengths, places or ratios are parameters a tolerance is met by runs of one mechanism. What it leaves
 open is chosen with the nominal lengths; then the same is asked with nothing left open at both ends of every length, the

@@ -132,7 +132,7 @@ def describe_ensemble(
 class _Samples:
     """The samples of an ensemble, and which of them count.
 
-    Samples that failed hide what they would have shown: where they are too many (`is_hiding`), none is chosen.
+    Samples that failed hide what they would have shown: where they are too many, none is chosen.
     """
 
     def __init__(self, origin: Origin, sampler: Sampler, kept: Kept, looked: bool) -> None:

@@ -13,7 +13,7 @@ with K3 the third derivative of the strain energy at rest and c'' the second der
 plane but for joints that turn with a body; in space rotations are rotation vectors). So the manifold holds, to second
 order, the nonlinear static answers to all loads that Psi answers to first order. What is left open, multiples of the
 rigid motion and of Psi, is deflated: chi is M-orthogonal to both, in space with the momenta of sections that turn
-(`rotary_curvature`), so that delta is the part of the motion along Psi to second order too.
+(`RotaryCurvature`), so that delta is the part of the motion along Psi to second order too.
 
 The last vectors of Psi may answer offsets p of joints instead (`modes.built_in`), of which the constraints are
 ``c + gamma p + 1/2 gamma' p p``. In pairs with these, gamma stands beside ``c'' psi``: for x_a and psi_j

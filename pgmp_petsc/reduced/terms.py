@@ -10,7 +10,7 @@ In body frames the damping matrices of all bodies are constant, so that
     D(theta) = Psi^T (sum_b beta_b K_b + alpha_b M_b + P_b P_b^T) Psi,     Psi = [d rho/d theta, Psi_flexible]
 
 and rigid motion is braked by alpha alone. What all bodies have of alpha in common brakes the momentum of the reduced
-model itself (`reduced_equations`), which has the terms of higher order in the deformation, too; only what exceeds it is
+model itself (`lagrangian`), which has the terms of higher order in the deformation, too; only what exceeds it is
 in D.
 """
 

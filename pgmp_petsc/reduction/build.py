@@ -41,7 +41,7 @@ from pgmp_petsc.reduction.checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, JoinedSamples, SampleStore, compression_of
 from pgmp_petsc.reduction.interpolation import samples_for
 from pgmp_petsc.reduction.joint_gaps import JointGaps, gap_answers_at, rows_of
-from pgmp_petsc.reduction.length_family import build_over_lengths
+from pgmp_petsc.reduction.length_family import POOR_COSINE, build_over_lengths
 from pgmp_petsc.reduction.missed_answers import MissedAnswers, missed_answers_at
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import ParameterPoints, SampleGrid
@@ -62,7 +62,6 @@ from pgmp_petsc.scene.references import stressed_bodies
 from pgmp_petsc.scene.uses import length_names
 
 OverSamples = TypeVar("OverSamples", MissedAnswers, JointGaps)
-POOR_COSINE = 0.5  # between neighbouring spaces of modes; tables between them are then of neither
 CROSSED = 0.1  # below it modes have changed places: an exact crossing has no angle between
 
 
