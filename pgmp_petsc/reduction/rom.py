@@ -344,6 +344,7 @@ class Served:
     least: float
     most: float
     to_own: float = 1.0  # times which values are in the units of the scene
+    unit: str = ""  # of values in the units of the scene
 
     def shown(self, value: float) -> str:
         """Return a value as messages have it."""
@@ -356,12 +357,12 @@ class Served:
     @property
     def range(self) -> str:
         """What is served, in messages."""
-        return f"[{self.shown(self.low)}, {self.shown(self.high)}]"
+        return f"[{self.shown(self.low)}, {self.shown(self.high)}] {self.unit}".rstrip()
 
     @property
     def limits(self) -> str:
         """What is not refused, in messages."""
-        return f"[{self.shown(self.least)}, {self.shown(self.most)}]"
+        return f"[{self.shown(self.least)}, {self.shown(self.most)}] {self.unit}".rstrip()
 
     @property
     def is_sharp(self) -> bool:
@@ -384,7 +385,7 @@ def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
     if rom.family is not None:
         grid = rom.family.grid
         found |= {
-            name: Served(low, high, low, high, to_own(built, name))
+            name: Served(low, high, low, high, to_own(built, name), built.system.unit(built.parameters[name].unit))
             for name, (low, high) in zip(grid.names, grid.ranges)
         }
     return found
@@ -401,7 +402,7 @@ def ranges_of(built: Scene, names: Collection[str]) -> dict[str, Served]:
             tried = spanning_values(built, [name])[0][name]
             low, high = float(tried.min()), float(tried.max())
         ends = [nominal + factor * (end - nominal) for factor in (WIDER, FARTHEST) for end in (low, high)]
-        found[name] = Served(*ends, to_own(built, name))
+        found[name] = Served(*ends, to_own(built, name), built.system.unit(parameter.unit))
     return found
 
 

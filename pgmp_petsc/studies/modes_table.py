@@ -124,7 +124,7 @@ def _tabulated(
     group: RankGroup,
     timings: Timings,
 ) -> ModesTable | None:
-    own = np.empty((0, scene.reduction.modes))
+    own = None
     with (
         timings.phase("eigenproblems"),
         agreed(group.world, "eigenproblems"),
@@ -145,6 +145,7 @@ def _tabulated(
         arc = group.arc(samples.n)
         if arc:
             with _problem(scene, kinematics, springs, group.comm) as problem:
+                problem.keep(scene.reduction)
                 rows, stress = [], BuiltInStress(problem, scene, meshes) if stressed else None
                 for index in arc:
                     rows.append(_frequencies(problem, theta[index], stress))
@@ -167,7 +168,7 @@ def _tabulated(
                 reduced = reduced_frequencies(rom.tables.moving(given), scheme, scene.values, theta, free)
             else:
                 reduced = reduced_vibrations(rom, springs, scheme, scene.values, theta)
-    full = np.concatenate(arcs)
+    full = np.concatenate([rows for rows in arcs if rows is not None])
     remarks = (*scene.remarks, *said, *_unstable(full, theta, coordinates), note(MESH_ERROR))
     return ModesTable(
         record=RunRecord(scene_to_toml(scene), own_values(scene), None, group.world.size, timings.as_dict(), remarks),
