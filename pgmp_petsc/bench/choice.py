@@ -620,7 +620,7 @@ def choose_over_lengths(
     scene: Scene,
     meshes: Mapping[str, BodyShape],
     group: RankGroup,
-    say: Callable[[str], None] = lambda text: None,
+    say: Callable[[str], None],
     finished: Finished | None = None,
 ) -> Choice:
     """Choose what the tolerances of a scene leave open, with any lengths; see `choose`. Collective on ``group.world``.

@@ -327,7 +327,7 @@ class StepChoice:
         self._ledger.add_step({"step": step, "model": model or self._model}, n_steps, errors)
 
 
-def settle_step(model: AnyModel, comm: Comm, ensemble: bool = False) -> tuple[AnyModel, str]:
+def settle_step(model: AnyModel, comm: Comm, ensemble: bool) -> tuple[AnyModel, str]:
     """Return a model with the step that its scene's tolerance allows, and what was chosen. Collective on `comm`.
 
     The step follows from runs of the model itself, those to come: the scene's own loads; for an ensemble with the

@@ -226,7 +226,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
 
 def shared_of(
     model: ReducedModel | ComponentModel, nodes: Sequence[int], actions: Sequence[Action],
-    loads: Mapping[str, TimeFunction], windings: Iterable[np.ndarray], gaps: Sequence[int] = (),
+    loads: Mapping[str, TimeFunction], windings: Iterable[np.ndarray], gaps: Sequence[int],
 ) -> Constants:  # fmt: skip
     """Collect what models in C of all kinds have.
 

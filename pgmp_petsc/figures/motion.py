@@ -252,7 +252,7 @@ def _scaled(arrows: Sequence[Arrow], skins: Sequence[Skin], newton: str, metre: 
     return force / length, f"forces in joints ({named}): an arrow of {at} is {of}"
 
 
-def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | None = None) -> Motion:
+def vibration_of(shape: ModeShape, colour: str, scale: float | None) -> Motion:
     """Return what is drawn of one period of a mode, whose size means nothing; its colours are shares of the largest.
 
     Raises `InputError` if nothing of it is known in the colour. `scale` is its largest displacement over that of a

@@ -134,9 +134,7 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> Path:
     return path
 
 
-def top_legend(
-    figure: Figure, handles: Sequence[Artist], title: str | None = None, notes: Sequence[str] = ()
-) -> Figure:
+def top_legend(figure: Figure, handles: Sequence[Artist], title: str | None, notes: Sequence[str] = ()) -> Figure:
     """Put a title, what has to be known besides, and rows of keys above all axes; return the figure.
 
     The strip is kept free of axes; the figure grows by what lies beyond one line of title and one row of keys.

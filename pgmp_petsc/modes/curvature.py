@@ -284,7 +284,7 @@ class _TurningJoints:
         hessians: list[ConstraintHessian],
         shape: np.ndarray,
         pairs: tuple[np.ndarray, np.ndarray],
-        gaps: GapDerivatives | None = None,
+        gaps: GapDerivatives | None,
     ) -> None:
         self._touched = np.unique(jacobian.indices)
         self._jacobian = jacobian[:, self._touched].toarray()

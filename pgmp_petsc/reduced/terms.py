@@ -276,7 +276,7 @@ def pack_cubic(tensors: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(tensors[..., i[chosen], j[chosen], k[chosen]])
 
 
-def displacement_scale(projection: np.ndarray, size: float, dimension: int = 2) -> np.ndarray:
+def displacement_scale(projection: np.ndarray, size: float, dimension: int) -> np.ndarray:
     """Return the largest displacement per unit of each flexible coordinate, shape (n_delta,); 1 of one without any: of
     an offset that an elastic joint takes.
 

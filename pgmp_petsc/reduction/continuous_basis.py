@@ -264,7 +264,7 @@ def compression_of(
     nominal: Mapping[str, float],
     joined: JoinedSamples,
     n_parameter: int,
-    before: Compression | None = None,
+    before: Compression | None,
 ) -> Compression:
     """Return the compression of all samples' snapshots, at the nominal parameters.
 

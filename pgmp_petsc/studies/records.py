@@ -40,7 +40,7 @@ class FullRecord(PooledObserver):
         system: FullBatch | FullDistributed,
         fields: FullFields,
         wanted: Collection[int],
-        pulse: Callable[[int], object] = lambda n_steps: None,
+        pulse: Callable[[int], object],
     ) -> None:
         super().__init__(system.instants_at_once, pulse)
         self._model, self._system, self._of_fields, self._wanted = model, system, fields, wanted

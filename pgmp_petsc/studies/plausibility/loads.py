@@ -170,9 +170,7 @@ def _twice(scene: Scene) -> Iterator[Finding]:
 DEEPEST = 1.0  # rad, or the size of the mechanism: a stop beyond is no stop
 
 
-def stop_findings(
-    scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None, size: float = 1.0
-) -> Iterator[Finding]:
+def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None, size: float) -> Iterator[Finding]:
     """Yield stops that are violated at the start.
 
     Where a stop is on another joint than that of a coordinate, the mechanism is assembled, which takes its meshes.
