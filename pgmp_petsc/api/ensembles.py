@@ -42,13 +42,10 @@ from pgmp_petsc.ensemble.plan import (
     LARGEST_SEED,
     MOST_SAMPLES,
     SAMPLERS,
-    Columns,
     Plan,
-    SampleFile,
     Shard,
-    called,
-    read_samples,
 )
+from pgmp_petsc.ensemble.sample_file import Columns, SampleFile, called, read_samples
 from pgmp_petsc.ensemble.sampling import refuse_drawn
 from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.mechanism.capabilities import check_capabilities

@@ -32,7 +32,8 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.base.units import ROUNDING, UnitSystem
 from pgmp_petsc.design.sensitivities import sensitivities as differentiated
 from pgmp_petsc.ensemble.integration import run_ensemble
-from pgmp_petsc.ensemble.plan import Plan, SampleFile, Shard, of_columns
+from pgmp_petsc.ensemble.plan import Plan, Shard
+from pgmp_petsc.ensemble.sample_file import SampleFile, of_columns
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup

@@ -20,7 +20,8 @@ from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Kept, Shards
 from pgmp_petsc.ensemble.failures import failure_remarks, has_steps_left, step_remarks
-from pgmp_petsc.ensemble.plan import Plan, SampleFile, block_of, checked, share_of
+from pgmp_petsc.ensemble.plan import Plan, block_of, checked, share_of
+from pgmp_petsc.ensemble.sample_file import SampleFile
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.ensemble.statistics import (
     Peaks,
