@@ -141,7 +141,7 @@ def _write_made(source: Path, file: Path, force: bool) -> tuple[list[Path], list
         raise InputError(f"file '{picture}' exists; give another name, or replace it with --force")
     write_files({file: made.text.encode()}, file, force)
     places = {one.name: one.centre for one in made.part.cylinders}
-    save(part_picture(made.part.mesh, places, f"{file.stem}: whole cylinders of {source.name}"), picture)
+    save(part_picture(made.part.mesh, places, f"{file.stem}: whole cylinders of {source.name}", "mm"), picture)
     return [file, picture], made.lines, "run {}"
 
 

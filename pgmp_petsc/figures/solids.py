@@ -535,8 +535,8 @@ def plane_part(mesh: SolidMesh, places: Mapping[str, np.ndarray], title: str, un
 
 
 @styled
-def part_picture(mesh: SolidMesh, places: Mapping[str, np.ndarray], title: str) -> Figure:
-    """Return the surface of a mesh in mm, with named groups coloured and named at their places (3,)."""
+def part_picture(mesh: SolidMesh, places: Mapping[str, np.ndarray], title: str, unit: str) -> Figure:
+    """Return the surface of a mesh, with named groups coloured and named at their places (3,)."""
     figure = new_figure(8.0, 6.0)
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     bare = outer_faces(mesh.kind, mesh.cells)
@@ -563,5 +563,5 @@ def part_picture(mesh: SolidMesh, places: Mapping[str, np.ndarray], title: str) 
     axes.set_box_aspect([high - low for low, high in limits])
     for name, (low, high) in zip("xyz", limits):
         getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(5 if high - low > half.max() else 2))
-        getattr(axes, f"set_{name}label")(f"{name} (mm)")
+        getattr(axes, f"set_{name}label")(f"{name} ({unit})")
     return figure
