@@ -1,6 +1,5 @@
-"""The step for a tolerance: of a full-order and a reduced model under the training loads, or of a run to come.
-
-The time step that a tolerance allows, from runs with steps that are halved.
+"""The step that a tolerance allows, from runs with steps that are halved: of a full-order and a reduced model under the
+training loads, or of a run to come.
 
 A run with n steps is compared with one of `AHEAD` n steps, and of `SEEN` times the first number at least. That is
 enough, wherever the step stands: where it is coarse for a vibration, the scheme damps it and the finer run has it;

@@ -1,9 +1,8 @@
-"""The constants of a model in C: sizes, settings, and the tables of the reduced Lagrangian, weights taken out.
+"""The constants of a model in C: sizes, settings, and the tables of the reduced Lagrangian, weights taken out; and what
+such a model does not have, named by its entry in the scene.
 
 The tables are those that `reduced.terms` interpolates, as samples or spline coefficients; that of the rigid inertia has
 beside it what makes polynomials of degree 7, as in `reduced.cells`. Poses come from the table of the assembly branch.
-
-What a model in C does not have, named by its entry in the scene.
 """
 
 from __future__ import annotations

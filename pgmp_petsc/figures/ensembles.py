@@ -1,15 +1,7 @@
-"""Densities of the parameters and outputs of ensembles (as Figs. 5 and 6 of Naets et al. 2015).
-
-Outputs of an ensemble over time: mean, and bands between quantiles.
-
-Sobol indices of an ensemble's outputs: which parameters their variance comes from.
-
-How well the figures that an ensemble was to know were known at every look.
-
-Figures of a better model beside what its own samples, and the ensemble's, say alone.
-
-A rare event: the probability of beyond every value, level by level, and at the event's level with its interval.
-"""
+"""Pictures of ensembles: densities of parameters and outputs (as Figs. 5 and 6 of Naets et al. 2015); outputs over
+time, mean and bands between quantiles; Sobol indices; how well figures were known at every look; those of a better
+model beside what its own samples, and the ensemble's, say alone; and of a rare event the probability of beyond every
+value, level by level, and at the event's level with its interval."""
 
 from __future__ import annotations
 

@@ -1,11 +1,6 @@
-"""Shapes of a mechanism on axes: beams as lines, rigid bodies as hollow bars, point masses as squares.
-
-A triangle marks the ends of bodies that the ground holds.
-
-The shape of the mechanism at several instants, as a fan of positions coloured by time.
-
-The assembled mechanism with the names of its bodies, joints and points, for `pgmp check --plot`.
-"""
+"""Pictures of a mechanism: its shape at several instants, as a fan of positions coloured by time, and assembled, with
+the names of its bodies, joints and points (`pgmp check --plot`). Beams are lines, rigid bodies hollow bars, point
+masses squares; a triangle marks the ends of bodies that the ground holds."""
 
 from __future__ import annotations
 

@@ -1,13 +1,7 @@
-"""Outputs over time, full-order and reduced, and the error between them (as Fig. 4 of Naets et al. 2015).
-
-The balance of energy of a run: what is stored, what the effects brought, and what is left over.
-
-A design: how the search went, and outputs at its start and of the design.
-
-A fit: what was measured, the run that was begun with, the fitted one, and what is left.
-
-What one change of each parameter does to the outputs of a run, over time.
-"""
+"""Pictures over time: outputs, full-order and reduced, and the error between them (as Fig. 4 of Naets et al. 2015); the
+balance of energy of a run, what is stored, what the effects brought and what is left over; how the search for a design
+went, and outputs at its start and of the design; a fit, what was measured, the run that was begun with, the fitted one
+and what is left; and what one change of each parameter does to outputs."""
 
 from __future__ import annotations
 

@@ -3,9 +3,8 @@
 The configurations are dealt to groups of ranks in contiguous arcs. Each group solves its own eigenproblems and compares
 neighbouring modes, also over the borders of the arcs; the rotations that make the basis continuous follow from these
 comparisons on the first rank, so that the number of groups has no part in them. With a tolerance for the sampling,
-rounds of further configurations follow where the interpolated tables differ from the fresh samples.
-
-The curvature of a finished basis at its samples, and the tables of second order that follow from it.
+rounds of further configurations follow where the interpolated tables differ from the fresh samples. What is of second
+order, the curvature of the basis at its samples and the tables that follow from it, is found of the finished basis.
 """
 
 from __future__ import annotations

@@ -1,9 +1,5 @@
-"""Loads, springs, dampers and masses: what never acts, acts twice, or would make a mechanism faster than can be.
-
-End stops that the mechanism starts in.
-
-How fast coordinates start and are driven.
-"""
+"""Loads, springs, dampers and masses: what never acts, acts twice, or would make a mechanism faster than can be; end
+stops that the mechanism starts in; and how fast coordinates start and are driven."""
 
 from __future__ import annotations
 
