@@ -52,7 +52,7 @@ from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem
 from pgmp_petsc.stepping.status import Status
 
 TIMES = 5  # steps of the run in one of the coarser run
-MOST = 0.25  # of the work of the run, counted in corrections, so that it is the same on all machines
+MOST = 0.5  # of the work of the run, counted in corrections, so that it is the same on all machines
 FACTORS = 3.0  # corrections that cost as much as a matrix and its factors
 CALLING = {2: 2000.0, 3: 120.0}  # unknowns of which a correction costs as much as a call, by the dimension of space
 RECORDED = 0.15  # calls that cost as much as what a step of a run records
