@@ -22,7 +22,7 @@ from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bodies.matrices import assemble, mass_of_bodies, owned_rows
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
-from pgmp_petsc.effects import Action, Load, actions_of, effects_of, loads_of, patterns_of
+from pgmp_petsc.effects import Action, Load, actions_of, effects_of, loads_of, patterns_of, start_of
 from pgmp_petsc.effects.springs import spring_remarks
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
@@ -31,7 +31,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.built_in import BuiltIn, Closing
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
-from pgmp_petsc.outputs.outputs import OutputSet, carried_in, said_start
+from pgmp_petsc.outputs.outputs import OutputSet, carried_in
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.angles import AngleRounds
@@ -141,7 +141,7 @@ class _Build:
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         self._matrices, self._effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
         self._loads = loads_of(self._effects, self._matrices)
-        carried = carried_in(scene, self._kinematics, said_start(scene, self._kinematics))
+        carried = carried_in(scene, self._kinematics, start_of(scene, mechanism)[0])
         self._opened_rows = rows_of((*OutputSet.of(scene, self._kinematics).forces, *carried), mechanism.n_held)
 
     def found(self, timings: Timings) -> _Found:
