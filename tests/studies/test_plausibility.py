@@ -41,8 +41,8 @@ REFUSED = {
     # a crank 11 m thick and 0.3 m long
     "thicker than long": (SCENE, ["parameters.r1={nominal=5.6}"], "parameters.r1.nominal", "longer than thick"),
     "thick rod": (SCENE, ["bodies.rod.section.radius=11"], "bodies.rod.section.radius", "22 m thick and 0.7 m long"),
-    "wide rod": (SCENE, ['bodies.rod.section={shape="rectangle", width=2.0, height=0.01}'],
-                 "bodies.rod.section.width", "longer than thick"),
+    "high rod": (SCENE, ['bodies.rod.section={shape="rectangle", width=0.01, height=2.0}'],
+                 "bodies.rod.section.height", "longer than thick"),
     "radius beyond numbers": (SCENE, ["bodies.rod.section.radius=1e100"], "bodies.rod.section.radius", "1e+30"),
     "radius below numbers": (SCENE, ["bodies.rod.section.radius=1e-200"], "bodies.rod.section.radius", "1e-30"),
     "range in degrees": (SCENE, ['coordinates.theta={joint="crank_hinge", range=[0, 90]}'], "coordinates.theta.range",
@@ -269,6 +269,11 @@ SYSTEMS = {
     "cm, g and s": (7.8, 2.1e12, 70.0, 981.0),
     "in, lbf s2/in and s": (7.3e-4, 30e6, 27.6, 386.2),
 }
+
+
+def test_how_wide_a_beam_is_across_the_plane_does_not_count() -> None:
+    wide = 'bodies.rod.section={shape="rectangle", width=2.0, height=0.01}'  # a rod of 0.7 m
+    assert not any("thick" in text for text in warnings_of(SCENE, [wide]))
 
 
 def test_what_is_said_of_many_bodies_is_said_once() -> None:
