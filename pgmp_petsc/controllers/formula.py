@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 
 from pgmp_petsc.controllers.acting import JointController
 from pgmp_petsc.controllers.law import ControlLaw, OfMotion
-from pgmp_petsc.declare.formulas import FUNCTIONS, FormulaError, declared
+from pgmp_petsc.declare.formulas import FUNCTIONS, FormulaError, declared, jumps_with
 from pgmp_petsc.scene.controllers import OWN
 from pgmp_petsc.scene.fields import NumberOrParameter, Unit, refusal
 from pgmp_petsc.scene.uses import Use
@@ -104,6 +104,11 @@ class FormulaController(JointController):
             if unused:
                 raise refusal(f"no formula names '{unused[0]}'; leave it out", key)
         return self
+
+    def jumps_within(self, step: float) -> bool:
+        """Return whether its reference does, or a formula has a comparison or a sign."""
+        formulas = not self.sample_time and any(map(jumps_with, (*self.states.values(), self.output)))
+        return formulas or super().jumps_within(step)
 
     @property
     def _named(self) -> dict[str, str]:

@@ -142,6 +142,8 @@ class Controls:
         Whether forces jump between two steps.
     keeps
         Whether all is kept that is seen of several samples.
+    taken
+        Which part `forces` returns of those that jump, where it is not said; None for the mean.
     """
 
     def __init__(
@@ -165,6 +167,7 @@ class Controls:
         self._rows = rows[n_carried:]
         self._acting = np.zeros((rows[-1].stop, n_samples, 3))
         self.iterates = self.jumps = self.keeps = False
+        self.taken: int | None = None
         self._n_samples = n_samples
         #: forces at the last instant that was reached, (n_samples, 2, n_names), before and after they jump there,
         #: and at those that are seen, which increase
@@ -292,7 +295,7 @@ class Controls:
         Where they jump it is what they are before or after, or else the mean of both, with which the trapezoidal rule
         of works is right.
         """
-        found = np.zeros((times.size, self._n_samples, len(self.names)))
+        found, part = np.zeros((times.size, self._n_samples, len(self.names))), self.taken if part is None else part
         for row, time in zip(found, times.tolist()):
             at = bisect_left(self._times, time)
             known = self._seen[at] if at < len(self._times) and self._times[at] == time else self.now

@@ -136,6 +136,15 @@ def declared(text: str, names: Mapping[str, str], words: str) -> tuple[str, set[
         raise FormulaError("is nested too deeply") from None
 
 
+def jumps_with(text: str) -> frozenset[str]:
+    """Return which names the comparisons and signs of a formula have, with which it jumps."""
+    found = frozenset[str]()
+    for node in ast.walk(ast.parse(text.strip(), mode="eval")):
+        if isinstance(node, ast.Compare) or (isinstance(node, ast.Call) and node.func.id == "sign"):
+            found |= {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
+    return found - set(FUNCTIONS)
+
+
 def _literal(node: ast.expr) -> float | None:
     """Return the value of an expression of numbers alone; None of others. Raises `FormulaError` if it is not finite."""
     match node:

@@ -17,7 +17,6 @@ by that (`effects.action`).
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import math
 from collections.abc import Iterable, Iterator
@@ -28,7 +27,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.declare.formulas import FUNCTIONS, FormulaError, declared
+from pgmp_petsc.declare.formulas import FUNCTIONS, FormulaError, declared, jumps_with
 from pgmp_petsc.declare.own_units import in_si
 from pgmp_petsc.effects.action import NOTHING, Action
 from pgmp_petsc.effects.effect import ActionEffect
@@ -243,11 +242,7 @@ class FormulaEffect(OnJoint):
     @property
     def jumps_with(self) -> frozenset[str]:
         """What comparisons and signs are of."""
-        found = frozenset[str]()
-        for node in ast.walk(ast.parse(self.force.strip(), mode="eval")):
-            if isinstance(node, ast.Compare) or (isinstance(node, ast.Call) and node.func.id == "sign"):
-                found |= {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
-        return found - set(FUNCTIONS)
+        return jumps_with(self.force)
 
     @model_validator(mode="after")
     def _one_place(self) -> Self:

@@ -38,7 +38,6 @@ from pgmp_petsc.ensemble.statistics import (
 from pgmp_petsc.ensemble.stopping import level_of_each
 from pgmp_petsc.ensemble.watchers import band_steps
 from pgmp_petsc.estimates import own_error
-from pgmp_petsc.estimates.coarser_run import FEWEST_STEPS
 from pgmp_petsc.estimates.validity import remarks_of
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import comparing
@@ -335,7 +334,7 @@ def _estimate_remarks(
     if estimates["errors"]:
         sizes = {name: peaks.largest(name) for name in estimates["errors"]}
         yield from own_error.large_errors(estimates["errors"], sizes, origin.units, origin.model, scene.system)
-    if estimates["errors"] and (origin.model == "reduced" or n_steps >= FEWEST_STEPS):
+    if estimates["errors"] and (origin.model == "reduced" or not own_error.too_few_steps(n_steps, scene)):
         chosen = np.zeros(status.size, dtype=bool)
         block = block_of(scene, origin.model)
         for first, last in checked(origin.checked_share, status.size, block):
@@ -374,7 +373,7 @@ class Origin:
                 *own_error.why_not_of_full_order(model),
             )
             if share > 0.0:
-                absent += own_error.too_few_steps(count_steps(scene.simulation.duration, scene.simulation.step))
+                absent += own_error.too_few_steps(count_steps(scene.simulation.duration, scene.simulation.step), scene)
         return cls(model.name, scene, dict(model.outputs.units), (*model.kinematics.remarks, *absent), share)
 
 

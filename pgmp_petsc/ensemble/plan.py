@@ -118,10 +118,10 @@ FEWEST = 1_000  # samples of which a share is taken, where there are less: alrea
 
 def share_of(model: Model) -> float:
     """Return the share of a model's samples that are checked."""
-    if not is_estimated(model.scene):
+    if not is_estimated(model.scene, of_step=not isinstance(model, REDUCED)):
         return 0.0
     given = model.scene.ensemble.checked_share
-    if not isinstance(model, REDUCED):  # a fifth of the price of a run
+    if not isinstance(model, REDUCED):  # a fifth of the price of a run, rarely more
         return SHARE if given is None else given
     return min(SHARE, PRICE / price_of(model)) if given is None else given
 

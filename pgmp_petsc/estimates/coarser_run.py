@@ -19,9 +19,10 @@ the steps happen to see of it: the order is anything below two. What is left of 
 is within a factor of 3.5 of the order two and of the order 0.6; that estimate is unsure, and said so. Where a force
 jumps over time, or a formula does, the order is one, and nearly at random what a step sees of the jump.
 
-The coarser run has a fifth of the steps and no other record than the outputs. A step whose iteration fails is tried
-once more, and then taken in `TIMES` parts, the steps of the run itself. The run is given up where its work would be
-more than a share of the other's (`MOST`). The estimate ends there, or where most steps begin to be taken in parts.
+The coarser run has a fifth of the steps, or as few as let each sampling of a controller be at the end of one
+(`times_of`), and no other record than the outputs. A step whose iteration fails is tried once more, and then taken in
+parts, the steps of the run itself. The run is given up where its work would be more than a share of the other's
+(`most_of`). The estimate ends there, or where most steps begin to be taken in parts.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain, repeat
+from math import gcd
 
 import numpy as np
 
@@ -40,13 +43,12 @@ from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Run
 from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem
 from pgmp_petsc.stepping.status import Status
 
-TIMES = 5  # steps of the run in one of the coarser run
-MOST = 0.5  # of the work of the run, counted in corrections, so that it is the same on all machines
+TIMES = 5  # steps of the run in one of the coarser run, at most
+MOST = 2.5  # steps of it for the work of one of the run, counted in corrections, so that it is the same on all machines
 FACTORS = 3.0  # corrections that cost as much as a matrix and its factors
 CALLING = {2: 2000.0, 3: 120.0}  # unknowns of which a correction costs as much as a call, by the dimension of space
 RECORDED = 0.15  # calls that cost as much as what a step of a run records
 FEWEST = 10  # steps that the coarser run has done at least where its outputs tell anything
-FEWEST_STEPS = (FEWEST - 1) * TIMES + 1  # of the run, for as many of the coarser one
 APART = 10  # steps between two looks at the work of the coarser run, at least
 PER_WINDOW, SHORTEST, LONGEST = 10, 16, 512  # windows of a run, and steps in one
 LOWEST = 2  # band that counts: lower ones hold what is not periodic
@@ -99,10 +101,10 @@ def run_coarser(
 
     The run `of` says what it took; there is no limit where it is not given. `pulse` is called with numbers of steps.
     """
-    coarse = coarser(simulation)
+    coarse, times = coarser(model.scene, simulation), times_of(model.scene, simulation)
     n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, pulse)
     stepper = GeneralisedAlpha(
-        system, coarse.spectral_radius, coarse.duration, n_steps, alive, np.array([0]), record, pulse=None, parts=TIMES
+        system, coarse.spectral_radius, coarse.duration, n_steps, alive, np.array([0]), record, pulse=None, parts=times
     )
     mechanism = model.kinematics.mechanism
     calling = CALLING[mechanism.space.dimension] / mechanism.n_dofs
@@ -111,7 +113,7 @@ def run_coarser(
         n_iterations, n_fresh, n_calls = done.counted
         return n_iterations + FACTORS * n_fresh + calling * (n_calls + RECORDED * n_steps)
 
-    most, spent = np.inf if of is None else MOST * work(of, of.n_steps), work(stepper, 0)
+    most, spent = np.inf if of is None else most_of(times) * work(of, of.n_steps), work(stepper, 0)
     dearest = 0.0  # work of a step, the most so far
     while stepper.n_done < n_steps and np.any(stepper.status == Status.FINE) and spent <= most:
         # steps that half of the rest allows at the cost of the costliest so far; the first are looked at soon
@@ -145,9 +147,28 @@ def _taken_in_parts(stepper: GeneralisedAlpha) -> tuple[np.ndarray, np.ndarray]:
     return np.where(first < stepper.n_done, stepper.instants[first], np.inf), share
 
 
-def coarser(simulation: Simulation) -> Simulation:
+def times_of(scene: Scene, simulation: Simulation) -> int:
+    """Return how many steps of a run make one of the coarser run; 1 where controllers are sampled too often for one."""
+    sampled = [round(one.sample_time / simulation.step) for one in scene.controllers.values() if one.sample_time]
+    if not sampled:
+        return TIMES
+    every = gcd(count_steps(simulation.duration, simulation.step), *sampled)
+    return max(times for times in range(1, TIMES + 1) if every % times == 0)
+
+
+def most_of(times: int) -> float:
+    """Return the share of a run's work that one may have of which a step is so many of the run's."""
+    return MOST / times
+
+
+def fewest_steps(times: int) -> int:
+    """Return how many steps a run has at least whose coarser one tells anything."""
+    return (FEWEST - 1) * times + 1
+
+
+def coarser(scene: Scene, simulation: Simulation) -> Simulation:
     """Return the simulation with the coarser step."""
-    n_steps = -(-count_steps(simulation.duration, simulation.step) // TIMES)
+    n_steps = -(-count_steps(simulation.duration, simulation.step) // times_of(scene, simulation))
     return simulation.model_copy(update={"step": simulation.duration / n_steps})
 
 
@@ -164,20 +185,24 @@ def step_errors(
 
     at, step, n_steps = other.time[:n], float(time[1] - time[0]), time.size - 1
     covered, ratio = slice(0, 1 + int(np.searchsorted(time[1:], at[-1] * (1 + 1e-12), side="right"))), other.step / step
+    times = round(ratio)
     bands = Bands.of(scene.simulation.spectral_radius, n_steps)
     fine = np.column_stack(list(outputs.values()))
     coarse = np.column_stack([other.outputs[name][:n, sample] for name in outputs])
-    there = fine[: n * TIMES : TIMES] if n_steps % TIMES == 0 else CubicSpline(time, fine)(at)
+    there = fine[: n * times : times] if n_steps % times == 0 else CubicSpline(time, fine)(at)
     differences = dict(zip(outputs, (coarse - there).T))
-    kinked = {name for name, output in scene.outputs.items() if output.kinked_in(scene)}
-    between, with_kinks = CubicSpline(at, coarse)(time[covered]), np.array([name in kinked for name in outputs])
-    off, turns = bands.lost(fine[covered], between, ratio, with_kinks)
+    marks = {name: (output.kinked_in(scene), output.jumps_in(scene)) for name, output in scene.outputs.items()}
+    kinked, jumping = np.array([marks.get(name, (False, False)) for name in outputs]).T
+    between = CubicSpline(at, coarse)(time[covered])
+    between[:, jumping] = fine[covered][:, jumping]  # where both jump at the same instants, bands tell nothing
+    off, turns = bands.lost(fine[covered], between, ratio, kinked)
     places = bands.hop * step * np.arange(len(off))
     lost = {name: np.interp(at, places, own) for name, own in zip(outputs, off.T)}
     shares = off.max(axis=0) / np.maximum(np.abs(fine).max(axis=0), np.finfo(float).tiny)
     loudest, lost_hz = float(shares.max()), float(turns[shares.argmax()] / (2.0 * np.pi * step))
     edged = any(effect.edged for effect in scene.effects.values())
-    jumping = [f"effects.{name}" for name, effect in scene.effects.items() if effect.jumps_within(other.step)]
+    acting = chain(*(zip(repeat(kind), getattr(scene, kind).items()) for kind in ("effects", "controllers")))
+    at_once = [f"{kind}.{name}" for kind, (name, one) in acting if one.jumps_within(other.step)]
     unsure, order = "", ratio**2 - 1.0
     if other.divided[sample] > SOME:
         unsure = f"{share_text(float(other.divided[sample]))} of the coarser steps failed and were taken as the run's"
@@ -187,10 +212,10 @@ def step_errors(
         unsure = "friction or stops act with vibrations that a coarser step loses"
     if unsure:
         order = ROUGH
-    elif jumping:
-        unsure = f"errors fall as the step, not as its square, where a force jumps ({', '.join(jumping)})"
+    elif at_once:
+        unsure = f"errors fall as the step, not as its square, where a force jumps ({', '.join(at_once)})"
         order = ratio - 1.0
-    order *= max(1.0 - float(other.divided[sample]), 1.0 / TIMES)
+    order *= max(1.0 - float(other.divided[sample]), 1.0 / times)
     errors = {name: np.copysign(np.hypot(d / order, lost[name]), d) for name, d in differences.items()}
     return StepErrors(at, errors, lost_hz if loudest > TREMBLES else np.nan, unsure)
 

@@ -17,7 +17,7 @@ import numpy as np
 from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.base.units import SI, UnitSystem
 from pgmp_petsc.bodies.shape import lacks_foreshortening
-from pgmp_petsc.estimates.coarser_run import FEWEST_STEPS, MOST, CoarserRun, StepErrors
+from pgmp_petsc.estimates.coarser_run import CoarserRun, StepErrors, fewest_steps, most_of, times_of
 from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
@@ -43,9 +43,11 @@ SMALL = 0.01  # estimated error as a share of an output's largest value, up to w
 LARGE = 0.05  # estimated error as a share of an output's largest value, from which on a run warns of it
 
 
-def is_estimated(scene: Scene) -> bool:
-    """Return whether the errors of a scene's runs are estimated."""
-    return scene.simulation.error_indicator and bool(scene.outputs) and not scene.beside
+def is_estimated(scene: Scene, of_step: bool = False) -> bool:
+    """Return whether the errors of a scene's runs are estimated: those of a reduced model, or, `of_step`, of the time
+    step of another one."""
+    known = times_of(scene, scene.simulation) > 1 if of_step else not scene.beside
+    return scene.simulation.error_indicator and bool(scene.outputs) and known
 
 
 def absence_of_estimates(scene: Scene, ensemble: bool = False, of_step: bool = False) -> tuple[Remark, ...]:
@@ -57,8 +59,10 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False, of_step: bool = F
     cure = cure or comparing(scene)
     if not scene.outputs:
         return (note(f"{what} were not estimated: the scene has no [outputs], whose errors these would be"),)
-    if scene.beside:
-        words = f"the estimate does not know {scene.beside[0]}"
+    words = f"the estimate does not know {scene.beside[0]}" if scene.beside and not of_step else ""
+    if of_step and times_of(scene, scene.simulation) == 1:
+        words = "the estimate takes a coarser step, which would miss samplings of controllers"
+    if words:
         return (note(f"{what} were not estimated: {words}; {cure}"),)
     if not scene.simulation.error_indicator:
         switch = "simulation.error_indicator = false"
@@ -80,12 +84,14 @@ def few_steps(n_steps: int) -> Iterator[Remark]:
 
 
 @gathered
-def too_few_steps(n_steps: int) -> Iterator[Remark]:
-    """Return that a full-order or component run has too few steps for an estimate; nothing where they are enough."""
-    if n_steps < FEWEST_STEPS:
+def too_few_steps(n_steps: int, scene: Scene) -> Iterator[Remark]:
+    """Return that a full-order or component run of a scene has too few steps for an estimate; nothing where they are
+    enough."""
+    fewest = fewest_steps(times_of(scene, scene.simulation))
+    if n_steps < fewest:
         yield warning(
             f"errors of the time step were not estimated: the run has {n_steps} steps, the estimate needs "
-            f"{FEWEST_STEPS} or more; take a smaller simulation.step"
+            f"{fewest} or more; take a smaller simulation.step"
         )
 
 
@@ -141,7 +147,8 @@ def step_remarks(
     """Return what is to be said of the estimated errors of a run's time step, None where the run with the coarser step
     tells nothing; times, s, and outputs have shape (n_t,)."""
     with_step = f"a run with a step of {other.step:.3g} s, which these errors are taken from,"
-    why = f"would take more than {100 * MOST:g} % of the run's own price, and was given up"
+    most = most_of(round(other.step / float(time[1] - time[0])))
+    why = f"would take more than {100 * most:.3g} % of the run's own price, and was given up"
     if other.status[0] != Status.FINE:
         why = f"stopped at {other.failure_time[0]:.4g} s ({Status(other.status[0]).meaning})"
     if np.isfinite(other.until[0]):
@@ -149,7 +156,7 @@ def step_remarks(
     if errors is None:
         half = f"compare with half the step (--override simulation.step={0.5 * model.scene.simulation.step:.3g})"
         unknown = warning(f"errors of the time step were not estimated: {with_step} {why}; {half}")
-        yield from too_few_steps(time.size - 1) or (unknown,)
+        yield from too_few_steps(time.size - 1, model.scene) or (unknown,)
         return
     if errors.time[-1] < time[-1] * (1.0 - 1e-9):
         yield warning(

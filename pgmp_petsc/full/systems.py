@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 
 from pgmp_petsc.base.surroundings import Comm, alone
-from pgmp_petsc.controllers.running import MOST_STARTS, Controls
+from pgmp_petsc.controllers.running import BEFORE, MOST_STARTS, Controls
 from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.full.energy import EnergyNames, energies_of
 from pgmp_petsc.full.forces import act
@@ -111,14 +111,20 @@ class FullSystem(SecondOrderSystem):
         They are those with which accelerations obey the constraints, ``C q'' = -(dC/dt) q' + c_tt``, in the state's
         positions and velocities. Those of the scheme itself are of first order in the step until what its start has
         against the constraints is damped (Arnold, Bruls and Cardona 2015); these are of second order, as the motion is.
+        Accelerations are those before forces of controllers jump, and so are these.
         """
+        if self.beside is not None:
+            self.beside.taken = BEFORE
         drift = self._drift(times, self._columns(states.q), self._columns(states.v))
         drift, everyone = drift.reshape(len(drift), len(times), self.n_samples), np.ones(self.n_samples, dtype=bool)
         found = [
             self._accelerated(time, states.at(k), self._against(drift[:, k]), everyone, True)
             for k, time in enumerate(times)
         ]
-        return self.multipliers_of_joints(times, State.along(found))
+        multipliers = self.multipliers_of_joints(times, State.along(found))
+        if self.beside is not None:
+            self.beside.taken = None
+        return multipliers
 
     def unknowns(self, state: State) -> list[np.ndarray]:
         """Return unknowns, velocities and accelerations, (n, n_samples) each, on every rank."""

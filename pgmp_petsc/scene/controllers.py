@@ -22,6 +22,7 @@ from pgmp_petsc.scene.fields import (
     Time,
     Unit,
     exactly_one,
+    jumps_within,
     refusal,
 )
 from pgmp_petsc.scene.joints import MEASURED, joints_with
@@ -133,6 +134,10 @@ class ControllerEntry(Table):
     def needs_rate(self) -> bool:
         """Whether it takes the rate of its measure."""
         return True
+
+    def jumps_within(self, step: float) -> bool:
+        """Return whether its force may jump within a step of that length, s, at other instants than its samplings."""
+        return not self.sample_time and jumps_within(self.reference.table or (), step)
 
     def problems(self, scene: AnyScene, name: str) -> Iterator[str]:
         """Yield a line for each entry that does not fit the rest of the scene; names of tables are looked at."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from itertools import chain, pairwise
+from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
@@ -27,6 +27,7 @@ from pgmp_petsc.scene.fields import (
     Table,
     Unit,
     exactly_one,
+    jumps_within,
     named_numbers,
     quantities_of,
     refusal,
@@ -40,7 +41,6 @@ TABLE = (
     "rows [time (s), value]; linear between rows, constant before and after them; each value a number or a parameter's "
     "name; or a CSV file of such rows of numbers: its name, or { file, x, y } with the names of two columns"
 )
-JUMP = 0.2  # of a table's largest value: what changes by more within a step jumps
 
 
 class EffectEntry(Table):
@@ -256,13 +256,8 @@ class OverTime(EffectEntry):
             yield Use(f"{entry}.{key}", value, "any", (self.unit_of_values,))
 
     def jumps_within(self, step: float) -> bool:
-        """Return whether rows within a step of that length, s, differ by much of the largest value."""
-        rows = (self.table or ()) if self.is_over_time else ()
-        largest = max((abs(value) for _, value in rows if not isinstance(value, str)), default=0.0)
-        return any(
-            end - begin < step and (isinstance(a, str) or isinstance(b, str) or abs(b - a) > JUMP * largest)
-            for (begin, a), (end, b) in pairwise(rows)
-        )
+        """Return whether its table does."""
+        return self.is_over_time and jumps_within(self.table or (), step)
 
     def measured(self, scene: AnyScene, entry: str) -> Iterator[Use]:
         """Yield the times of a table, or where its rows are along the motion of a joint."""

@@ -482,6 +482,17 @@ TimeTable = Annotated[
 #: Rows [time (s), value] of a load, whose values may be parameters.
 LoadTable = Annotated[tuple[Row, ...], Field(min_length=1), AfterValidator(_times_increase), Unit(), OrFile(True)]
 
+JUMP = 0.2  # of a table's largest value: what changes by more within a step jumps
+
+
+def jumps_within(rows: LoadTable, step: float) -> bool:
+    """Return whether rows within a step of that length, s, differ by much of the largest value, or by a parameter."""
+    largest = max((abs(value) for _, value in rows if not isinstance(value, str)), default=0.0)
+    return any(
+        end - begin < step and (isinstance(a, str) or isinstance(b, str) or abs(b - a) > JUMP * largest)
+        for (begin, a), (end, b) in pairwise(rows)
+    )
+
 
 class Harmonic(Table):
     """``mean + amplitude sin(2 pi frequency_hz t + phase)`` of a coordinate."""

@@ -108,6 +108,14 @@ class OutputEntry(Table):
         """Whether it is the largest at many points: its history has kinks where another point takes over."""
         return any(scene.outputs[one].kinked_in(scene) for one in self.made_in(scene))
 
+    def jumps_in(self, scene: AnyScene) -> bool:
+        """Whether it jumps with the forces of controllers that are sampled."""
+        others = [scene.outputs[one] for one in self.made_in(scene)]
+        order = self.derivative + max((one.derivative for one in others), default=0)
+        of_forces = order > 1 or not {"beside", "multipliers"}.isdisjoint(self.reads)
+        jumps = of_forces or any(one.jumps_in(scene) for one in others)
+        return jumps and any(one.sample_time for one in scene.controllers.values())
+
     def uses(self, scene: AnyScene, entry: str) -> Iterator[Use]:
         """Yield the entries that may name a parameter; `entry` is the output's own."""
         for key, *use in named_numbers(self):

@@ -224,11 +224,11 @@ class GeneralisedAlpha:
                     self._jump(number + 1, there & self._alive)
             todo &= self._alive & (at < last)
         self.n_done = last
+        if system.beside is not None and not system.carries:
+            self._jump(last, self._alive)
         if shown.size:
             # not PETSc's own time, a sum of steps: its round-off grows over the run
             system.show(self._observer, shown, self.instants[shown], trail)
-        if system.beside is not None and not system.carries:
-            self._jump(last, self._alive)
 
     def _jump(self, number: int, samples: np.ndarray) -> None:
         """Let forces of some samples, a mask, that jump after a step do so, but at the end of the run: accelerations

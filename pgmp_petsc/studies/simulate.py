@@ -235,11 +235,11 @@ def _coarser(
     model: FullModel, system: SecondOrderSystem, part: _Part, timings: Timings, comm: Comm
 ) -> CoarserRun | None:
     """Run the system of a run that reached its end again, for the errors of its step. Collective on `comm`."""
-    if part.run.status[0] != Status.FINE or not is_estimated(model.scene):
+    if part.run.status[0] != Status.FINE or not is_estimated(model.scene, of_step=True):
         return None
     simulation = part.attempt.simulation
     title = f"{model.title} with a coarser step, for the error of the step"
-    with timings.phase("errors"), progress(count_steps(*_span(coarser(simulation))), title, comm) as bar:
+    with timings.phase("errors"), progress(count_steps(*_span(coarser(model.scene, simulation))), title, comm) as bar:
         return run_coarser(model, system, simulation, np.ones(1, dtype=bool), part.run, bar.update)
 
 

@@ -85,10 +85,10 @@ def test_too_little_tells_nothing() -> None:
     assert len(said) == 1 and said[0].startswith("errors of the time step were not estimated: ")
     assert "--override simulation.step=0.0005" in said[0]
     # of a run of one step fewer than ten of the coarser one take
-    few = {name: values[: coarser_run.FEWEST_STEPS] for name, values in outputs.items()}
-    (few_said,) = step_remarks(_Model(), time[: coarser_run.FEWEST_STEPS], few, other, None)
-    n = coarser_run.FEWEST_STEPS
-    assert f"the run has {n - 1} steps, the estimate needs {n} or more" in few_said.text and not too_few_steps(n)
+    n, scene = coarser_run.fewest_steps(coarser_run.TIMES), load_scene(PAPER_SCENE)
+    few = {name: values[:n] for name, values in outputs.items()}
+    (few_said,) = step_remarks(_Model(), time[:n], few, other, None)
+    assert f"the run has {n - 1} steps, the estimate needs {n} or more" in few_said.text and not too_few_steps(n, scene)
 
 
 def test_friction_or_stops_beside_a_lost_vibration_make_it_unsure() -> None:

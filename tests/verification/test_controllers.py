@@ -15,7 +15,7 @@ from exported import FMPY, Unit, assert_equal, compiled, needs_compiler, outputs
 from machine_scenes import MODELS, cart, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
-from runs import IN_TURN, assert_close, history, motion, overridden, reduced_model, run_model, samples
+from runs import IN_TURN, assert_close, full_model, history, motion, overridden, reduced_model, run_model, samples
 from scipy.integrate import solve_ivp, trapezoid
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
@@ -30,6 +30,7 @@ from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, foretold
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.status import Status
+from pgmp_petsc.studies.simulate import simulate_full
 from scenes import HEADER, slider_crank, tables
 
 INERTIA = 0.1
@@ -313,16 +314,36 @@ def test_forces_of_controllers_are_outputs() -> None:
     assert motion(model).outputs["force"][-1] == reduced["force"][-1]
 
 
+@pytest.mark.parametrize(("every", "known"), [(0, True), (1, False), (2, True), (5, True)])
+def test_errors_of_the_step_under_control(every: int, known: bool) -> None:
+    """Estimated from a coarser step where samplings are at ends of these; held torques jump, and have theirs."""
+    sampled = (f"controllers.{name}.sample_time={every}e-3" for name in ("place", "hold"))
+    entries = *sampled, "simulation.duration=0.2", *FORCES, *NEAR
+    model, fine = (full_model(cart(*ARM, *entries, f"simulation.step={step}")) for step in (1e-3, 1.25e-4))
+    found = simulate_full(model, MPI.COMM_SELF)
+    said = [remark.text for remark in found.record.remarks if "would miss samplings" in remark.text]
+    assert bool(said) != known and (found.errors is None) != known
+    if known:
+        exact = run(fine.scene, "full")[1]
+        for name in ("x", "force"):
+            off = np.abs(found.outputs[name] - exact[name][::8]).max()
+            assert off / 3.0 < np.abs(found.errors.outputs[name]).max() < 10.0 * off, name
+
+
 @CONTINUOUS_OR_SAMPLED
-def test_forces_in_joints_under_control(entries: tuple[str, ...]) -> None:
+def test_forces_in_joints_under_control(entries: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     """Those of the mesh, with accelerations and forces of controllers before these jump; the same of all samples.
 
     The weight that sets in leaves 0.8 % of the force in the pivot, and jumps of a torque there set off vibrations of a
     step's period: these two modes have other ones.
     """
     pins = [f'outputs.{joint}={{type="joint_force",joint="{joint}"}}' for joint in ("pivot", "rail2")]
-    scene = cart(*entries, *pins, *NEAR, "simulation.duration=0.15")
+    scene = cart(*entries, *pins, *FORCES, *NEAR, "simulation.duration=0.15")
     full, components, reduced = (run(scene, model)[1] for model in MODELS)
+    # what is evaluated later, many instants at once, ends at samplings too
+    monkeypatch.setattr("pgmp_petsc.full.systems.STATES_AT_ONCE", 7)
+    later = simulate_full(full_model(scene), MPI.COMM_SELF).outputs
+    assert_close(full, later, **dict.fromkeys(("pivot", "rail2", "force", "torque"), 1e-12))
     assert_close(full, reduced, components, rail2=2e-4, **({} if len(entries) > len(ARM) else {"pivot": 0.012}))
     model = reduced_model(scene)
     _, three = history(model, samples(scene, 3), 3)
