@@ -348,8 +348,8 @@ def _assert_stopped(program: Path, *settings: str) -> None:
 
 
 def test_a_run_that_breaks_down_ends_before_it(slider_crank_program) -> None:
-    """A crank of 1.1 mm cannot carry the torque."""
-    _assert_stopped(slider_crank_program, "r1=1.1e-3")
+    """A crank of 0.8 mm cannot carry the torque."""
+    _assert_stopped(slider_crank_program, "r1=0.8e-3")
 
 
 def test_a_start_that_is_no_finite_number_and_parameters_that_are_none(slider_crank_program) -> None:
