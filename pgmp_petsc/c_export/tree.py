@@ -112,7 +112,7 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
         "N_GAPS": len(gaps),
         "N_HOLDS": len(holds),
         "MOST": max(2, *tree.n_amplitudes),
-        "ALWAYS_PROBED": int(any(action.law.about_zero for action in equations.actions)),
+        "ALWAYS_PROBED": int(any(action.law.bends for action in equations.actions)),
         "TYPICAL_MASS": float(system.typical_mass[0]),
     }
     check_size({name: table for name, (_, table) in tables.items()}, what)

@@ -124,7 +124,7 @@ def turns_of(rows: Rows) -> int | None:
 class TableLaw(Law):
     """A law over a table, whose code is given."""
 
-    linear_stiffness = ""
+    linear_stiffness, bends = "", False
 
     def _printed(self) -> str:
         return self.text
