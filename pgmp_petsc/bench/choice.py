@@ -7,7 +7,7 @@
 3. Where the step became finer than in 2, the reduction is looked at again with it.
 
 Errors are the largest of any output, sample and load of the training (`cases.Training`). Each part may take its share
-of the tolerance (`errors.Ledger`).
+of the tolerance (`ledger.Ledger`).
 
 Of scenes whose lengths, places or ratios are parameters a tolerance is met by runs of one mechanism. What it leaves
 open is chosen with the nominal lengths; then the same is asked with nothing left open at both ends of every length, the
@@ -35,9 +35,9 @@ from pgmp_petsc.bench import candidates
 from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.candidates import MOST_CONDENSED, Limits
 from pgmp_petsc.bench.cases import Training
-from pgmp_petsc.bench.history import BASIS_ALONE, REDUCTION, Errors, Ledger, Trial, shares_of
+from pgmp_petsc.bench.history import Errors, Trial
+from pgmp_petsc.bench.ledger import BASIS_ALONE, REDUCTION, Ledger, kept_text, refuse, refuse_basis, shares_of
 from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, distance_from_mesh
-from pgmp_petsc.bench.refusal import kept_text, refuse, refuse_basis
 from pgmp_petsc.bench.step_choice import (
     AHEAD,
     EARLY_PER_PERIOD,
@@ -620,7 +620,7 @@ def choose_over_lengths(
     scene: Scene,
     meshes: Mapping[str, BodyShape],
     group: RankGroup,
-    say: Callable[[str], None] = lambda text: None,
+    say: Callable[[str], None],
     finished: Finished | None = None,
 ) -> Choice:
     """Choose what the tolerances of a scene leave open, with any lengths; see `choose`. Collective on ``group.world``.

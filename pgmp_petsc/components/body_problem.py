@@ -255,8 +255,8 @@ class BodyProblem:
         values: Mapping[str, float],
         places: np.ndarray,
         comm: Comm,
-        memory: float | None = None,
-        name: str = "",
+        memory: float | None,
+        name: str,
     ) -> None:
         d = places.shape[1]
         self.comm, self._places, self._n_rigid, self._where = comm, places, d * (d + 1) // 2, f"body {name}".strip()

@@ -39,12 +39,11 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_powers
 from pgmp_petsc.scene.effects import OnJoint, OverMotion, OverTime
-from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Unit, exactly_one, refusal
+from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Rows, Unit, exactly_one, refusal
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.references import load_problems, over_problems
 from pgmp_petsc.scene.uses import Use, motion_over, slides
 
-Rows = tuple[tuple[float, float | str], ...]
 TURN = 2.0 * math.pi
 CLOSED = 1e-9  # rad that whole turns may be off, and of the largest value that its ends may differ by
 PYTHON = '''"""A law over a table: its places, and values and slopes from each of them on."""
@@ -242,13 +241,13 @@ class FormulaEffect(OnJoint):
     )
 
     @property
-    def jumps(self) -> bool:
-        """Whether a comparison, or a sign, of more than the time is in it."""
+    def jumps_with(self) -> frozenset[str]:
+        """What comparisons and signs are of."""
+        found = frozenset[str]()
         for node in ast.walk(ast.parse(self.force.strip(), mode="eval")):
             if isinstance(node, ast.Compare) or (isinstance(node, ast.Call) and node.func.id == "sign"):
-                if any(isinstance(one, ast.Name) and one.id not in ("t", *FUNCTIONS) for one in ast.walk(node)):
-                    return True
-        return False
+                found |= {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
+        return found - set(FUNCTIONS)
 
     @model_validator(mode="after")
     def _one_place(self) -> Self:

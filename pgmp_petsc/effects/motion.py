@@ -1,4 +1,4 @@
-"""Prescribed motions of a coordinate: value, speed and acceleration at any time.
+"""Motions that are given: of a coordinate, with value, speed and acceleration at any time, and of the base.
 
 A spin-up to the speed ``Omega`` in the time T is that of Simo and Vu-Quoc (1986),
 
@@ -8,12 +8,11 @@ whose acceleration ``Omega / T (1 - cos(2 pi t / T))`` has no jump. Tables becom
 and stay where they end; all others go on for ever. Where an acceleration jumps it is the later one: a run that begins
 at a table's first row begins with what the table does then.
 
-A base that moves: the ground's points go along a direction as given, and everything is seen from the base.
-
-In the frame of the base every mass m has the force ``-m x''`` of the base's displacement x(t), as in a gravity field of
-the acceleration ``-x''``; where bodies and points are, and their speeds, count from the base. A table of accelerations
-is linear between its rows and constant beyond them. One of displacements or velocities is a cubic spline at rest beyond
-its ends, whose derivatives are exact. The base may have any speed at the start: those of the bodies are against it.
+Where the base moves, the ground's points go along a direction as given, and everything is seen from the base. In its
+frame every mass m has the force ``-m x''`` of the base's displacement x(t), as in a gravity field of the acceleration
+``-x''``; where bodies and points are, and their speeds, count from the base. A table of accelerations is linear between
+its rows and constant beyond them. One of displacements or velocities is a cubic spline at rest beyond its ends, whose
+derivatives are exact. The base may have any speed at the start: those of the bodies are against it.
 
 Absolute outputs add x(t) itself, which is integrated exactly: from a table of accelerations or velocities the base
 begins at time zero at x = 0, and at rest where accelerations are given; one of displacements is x. A harmonic of any of

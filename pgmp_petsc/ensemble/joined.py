@@ -432,7 +432,7 @@ class Levels:
     draws that failed in a better model, though not in the ensemble's own.
     """
 
-    def __init__(self, columns: Mapping[str, Columns], replicates: np.ndarray | None = None) -> None:
+    def __init__(self, columns: Mapping[str, Columns], replicates: np.ndarray | None) -> None:
         self.names, self.columns = tuple(columns), list(columns.values())
         self._replicates = replicates
         status = [one["status"] for one in self.columns]

@@ -20,7 +20,6 @@ Options prefix: ``pgmp_full_`` (e.g. ``-pgmp_full_mat_mumps_icntl_4 2``).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Self
 
 import numpy as np
@@ -55,7 +54,7 @@ class FullDistributed(FullSystem):
         self,
         equations: FullEquations,
         comm: Comm,
-        motions: Mapping[int, Motion | Held] = MappingProxyType({}),
+        motions: Mapping[int, Motion | Held],
         settled: Settled | None = None,
         built_in: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> None:

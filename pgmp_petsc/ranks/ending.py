@@ -171,7 +171,7 @@ class LastingOutput(io.RawIOBase):
     `paint` colours whole lines; `failure` is the first one, or None.
     """
 
-    def __init__(self, descriptor: int, paint: Callable[[bytes], bytes] | None = None) -> None:
+    def __init__(self, descriptor: int, paint: Callable[[bytes], bytes] | None) -> None:
         self._descriptor, self._paint = descriptor, paint
         self.failure: OSError | None = None
 

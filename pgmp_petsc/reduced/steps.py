@@ -23,14 +23,7 @@ from pgmp_petsc.lanes.vectors import EVERY_LANE, LANES, blend, count_lanes, exce
 from pgmp_petsc.reduced.action_kernel import act, bent_lanes, forget_rates, limited_lanes
 from pgmp_petsc.reduced.arrays import Strengths, acting_of, places_of
 from pgmp_petsc.reduced.carried import begin_carried, find_carried, keep_carried, take_carried
-from pgmp_petsc.reduced.control import (
-    act_of_states,
-    begin_steps,
-    follow_states,
-    jump_lanes,
-    sample_states,
-    show_forces,
-)
+from pgmp_petsc.reduced.control import act_of_states, begin_steps, follow_states, jump_lanes, sample_states, show_forces
 from pgmp_petsc.reduced.kernel import correct_block, follow_correction, gather, scatter
 from pgmp_petsc.stepping.alpha_step import (
     FIRST_CONTRACTION,
@@ -44,15 +37,7 @@ from pgmp_petsc.stepping.alpha_step import (
     goes_on,
 )
 from pgmp_petsc.stepping.alpha_step import NEWTON_TOLERANCE as TOLERANCE_OF_TRIALS
-from pgmp_petsc.stepping.edge_search import (
-    REST,
-    WHOLE,
-    EdgeSearch,
-    begin_step,
-    give_up,
-    in_search,
-    look_at_all,
-)
+from pgmp_petsc.stepping.edge_search import REST, WHOLE, EdgeSearch, begin_step, give_up, in_search, look_at_all
 from pgmp_petsc.stepping.status import Outcome
 
 

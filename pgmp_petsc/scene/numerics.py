@@ -1,7 +1,5 @@
-"""How a scene is computed: the reduction and a simulation.
-
-An ensemble: many runs with drawn parameters, and which figures of them are asked for.
-"""
+"""How a scene is computed: the reduction, a simulation, and an ensemble, many runs with drawn parameters, with the
+figures of them that are asked for."""
 
 from __future__ import annotations
 
