@@ -123,7 +123,7 @@ def turns_of(rows: Rows) -> int | None:
 class TableLaw(Law):
     """A law over a table, whose code is given."""
 
-    linear_stiffness = ""
+    linear_stiffness, bends = "", False
 
     def _printed(self) -> str:
         return self.text
@@ -241,13 +241,13 @@ class FormulaEffect(OnJoint):
     )
 
     @property
-    def jumps(self) -> bool:
-        """Whether a comparison, or a sign, of more than the time is in it."""
+    def jumps_with(self) -> frozenset[str]:
+        """What comparisons and signs are of."""
+        found = frozenset[str]()
         for node in ast.walk(ast.parse(self.force.strip(), mode="eval")):
             if isinstance(node, ast.Compare) or (isinstance(node, ast.Call) and node.func.id == "sign"):
-                if any(isinstance(one, ast.Name) and one.id not in ("t", *FUNCTIONS) for one in ast.walk(node)):
-                    return True
-        return False
+                found |= {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
+        return found - set(FUNCTIONS)
 
     @model_validator(mode="after")
     def _one_place(self) -> Self:

@@ -16,7 +16,8 @@ run has none of the highest: there a band counts where it is `PEAK` times those 
 
 **Lower order.** Friction turns a vibration that is lost into slow motion, and a contact of a few steps pushes by what
 the steps happen to see of it: the order is anything below two. What is left of d counts a seventh then (`ROUGH`), which
-is within a factor of 3.5 of the order two and of the order 0.6; that estimate is unsure, and said so.
+is within a factor of 3.5 of the order two and of the order 0.6; that estimate is unsure, and said so. Where a force
+jumps over time, or a formula does, the order is one, and nearly at random what a step sees of the jump.
 
 The coarser run has a fifth of the steps and no other record than the outputs. A step whose iteration fails is tried
 once more, and then taken in `TIMES` parts, the steps of the run itself. The run is given up where its work would be
@@ -176,14 +177,20 @@ def step_errors(
     shares = off.max(axis=0) / np.maximum(np.abs(fine).max(axis=0), np.finfo(float).tiny)
     loudest, lost_hz = float(shares.max()), float(turns[shares.argmax()] / (2.0 * np.pi * step))
     edged = any(effect.edged for effect in scene.effects.values())
-    unsure = ""
+    jumping = [f"effects.{name}" for name, effect in scene.effects.items() if effect.jumps_within(other.step)]
+    unsure, order = "", ratio**2 - 1.0
     if other.divided[sample] > SOME:
         unsure = f"{share_text(float(other.divided[sample]))} of the coarser steps failed and were taken as the run's"
     elif other.shortest[sample] < BRIEF * other.step:
         unsure = f"a contact with a stop lasts {other.shortest[sample]:.2g} s"
     elif edged and (loudest > RUBS or other.status[sample] != Status.FINE):
         unsure = "friction or stops act with vibrations that a coarser step loses"
-    order = (ROUGH if unsure else ratio**2 - 1.0) * max(1.0 - float(other.divided[sample]), 1.0 / TIMES)
+    if unsure:
+        order = ROUGH
+    elif jumping:
+        unsure = f"errors fall as the step, not as its square, where a force jumps ({', '.join(jumping)})"
+        order = ratio - 1.0
+    order *= max(1.0 - float(other.divided[sample]), 1.0 / TIMES)
     errors = {name: np.copysign(np.hypot(d / order, lost[name]), d) for name, d in differences.items()}
     return StepErrors(at, errors, lost_hz if loudest > TREMBLES else np.nan, unsure)
 

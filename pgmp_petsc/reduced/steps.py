@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.effects.law import rubs
+from pgmp_petsc.effects.law import any_bend
 from pgmp_petsc.effects.time_function import evaluate
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import aligned
@@ -402,7 +402,7 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
     carries, going = equations.carried.actions.size > 0, lanes
     if carries:
         begin_carried(equations, room, state[6], memory.samples[block], lanes)
-    first, rubbing = load(expected, 0), rubs(equations.local.actions.laws)
+    first, rubbing = load(expected, 0), any_bend(equations.local.actions.laws)
     for iteration in range(MAX_ITERATIONS):
         fresh, unsettled = attempt > 0 or iteration % REFRESH_EVERY == 0, 0
         if carries:
