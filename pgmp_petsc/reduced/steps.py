@@ -4,9 +4,8 @@ A block of LANES samples goes through many steps before the next one begins, so 
 cache; every lane has a clock, a Newton iteration and a fate of its own. A lane that crosses the edge of a law within a
 step takes it in parts, up to the edge and on (`edge_search`).
 
-Where the lanes of a block are in their steps, how long their next one is and what acts at its end, compiled.
-
-Lanes go from step to step by themselves: one that searches the edge of a law takes parts of a step while others go on.
+`Clocks` say where the lanes of a block are in their steps, how long their next one is and what acts at its end. Lanes
+go from step to step by themselves: one that searches the edge of a law takes parts of a step while others go on.
 """
 
 from __future__ import annotations
