@@ -39,7 +39,6 @@ from pgmp_petsc.scene.messages import Finding, doubt, problem
 from pgmp_petsc.scene.references import harmonic_problems, load_problems, unknown
 from pgmp_petsc.scene.uses import Use, slides
 
-
 N_LOOKED_AT = 33  # instants between two rows
 RESTS = 0.02  # of the whole way of a table, by which its spline may move between rows that are the same
 

@@ -30,7 +30,8 @@ PATH_COLOUR = "#D8D8D8"
 BAR, HOLLOW = 1.6, 0.5  # width of a rigid body's bar over that of a beam, and of the line inside it over the bar's
 KEY_WIDTH = 3.0  # points
 AT_REST = 1e-6  # a pin that moves by less than this share of the mechanism's extent is held by the ground
-COARSE, FEW = 0.35, 9  # of the size of a path, the distance of two frames: nine in a turn; frames that are no turn
+# of the size of a path, the distance of most pairs of frames: nine in a turn; frames that are no turn
+COARSE, MOST, FEW = 0.35, 0.9, 9
 # A motion that leaves the plane by less than this share of its extent is shown along z, another one obliquely.
 FLAT = 1e-3
 RECEDING = (0.45, 0.35)  # how far to the right and up a metre of depth is there
@@ -210,7 +211,7 @@ def _term(name: str, share: float) -> str:
 def is_followed(path: np.ndarray) -> bool:
     """Return whether frames follow the path (n_f, d) of a point: with few of them in a turn, chords are a tangle."""
     chords = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    return len(chords) < FEW or bool(np.median(chords) <= COARSE * np.ptp(path, axis=0).max())
+    return len(chords) < FEW or bool(np.quantile(chords, MOST) <= COARSE * np.ptp(path, axis=0).max())
 
 
 def ends(cells: np.ndarray) -> np.ndarray:
